@@ -1,0 +1,1 @@
+"""Landmark sources: annotation files, ONNX models described by a card, face-box detectors."""

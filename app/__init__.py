@@ -1,0 +1,1 @@
+"""The Guise application: commands, media, enrolment, pipeline."""

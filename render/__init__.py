@@ -1,0 +1,1 @@
+"""Drawing the synthesised face: GL and NumPy compositors that agree."""
