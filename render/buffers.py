@@ -1,0 +1,98 @@
+"""Memory and checks that both compositors share."""
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from render.errors import RendererError
+from render.mesh import Mesh
+
+Texture = NDArray[np.uint8] | NDArray[np.float32]
+
+
+class Scratch:
+    """An array whose size changes a little every frame, without an allocation every frame."""
+
+    def __init__(self, dtype: DTypeLike) -> None:
+        self._memory: NDArray[Any] = np.empty(0, dtype)
+
+    def view(self, *shape: int) -> NDArray[Any]:
+        """A C-contiguous array of this shape; its values are whatever was there."""
+        size = math.prod(shape)
+        if size > self._memory.size:
+            self._memory = np.empty(size + size // 4, self._memory.dtype)
+        return self._memory[:size].reshape(shape)
+
+
+class Texels:
+    """The synthesised texture with its alpha as (th, tw, 4) uint8, which both compositors sample.
+
+    One picture holds colour and alpha so that one look-up gives both, and so that both compositors start
+    from the same eight bits.
+    """
+
+    def __init__(self, mesh: Mesh, alpha: NDArray[np.float32]) -> None:
+        self._shape = (mesh.height, mesh.width)
+        self.rgba: NDArray[np.uint8] = np.zeros((*self._shape, 4), np.uint8)
+        self._rounded: NDArray[np.uint8] = np.empty((*self._shape, 3), np.uint8)
+        self._zeros: NDArray[np.float32] = np.zeros((*self._shape, 3), np.float32)
+        self.set_alpha(alpha)
+
+    def set_alpha(self, alpha: NDArray[np.float32]) -> None:
+        """Take another (th, tw) alpha in [0, 1]."""
+        check_alpha(alpha)
+        if alpha.shape != self._shape:
+            raise RendererError(f"alpha must be {self._shape}, got {alpha.shape}")
+        self.rgba[..., 3] = np.rint(alpha * 255.0)
+
+    def load(self, texture: Texture) -> NDArray[np.uint8]:
+        """Take a (th, tw, 3) uint8 or float32 texture in 0..255, rounded to nearest; the RGBA picture."""
+        if texture.shape != (*self._shape, 3):
+            raise RendererError(f"texture must be {(*self._shape, 3)}, got {texture.shape}")
+        if texture.dtype == np.float32:
+            # adding zeros is the cheapest conversion that both rounds and saturates
+            cv2.add(np.asarray(texture, np.float32), self._zeros, dst=self._rounded, dtype=cv2.CV_8U)
+            texture = self._rounded
+        elif texture.dtype != np.uint8:
+            raise RendererError(f"texture must be uint8 or float32, got {texture.dtype}")
+        cv2.mixChannels([texture], [self.rgba], [0, 0, 1, 1, 2, 2])
+        return self.rgba
+
+
+def check_alpha(alpha: NDArray[np.float32]) -> None:
+    """Raise RendererError unless alpha is (th, tw) float in [0, 1]."""
+    if alpha.ndim != 2 or alpha.dtype.kind != "f" or alpha.size == 0:
+        raise RendererError(f"alpha must be (th, tw) float, got {alpha.shape} {alpha.dtype}")
+    if not ((alpha >= 0) & (alpha <= 1)).all():  # false for nan too
+        raise RendererError("alpha must lie in [0, 1]")
+
+
+def check_opacity(opacity: float) -> float:
+    """The opacity, or RendererError unless it lies in [0, 1]."""
+    if not 0.0 <= opacity <= 1.0:
+        raise RendererError(f"opacity must lie in [0, 1], got {opacity}")
+    return float(opacity)
+
+
+def output_for(roi: NDArray[np.uint8], out: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+    """`out` holding the rectangle's pixels: a copy of roi when None, roi itself when it is given as out."""
+    _check_image("roi", roi)
+    if out is None:
+        return roi.copy()
+    if out is roi:
+        return out
+    _check_image("out", out)
+    if out.shape != roi.shape:
+        raise RendererError(f"out must be {roi.shape} like roi, got {out.shape}")
+    np.copyto(out, roi)
+    return out
+
+
+def _check_image(name: str, image: NDArray[np.uint8]) -> None:
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or image.size == 0:
+        raise RendererError(f"{name} must be (h, w, 3) uint8, got {image.shape} {image.dtype}")
+    if image.strides[1:] != (3, 1):
+        raise RendererError(f"{name} must hold a row's pixels side by side, got strides {image.strides}")

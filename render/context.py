@@ -1,0 +1,129 @@
+"""The one place where a GL context is made and its errors are looked at.
+
+The context is standalone (no window): EGL where it exists, the system's own off-screen context on Windows
+and macOS. A context belongs to the thread that made it.
+"""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import moderngl
+
+from render.errors import RendererError
+
+MIN_GL_VERSION = 330
+INSTALL_HINT = (
+    "install libegl1 and libgl1-mesa-dri (Debian, Ubuntu), mesa-libEGL and mesa-dri-drivers (Fedora), "
+    "or choose --renderer cpu"
+)
+
+_SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software rasterizer", "swiftshader", "basic render")
+_EGL_ATTEMPTS: Mapping[str, Mapping[str, Any]] = {
+    "EGL": {"backend": "egl"},
+    "EGL from libEGL.so.1 and libGL.so.1": {
+        "backend": "egl",
+        "libegl": "libEGL.so.1",
+        "libgl": "libGL.so.1",
+    },
+    "EGL from libEGL.so.1 and libOpenGL.so.0": {
+        "backend": "egl",
+        "libegl": "libEGL.so.1",
+        "libgl": "libOpenGL.so.0",
+    },
+}
+_NATIVE_ATTEMPTS: Mapping[str, Mapping[str, Any]] = {"native off-screen context": {}}
+
+
+@dataclass(frozen=True)
+class GLInfo:
+    """The GL that `create_context` gives on this computer."""
+
+    renderer: str
+    vendor: str
+    version: str
+    software: bool
+
+    @property
+    def description(self) -> str:
+        """One line for a person, such as ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
+        return self.renderer
+
+
+@dataclass(frozen=True)
+class GLMissing:
+    """Why there is no GL. Falsy, so that ``if probe_gl():`` reads as it should.
+
+    reason : one sentence with every attempt, its failure and what to install.
+    """
+
+    reason: str
+
+    def __bool__(self) -> Literal[False]:
+        return False
+
+
+def create_context() -> moderngl.Context:
+    """A new standalone GL context of at least version 3.3, free of errors.
+
+    Returns
+    -------
+    moderngl.Context
+        Current in the calling thread; the caller releases it.
+
+    Raises
+    ------
+    RendererError
+        When no attempt succeeds: it names each attempt with its reason.
+    """
+    failures: list[str] = []
+    for name, settings in _attempts().items():
+        try:
+            return _checked(moderngl.create_context(require=MIN_GL_VERSION, standalone=True, **settings))
+        except Exception as error:  # moderngl and its loaders raise bare Exception
+            failures.append(f"{name}: {error}")
+    raise RendererError(f"no GL context could be made ({'; '.join(failures)}): {INSTALL_HINT}")
+
+
+def check(context: moderngl.Context, action: str) -> None:
+    """Raise RendererError when GL has recorded an error; `action` says during what."""
+    error = context.error
+    if error != "GL_NO_ERROR":
+        raise RendererError(f"GL reported {error} while {action}")
+
+
+def describe(context: moderngl.Context) -> GLInfo:
+    """Who draws in this context, and whether it is software."""
+    renderer = str(context.info["GL_RENDERER"])
+    return GLInfo(
+        renderer=renderer,
+        vendor=str(context.info["GL_VENDOR"]),
+        version=str(context.info["GL_VERSION"]),
+        software=any(name in renderer.lower() for name in _SOFTWARE_RENDERERS),
+    )
+
+
+def probe_gl() -> GLInfo | GLMissing:
+    """What GL this computer offers, or one sentence why it offers none."""
+    try:
+        context = create_context()
+    except RendererError as error:
+        return GLMissing(str(error))
+    try:
+        return describe(context)
+    finally:
+        context.release()
+
+
+def _attempts() -> Mapping[str, Mapping[str, Any]]:
+    return _NATIVE_ATTEMPTS if sys.platform in ("win32", "darwin") else _EGL_ATTEMPTS
+
+
+def _checked(context: moderngl.Context) -> moderngl.Context:
+    try:
+        check(context, "making the context")
+    except RendererError:
+        context.release()
+        raise
+    return context

@@ -1,0 +1,140 @@
+"""The compositor in NumPy and OpenCV: twin of the shaders, and the faster one where GL is software.
+
+Each pixel of the mesh's bounding box gets the index of its triangle, through it the triangle's affine map
+to texture pixels, and one bilinear look-up gives warped colour and alpha.
+"""
+
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
+from render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
+
+
+class CpuCompositor:
+    """`render.compositor.Compositor` on the CPU."""
+
+    name = "cpu"
+
+    def __init__(self, mesh: Mesh, alpha: NDArray[np.float32]) -> None:
+        self.description = f"CPU: OpenCV {cv2.__version__}, NumPy {np.__version__}"
+        self._mesh = mesh
+        self._texels = Texels(mesh, alpha)
+        self._rasteriser = Rasteriser(mesh.triangles)
+        self._background = len(mesh.triangles)
+        entries = 256 if self._background < 256 else self._background + 1
+        self._id_type = np.uint8 if entries == 256 else np.uint16
+        self._maps = np.zeros((6, entries), np.float32)  # a b c d e f of every triangle; zeros behind them
+        self._gain = np.zeros(entries, np.float32)
+        self._ids = Scratch(self._id_type)
+        self._floats = [Scratch(np.float32) for _ in range(4)]
+        self._warped = Scratch(np.uint8)
+        self._colour = Scratch(np.uint8)
+
+    def set_alpha(self, alpha: NDArray[np.float32]) -> None:
+        """Take another (th, tw) alpha."""
+        self._texels.set_alpha(alpha)
+
+    def composite(
+        self,
+        roi: NDArray[np.uint8],
+        texture: Texture,
+        vertices: NDArray[np.floating],
+        opacity: float = 1.0,
+        out: NDArray[np.uint8] | None = None,
+    ) -> NDArray[np.uint8]:
+        """See `render.compositor.Compositor.composite`."""
+        result = output_for(roi, out)
+        snapped, box = self._place(vertices, roi.shape)
+        rgba = self._texels.load(texture)
+        if check_opacity(opacity) > 0 and not box.empty:
+            ids = self._triangle_ids(snapped, box)
+            warped = self._sample(rgba, snapped, box, ids)
+            self._blend(warped, self._weight(warped, ids, opacity), box.of(result))
+        return result
+
+    def warp(
+        self,
+        shape: tuple[int, int],
+        texture: Texture,
+        vertices: NDArray[np.floating],
+    ) -> NDArray[np.uint8]:
+        """See `render.compositor.Compositor.warp`."""
+        result = np.zeros((*shape, 4), np.uint8)
+        snapped, box = self._place(vertices, shape)
+        rgba = self._texels.load(texture)
+        if not box.empty:
+            ids = self._triangle_ids(snapped, box)
+            warped = self._sample(rgba, snapped, box, ids)
+            np.copyto(box.of(result), warped, where=(ids != self._background)[..., None])
+        return result
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _place(
+        self, vertices: NDArray[np.floating], shape: tuple[int, ...]
+    ) -> tuple[NDArray[np.float64], Box]:
+        """Snapped vertices relative to the mesh's box, and the box."""
+        snapped = snap(vertices, len(self._mesh.uv))
+        box = bounding_box(snapped, shape[1], shape[0])
+        return snapped - (box.x0 * SUBPIXELS, box.y0 * SUBPIXELS), box
+
+    def _triangle_ids(self, snapped: NDArray[np.float64], box: Box) -> NDArray[Any]:
+        ids = self._ids.view(box.height, box.width)
+        ids.fill(self._background)
+        self._rasteriser.draw(snapped, ids)
+        return ids
+
+    def _sample(
+        self, rgba: NDArray[np.uint8], snapped: NDArray[np.float64], box: Box, ids: NDArray[Any]
+    ) -> NDArray[np.uint8]:
+        """Warped colour and alpha in the box; where no triangle is, any value."""
+        self._maps[:, : self._background] = texture_gradients(snapped, self._mesh)
+        x = np.arange(box.width, dtype=np.float32)
+        y = np.arange(box.height, dtype=np.float32)[:, None]
+        u, v, term, _ = (scratch.view(box.height, box.width) for scratch in self._floats)
+        for place, (along_x, along_y, constant) in zip((u, v), self._maps.reshape(2, 3, -1), strict=True):
+            np.multiply(_look_up(along_x, ids, place), x, out=place)
+            np.multiply(_look_up(along_y, ids, term), y, out=term)
+            np.add(place, term, out=place)
+            np.add(place, _look_up(constant, ids, term), out=place)
+        warped = self._warped.view(box.height, box.width, 4)
+        cv2.remap(rgba, u, v, cv2.INTER_LINEAR, dst=warped, borderMode=cv2.BORDER_REPLICATE)
+        return warped
+
+    def _weight(self, warped: NDArray[np.uint8], ids: NDArray[Any], opacity: float) -> NDArray[np.float32]:
+        """The face's share of each pixel, in [0, 1]; 0 where no triangle is."""
+        self._gain[: self._background] = opacity / 255.0
+        share, gain = (scratch.view(*ids.shape) for scratch in self._floats[:2])
+        np.multiply(warped[..., 3], _look_up(self._gain, ids, gain), out=share)
+        return share
+
+    def _blend(
+        self, warped: NDArray[np.uint8], share: NDArray[np.float32], target: NDArray[np.uint8]
+    ) -> None:
+        rest = self._floats[2].view(*share.shape)
+        np.subtract(1.0, share, out=rest)
+        colour = self._colour.view(*share.shape, 3)
+        cv2.cvtColor(warped, cv2.COLOR_RGBA2RGB, dst=colour)
+        cv2.blendLinear(colour, target, share, rest, dst=target)
+
+
+def _look_up(table: NDArray[np.float32], ids: NDArray[Any], out: NDArray[np.float32]) -> NDArray[np.float32]:
+    if ids.dtype == np.uint8:
+        cv2.LUT(ids, table, dst=out)  # several times faster than take, but for 256 entries only
+    else:
+        np.take(table, ids, out=out, mode="clip")
+    return out

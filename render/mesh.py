@@ -1,0 +1,216 @@
+"""The face's triangle mesh, its place in the frame's rectangle, and exact rasterisation.
+
+Pixels, x right, y down, pixel centres at integers. Vertices are snapped to 1/256 pixel before either
+compositor sees them: GL rasterisers snap to that grid anyway, and on a known grid coverage is exact
+arithmetic, so that GL and its twin agree pixel by pixel even where the mesh folds over itself.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.errors import RendererError
+
+SUBPIXELS = 256
+MAX_COORDINATE = 1 << 14  # pixels; keeps every product of the rasteriser exact in float64
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles and the place of their vertices on the reference grid.
+
+    triangles : (t, 3) int32, vertex indices; later triangles are drawn over earlier ones.
+    uv : (v, 2) float32, texture pixels.
+    height, width : the reference grid in texels.
+    """
+
+    triangles: NDArray[np.int32]
+    uv: NDArray[np.float32]
+    height: int
+    width: int
+
+    def __post_init__(self) -> None:
+        uv = np.array(self.uv, np.float32, order="C")
+        triangles = np.asarray(self.triangles)
+        _check_mesh(triangles, uv, self.height, self.width)
+        for name, array in (("triangles", np.array(triangles, np.int32, order="C")), ("uv", uv)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+
+class Box(NamedTuple):
+    """Pixels x0 <= x < x1, y0 <= y < y1."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def width(self) -> int:
+        """Pixels across."""
+        return self.x1 - self.x0
+
+    @property
+    def height(self) -> int:
+        """Pixels down."""
+        return self.y1 - self.y0
+
+    @property
+    def empty(self) -> bool:
+        """Whether the box holds no pixel."""
+        return self.x1 <= self.x0 or self.y1 <= self.y0
+
+    def of(self, image: NDArray[Any]) -> NDArray[Any]:
+        """The box's part of an (h, w, ...) image, as a view."""
+        return image[self.y0 : self.y1, self.x0 : self.x1]
+
+
+def snap(vertices: NDArray[np.floating], count: int) -> NDArray[np.float64]:
+    """Vertices in whole 1/256 pixels.
+
+    Parameters
+    ----------
+    vertices : (count, 2) float, pixels.
+
+    Returns
+    -------
+    (count, 2) float64 holding integers.
+
+    Raises
+    ------
+    RendererError
+        When the shape is wrong, a coordinate is not finite or beyond 16384 pixels.
+    """
+    points = np.asarray(vertices, np.float64)
+    if points.shape != (count, 2):
+        raise RendererError(f"vertices must be ({count}, 2), got {points.shape}")
+    if not (np.abs(points) <= MAX_COORDINATE).all():  # false for nan too
+        raise RendererError(f"vertices must be finite and within {MAX_COORDINATE} pixels of the rectangle")
+    return np.rint(points * SUBPIXELS)
+
+
+def bounding_box(snapped: NDArray[np.float64], width: int, height: int) -> Box:
+    """The pixels of a width x height image that a mesh of snapped vertices can cover."""
+    low = np.ceil(snapped.min(0) / SUBPIXELS)
+    high = np.floor(snapped.max(0) / SUBPIXELS) + 1
+    return Box(max(0, int(low[0])), max(0, int(low[1])), min(width, int(high[0])), min(height, int(high[1])))
+
+
+class Rasteriser:
+    """Finds the triangle of every pixel, exactly."""
+
+    def __init__(self, triangles: NDArray[np.int32]) -> None:
+        self._triangles = triangles
+        self._numbers = np.arange(0)
+
+    def draw(self, snapped: NDArray[np.float64], ids: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+        """Write into each pixel of `ids` the index of the last triangle that covers its centre.
+
+        A pixel is covered when its centre lies in the triangle, on its left edge or on its top edge: GL's
+        rule, so that neighbouring triangles leave no hole and share no pixel. Pixels of no triangle keep
+        their value.
+
+        Parameters
+        ----------
+        snapped : (v, 2) float64, whole 1/256 pixels.
+        ids : (h, w) uint8 or uint16, C-contiguous, written in place.
+        """
+        height, width = ids.shape
+        triangle, row, left, right = _spans(snapped, self._triangles, width, height)
+        length = right - left
+        ends = np.cumsum(length)
+        pixels = np.repeat(row * width + left - (ends - length), length)
+        pixels += self._count_to(len(pixels))
+        ids.reshape(-1)[pixels] = np.repeat(triangle.astype(ids.dtype), length)  # the last of equals stays
+
+    def _count_to(self, total: int) -> NDArray[np.intp]:
+        """0 .. total - 1, kept between frames: fresh memory of this size costs more than the sum."""
+        if total > len(self._numbers):
+            self._numbers = np.arange(total + total // 4)
+        return self._numbers[:total]
+
+
+def texture_gradients(snapped: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float64]:
+    """The affine map from pixels to texture pixels of each triangle.
+
+    Parameters
+    ----------
+    snapped : (v, 2) float64, whole 1/256 pixels.
+
+    Returns
+    -------
+    (6, t) float64: rows a, b, c, d, e, f with u = a x + b y + c and v = d x + e y + f; zero for triangles
+    without area, which cover no pixel.
+    """
+    corners = snapped[mesh.triangles] / SUBPIXELS  # (t, 3, 2)
+    uv = mesh.uv.astype(np.float64)[mesh.triangles]
+    origin, uv0 = corners[:, 0], uv[:, 0]
+    (dx1, dy1), (dx2, dy2) = (corners[:, 1] - origin).T, (corners[:, 2] - origin).T
+    first, second = (uv[:, 1] - uv0).T, (uv[:, 2] - uv0).T  # (2, t) each
+    area = dx1 * dy2 - dx2 * dy1
+    inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area != 0)
+    along_x = (first * dy2 - second * dy1) * inverse
+    along_y = (second * dx1 - first * dx2) * inverse
+    constant = (uv0.T - along_x * origin[:, 0] - along_y * origin[:, 1]) * (area != 0)
+    return np.stack([along_x, along_y, constant], axis=1).reshape(6, -1)
+
+
+def _spans(
+    snapped: NDArray[np.float64], triangles: NDArray[np.int32], width: int, height: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Runs of covered pixels (triangle, row, left, right), right exclusive, in drawing order."""
+    corners = snapped[triangles]
+    order = np.argsort(corners[:, :, 1], axis=1)
+    top, middle, bottom = np.take_along_axis(corners, order[:, :, None], axis=1).transpose(1, 0, 2)
+    triangle, row = _rows(top[:, 1], bottom[:, 1], height)
+    y = row.astype(np.float64) * SUBPIXELS
+    below_middle = y >= middle[triangle, 1]
+    long_edge = _crossing(top, bottom, triangle, y)
+    upper, lower = np.concatenate([top, middle]), np.concatenate([middle, bottom])
+    short_edge = _crossing(upper, lower, triangle + len(triangles) * below_middle, y)
+    left = np.clip(np.minimum(long_edge, short_edge), 0, width).astype(np.intp)
+    right = np.clip(np.maximum(long_edge, short_edge), 0, width).astype(np.intp)
+    return triangle, row, left, right
+
+
+def _rows(
+    top: NDArray[np.float64], bottom: NDArray[np.float64], height: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Every (triangle, row) with the row's centre in top <= y < bottom."""
+    first = np.clip(np.ceil(top / SUBPIXELS), 0, height).astype(np.intp)
+    last = np.clip(np.ceil(bottom / SUBPIXELS), 0, height).astype(np.intp)
+    count = last - first
+    ends = np.cumsum(count)
+    triangle = np.repeat(np.arange(len(count)), count)
+    return triangle, np.arange(len(triangle)) + np.repeat(first - (ends - count), count)
+
+
+def _crossing(
+    start: NDArray[np.float64], end: NDArray[np.float64], edge: NDArray[np.intp], y: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """First pixel whose centre is not left of the edge at height y (1/256 pixels).
+
+    Numerator and denominator are exact integers and one division is correctly rounded, so the ceiling is
+    exact.
+    """
+    (dx, dy), (x0, y0) = (end - start).T, start.T
+    numerator = (x0 * dy - y0 * dx)[edge] + y * dx[edge]
+    denominator = np.where(dy == 0, 1.0, dy) * SUBPIXELS
+    return np.asarray(np.ceil(numerator / denominator[edge]))
+
+
+def _check_mesh(triangles: NDArray[Any], uv: NDArray[np.float32], height: int, width: int) -> None:
+    if uv.ndim != 2 or uv.shape[1] != 2 or len(uv) < 3:
+        raise RendererError(f"uv must be (v, 2) with v >= 3, got {uv.shape}")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) < 1:
+        raise RendererError(f"triangles must be (t, 3) with t >= 1, got {triangles.shape}")
+    if triangles.dtype.kind not in "iu" or triangles.min() < 0 or triangles.max() >= len(uv):
+        raise RendererError(f"triangles must hold integers from 0 to {len(uv) - 1}")
+    if len(triangles) >= np.iinfo(np.uint16).max:
+        raise RendererError(f"triangles must be fewer than 65535, got {len(triangles)}")
+    inside = (uv >= -0.5) & (uv <= np.array([width, height]) - 0.5)
+    if not inside.all():
+        raise RendererError(f"uv must lie on the texture of {width} x {height} texels")
