@@ -1,0 +1,148 @@
+"""Streams and facts that pass from the input container to the output container unchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import av
+import av.error
+from av.container import OutputContainer
+from av.stream import Stream
+
+from app.media.errors import MediaError
+from app.media.reader import is_still
+from app.media.source import VideoSource
+
+if TYPE_CHECKING:
+    from app.media.reader import AnyPacket
+
+# What a container or encoder writes about itself; it would be wrong in the copy.
+_STALE = frozenset(
+    {"major_brand", "minor_version", "compatible_brands", "encoder", "duration", "vendor_id", "rotate"}
+)
+_STALE_PREFIXES = ("_statistics", "number_of_", "bps")
+# Keys that MP4 and MOV hold without `use_metadata_tags` (FFmpeg, movenc.c).
+_MOV_KEYS = frozenset(
+    {
+        "title", "artist", "album_artist", "composer", "album", "date", "comment", "genre", "copyright",
+        "grouping", "lyrics", "description", "synopsis", "show", "episode_id", "network", "keywords",
+        "creation_time",
+    }
+)  # fmt: skip
+_ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
+
+
+def fresh_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Metadata without what describes the old file rather than its content."""
+    return {
+        key: value
+        for key, value in metadata.items()
+        if key.lower() not in _STALE and not key.lower().startswith(_STALE_PREFIXES)
+    }
+
+
+def muxer_options(format_name: str, keys: Mapping[str, str]) -> dict[str, str]:
+    """Options of the output container that make it keep every one of the metadata keys."""
+    if format_name in _ROTATING - {"matroska"} and not _MOV_KEYS.issuperset(keys):
+        return {"movflags": "+use_metadata_tags"}
+    return {}
+
+
+def can_rotate(format_name: str) -> bool:
+    """Whether the container stores how the picture is turned."""
+    return format_name in _ROTATING
+
+
+class StreamCopies:
+    """The copied streams of one output; `mux` takes the source's packets to them.
+
+    private : whether data streams, attachments and stream metadata are left out.
+    """
+
+    def __init__(self, output: OutputContainer, source: VideoSource, *, private: bool) -> None:
+        self._output = output
+        self._problems = source.problems
+        self._streams: dict[int, Stream] = {}
+        self._next_dts: dict[int, int] = {}
+        for stream in source.container.streams:
+            if stream.index != source.stream.index:
+                self._add(stream, source, private)
+
+    def _add(self, stream: Stream, source: VideoSource, private: bool) -> None:
+        reason = _why_dropped(stream, source, private)
+        if reason is None:
+            reason = self._try_template(stream)
+        if reason:
+            self._problems.note(f"{_title(stream)} was left out: {reason}.")
+
+    def _try_template(self, stream: Stream) -> str | None:
+        """Add the output stream; returns why it had to be left out."""
+        try:
+            copy = self._output.add_stream_from_template(stream, opaque=True)
+        except (ValueError, av.error.FFmpegError) as error:
+            if stream.type in ("audio", "subtitle") and stream.codec_context is not None:
+                raise MediaError(_refusal(stream, self._output)) from error
+            return "the output container cannot hold it"
+        copy.disposition = stream.disposition
+        copy.metadata.update(fresh_metadata(stream.metadata))
+        self._streams[stream.index] = copy
+        return None
+
+    def mux(self, packet: AnyPacket) -> None:
+        """Write a packet of the source, its time stamps unchanged where the output allows them."""
+        target = self._streams.get(packet.stream_index)
+        if target is None:
+            return
+        self._repair_times(packet)
+        packet.stream = target
+        try:
+            self._output.mux_one(packet)
+        except (av.error.InvalidDataError, av.error.ArgumentError) as error:
+            self._problems.note(f"A packet of {_title(target)} could not be copied ({error.strerror}).")
+
+    def _repair_times(self, packet: AnyPacket) -> None:
+        """Muxers want a dts on every packet, ascending; one that is missing follows from the last."""
+        index = packet.stream_index
+        expected = self._next_dts.get(index)
+        if packet.dts is None:
+            packet.dts = packet.pts if packet.pts is not None else (expected or 0)
+        if packet.pts is None:
+            packet.pts = packet.dts
+        last = None if expected is None else expected - 1
+        self._next_dts[index] = max(packet.dts, last if last is not None else packet.dts) + 1
+
+
+def _why_dropped(stream: Stream, source: VideoSource, private: bool) -> str | None:
+    """Why a stream must not be copied: '' to say nothing, None to copy it."""
+    if isinstance(stream, av.video.stream.VideoStream):
+        return (
+            "a cover picture would show the face" if is_still(stream) else "only the first video is processed"
+        )
+    if stream.type in ("audio", "subtitle"):
+        return "its codec is unknown" if stream.codec_context is None else None
+    if stream.name == "bin_data" and source.container.chapters():
+        return ""  # the chapter titles of an MP4, which are copied as chapters
+    if private:
+        return "it may identify people"
+    return None
+
+
+def _title(stream: Stream) -> str:
+    return f"{stream.type.capitalize()} stream {stream.index} ({stream.name or 'unknown'})"
+
+
+def _refusal(stream: Stream, output: OutputContainer) -> str:
+    holders = [suffix for suffix in (".mkv", ".mov", ".mp4") if _can_hold(suffix, stream)]
+    advice = f"write to {' or '.join(holders)}" if holders else "take the stream out of the input"
+    title = _title(stream)
+    return f"{title} cannot be stored in {output.format.name}: {advice}."
+
+
+def _can_hold(suffix: str, stream: Stream) -> bool:
+    with av.open(f"probe{suffix}", "w") as container:
+        try:
+            container.add_stream_from_template(stream, opaque=True)
+        except (ValueError, av.error.FFmpegError):
+            return False
+    return True

@@ -1,0 +1,127 @@
+"""Encoder choice: from a user's options to the settings of one encoder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import av
+from av.codec.codec import UnknownCodecError
+
+from app.media.errors import MediaError
+
+_SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1", "mpeg4")
+_X26X = frozenset({"libx264", "libx264rgb", "libx265"})
+_X26X_PRESETS = (
+    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo"
+)  # fmt: skip
+_ALWAYS_LOSSLESS = frozenset({"ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo"})
+_QSCALE = frozenset({"mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "msmpeg4v2", "msmpeg4", "h263", "flv"})
+_EVEN_ONLY = frozenset({"libx264", "libx265", "h264_nvenc", "hevc_nvenc", "libopenh264", "libsvtav1"})
+_DEFAULT_PRESET = "veryfast"
+# Kept from the most chroma to the least, after the picture's own format.
+_FALLBACKS = {
+    (0, 0): ("yuv444p", "yuv422p", "yuv420p"),
+    (1, 0): ("yuv422p", "yuv444p", "yuv420p"),
+    (1, 1): ("yuv420p", "yuv422p", "yuv444p"),
+}
+
+
+@dataclass(frozen=True)
+class EncodeOptions:
+    """How to encode: encoder name, constant rate factor 0..63 (lower is better), preset, or lossless."""
+
+    encoder: str = "libx264"
+    crf: int = 20
+    preset: str = _DEFAULT_PRESET
+    lossless: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.crf <= 63:
+            raise MediaError(f"The crf must be from 0 (best) to 63, got {self.crf}: 18 to 28 is usual.")
+
+
+def find_encoder(name: str) -> av.Codec:
+    """The video encoder of that name, or one sentence that lists some that exist."""
+    try:
+        codec = av.Codec(name, "w")
+    except UnknownCodecError as error:
+        raise MediaError(f"Encoder {name!r} is not available: use one of {available_encoders()}.") from error
+    if codec.type != "video":
+        raise MediaError(
+            f"Encoder {name!r} makes {codec.type}, not video: use one of {available_encoders()}."
+        )
+    return codec
+
+
+def available_encoders() -> str:
+    """Some encoders of this installation, for a message."""
+    return ", ".join(name for name in _SUGGESTED if name in av.codecs_available)
+
+
+def encoder_settings(options: EncodeOptions) -> dict[str, str]:
+    """The encoder's own options for a choice of crf, preset and lossless."""
+    name = options.encoder
+    if name in _X26X:
+        return _x26x_settings(options)
+    if options.lossless:
+        return _lossless_settings(name)
+    if name in _ALWAYS_LOSSLESS:
+        return _ffv1_settings(name)
+    if name == "libvpx-vp9":
+        return {"crf": str(options.crf), "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
+    if name == "libsvtav1":
+        return {
+            "crf": str(options.crf),
+            "preset": "10" if options.preset == _DEFAULT_PRESET else options.preset,
+        }
+    if name in _QSCALE:
+        quality = min(max(options.crf // 4, 1), 31)
+        return {"flags": "+qscale", "global_quality": str(quality * 118)}  # FF_QP2LAMBDA
+    own = {} if options.preset == _DEFAULT_PRESET else {"preset": options.preset}
+    return {"crf": str(options.crf), **own}
+
+
+def _x26x_settings(options: EncodeOptions) -> dict[str, str]:
+    if options.preset not in _X26X_PRESETS:
+        raise MediaError(f"Preset {options.preset!r} is unknown: use one of {', '.join(_X26X_PRESETS)}.")
+    if options.crf > 51 and not options.lossless:
+        raise MediaError(f"The crf of {options.encoder} must be from 0 (best) to 51, got {options.crf}.")
+    settings = {"preset": options.preset}
+    quiet = {"x265-params": "log-level=none"} if options.encoder == "libx265" else {}
+    if not options.lossless:
+        return settings | quiet | {"crf": str(options.crf)}
+    if options.encoder == "libx265":
+        return settings | {"x265-params": "lossless=1:log-level=none"}
+    return settings | {"qp": "0"}
+
+
+def _lossless_settings(name: str) -> dict[str, str]:
+    if name in _ALWAYS_LOSSLESS:
+        return _ffv1_settings(name)
+    if name == "libvpx-vp9":
+        return {"lossless": "1", "row-mt": "1"}
+    raise MediaError(f"Encoder {name!r} has no lossless mode: use libx264, libx265, libvpx-vp9 or ffv1.")
+
+
+def _ffv1_settings(name: str) -> dict[str, str]:
+    return {"level": "3", "slices": "4", "slicecrc": "1"} if name == "ffv1" else {}
+
+
+def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) -> str:
+    """The encoder's pixel format for pictures of a native format: the same, or the one that keeps the most."""
+    supported = [fmt.name for fmt in codec.video_formats or ()]
+    if not supported or name in supported:
+        return name
+    for candidate in (name.replace("yuvj", "yuv"), *_FALLBACKS[chroma_shift]):
+        if candidate in supported:
+            return candidate
+    raise MediaError(
+        f"Encoder {codec.name!r} takes no 8-bit YUV pictures: use one of {available_encoders()}."
+    )
+
+
+def encoded_size(encoder: str, fmt: str, width: int, height: int) -> tuple[int, int]:
+    """The picture's size, grown to even where encoder and chroma need it."""
+    if encoder not in _EVEN_ONLY or fmt in ("yuv444p", "yuvj444p", "gray"):
+        return width, height
+    return width + width % 2, height + height % 2

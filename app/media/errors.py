@@ -1,0 +1,8 @@
+"""The one exception of the media layer."""
+
+
+class MediaError(ValueError):
+    """A user's mistake with a file or an encoder setting.
+
+    `str(error)` is one sentence: what was expected, what was got, what to do.
+    """

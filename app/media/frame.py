@@ -1,0 +1,363 @@
+"""A video frame that stays in the decoder's planes; only rectangles of it are converted.
+
+Pixels, x right, y down, pixel centres at integers, display orientation (after the container's rotation).
+Components are 8-bit Y, U, V, or G, B, R for RGB pictures (`app.media.colour`); chroma may be halved along
+either axis.  A frame is used by one thread at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+from av.video.plane import VideoPlane
+from numpy.typing import ArrayLike, NDArray
+
+from app.media import colour as tags
+from app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
+from app.media.orientation import AS_STORED, Orientation, Points
+
+__all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "plane_arrays"]
+
+Plane = NDArray[np.uint8]
+
+# Pixel formats whose planes are used as they are: log2 of the chroma step along x and y.
+NATIVE_FORMATS: dict[str, tuple[int, int]] = {
+    "yuv420p": (1, 1),
+    "yuv422p": (1, 0),
+    "yuv444p": (0, 0),
+    "yuvj420p": (1, 1),
+    "yuvj422p": (1, 0),
+    "yuvj444p": (0, 0),
+    "nv12": (1, 1),
+    "gray": (0, 0),
+}
+_REMAP_COLUMNS = 256  # cv2.remap wants an image: a list of points is folded to this width
+
+
+class Frame:
+    """One picture with its time; made by a source or by `from_rgb`.
+
+    pts, time_base : the integer time stamp and its unit, seconds.
+    duration : in units of time_base, 0 if unknown.
+    index : count of frames before this one in its source.
+    name : file name of an image, or None.
+    width, height : pixels, as shown.
+    colour : maps between the stored components and RGB.
+    """
+
+    def __init__(
+        self, picture: av.VideoFrame | Plane, *, pts: int, time_base: Fraction, index: int,
+        orientation: Orientation = AS_STORED, name: str | None = None, alpha: Plane | None = None,
+    ) -> None:  # fmt: skip
+        self.pts, self.time_base, self.index, self.name = pts, time_base, index, name
+        self.alpha = alpha
+        self.orientation = orientation
+        self._video = picture if isinstance(picture, av.VideoFrame) else None
+        self._rgb = None if isinstance(picture, av.VideoFrame) else picture
+        self._planes: tuple[Plane, ...] | None = None
+        self._luma: Plane | None = None
+        if isinstance(picture, av.VideoFrame):
+            stored, self.duration = (picture.width, picture.height), picture.duration or 0
+            self._shift = NATIVE_FORMATS[picture.format.name]
+            self.colour = _matrix_of(picture)
+        else:
+            stored, self.duration = (picture.shape[1], picture.shape[0]), 0
+            self._shift, self.colour = (0, 0), _GBR
+        self.width, self.height = orientation.size(*stored)
+        self._stored_shift = self._shift
+        if orientation.transpose:
+            self._shift = (self._shift[1], self._shift[0])
+
+    @classmethod
+    def from_rgb(
+        cls, rgb: Plane, pts: int = 0, time_base: Fraction = Fraction(1, 30), index: int = 0,
+        *, name: str | None = None, alpha: Plane | None = None,
+    ) -> Frame:  # fmt: skip
+        """A frame holding a copy of an RGB picture.
+
+        rgb : (h, w, 3) uint8.   alpha : (h, w) uint8 or None, carried to image files unchanged.
+        """
+        if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+            raise ValueError(f"rgb must be (h, w, 3) uint8, got {rgb.shape} {rgb.dtype}")
+        own = np.array(rgb, dtype=np.uint8, order="C", copy=True)
+        return cls(own, pts=pts, time_base=time_base, index=index, name=name, alpha=alpha)
+
+    @property
+    def video_frame(self) -> av.VideoFrame | None:
+        """The decoder's frame, as stored, for an encoder; None for an RGB picture."""
+        return self._video
+
+    @property
+    def luma(self) -> Plane:
+        """(h, w) uint8 brightness as stored, read-only; a view of the decoder's plane unless it is turned."""
+        if self._luma is None:
+            self._luma = self._make_luma()
+            self._luma.setflags(write=False)
+        return self._luma
+
+    def _make_luma(self) -> Plane:
+        if self._rgb is not None:
+            shown = self.orientation.view(self._rgb)
+            return np.asarray(cv2.cvtColor(np.ascontiguousarray(shown), cv2.COLOR_RGB2GRAY), np.uint8)
+        luma = self._shown_planes()[0]
+        return luma[:] if self.orientation.is_identity else luma.copy()
+
+    def _stored_planes(self) -> tuple[Plane, ...]:
+        """Component planes as stored, writable, and never shared with the decoder."""
+        if self._planes is None:
+            if self._video is not None:
+                # Before the first view and never after it: a later copy would leave the views dangling.
+                self._video.make_writable()
+                self._planes = plane_arrays(self._video)
+            else:
+                assert self._rgb is not None
+                self._planes = tuple(self._rgb[..., i] for i in (1, 2, 0))
+        return self._planes
+
+    def _shown_planes(self) -> tuple[Plane, ...]:
+        return tuple(self.orientation.view(plane) for plane in self._stored_planes())
+
+    # -- the chroma grid along one shown axis -------------------------------------------------------------
+
+    def _grid(self, axis: int) -> tuple[int, int, int]:
+        """Length in pixels, log2 of the chroma step, and pixels missing before the first chroma sample.
+
+        A mirrored picture of odd length starts with the incomplete chroma cell that it used to end with.
+        """
+        length, shift = (self.width, self.height)[axis], self._shift[axis]
+        flipped = (self.orientation.flip_x, self.orientation.flip_y)[axis]
+        return length, shift, (-length) % (1 << shift) if flipped else 0
+
+    def _align_axis(self, low: float, high: float, axis: int) -> tuple[int, int]:
+        """The smallest clipped interval on the chroma grid over [low, high); returns start and length."""
+        length, shift, offset = self._grid(axis)
+        first = min(max(math.floor(low), 0), length)
+        last = min(max(math.ceil(high), first), length)
+        start = max((((first + offset) >> shift) << shift) - offset, 0)
+        stop = min((-((-last - offset) >> shift) << shift) - offset, length)
+        return start, max(stop - start, 0)
+
+    def _cells(self, start: int, length: int, axis: int) -> tuple[int, int, int]:
+        """Chroma samples [first, last) over an interval, and pixels of the first one before it."""
+        _, shift, offset = self._grid(axis)
+        first = (start + offset) >> shift
+        last = ((start + length - 1 + offset) >> shift) + 1
+        return first, last, start + offset - (first << shift)
+
+    def align_roi(self, x0: float, y0: float, x1: float, y1: float) -> tuple[int, int, int, int]:
+        """The rectangle [x0, x1) x [y0, y1) clipped to the picture and grown to the chroma grid.
+
+        Returns (x0, y0, w, h), pixels; w or h is 0 when nothing is left.
+
+        >>> Frame.from_rgb(np.zeros((8, 8, 3), np.uint8)).align_roi(-3, 1.5, 4, 20)
+        (0, 1, 4, 7)
+        """
+        x, width = self._align_axis(x0, x1, 0)
+        y, height = self._align_axis(y0, y1, 1)
+        return x, y, width, height
+
+    def _check(self, x0: int, y0: int, width: int, height: int) -> None:
+        inside = x0 >= 0 and y0 >= 0 and x0 + width <= self.width and y0 + height <= self.height
+        if not inside or width < 1 or height < 1:
+            raise ValueError(
+                f"rectangle must lie in the {self.width} x {self.height} picture, "
+                f"got x {x0}, y {y0}, width {width}, height {height}"
+            )
+
+    # -- rectangles ---------------------------------------------------------------------------------------
+
+    def read_roi(self, x0: int, y0: int, w: int, h: int) -> Plane:
+        """A copy of a rectangle: (h, w, 3) uint8 components at full resolution, chroma replicated."""
+        self._check(x0, y0, w, h)
+        if self._rgb is not None:
+            shown = self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w]
+            return np.ascontiguousarray(shown[..., [1, 2, 0]])
+        luma, *chroma = self._shown_planes()
+        parts = [luma[y0 : y0 + h, x0 : x0 + w]]
+        parts += [self._read_chroma(plane, x0, y0, w, h) for plane in chroma]
+        parts += [np.full((h, w), 128, np.uint8)] * (3 - len(parts))
+        return np.asarray(cv2.merge(parts), np.uint8)
+
+    def _read_chroma(self, plane: Plane, x0: int, y0: int, w: int, h: int) -> Plane:
+        if self._shift == (0, 0):
+            return plane[y0 : y0 + h, x0 : x0 + w]
+        cx0, cx1, left = self._cells(x0, w, 0)
+        cy0, cy1, top = self._cells(y0, h, 1)
+        size = ((cx1 - cx0) << self._shift[0], (cy1 - cy0) << self._shift[1])
+        up = cv2.resize(plane[cy0:cy1, cx0:cx1], size, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(up[top : top + h, left : left + w], np.uint8)
+
+    def write_roi(self, x0: int, y0: int, yuv: Plane) -> None:
+        """Write a rectangle of components back in place.
+
+        yuv : (h, w, 3) uint8.  A chroma sample becomes the rounded mean of its pixels, so that what
+        `read_roi` gave is written back bit-identical.  Best with a rectangle from `align_roi`: one that
+        cuts a chroma cell is completed from the picture.
+        """
+        if yuv.ndim != 3 or yuv.shape[2] != 3 or yuv.dtype != np.uint8:
+            raise ValueError(f"yuv must be (h, w, 3) uint8, got {yuv.shape} {yuv.dtype}")
+        h, w = yuv.shape[:2]
+        self._check(x0, y0, w, h)
+        self._luma = None
+        aligned = self.align_roi(x0, y0, x0 + w, y0 + h)
+        if aligned != (x0, y0, w, h):
+            whole = self.read_roi(*aligned)
+            whole[y0 - aligned[1] :, x0 - aligned[0] :][:h, :w] = yuv
+            (x0, y0, w, h), yuv = aligned, whole
+        for number, (plane, part) in enumerate(zip(self._shown_planes(), cv2.split(yuv), strict=False)):
+            self._write_plane(plane, np.asarray(part, np.uint8), x0, y0, is_chroma=number > 0)
+
+    def _write_plane(self, plane: Plane, part: Plane, x0: int, y0: int, *, is_chroma: bool) -> None:
+        h, w = part.shape
+        if not is_chroma or self._shift == (0, 0):
+            plane[y0 : y0 + h, x0 : x0 + w] = part
+            return
+        cx0, cx1, left = self._cells(x0, w, 0)
+        cy0, cy1, top = self._cells(y0, h, 1)
+        right = ((cx1 - cx0) << self._shift[0]) - left - w
+        bottom = ((cy1 - cy0) << self._shift[1]) - top - h
+        if left or right or top or bottom:
+            part = np.asarray(
+                cv2.copyMakeBorder(part, top, bottom, left, right, cv2.BORDER_REPLICATE), np.uint8
+            )
+        plane[cy0:cy1, cx0:cx1] = cv2.resize(part, (cx1 - cx0, cy1 - cy0), interpolation=cv2.INTER_AREA)
+
+    def rgb_roi(self, x0: int, y0: int, w: int, h: int) -> Plane:
+        """A copy of a rectangle as RGB, (h, w, 3) uint8, full range."""
+        self._check(x0, y0, w, h)
+        if self._rgb is not None:
+            return np.ascontiguousarray(self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w])
+        return np.asarray(cv2.transform(self.read_roi(x0, y0, w, h), self.colour.to_rgb), np.uint8)
+
+    def rgb(self) -> Plane:
+        """A copy of the whole picture as RGB, (height, width, 3) uint8; not for the path of every frame."""
+        return self.rgb_roi(0, 0, self.width, self.height)
+
+    # -- points -------------------------------------------------------------------------------------------
+
+    def sample_rgb(self, points: ArrayLike) -> NDArray[np.float32]:
+        """Bilinear RGB at points of the picture; the border is repeated outside it.
+
+        points : (n, 2) float, pixels, finite.   Returns (n, 3) float32, not clipped to 0..255.
+        """
+        shown = np.asarray(points, np.float32)
+        if shown.ndim != 2 or shown.shape[1] != 2 or not np.isfinite(shown).all():
+            raise ValueError(f"points must be (n, 2) and finite, got {shown.shape}")
+        if len(shown) == 0:
+            return np.zeros((0, 3), np.float32)
+        x, y = np.ascontiguousarray(shown[:, 0]), np.ascontiguousarray(shown[:, 1])
+        values = self._sample_components(*self.orientation.stored_points(x, y, self.width, self.height))
+        return np.asarray(cv2.transform(values, self.colour.to_rgb), np.float32).reshape(-1, 3)
+
+    def _sample_components(self, x: Points, y: Points) -> NDArray[np.float32]:
+        """Components (n, 1, 3) float32 at stored points x (n,), y (n,); no chroma is grey."""
+        planes = self._stored_planes()
+        if len(planes) == 1:
+            grey = np.full(len(x), 128.0, np.float32)
+            return _packed([_bilinear(planes[0], x, y), grey, grey])
+        cx, cy = self._chroma_points(x, y)
+        return _packed(
+            [_bilinear(planes[0], x, y), _bilinear(planes[1], cx, cy), _bilinear(planes[2], cx, cy)]
+        )
+
+    def _chroma_points(self, x: Points, y: Points) -> tuple[Points, Points]:
+        """Stored points in chroma samples, which are centred on their cells, but in MPEG on even columns."""
+        step_x, step_y = (1 << shift for shift in self._stored_shift)
+        mpeg = self._video is not None and not self._video.format.name.startswith("yuvj")
+        corner_x, corner_y = 0.0 if mpeg else (step_x - 1) / 2, (step_y - 1) / 2
+        return np.float32(1 / step_x) * (x - corner_x), np.float32(1 / step_y) * (y - corner_y)
+
+    def copy(self) -> Frame:
+        """An independent copy of the picture with the same time."""
+        picture = clone_video_frame(self._video) if self._video is not None else self._rgb
+        assert picture is not None
+        twin = Frame(
+            picture if isinstance(picture, av.VideoFrame) else picture.copy(), pts=self.pts, index=self.index,
+            time_base=self.time_base, orientation=self.orientation, name=self.name, alpha=self.alpha,
+        )  # fmt: skip
+        twin.duration = self.duration
+        return twin
+
+
+_GBR = gbr_matrix()
+_MATRICES: dict[tuple[int, int, bool], ColourMatrix] = {}
+
+
+def _matrix_of(video: av.VideoFrame) -> ColourMatrix:
+    """The colour matrix of a decoded frame, made once per set of tags."""
+    colour_range = video.color_range
+    name = video.format.name
+    if name.startswith("yuvj") or (name == "gray" and colour_range != tags.LIMITED):
+        colour_range = tags.FULL
+    key = (int(video.colorspace), int(colour_range), video.height >= 720)
+    if key not in _MATRICES:
+        _MATRICES[key] = yuv_matrix(key[0], key[1], video.height)
+    return _MATRICES[key]
+
+
+def plane_arrays(video: av.VideoFrame) -> tuple[Plane, ...]:
+    """Views (h, w) uint8 of the component planes of a native 8-bit frame, as stored."""
+    rows = [_plane_rows(plane) for plane in video.planes]
+    if video.format.name == "nv12":
+        width = video.planes[1].width
+        return rows[0][:, : video.width], rows[1][:, : 2 * width : 2], rows[1][:, 1 : 2 * width : 2]
+    return tuple(row[:, : plane.width] for row, plane in zip(rows, video.planes, strict=True))
+
+
+def _plane_rows(plane: VideoPlane) -> Plane:
+    """(h, bytes a line) view of one plane, padding included."""
+    stride = plane.line_size
+    rows = np.frombuffer(plane, np.uint8).reshape(plane.height, abs(stride))  # type: ignore[call-overload]
+    return np.asarray(rows[::-1] if stride < 0 else rows, np.uint8)
+
+
+def clone_video_frame(video: av.VideoFrame, width: int = 0, height: int = 0, fmt: str = "") -> av.VideoFrame:
+    """A copy of a native frame; a larger size repeats the last row and column.
+
+    `fmt` may be another name for the same planes (yuvj420p, yuv420p).
+    """
+    twin = av.VideoFrame(width or video.width, height or video.height, fmt or video.format.name)
+    for target, source in zip(plane_arrays(twin), plane_arrays(video), strict=True):
+        rows, columns = source.shape
+        target[:rows, :columns] = source
+        target[:rows, columns:] = source[:, -1:]
+        target[rows:] = target[rows - 1]
+    twin.pts, twin.duration = video.pts, video.duration
+    if video.time_base is not None:
+        twin.time_base = video.time_base
+    twin.colorspace, twin.color_range = video.colorspace, video.color_range
+    twin.color_trc, twin.color_primaries = video.color_trc, video.color_primaries
+    return twin
+
+
+def _packed(components: list[Points]) -> NDArray[np.float32]:
+    """Three lists (n,) as (n, 1, 3) float32."""
+    return np.asarray(cv2.merge([part.reshape(-1, 1) for part in components]), np.float32)
+
+
+def _bilinear(plane: Plane, x: Points, y: Points) -> Points:
+    """Values (n,) float32 of a stored plane at stored points x (n,), y (n,); the border is repeated."""
+    left, right = _span(x, plane.shape[1])
+    top, bottom = _span(y, plane.shape[0])
+    crop = plane[top:bottom, left:right].astype(np.float32)
+    grid_x, grid_y = _fold(x - left), _fold(y - top)
+    values = cv2.remap(crop, grid_x, grid_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values, np.float32).reshape(-1)[: len(x)]
+
+
+def _span(values: Points, length: int) -> tuple[int, int]:
+    """The pixels [first, last) of an axis that interpolation at the values touches."""
+    first = min(max(math.floor(values.min()), 0), length - 1)
+    return first, min(max(math.floor(values.max()) + 2, first + 1), length)
+
+
+def _fold(values: Points) -> Points:
+    """A list as an image (rows, _REMAP_COLUMNS), padded with zeros."""
+    rows = -(-len(values) // _REMAP_COLUMNS)
+    folded = np.zeros(rows * _REMAP_COLUMNS, np.float32)
+    folded[: len(values)] = values
+    return folded.reshape(rows, _REMAP_COLUMNS)

@@ -1,0 +1,154 @@
+"""Decode, work and encode at the same time, with a bounded number of frames between them."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from app.media.frame import Frame
+from app.media.sink import Sink
+from app.media.source import Source
+
+
+@dataclass(frozen=True)
+class ProcessStats:
+    """What a run did: frames, wall time and the time of each stage (seconds), and survived problems."""
+
+    frames: int
+    seconds: float
+    decode_seconds: float
+    work_seconds: float
+    encode_seconds: float
+    problems: tuple[str, ...]
+
+
+class _Channel:
+    """A bounded queue between two threads that either of them can end.
+
+    `finish` ends it after what it holds, `cancel` at once.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._items: deque[Frame] = deque()
+        self._changed = threading.Condition()
+        self._finished = self._cancelled = False
+
+    def put(self, frame: Frame) -> bool:
+        """Wait for room; False when the channel was cancelled."""
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._items) < self._size or self._cancelled)
+            if not self._cancelled:
+                self._items.append(frame)
+                self._changed.notify_all()
+            return not self._cancelled
+
+    def get(self) -> Frame | None:
+        """Wait for a frame; None when there will be no more."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._finished or self._cancelled)
+            if not self._items or self._cancelled:
+                return None
+            self._changed.notify_all()
+            return self._items.popleft()
+
+    def finish(self) -> None:
+        with self._changed:
+            self._finished = True
+            self._changed.notify_all()
+
+    def cancel(self) -> None:
+        with self._changed:
+            self._cancelled = True
+            self._items.clear()
+            self._changed.notify_all()
+
+
+class _Stage:
+    """One thread of the pipeline; its first error cancels the channels and is kept."""
+
+    def __init__(self, name: str, body: Callable[[_Stage], None], channels: tuple[_Channel, ...]) -> None:
+        self.error: BaseException | None = None
+        self.seconds = 0.0
+        self._body, self._channels = body, channels
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self._body(self)
+        except BaseException as error:
+            self.error = error
+            for channel in self._channels:
+                channel.cancel()
+
+    def join(self) -> None:
+        self._thread.join()
+
+
+def process(
+    source: Source, sink: Sink, work: Callable[[Frame], None],
+    *, progress: Callable[[int], None] | None = None, queue: int = 8,
+) -> ProcessStats:  # fmt: skip
+    """Pass every frame of the source through `work`, which changes it in place, to the sink.
+
+    Decoding and encoding run in their own threads, `work` and `progress` (frames so far) in the caller's.
+    At most 2 `queue` + 3 frames exist at a time.  The first error anywhere stops all and is raised once.
+    """
+    start = time.perf_counter()
+    decoded, worked = _Channel(queue), _Channel(queue)
+    channels = (decoded, worked)
+    decoder = _Stage("decode", lambda stage: _decode(stage, source, decoded), channels)
+    encoder = _Stage("encode", lambda stage: _encode(stage, sink, worked), channels)
+    count = 0
+    busy = 0.0
+    try:
+        while (frame := decoded.get()) is not None:
+            before = time.perf_counter()
+            work(frame)
+            busy += time.perf_counter() - before
+            if not worked.put(frame):
+                break
+            del frame
+            count += 1
+            if progress is not None:
+                progress(count)
+        worked.finish()
+    except BaseException:
+        for channel in channels:
+            channel.cancel()
+        raise
+    finally:
+        decoder.join()
+        encoder.join()
+    for stage in (decoder, encoder):
+        if stage.error is not None:
+            raise stage.error
+    return ProcessStats(
+        count, time.perf_counter() - start, decoder.seconds, busy, encoder.seconds, tuple(source.problems)
+    )
+
+
+def _decode(stage: _Stage, source: Source, decoded: _Channel) -> None:
+    frames = iter(source)
+    while True:
+        before = time.perf_counter()
+        frame = next(frames, None)
+        stage.seconds += time.perf_counter() - before
+        if frame is None:
+            decoded.finish()
+            return
+        if not decoded.put(frame):
+            return
+        del frame
+
+
+def _encode(stage: _Stage, sink: Sink, worked: _Channel) -> None:
+    while (frame := worked.get()) is not None:
+        before = time.perf_counter()
+        sink.write(frame)
+        stage.seconds += time.perf_counter() - before
+        del frame

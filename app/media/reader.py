@@ -1,0 +1,240 @@
+"""Reading the pictures of a video file: decoding, damaged packets, pixel formats and time stamps.
+
+Everything that is not the chosen video stream is handed on as packets, undecoded.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import av
+import av.error
+from av.container import InputContainer
+from av.packet import Packet
+from av.video.stream import VideoStream
+
+from app.media import colour
+from app.media.errors import MediaError
+from app.media.frame import NATIVE_FORMATS
+
+if TYPE_CHECKING:
+    AnyPacket = Packet[av.stream.Stream]
+
+_PATIENCE = 64  # failed reads in a row after which a file is taken to end
+_MOST_PROBLEMS = 200
+_REORDER = 64  # packets that may wait in a decoder at the end of a file
+
+
+class Problems(list[str]):
+    """What went wrong and was survived: each sentence once, and a count when there are too many."""
+
+    unlisted = 0
+
+    def note(self, sentence: str) -> None:
+        """Add a sentence unless it is there already."""
+        if sentence in self:
+            return
+        if len(self) < _MOST_PROBLEMS:
+            self.append(sentence)
+            return
+        self.unlisted += 1
+        self[_MOST_PROBLEMS - 1 :] = [f"And {self.unlisted + 1} more."]
+
+
+def open_container(path: Path) -> InputContainer:
+    """Open a media file, or say in one sentence why it is not one."""
+    try:
+        return av.open(str(path), "r", metadata_errors="surrogateescape")
+    except PermissionError as error:
+        raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
+    except (av.error.FFmpegError, OSError) as error:
+        raise MediaError(
+            f"{path} is not a video that can be read ({_reason(error)}): give a video file, "
+            "an image or a folder of images."
+        ) from error
+
+
+def main_video(container: InputContainer, path: Path) -> VideoStream:
+    """The first moving picture stream of a file, ready to decode; covers and thumbnails do not count."""
+    for stream in container.streams.video:
+        if not is_still(stream):
+            if stream.codec_context is None:
+                raise MediaError(
+                    f"{path}: no decoder for its video stream is available: convert it to H.264 first."
+                )
+            stream.thread_type = "AUTO"
+            return stream
+    raise MediaError(f"{path} holds no video stream: give a video file, an image or a folder of images.")
+
+
+def is_still(stream: VideoStream) -> bool:
+    """Whether a video stream is a cover picture or a thumbnail."""
+    still = av.stream.Disposition.attached_pic | av.stream.Disposition.timed_thumbnails
+    return bool(stream.disposition & still)
+
+
+class Reader:
+    """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
+
+    on_packet : called with each packet of every other stream, in file order.
+    """
+
+    def __init__(self, path: Path, problems: Problems) -> None:
+        self.container = open_container(path)
+        self.problems = problems
+        self.on_packet: Callable[[AnyPacket], None] = lambda packet: None
+        try:
+            self.stream = main_video(self.container, path)
+        except BaseException:
+            self.container.close()
+            raise
+        self._skip_unwanted_videos()
+        self.time_base = Fraction(self.stream.time_base or Fraction(1, 90000))
+        self._recent: deque[int] = deque(maxlen=_REORDER)
+        self._last: int | None = None
+        self._shape: tuple[int, int, str] | None = None
+
+    def _skip_unwanted_videos(self) -> None:
+        for stream in self.container.streams.video:
+            if stream.index != self.stream.index:
+                stream.discard = av.stream.Discard.all
+
+    def close(self) -> None:
+        """Close the file."""
+        self.container.close()
+
+    def __iter__(self) -> Iterator[av.VideoFrame]:
+        for packet in self._packets():
+            if packet.stream_index == self.stream.index or (packet.dts is None and packet.size == 0):
+                if packet.stream is self.stream:
+                    yield from self._decode(packet)
+            else:
+                self.on_packet(packet)
+        self._report_missing_end()
+
+    def _packets(self) -> Iterator[AnyPacket]:
+        """All packets; a read error is reported and passed over, until too many follow each other."""
+        failures = 0
+        while failures < _PATIENCE:
+            try:
+                for packet in self.container.demux():
+                    failures = 0
+                    yield packet
+                return
+            except av.error.FFmpegError as error:
+                failures += 1
+                self.problems.note(
+                    f"The file is damaged after {self._clock()} ({_reason(error)}); parts may be missing."
+                )
+        flush: AnyPacket = Packet()
+        flush.stream = self.stream
+        yield flush
+
+    def _decode(self, packet: AnyPacket) -> Iterator[av.VideoFrame]:
+        if packet.pts is not None and not packet.is_discard:
+            self._recent.append(packet.pts)
+        try:
+            pictures = self.stream.decode(packet)
+        except EOFError:
+            return
+        except av.error.FFmpegError as error:
+            self.problems.note(
+                f"A damaged video packet at {self._clock(packet.pts)} was skipped ({_reason(error)})."
+            )
+            return
+        for picture in pictures:
+            if picture.is_corrupt:
+                self.problems.note(
+                    f"The picture at {self._clock(picture.pts)} is damaged in the input and was patched up."
+                )
+            yield self._prepare(picture)
+
+    def _report_missing_end(self) -> None:
+        missing = sum(1 for pts in self._recent if self._last is not None and pts > self._last)
+        if missing:
+            self.problems.note(f"The last {missing} pictures, after {self._clock()}, could not be decoded.")
+
+    # -- one picture --------------------------------------------------------------------------------------
+
+    def _prepare(self, picture: av.VideoFrame) -> av.VideoFrame:
+        """A picture in a native format and the size of the first, with an ascending time stamp."""
+        pts = self._time_of(picture)
+        converted = self._convert(picture)
+        converted.pts, converted.time_base = pts, self.time_base
+        self._last = pts
+        return converted
+
+    def _time_of(self, picture: av.VideoFrame) -> int:
+        pts = picture.pts if picture.pts is not None else picture.dts
+        step = max(int(picture.duration or 0), 1)
+        if pts is None:
+            self.problems.note("Pictures without a time stamp were placed by their duration.")
+            return 0 if self._last is None else self._last + step
+        if self._last is not None and pts <= self._last:
+            self.problems.note(f"The time stamp at {self._clock(pts)} does not ascend and was moved on.")
+            return self._last + 1
+        return int(pts)
+
+    def _convert(self, picture: av.VideoFrame) -> av.VideoFrame:
+        name = picture.format.name
+        target = name if name in NATIVE_FORMATS else nearest_format(picture)
+        shape = (picture.width, picture.height, target)
+        self._shape = self._shape or shape
+        if target != name:
+            self.problems.note(
+                f"Pictures were converted from {name} to {self._shape[2]}, 8 bits a component."
+            )
+        if (*shape[:2], name) == self._shape:
+            return picture
+        if shape != self._shape:
+            self.problems.note(
+                f"At {self._clock(picture.pts)} the picture changes to {shape[0]} x {shape[1]} {name}; "
+                f"it was converted to {self._shape[0]} x {self._shape[1]} {self._shape[2]}."
+            )
+        return reformat(picture, *self._shape)
+
+    def _clock(self, pts: int | None = None) -> str:
+        """A time stamp, or the last one given out, in seconds."""
+        known = pts if pts is not None else self._last
+        return "an unknown time" if known is None else f"{float(known * self.time_base):.2f} s"
+
+
+def nearest_format(picture: av.VideoFrame) -> str:
+    """The native 8-bit pixel format that keeps the most of a picture's own."""
+    fmt = picture.format
+    if fmt.is_rgb or fmt.has_palette:
+        return "yuv444p"
+    chroma = [part for part in fmt.components if part.is_chroma]
+    if not chroma:
+        return "gray"
+    wide, tall = fmt.chroma_width(64), fmt.chroma_height(64)
+    if tall < 64:
+        return "yuv420p" if wide < 64 else "yuv444p"
+    return "yuv422p" if wide < 64 else "yuv444p"
+
+
+def reformat(picture: av.VideoFrame, width: int, height: int, fmt: str) -> av.VideoFrame:
+    """Convert size and pixel format; matrix and range stay, RGB becomes limited-range YUV."""
+    if picture.format.is_rgb or picture.format.has_palette:
+        matrix = colour.BT709 if height >= 720 else colour.SMPTE170M
+        out = picture.reformat(width, height, fmt, dst_colorspace=matrix, dst_color_range=colour.LIMITED)
+        out.colorspace, out.color_range = matrix, colour.LIMITED
+        return out
+    span = colour.FULL if is_full_range(picture) else colour.LIMITED
+    out = picture.reformat(width, height, fmt, src_color_range=span, dst_color_range=span)
+    out.colorspace, out.color_range = picture.colorspace, picture.color_range
+    return out
+
+
+def is_full_range(picture: av.VideoFrame) -> bool:
+    """Whether a picture's components span 0..255."""
+    name = picture.format.name
+    return name.startswith("yuvj") or picture.color_range == colour.FULL
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

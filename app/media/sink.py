@@ -1,0 +1,377 @@
+"""Outputs: a video file, one image, or a folder of images.
+
+What is written lies in NAME.part until it is complete and is then renamed; on any exception it is removed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import threading
+from collections.abc import Iterable, Iterator, Mapping
+from fractions import Fraction
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import TYPE_CHECKING, Self
+
+import av
+import av.error
+from av.video.frame import PictureType
+from av.video.stream import VideoStream
+
+from app.media.copies import StreamCopies, can_rotate, fresh_metadata, muxer_options
+from app.media.encoder import EncodeOptions, available_encoders, encoder_settings, find_encoder
+from app.media.errors import MediaError
+from app.media.frame import Frame
+from app.media.images import encode_image, is_lossy, looks_like_image
+from app.media.source import ImageSource, Source, VideoSource
+from app.media.target import target_for
+
+if TYPE_CHECKING:
+    from app.media.reader import AnyPacket
+
+__all__ = ["EncodeOptions", "Sink", "open_sink"]
+
+_NO_TAGS: Mapping[str, str] = MappingProxyType({})
+_DEFAULTS = EncodeOptions()
+
+
+class Sink:
+    """An output that exists under its name only when it is complete.
+
+    Use by `with`: a clean exit finishes and renames, an exception removes NAME.part.
+    frames : number written so far.
+    """
+
+    def __init__(self, path: Path, *, force: bool) -> None:
+        self.path = path
+        self.frames = 0
+        self._force = force
+        self._part = path.with_name(path.name + ".part")
+        self._closed = False
+
+    def write(self, frame: Frame) -> None:
+        """Write one frame; its time must exceed the last one's."""
+        raise NotImplementedError
+
+    def _finish(self) -> None:
+        """Complete NAME.part and rename it."""
+        raise NotImplementedError
+
+    def _discard(self) -> None:
+        """Remove NAME.part."""
+        self._part.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None and not self._closed:
+                if self.frames == 0:
+                    raise MediaError(f"{self.path} was not written: no frame came from the input.")
+                with _as_media_error(self.path):
+                    self._finish()
+                self._closed = True
+        finally:
+            self.abort()
+
+    def abort(self) -> None:
+        """Remove what was written; a finished output stays."""
+        if not self._closed:
+            self._closed = True
+            self._discard()
+
+    def _claim(self) -> None:
+        """Create NAME.part, which nobody else may be writing."""
+        with self._claiming(), open(self._part, "wb" if self._force else "xb"):
+            pass
+
+    @contextlib.contextmanager
+    def _claiming(self) -> Iterator[None]:
+        try:
+            yield
+        except FileExistsError as error:
+            raise MediaError(
+                f"{self._part} exists, from another run or one that was killed: delete it or use --force."
+            ) from error
+        except OSError as error:
+            raise MediaError(
+                f"{self.path} cannot be written ({error.strerror}): choose a folder that exists and is yours."
+            ) from error
+
+    def _publish(self) -> None:
+        if self.path.exists() and not self._force:
+            raise MediaError(f"{self.path} appeared meanwhile: use --force to replace it, or another name.")
+        os.replace(self._part, self.path)
+
+
+class VideoSink(Sink):
+    """Encodes the pictures and copies the source's other streams."""
+
+    def __init__(
+        self, path: Path, source: Source, options: EncodeOptions, *, force: bool = False,
+        tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
+    ) -> None:  # fmt: skip
+        super().__init__(path, force=force)
+        self._options = options
+        self._lock = threading.Lock()
+        self._last: Fraction | None = None
+        codec = find_encoder(options.encoder)
+        self._target = target_for(source, codec, options, size)
+        settings = encoder_settings(options)
+        format_name = _container_of(path)
+        self._check_rotation(format_name)
+        metadata = _metadata(source, tags, private)
+        self._claim()
+        try:
+            self._output = av.open(
+                str(self._part), "w", format=format_name, metadata_errors="surrogateescape",
+                container_options=muxer_options(format_name, metadata),
+            )  # fmt: skip
+            self._output.metadata.update(metadata)
+            self._stream = self._add_video(source, settings)
+            self._note_changes(source)
+            if isinstance(source, VideoSource):
+                self._add_copies(source, private)
+            self._start()
+        except BaseException:
+            self.abort()
+            raise
+
+    # -- setting up ---------------------------------------------------------------------------------------
+
+    def _check_rotation(self, format_name: str) -> None:
+        if (
+            self._target.display_matrix
+            and not self._target.orientation.is_identity
+            and not can_rotate(format_name)
+        ):
+            raise MediaError(
+                f"{self.path.name} cannot keep the picture's rotation: write to .mp4, .mov or .mkv."
+            )
+
+    def _add_video(self, source: Source, settings: dict[str, str]) -> VideoStream:
+        target = self._target
+        if isinstance(source, VideoSource) and source.interlaced and "x26" in self._options.encoder:
+            settings = {"flags": "+ildct+ilme", **settings}
+        try:
+            stream = self._output.add_stream(self._options.encoder, source.frame_rate, settings)
+        except ValueError as error:
+            raise MediaError(
+                f"{self.path.name} cannot hold video from encoder {self._options.encoder!r}: "
+                "write to .mkv, or use --encoder libx264."
+            ) from error
+        assert isinstance(stream, VideoStream)
+        stream.width, stream.height = target.coded
+        stream.pix_fmt = target.fmt
+        context = stream.codec_context
+        context.time_base = source.time_base
+        context.color_range, context.colorspace = target.span, target.matrix
+        context.color_primaries, context.color_trc = target.primaries, target.transfer
+        if target.aspect:
+            context.sample_aspect_ratio = target.aspect
+        if target.display_matrix:
+            stream.set_display_matrix(target.display_matrix)
+        if isinstance(source, VideoSource):
+            self._inherit(stream, source)
+        return stream
+
+    def _inherit(self, stream: VideoStream, source: VideoSource) -> None:
+        stream.disposition = source.stream.disposition
+        language = source.stream.metadata.get("language")
+        if language:
+            stream.metadata["language"] = language
+        if source.interlaced:
+            stream.codec_context.field_order = source.stream.codec_context.field_order
+
+    def _note_changes(self, source: Source) -> None:
+        target = self._target
+        if target.coded != target.size:
+            source.problems.note(
+                f"The picture was grown from {target.size[0]} x {target.size[1]} to {target.coded[0]} x "
+                f"{target.coded[1]}, as {self._options.encoder} needs even sizes."
+            )
+        native = source.first_picture.format.name if isinstance(source, VideoSource) else target.fmt
+        if native.replace("yuvj", "yuv") != target.fmt.replace("yuvj", "yuv"):
+            source.problems.note(
+                f"Pictures were encoded as {target.fmt}, as {self._options.encoder} has no {native}."
+            )
+
+    def _add_copies(self, source: VideoSource, private: bool) -> None:
+        self._copies = StreamCopies(self._output, source, private=private)
+        if not private:
+            self._output.set_chapters(source.container.chapters())
+        source.send_packets_to(self._copy)
+
+    def _start(self) -> None:
+        """Open the encoder and write the header, so that what they refuse is known before any work."""
+        try:
+            self._output.start_encoding()
+        except (av.error.FFmpegError, ValueError) as error:
+            raise MediaError(
+                f"Encoder {self._options.encoder!r} or {self.path.name} refuses these settings "
+                f"({_reason(error)}): use one of {available_encoders()} and .mp4 or .mkv."
+            ) from error
+
+    # -- writing ------------------------------------------------------------------------------------------
+
+    def _copy(self, packet: AnyPacket) -> None:
+        with self._lock, _as_media_error(self.path):
+            self._copies.mux(packet)
+
+    def _mux(self, packets: Iterable[AnyPacket]) -> None:
+        with self._lock:
+            for packet in packets:
+                self._output.mux_one(packet)
+
+    def write(self, frame: Frame) -> None:
+        time = frame.pts * frame.time_base
+        if self._last is not None and time <= self._last:
+            raise ValueError(f"frame times must ascend, got {time} s after {self._last} s")
+        self._last = time
+        with _as_media_error(self.path):
+            picture = self._target.picture(frame)
+            picture.pict_type = PictureType.NONE  # the encoder decides, not the input's encoder
+            picture.pts, picture.time_base = frame.pts, frame.time_base
+            self._mux(self._stream.encode(picture))
+        self.frames += 1
+
+    def _finish(self) -> None:
+        self._mux(self._stream.encode(None))
+        self._output.close()
+        self._publish()
+
+    def _discard(self) -> None:
+        with contextlib.suppress(AttributeError, av.error.FFmpegError, OSError, ValueError):
+            self._output.close()
+        super()._discard()
+
+
+class ImageSink(Sink):
+    """One image file."""
+
+    def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
+        super().__init__(path, force=force)
+        self._tags = dict(tags)
+        self._claim()
+
+    def write(self, frame: Frame) -> None:
+        if self.frames:
+            raise MediaError(f"{self.path} holds one image but more came: write to a folder or a video.")
+        data = encode_image(frame.rgb(), frame.alpha, self.path.suffix, self._tags)
+        with _as_media_error(self.path):
+            self._part.write_bytes(data)
+        self.frames = 1
+
+    def _finish(self) -> None:
+        self._publish()
+
+
+class FolderSink(Sink):
+    """A folder of images that keep their names; frames without one are numbered PNG files."""
+
+    def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
+        super().__init__(path, force=force)
+        self._tags = dict(tags)
+        if force and self._part.is_dir():
+            shutil.rmtree(self._part)
+        with self._claiming():
+            self._part.mkdir()
+
+    def write(self, frame: Frame) -> None:
+        name = frame.name or f"frame_{self.frames:06d}.png"
+        data = encode_image(frame.rgb(), frame.alpha, Path(name).suffix, self._tags)
+        with _as_media_error(self.path):
+            (self._part / name).write_bytes(data)
+        self.frames += 1
+
+    def _finish(self) -> None:
+        if not self.path.exists():
+            os.replace(self._part, self.path)
+            return
+        for file in self._part.iterdir():
+            os.replace(file, self.path / file.name)
+        self._part.rmdir()
+
+    def _discard(self) -> None:
+        shutil.rmtree(self._part, ignore_errors=True)
+
+
+def open_sink(
+    path: Path | str, source: Source, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
+    tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
+) -> Sink:  # fmt: skip
+    """Open the output for a source: the suffix says what it is; all that can fail early fails here.
+
+    force : replace an existing output.   tags : metadata to add.
+    size : (width, height) of the frames when they are not the source's own; they are then taken as shown.
+    private : leave out the input's metadata, chapters, data streams and attachments.
+    Raises MediaError for a user's mistake; nothing is then left behind.
+    """
+    path = Path(path)
+    _check_free(path, source, force)
+    if looks_like_image(path) and not path.is_dir():
+        _check_image(path, source, options)
+        return ImageSink(path, force=force, tags=tags)
+    if isinstance(source, ImageSource) and source.kind == "images" and (path.is_dir() or not path.suffix):
+        _check_images(source, options)
+        return FolderSink(path, force=force, tags=tags)
+    return VideoSink(path, source, options, force=force, tags=tags, size=size, private=private)
+
+
+def _check_free(path: Path, source: Source, force: bool) -> None:
+    if path.exists() and source.path.exists() and path.samefile(source.path):
+        raise MediaError(f"{path} is the input itself: choose another name for the output.")
+    if path.is_dir() and source.kind != "images":
+        raise MediaError(f"{path} is a folder: give a file name such as {path / 'out.mp4'}.")
+    if path.exists() and not force and not (path.is_dir() and not any(path.iterdir())):
+        raise MediaError(f"{path} exists: use --force to replace it, or choose another name.")
+
+
+def _check_image(path: Path, source: Source, options: EncodeOptions) -> None:
+    if source.kind != "image":
+        raise MediaError(
+            f"{path.name} is one image but {source.name} is not: write to a video such as out.mp4."
+        )
+    if options.lossless and is_lossy(path.suffix):
+        raise MediaError(f"{path.name} cannot be lossless, as JPEG never is: write to .png.")
+
+
+def _check_images(source: ImageSource, options: EncodeOptions) -> None:
+    lossy = next((file.name for file in source.files if is_lossy(file.suffix)), None)
+    if options.lossless and lossy:
+        raise MediaError(
+            f"{lossy} cannot be written lossless, as JPEG never is: write to a video such as out.mkv."
+        )
+
+
+def _container_of(path: Path) -> str:
+    """FFmpeg's name of the container that the suffix stands for."""
+    try:
+        with av.open(str(path), "w") as probe:  # opens no file until its header is written
+            return probe.format.name
+    except ValueError as error:
+        raise MediaError(f"{path} does not name a video container: use .mp4, .mov or .mkv.") from error
+
+
+def _metadata(source: Source, tags: Mapping[str, str], private: bool) -> dict[str, str]:
+    if private or not isinstance(source, VideoSource):
+        return dict(tags)
+    return fresh_metadata(source.container.metadata) | dict(tags)
+
+
+@contextlib.contextmanager
+def _as_media_error(path: Path) -> Iterator[None]:
+    """A full disk, a lost drive or a refusing encoder, as one sentence."""
+    try:
+        yield
+    except (av.error.FFmpegError, OSError) as error:
+        raise MediaError(f"Writing {path} failed ({_reason(error)}): nothing was kept.") from error
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)

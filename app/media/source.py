@@ -1,0 +1,242 @@
+"""Inputs: a video file, one image, or a folder of images.
+
+Pictures come as `Frame`s in display orientation with integer time stamps.  Everything closes by `with`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import av
+
+from app.media.errors import MediaError
+from app.media.frame import Frame
+from app.media.images import list_images, looks_like_image, read_image
+from app.media.orientation import AS_STORED, Orientation, parse_display_matrix
+from app.media.reader import Problems, Reader
+
+if TYPE_CHECKING:
+    from app.media.reader import AnyPacket
+
+Kind = Literal["video", "image", "images"]
+_IMAGE_RATE = Fraction(30)
+
+
+class Source:
+    """Frames with what is known about them; iterate once per pass.
+
+    width, height : pixels, as shown.
+    frame_rate : average, a second.   frame_count, duration (seconds) : an estimate, or None.
+    rotation : degrees clockwise from the stored to the shown picture.
+    problems : sentences about what was survived so far; grows while frames are read.
+    """
+
+    kind: Kind
+    width: int
+    height: int
+    frame_rate: Fraction
+    frame_count: int | None = None
+    duration: Fraction | None = None
+    has_audio: bool = False
+    orientation: Orientation = AS_STORED
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = path.name
+        self.problems = Problems()
+
+    @property
+    def rotation(self) -> int:
+        return self.orientation.rotation
+
+    def __iter__(self) -> Iterator[Frame]:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Release the input."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def describe(self) -> dict[str, object]:
+        """The facts about the input, as JSON holds them."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "width": self.width,
+            "height": self.height,
+            "frame_rate": str(self.frame_rate),
+            "frame_count": self.frame_count,
+            "duration_seconds": None if self.duration is None else float(self.duration),
+            "rotation": self.rotation,
+            "has_audio": self.has_audio,
+        }
+
+
+class VideoSource(Source):
+    """A video file.  Other streams' packets go to the sink that asked for them, on its next pass."""
+
+    kind = "video"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._template = Reader(path, self.problems)
+        self._fresh: Iterator[av.VideoFrame] | None = iter(self._template)
+        self._early: list[AnyPacket] = []
+        self._listener: Callable[[AnyPacket], None] | None = None
+        self._others: list[Reader] = []
+        try:
+            self._template.on_packet = self._early.append
+            self.first_picture = self._prime()
+            self.interlaced = bool(self.first_picture.interlaced_frame)
+            self._learn()
+        except BaseException:
+            self.close()
+            raise
+
+    def _prime(self) -> av.VideoFrame:
+        """Decode the first picture: it proves the file and carries the orientation and the colour tags."""
+        assert self._fresh is not None
+        picture = next(self._fresh, None)
+        if picture is None:
+            reason = self.problems[0] if self.problems else "it is empty"
+            raise MediaError(f"{self.path} holds no picture that can be decoded: {reason.rstrip('.')}.")
+        return picture
+
+    def _learn(self) -> None:
+        stream, picture = self._template.stream, self.first_picture
+        matrix: Any = picture.side_data.get("DISPLAYMATRIX")
+        self.display_matrix = None if matrix is None else parse_display_matrix(bytes(matrix))
+        if self.display_matrix is not None:
+            self.orientation = Orientation.from_display_matrix(self.display_matrix)
+        self.width, self.height = self.orientation.size(picture.width, picture.height)
+        rate = stream.average_rate or stream.guessed_rate or stream.base_rate
+        self.frame_rate = Fraction(rate) if rate else _IMAGE_RATE
+        self.duration = self._find_duration()
+        self.frame_count = stream.frames or (
+            None if self.duration is None else max(round(self.duration * self.frame_rate), 1)
+        )
+        self.has_audio = len(self.container.streams.audio) > 0
+
+    def _find_duration(self) -> Fraction | None:
+        if self.stream.duration:
+            return self.stream.duration * self.time_base
+        return Fraction(self.container.duration, av.time_base) if self.container.duration else None
+
+    @property
+    def container(self) -> av.container.InputContainer:
+        """The open file, for its metadata, chapters and stream templates."""
+        return self._template.container
+
+    @property
+    def stream(self) -> av.video.stream.VideoStream:
+        """The video stream that is decoded."""
+        return self._template.stream
+
+    @property
+    def time_base(self) -> Fraction:
+        """Unit of the frames' pts, seconds."""
+        return self._template.time_base
+
+    def send_packets_to(self, listener: Callable[[AnyPacket], None]) -> None:
+        """Hand every packet of the other streams to `listener` during the next pass (and only that one)."""
+        self._listener = listener
+
+    def __iter__(self) -> Iterator[Frame]:
+        listener, self._listener = self._listener, None
+        for index, picture in enumerate(self._pictures(listener or _ignore)):
+            assert picture.pts is not None
+            yield Frame(
+                picture, pts=picture.pts, time_base=self.time_base, index=index, orientation=self.orientation
+            )
+
+    def _pictures(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
+        if self._fresh is None:
+            yield from self._again(listener)
+            return
+        rest, self._fresh = self._fresh, None
+        first, self.first_picture = self.first_picture, _blank_like(self.first_picture)
+        early, self._early = self._early, []
+        for packet in early:
+            listener(packet)
+        self._template.on_packet = listener
+        yield first
+        del first
+        yield from rest
+
+    def _again(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
+        reader = Reader(self.path, self.problems)
+        self._others.append(reader)
+        reader.on_packet = listener
+        yield from reader
+
+    def close(self) -> None:
+        for reader in [*self._others, self._template]:
+            reader.close()
+
+
+class ImageSource(Source):
+    """One image file, or the images of a folder in natural order, 30 a second."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.kind = "images" if path.is_dir() else "image"
+        self.files = list_images(path) if path.is_dir() else [path]
+        if not self.files:
+            raise MediaError(
+                f"{path} is a folder without images: give one with .png or .jpg files, or a video file."
+            )
+        self.frame_rate = _IMAGE_RATE
+        first = next(iter(self), None)
+        if first is None:
+            raise MediaError(
+                f"{path} holds no image that can be read: give .png or .jpg files, or a video file."
+            )
+        self.width, self.height = first.width, first.height
+        self.frame_count = len(self.files)
+        self.duration = len(self.files) / _IMAGE_RATE
+        self.time_base = 1 / _IMAGE_RATE
+
+    def __iter__(self) -> Iterator[Frame]:
+        index = 0
+        for file in self.files:
+            image = read_image(file, self.problems)
+            if image is None:
+                self.problems.note(f"{file.name} is not an image that can be read and was skipped.")
+                continue
+            yield Frame.from_rgb(image[0], index, 1 / _IMAGE_RATE, index, name=file.name, alpha=image[1])
+            index += 1
+
+
+def open_source(path: Path | str) -> Source:
+    """Open a video file, an image or a folder of images.
+
+    Raises MediaError when there is nothing to read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
+    if path.is_dir() or looks_like_image(path):
+        return ImageSource(path)
+    return VideoSource(path)
+
+
+def _ignore(packet: AnyPacket) -> None:
+    """A listener for packets that nobody wants."""
+
+
+def _blank_like(picture: av.VideoFrame) -> av.VideoFrame:
+    """A picture with the same tags and no content, so that a decoded one need not be kept."""
+    blank = av.VideoFrame(picture.width, picture.height, picture.format.name)
+    blank.colorspace, blank.color_range = picture.colorspace, picture.color_range
+    blank.color_trc, blank.color_primaries = picture.color_trc, picture.color_primaries
+    return blank

@@ -1,0 +1,88 @@
+"""What an encoder is fed: size, pixel format and tags, and how a frame becomes such a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import av
+import numpy as np
+
+from app.media import colour
+from app.media.encoder import EncodeOptions, encoded_size, encoder_format
+from app.media.errors import MediaError
+from app.media.frame import NATIVE_FORMATS, Frame, clone_video_frame
+from app.media.orientation import AS_STORED, Orientation
+from app.media.reader import is_full_range, reformat
+from app.media.source import Source, VideoSource
+
+
+@dataclass(frozen=True)
+class Target:
+    """The encoder's picture.
+
+    size : stored width and height of the picture; coded : the same, grown to what the encoder accepts.
+    fmt : pixel format; matrix, span, primaries, transfer : colour tags as FFmpeg numbers them.
+    orientation, display_matrix : from the stored to the shown picture.
+    aspect : sample aspect ratio, stored, or None.
+    """
+
+    size: tuple[int, int]
+    coded: tuple[int, int]
+    fmt: str
+    matrix: int = colour.BT709
+    span: int = colour.LIMITED
+    primaries: int = colour.BT709
+    transfer: int = colour.BT709
+    orientation: Orientation = AS_STORED
+    display_matrix: tuple[int, ...] | None = None
+    aspect: Fraction | None = None
+
+    def picture(self, frame: Frame) -> av.VideoFrame:
+        """The frame as the encoder wants it: the decoder's own picture wherever that is possible."""
+        video = frame.video_frame
+        if video is None or frame.orientation != self.orientation or (video.width, video.height) != self.size:
+            return self._from_rgb(frame)
+        if video.format.name == self.fmt and self.coded == self.size:
+            return video
+        if video.format.name.replace("yuvj", "yuv") != self.fmt.replace("yuvj", "yuv"):
+            video = reformat(video, *self.size, self.fmt)
+        return clone_video_frame(video, *self.coded, self.fmt)
+
+    def _from_rgb(self, frame: Frame) -> av.VideoFrame:
+        """Encode what is shown; the whole picture is converted."""
+        if (frame.width, frame.height) != self.orientation.size(*self.size):
+            wanted = self.orientation.size(*self.size)
+            raise MediaError(
+                f"Frame {frame.name or frame.index} is {frame.width} x {frame.height} pixels but the video is "
+                f"{wanted[0]} x {wanted[1]}: give pictures of one size, or write to a folder."
+            )
+        stored = np.ascontiguousarray(self.orientation.stored_view(frame.rgb()))
+        known = self.matrix not in (colour.RGB, colour.UNSPECIFIED)
+        fallback = colour.BT709 if stored.shape[0] >= 720 else colour.BT470BG
+        video = av.VideoFrame.from_ndarray(stored, "rgb24").reformat(
+            format=self.fmt,
+            dst_colorspace=self.matrix if known else fallback,
+            dst_color_range=colour.FULL if self.span == colour.FULL else colour.LIMITED,
+        )
+        video.duration = frame.duration
+        return video if self.coded == self.size else clone_video_frame(video, *self.coded)
+
+
+def target_for(
+    source: Source, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
+) -> Target:
+    """The encoder's picture for a source; a `size` of one's own means shown pictures without rotation."""
+    if size is not None or not isinstance(source, VideoSource):
+        width, height = size or (source.width, source.height)
+        fmt = encoder_format(codec, "yuv420p", (1, 1))
+        return Target((width, height), encoded_size(options.encoder, fmt, width, height), fmt)
+    look = source.first_picture
+    fmt = encoder_format(codec, look.format.name, NATIVE_FORMATS[look.format.name])
+    shape = (look.width, look.height)
+    target = Target(
+        shape, encoded_size(options.encoder, fmt, *shape), fmt, int(look.colorspace),
+        colour.FULL if is_full_range(look) else int(look.color_range), int(look.color_primaries),
+        int(look.color_trc), source.orientation,
+    )  # fmt: skip
+    return replace(target, display_matrix=source.display_matrix, aspect=source.stream.sample_aspect_ratio)
