@@ -1,1 +1,87 @@
-"""Landmark sources: annotation files, ONNX models described by a card, face-box detectors."""
+"""Landmark sources: annotation files, ONNX models described by a card, face-box detectors.
+
+A landmarker finds faces with 81 points each (:class:`Face`); :func:`open_landmarker` opens one by a short
+text, :func:`load_annotations` reads points from files, :func:`track_video` follows one face through a clip.
+Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).
+"""
+
+from .annotations import Annotations, load_annotations, save_annotations
+from .boxes import LbpDetector, YunetDetector
+from .card import Card, read_card
+from .face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, overlap, tight_box
+from .onnx import OnnxLandmarker
+from .registry import (
+    detector_usages,
+    landmarker_usages,
+    open_detector,
+    open_landmarker,
+    register_detector,
+    register_landmarker,
+)
+from .schemes import (
+    COUNT,
+    FOREHEAD,
+    GROUPS,
+    INNER_LIPS,
+    JAW,
+    LEFT_BROW,
+    LEFT_EYE,
+    MIRROR,
+    NOSE,
+    OUTER_EYE_CORNERS,
+    OUTER_LIPS,
+    RIGHT_BROW,
+    RIGHT_EYE,
+    Scheme,
+    interocular,
+    mirror,
+    register_scheme,
+    scheme_named,
+    to_face81,
+)
+from .tracking import Follower, track_video
+
+__all__ = [
+    "COUNT",
+    "FOREHEAD",
+    "GROUPS",
+    "INNER_LIPS",
+    "JAW",
+    "LEFT_BROW",
+    "LEFT_EYE",
+    "MIRROR",
+    "NOSE",
+    "OUTER_EYE_CORNERS",
+    "OUTER_LIPS",
+    "RIGHT_BROW",
+    "RIGHT_EYE",
+    "Annotations",
+    "BoxDetector",
+    "BoxFit",
+    "Card",
+    "Face",
+    "Follower",
+    "LandmarkError",
+    "Landmarker",
+    "LbpDetector",
+    "OnnxLandmarker",
+    "Scheme",
+    "YunetDetector",
+    "detector_usages",
+    "interocular",
+    "landmarker_usages",
+    "load_annotations",
+    "mirror",
+    "open_detector",
+    "open_landmarker",
+    "overlap",
+    "read_card",
+    "register_detector",
+    "register_landmarker",
+    "register_scheme",
+    "save_annotations",
+    "scheme_named",
+    "tight_box",
+    "to_face81",
+    "track_video",
+]

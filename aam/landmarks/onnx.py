@@ -1,0 +1,241 @@
+"""Landmarks from an ONNX model that a TOML card describes, run by onnxruntime.
+
+The user brings the model and its card; :mod:`aam.landmarks.card` tells the card's format. Images RGB uint8
+(h, w, 3); pixels, x right, y down, pixel centres at integers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .card import Card, first_line, read_card
+from .face import BoxDetector, Face, Image, LandmarkError, overlap, tight_box
+from .plausible import pass_shift, settled_confidence, shape_confidence, visible_share
+from .schemes import OUTER_EYE_CORNERS
+from .weights import without_tiny_weights
+
+_LEAST_VISIBLE = 0.5  # share of the points inside the picture, below which a face counts as lost
+_LEAST_CONFIDENCE = 0.1
+_STILL = 0.03  # mean shift in inter-ocular distances, below which a pass has settled
+_MOST_PASSES = 3  # to follow a face
+
+
+class OnnxLandmarker:
+    """Landmarker from a card and a box detector.
+
+    Parameters
+    ----------
+    card : path or Card
+        The TOML card.
+    detector : BoxDetector, optional
+        Finds the faces to start from; without one :class:`aam.landmarks.boxes.LbpDetector`.
+    threads : int
+        Threads of onnxruntime within one call; one by default, as the models are small.
+    """
+
+    def __init__(
+        self, card: str | Path | Card, detector: BoxDetector | None = None, threads: int = 1
+    ) -> None:
+        self.card = card if isinstance(card, Card) else read_card(card)
+        self.detector = detector if detector is not None else _default_detector()
+        self._within = list(self.card.scheme.within)
+        self._session = _session(self.card, threads)
+        self._input = _checked_input(self.card, self._session)
+        self._outputs = [_checked_output(self.card, self._session)]
+        self._offset, self._factor = _normalisation(self.card)
+        boxes = self.card.boxes or {}
+        self._fit = boxes.get(self.detector.name, self.detector.fit)
+        self._predict(np.zeros((*self.card.size[::-1], 3), np.uint8))
+
+    @property
+    def name(self) -> str:
+        """The card's name and the detector's."""
+        return f"{self.card.name}@{self.detector.name}"
+
+    def detect(self, rgb: Image) -> list[Face]:
+        """Faces of the picture RGB (h, w, 3), largest box first.
+
+        A face that lies mostly beyond the picture, or has the points of no face, is left out; of two that
+        came to the same place the more confident one stays.
+        """
+        faces: list[Face] = []
+        for box, score in zip(*self.detector.detect_scored(rgb), strict=True):
+            face = self._from_box(rgb, self._fit.apply(box), float(score))
+            if face is not None:
+                faces.append(face)
+        kept: list[Face] = []
+        for face in sorted(faces, key=lambda f: -f.confidence):
+            if all(overlap(face.box, other.box) < 0.4 for other in kept):
+                kept.append(face)
+        return sorted(kept, key=lambda f: -f.area)
+
+    def refine(self, rgb: Image, previous: Face) -> Face | None:
+        """The face again, from a crop around its previous points; None when they lead to no face.
+
+        One pass when it moved little, up to three otherwise: on a face they settle, elsewhere they wander.
+        """
+        points, shift = previous.points, np.inf
+        for _ in range(_MOST_PASSES):
+            before, points = points, self._once(rgb, points)
+            shift = pass_shift(before, points)
+            if not shift > _STILL:
+                break
+        return self._judge(rgb, points, settled_confidence(shift))
+
+    def points_in(self, rgb: Image, box: NDArray[Any], turn: float = 0.0) -> NDArray[np.float64]:
+        """The model's own points (n, 2), pixels of the picture, from one crop.
+
+        box : (4,), the landmarks' box; turn : radians, by which the face is rolled clockwise.
+        """
+        width, height = self.card.size
+        inverse = _crop_to_picture(box, self.card.enlarge, turn, width, height)
+        crop = cv2.warpAffine(rgb, inverse, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        return np.asarray(self._predict(np.asarray(crop, np.uint8)) @ inverse[:, :2].T + inverse[:, 2])
+
+    def _from_box(self, rgb: Image, box: NDArray[Any], score: float) -> Face | None:
+        points = self.card.scheme.complete(self.points_in(rgb, box))
+        shift = 0.0
+        for _ in range(self.card.passes - 1):
+            before, points = points, self._once(rgb, points)
+            shift = pass_shift(before, points)
+        return self._judge(rgb, points, min(score, settled_confidence(shift)))
+
+    def _once(self, rgb: Image, points: NDArray[Any]) -> NDArray[Any]:
+        if not np.isfinite(points).all():
+            return points
+        own = self.points_in(
+            rgb, tight_box(points[self._within]), _roll(points) if self.card.upright else 0.0
+        )
+        return self.card.scheme.complete(own)
+
+    def _judge(self, rgb: Image, points: NDArray[Any], score: float) -> Face | None:
+        if (
+            not np.isfinite(points).all()
+            or visible_share(points, rgb.shape[1], rgb.shape[0]) < _LEAST_VISIBLE
+        ):
+            return None
+        confidence = min(score, shape_confidence(points))
+        return Face.around(points, confidence) if confidence >= _LEAST_CONFIDENCE else None
+
+    def _predict(self, crop: Image) -> NDArray[np.float64]:
+        """Points (n, 2) in pixels of the crop, from the crop RGB (height, width, 3)."""
+        card = self.card
+        blob = ((_coloured(crop, card.colour).astype(np.float32) - self._offset) * self._factor)[None]
+        if card.layout == "nchw":
+            blob = np.ascontiguousarray(blob.transpose(0, 3, 1, 2))
+        try:
+            output = self._session.run(self._outputs, {self._input: blob})[0]
+        except Exception as error:  # onnxruntime raises many kinds
+            raise LandmarkError(
+                f"model {card.model} expected input {blob.shape} as its card says, {first_line(error)}"
+            ) from error
+        points = _arranged(card, np.asarray(output, dtype=np.float64))
+        return points * card.size - 0.5 if card.unit == "fraction" else points
+
+
+def _default_detector() -> BoxDetector:
+    from .boxes import LbpDetector
+
+    return LbpDetector()
+
+
+def _session(card: Card, threads: int) -> Any:
+    import onnxruntime
+
+    if not card.model.is_file():
+        raise LandmarkError(f"landmark card {card.path} expected its model at {card.model}, got no such file")
+    content = card.model.read_bytes()
+    _check_sum(card, content)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        return onnxruntime.InferenceSession(
+            without_tiny_weights(content), options, providers=["CPUExecutionProvider"]
+        )
+    except Exception as error:  # onnxruntime raises many kinds
+        raise LandmarkError(
+            f"landmark model {card.model} must be an ONNX file, got: {first_line(error)}"
+        ) from error
+
+
+def _check_sum(card: Card, content: bytes) -> None:
+    found = hashlib.sha256(content).hexdigest()
+    if card.sha256 is not None and found != card.sha256.lower():
+        raise LandmarkError(
+            f"landmark model {card.model} expected sha256 {card.sha256}, got {found}; is it another version?"
+        )
+
+
+def _checked_input(card: Card, session: Any) -> str:
+    inputs = session.get_inputs()
+    if len(inputs) != 1:
+        raise LandmarkError(f"landmark model {card.model} must have one input, got {len(inputs)}")
+    width, height = card.size
+    wanted = (1, card.channels, height, width) if card.layout == "nchw" else (1, height, width, card.channels)
+    shape = inputs[0].shape
+    fits = len(shape) == 4 and all(
+        not isinstance(a, int) or a == b for a, b in zip(shape, wanted, strict=True)
+    )
+    if not fits or inputs[0].type != "tensor(float)":
+        got = f"{inputs[0].type} {shape}"
+        raise LandmarkError(
+            f"landmark card {card.path} describes float input {wanted}, got a model with {got}"
+        )
+    return str(inputs[0].name)
+
+
+def _checked_output(card: Card, session: Any) -> str:
+    names = [o.name for o in session.get_outputs()]
+    if card.output is not None and card.output not in names:
+        raise LandmarkError(
+            f"landmark card {card.path}: output.name must be one of {', '.join(names)}, got {card.output}"
+        )
+    return str(card.output or names[0])
+
+
+def _arranged(card: Card, output: NDArray[np.float64]) -> NDArray[np.float64]:
+    count = card.scheme.count
+    if output.size != 2 * count:
+        raise LandmarkError(
+            f"landmark model {card.model} must put out {2 * count} numbers for scheme {card.scheme.name}, "
+            f"got {output.shape}"
+        )
+    return output.reshape(count, 2) if card.order == "interleaved" else output.reshape(2, count).T
+
+
+def _normalisation(card: Card) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    return np.array(card.mean, np.float32), np.array(card.scale, np.float32)
+
+
+def _coloured(crop: Image, colour: str) -> NDArray[Any]:
+    if colour == "gray":
+        return cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)[..., None]
+    return crop[..., ::-1] if colour == "bgr" else crop
+
+
+def _roll(points: NDArray[Any]) -> float:
+    right, left = (points[i] for i in OUTER_EYE_CORNERS)
+    return float(np.arctan2(left[1] - right[1], left[0] - right[0]))
+
+
+def _crop_to_picture(
+    box: NDArray[Any], enlarge: float, turn: float, width: int, height: int
+) -> NDArray[np.float64]:
+    """Affine (2, 3) from pixels of the crop to pixels of the picture, pixel centres at integers.
+
+    The crop covers a square of ``enlarge`` times the box's longer side about the box's centre, turned.
+    """
+    corners = np.asarray(box, dtype=np.float64)
+    side = max(float(enlarge * (corners[2:] - corners[:2]).max()), 1e-3)
+    cos, sin = np.cos(turn), np.sin(turn)
+    linear = np.array([[cos, -sin], [sin, cos]]) @ np.diag([side / width, side / height])
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    return np.column_stack([linear, (corners[:2] + corners[2:]) / 2 - linear @ middle])

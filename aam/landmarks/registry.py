@@ -1,0 +1,119 @@
+"""Landmarkers and detectors from a short text, as given on a command line.
+
+``NAME[:ARGUMENT][@DETECTOR]`` names a landmarker, ``NAME[:ARGUMENT]`` a detector::
+
+    CARD.toml                     an ONNX model described by a card, faces by the LBP cascade
+    CARD.toml@yunet:MODEL.onnx    the same, faces by YuNet
+    onnx:CARD                     the same for a card whose name does not end in .toml
+    lbp, yunet:MODEL.onnx         detectors
+
+Other kinds, a built-in landmarker first of all, join through :func:`register_landmarker` and
+:func:`register_detector`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .face import BoxDetector, Landmarker, LandmarkError
+
+LandmarkerFactory = Callable[[str, BoxDetector | None], Landmarker]
+DetectorFactory = Callable[[str], BoxDetector]
+
+_LANDMARKERS: dict[str, tuple[str, LandmarkerFactory]] = {}
+_DETECTORS: dict[str, tuple[str, DetectorFactory]] = {}
+
+
+def register_landmarker(name: str, usage: str, factory: LandmarkerFactory) -> None:
+    """Make ``name`` known to :func:`open_landmarker`.
+
+    usage : shown in errors, such as ``'CARD.toml[@DETECTOR]'``.
+    factory : called with the argument ('' without one) and the detector (None without one).
+    """
+    _LANDMARKERS[name] = (usage, factory)
+
+
+def register_detector(name: str, usage: str, factory: DetectorFactory) -> None:
+    """Make ``name`` known to :func:`open_detector`; its factory takes the argument, '' without one."""
+    _DETECTORS[name] = (usage, factory)
+
+
+def landmarker_usages() -> list[str]:
+    """How each known landmarker is written."""
+    return [usage for usage, _ in _LANDMARKERS.values()]
+
+
+def detector_usages() -> list[str]:
+    """How each known detector is written."""
+    return [usage for usage, _ in _DETECTORS.values()]
+
+
+def open_landmarker(spec: str) -> Landmarker:
+    """The landmarker that a text names.
+
+    Examples
+    --------
+    >>> open_landmarker("magic")
+    Traceback (most recent call last):
+    aam.landmarks.face.LandmarkError: landmarker must be one of CARD.toml[@DETECTOR]; got 'magic'
+    """
+    own, _, detector_spec = spec.partition("@") if "@" not in spec else _split_detector(spec)
+    name, _, argument = own.partition(":")
+    if own.endswith(".toml") and name not in _LANDMARKERS:
+        name, argument = "onnx", own
+    if name not in _LANDMARKERS:
+        raise LandmarkError(f"landmarker must be one of {', '.join(landmarker_usages())}; got {spec!r}")
+    detector = open_detector(detector_spec) if detector_spec else None
+    return _LANDMARKERS[name][1](argument, detector)
+
+
+def open_detector(spec: str) -> BoxDetector:
+    """The box detector that a text names.
+
+    Examples
+    --------
+    >>> open_detector("lbp").name
+    'lbp'
+    """
+    name, _, argument = spec.partition(":")
+    if name not in _DETECTORS:
+        raise LandmarkError(f"face detector must be one of {', '.join(detector_usages())}; got {spec!r}")
+    return _DETECTORS[name][1](argument)
+
+
+def _split_detector(spec: str) -> tuple[str, str, str]:
+    """Split at the last @ that begins a detector's name, as paths may hold an @ of their own."""
+    own, at, detector = spec.rpartition("@")
+    while own and detector.partition(":")[0] not in _DETECTORS and "@" in own:
+        own, _, more = own.rpartition("@")
+        detector = f"{more}@{detector}"
+    if detector.endswith(".toml") and ":" not in detector:
+        return spec, "", ""
+    return own, at, detector
+
+
+def _open_onnx(argument: str, detector: BoxDetector | None) -> Landmarker:
+    from .onnx import OnnxLandmarker
+
+    return OnnxLandmarker(argument, detector)
+
+
+def _open_lbp(argument: str) -> BoxDetector:
+    from .boxes import LbpDetector
+
+    if argument:
+        raise LandmarkError(f"face detector lbp takes no argument, got {argument!r}")
+    return LbpDetector()
+
+
+def _open_yunet(argument: str) -> BoxDetector:
+    from .boxes import YunetDetector
+
+    if not argument:
+        raise LandmarkError("face detector yunet needs its model, as in yunet:MODEL.onnx; got no path")
+    return YunetDetector(argument)
+
+
+register_landmarker("onnx", "CARD.toml[@DETECTOR]", _open_onnx)
+register_detector("lbp", "lbp", _open_lbp)
+register_detector("yunet", "yunet:MODEL.onnx", _open_yunet)
