@@ -64,7 +64,7 @@ class StreamCopies:
         self._output = output
         self._problems = source.problems
         self._streams: dict[int, Stream] = {}
-        self._next_dts: dict[int, int] = {}
+        self._last_dts: dict[int, int] = {}
         for stream in source.container.streams:
             if stream.index != source.stream.index:
                 self._add(stream, source, private)
@@ -104,21 +104,21 @@ class StreamCopies:
     def _repair_times(self, packet: AnyPacket) -> None:
         """Muxers want a dts on every packet, ascending; one that is missing follows from the last."""
         index = packet.stream_index
-        expected = self._next_dts.get(index)
-        if packet.dts is None:
-            packet.dts = packet.pts if packet.pts is not None else (expected or 0)
-        if packet.pts is None:
-            packet.pts = packet.dts
-        last = None if expected is None else expected - 1
-        self._next_dts[index] = max(packet.dts, last if last is not None else packet.dts) + 1
+        last = self._last_dts.get(index)
+        dts = packet.dts if packet.dts is not None else packet.pts
+        if dts is None:
+            dts = 0 if last is None else last + max(packet.duration or 0, 1)
+        elif last is not None and dts <= last:
+            self._problems.note(f"A time stamp of {_title(packet.stream)} did not ascend and was moved on.")
+            dts = last + 1
+        packet.dts = self._last_dts[index] = dts
+        packet.pts = dts if packet.pts is None else max(packet.pts, dts)
 
 
 def _why_dropped(stream: Stream, source: VideoSource, private: bool) -> str | None:
     """Why a stream must not be copied: '' to say nothing, None to copy it."""
     if isinstance(stream, av.video.stream.VideoStream):
-        return (
-            "a cover picture would show the face" if is_still(stream) else "only the first video is processed"
-        )
+        return "a cover may show the face" if is_still(stream) else "only the first video is processed"
     if stream.type in ("audio", "subtitle"):
         return "its codec is unknown" if stream.codec_context is None else None
     if stream.name == "bin_data" and source.container.chapters():

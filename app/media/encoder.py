@@ -108,7 +108,7 @@ def _ffv1_settings(name: str) -> dict[str, str]:
 
 
 def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) -> str:
-    """The encoder's pixel format for pictures of a native format: the same, or the one that keeps the most."""
+    """The encoder's pixel format for a native one: the same, or the one that keeps the most."""
     supported = [fmt.name for fmt in codec.video_formats or ()]
     if not supported or name in supported:
         return name

@@ -30,6 +30,7 @@ class Source:
     """Frames with what is known about them; iterate once per pass.
 
     width, height : pixels, as shown.
+    time_base : unit of the frames' pts, seconds.
     frame_rate : average, a second.   frame_count, duration (seconds) : an estimate, or None.
     rotation : degrees clockwise from the stored to the shown picture.
     problems : sentences about what was survived so far; grows while frames are read.
@@ -41,6 +42,7 @@ class Source:
     frame_rate: Fraction
     frame_count: int | None = None
     duration: Fraction | None = None
+    time_base: Fraction
     has_audio: bool = False
     orientation: Orientation = AS_STORED
 
@@ -114,6 +116,7 @@ class VideoSource(Source):
 
     def _learn(self) -> None:
         stream, picture = self._template.stream, self.first_picture
+        self.time_base = self._template.time_base
         matrix: Any = picture.side_data.get("DISPLAYMATRIX")
         self.display_matrix = None if matrix is None else parse_display_matrix(bytes(matrix))
         if self.display_matrix is not None:
@@ -141,11 +144,6 @@ class VideoSource(Source):
     def stream(self) -> av.video.stream.VideoStream:
         """The video stream that is decoded."""
         return self._template.stream
-
-    @property
-    def time_base(self) -> Fraction:
-        """Unit of the frames' pts, seconds."""
-        return self._template.time_base
 
     def send_packets_to(self, listener: Callable[[AnyPacket], None]) -> None:
         """Hand every packet of the other streams to `listener` during the next pass (and only that one)."""

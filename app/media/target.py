@@ -54,7 +54,7 @@ class Target:
         if (frame.width, frame.height) != self.orientation.size(*self.size):
             wanted = self.orientation.size(*self.size)
             raise MediaError(
-                f"Frame {frame.name or frame.index} is {frame.width} x {frame.height} pixels but the video is "
+                f"Frame {frame.name or frame.index} has {frame.width} x {frame.height} pixels but the video "
                 f"{wanted[0]} x {wanted[1]}: give pictures of one size, or write to a folder."
             )
         stored = np.ascontiguousarray(self.orientation.stored_view(frame.rgb()))
