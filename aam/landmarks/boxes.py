@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .face import BoxFit, Float32, Image, LandmarkError, overlap
 
 _WINDOW = 24  # pixels, the side of the cascade's window
+_STEP, _FINE_STEP = 1.15, 1.05  # from one size of face to the next
 _YUNET_FACE = 16  # pixels, the smallest face that YuNet sees reliably
 # The landmark box of the iBUG 68 points from a box: medians over the sample clips and real ones.
 _LBP_FIT = BoxFit(0.84, (0.0, 0.18))
@@ -36,11 +37,14 @@ class LbpDetector:
     Parameters
     ----------
     smallest : float
-        Smallest face to find: a share of the picture's height up to 1, or pixels (24 or more) above 1.
+        Smallest face to find: a share of the picture's height up to 1, or pixels above 1 (24 at least).
     min_score : float
         In [0, 1]; boxes below are dropped.
     fit : BoxFit
         Landmark box of the iBUG 68 points from a box.
+    thorough : bool
+        Whether a picture in which nothing was found is searched once more in finer steps of size, which takes
+        about three times as long.
 
     Examples
     --------
@@ -49,8 +53,9 @@ class LbpDetector:
     """
 
     smallest: float = 1 / 12
-    min_score: float = 0.25
+    min_score: float = 0.35
     fit: BoxFit = _LBP_FIT
+    thorough: bool = True
     name: str = field(default="lbp", init=False)
 
     def __post_init__(self) -> None:
@@ -66,13 +71,17 @@ class LbpDetector:
         """Boxes (n, 4) and scores (n,) in [0, 1]."""
         grey = _grey(image)
         small, scale = _scaled(grey, _WINDOW, _smallest_pixels(self.smallest, grey))
+        boxes, scores = self._search(small, scale, _STEP)
+        return self._search(small, scale, _FINE_STEP) if self.thorough and not len(boxes) else (boxes, scores)
+
+    def _search(self, small: Image, scale: NDArray[np.float64], step: float) -> tuple[Float32, Float32]:
         found, _, weights = self._cascade.detectMultiScale3(
-            small, scaleFactor=1.15, minNeighbors=2, minSize=(_WINDOW, _WINDOW), outputRejectLevels=True
+            small, scaleFactor=step, minNeighbors=2, minSize=(_WINDOW, _WINDOW), outputRejectLevels=True
         )
         if len(found) == 0:
             return _no_boxes()
         # The last stage's sum: real faces have about 0.9 (1 in 100) to 4, chance finds mostly under 0.5.
-        scores = 1 - np.exp(-np.maximum(np.asarray(weights, dtype=np.float64).ravel(), 0) / 1.5)
+        scores = 1 - np.exp(-np.maximum(np.asarray(weights, dtype=np.float64).ravel(), 0) / 1.2)
         return _finish(_corners(np.asarray(found), scale), scores, self.min_score)
 
 

@@ -15,6 +15,8 @@ from .schemes import COUNT
 
 Report = Callable[[str], None]
 
+_DOUBTS = 3  # frames running in which the detector must disagree: it errs now and then itself
+
 
 class Follower:
     """Follows one face, frame by frame.
@@ -25,8 +27,8 @@ class Follower:
     min_confidence : float
         A face below it is not taken.
     recheck : int
-        Every that many frames the detector looks again, and the track is given up when it finds faces only
-        elsewhere; 0 for never.
+        Every that many frames the detector looks again; 0 for never. The track is given up when the detector
+        finds faces only elsewhere in three frames running.
     report : callable, optional
         Called once with a sentence when a frame has several faces.
     """
@@ -44,6 +46,7 @@ class Follower:
         self._report = report
         self._index = 0
         self._since = 0
+        self._doubts = 0
         self._previous: Face | None = None
         self._last: Face | None = None
 
@@ -81,7 +84,13 @@ class Follower:
         """The tracked face, unless the detector finds faces and none of them there."""
         faces = self._detected(rgb)
         if not faces or any(overlap(f.box, face.box) > 0.2 for f in faces):
+            self._doubts = 0
             return face
+        self._doubts += 1
+        if self._doubts < _DOUBTS:
+            self._since = self._recheck
+            return face
+        self._doubts = 0
         return faces[0]
 
     def _detected(self, rgb: Image) -> list[Face]:

@@ -1,0 +1,208 @@
+"""Shape, texture and combined appearance: principal components of a person's aligned frames.
+
+Appearance vector y = (w_s x0, w_s y0, .., r0, g0, b0, ..): the landmarks on the reference grid, weighted, then the
+RGB of every mask pixel (DESIGN of de la Hunty, Asthana and Goecke 2010, section 2).  Grid pixels; RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from aam.similarity import align_planar
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+SHAPE = 2 * POINTS  # leading entries of an appearance vector
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """Mean, orthonormal basis and standard deviations of a set of vectors.
+
+    Parameters
+    ----------
+    mean : (n,) float32.
+    basis : (n, k) float32, orthonormal columns.
+    deviations : (k,) float32, standard deviation along each column, decreasing.
+    total_variance : float, of the training vectors, kept modes or not.
+    """
+
+    mean: F32
+    basis: F32
+    deviations: F32
+    total_variance: float
+
+    @property
+    def modes(self) -> int:
+        """Number of columns kept."""
+        return self.basis.shape[1]
+
+    @property
+    def retained(self) -> float:
+        """Share of the training variance inside the basis, 0..1."""
+        if self.total_variance <= 0:
+            return 1.0
+        return float((self.deviations.astype(np.float64) ** 2).sum() / self.total_variance)
+
+    def project(self, vectors: NDArray[np.floating]) -> F32:
+        """Parameters (.., k) of vectors (.., n): basis^T (y - mean)."""
+        return np.asarray((vectors - self.mean) @ self.basis, np.float32)
+
+    def synthesise(self, parameters: NDArray[np.floating]) -> F32:
+        """Vectors (.., n) of parameters (.., k): mean + basis rho."""
+        return np.asarray(self.mean + parameters @ self.basis.T, np.float32)
+
+
+def principal_components(vectors: F32, retain: float | int) -> Components:
+    """Principal components of the rows of (m, n) vectors.
+
+    Parameters
+    ----------
+    retain : share of the variance to keep (float in (0, 1]) or number of modes (int >= 1).
+
+    Examples
+    --------
+    >>> pca = principal_components(np.float32([[0, 0, 1], [2, 0, 1], [4, 0, 1]]), 1)
+    >>> pca.mean.tolist(), abs(pca.basis[:, 0]).round(6).tolist()
+    ([2.0, 0.0, 1.0], [1.0, 0.0, 0.0])
+    """
+    mean = vectors.mean(0)
+    centred = vectors - mean
+    gram = (centred @ centred.T).astype(np.float64) / len(vectors)
+    values, left = np.linalg.eigh(gram)
+    values, left = np.maximum(values[::-1], 0.0), left[:, ::-1]
+    total = float(values.sum())
+    k = _modes_to_keep(values, retain)
+    basis, _ = np.linalg.qr((centred.T @ left[:, :k]).astype(np.float64))
+    return Components(mean, basis.astype(np.float32), np.sqrt(values[:k]).astype(np.float32), total)
+
+
+def _modes_to_keep(values: F64, retain: float | int) -> int:
+    useful = max(1, int((values > 1e-9 * max(values[0], 1e-30)).sum()))
+    if isinstance(retain, int):
+        if retain < 1:
+            raise ValueError(f"the number of modes must be at least 1, got {retain}")
+        return min(retain, useful)
+    if not 0 < retain <= 1:
+        raise ValueError(f"the retained variance must be in (0, 1], got {retain}")
+    share = np.cumsum(values) / max(float(values.sum()), 1e-30)
+    return min(int(np.searchsorted(share, retain)) + 1, useful)
+
+
+def sample_texture(rgb: NDArray[np.uint8], shape: F64, frame: ReferenceFrame) -> F32:
+    """Texture (n, 3) float32 of a picture (h, w, 3) under a shape (81, 2) in its pixels.
+
+    A face larger than the grid is first reduced by area, so that every frame pixel counts (no aliasing).
+    """
+    x0, y0 = np.maximum(np.floor(shape.min(0)).astype(int) - 4, 0)
+    x1, y1 = np.ceil(shape.max(0)).astype(int) + 5
+    roi = rgb[y0:y1, x0:x1]
+    if roi.size == 0:
+        raise ValueError("the face lies outside the picture")
+    local = shape - (x0, y0)
+    a, b, _, _ = align_planar(frame.points, local, RIGID_WEIGHTS)
+    ratio = float(np.hypot(a, b))  # picture pixels per grid pixel
+    if ratio > 1.25:
+        small = (max(2, round(roi.shape[1] / ratio)), max(2, round(roi.shape[0] / ratio)))
+        factor = np.array(small) / (roi.shape[1], roi.shape[0])
+        roi = cv2.resize(roi, small, interpolation=cv2.INTER_AREA)
+        local = (local + 0.5) * factor - 0.5
+    return frame.sampler.sample(np.ascontiguousarray(roi), local)
+
+
+@dataclass(frozen=True, eq=False)
+class AppearanceModel:
+    """What a person's face looks like: combined appearance modes, neutral appearance, learned mask.
+
+    Parameters
+    ----------
+    frame : ReferenceFrame of every vector here.
+    components : Components of the appearance vectors (162 + 3 n).
+    neutral : (162 + 3 n,) float32, the appearance with the face at rest.
+    mask : (h, w) bool, where the face may be shown: no hair, no background.
+    """
+
+    frame: ReferenceFrame
+    components: Components
+    neutral: F32
+    mask: NDArray[np.bool_]
+
+    @cached_property
+    def neutral_parameters(self) -> F32:
+        """(k,) parameters of the neutral appearance."""
+        return self.components.project(self.neutral)
+
+    @property
+    def neutral_shape(self) -> F64:
+        """(81, 2) neutral landmarks, grid pixels."""
+        return self.shape_of(self.neutral)
+
+    @property
+    def neutral_texture(self) -> F32:
+        """(n, 3) neutral RGB."""
+        return self.texture_of(self.neutral)
+
+    def shape_of(self, vector: F32) -> F64:
+        """Landmarks (81, 2), grid pixels, of an appearance vector."""
+        return np.asarray(vector[:SHAPE].reshape(POINTS, 2), np.float64) / self.frame.shape_weight
+
+    def texture_of(self, vector: F32) -> F32:
+        """RGB (n, 3) of an appearance vector."""
+        return vector[SHAPE:].reshape(-1, 3)
+
+    def picture(self, vector: F32) -> NDArray[np.uint8]:
+        """RGB picture (h, w, 3) uint8 of an appearance vector's texture on the grid."""
+        return np.asarray(np.clip(self.frame.scatter(self.texture_of(vector)), 0, 255).round(), np.uint8)
+
+
+def appearance_vectors(
+    shapes: F64, textures: F32, frame: ReferenceFrame, weights: F32 | None = None
+) -> F32:
+    """Appearance vectors (m, 162 + 3 n) of shapes (m, 81, 2) in pixels and textures (m, n, 3).
+
+    weights (n,) in [0, 1] damp the variation of pixels that are not face (hair, background): outside the
+    learned mask every frame shows the mean.
+    """
+    aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), SHAPE)
+    if weights is not None:
+        mean = textures.mean(0)
+        textures = mean + (textures - mean) * weights[:, None]
+    parts = [aligned.astype(np.float32) * np.float32(frame.shape_weight), textures.reshape(len(textures), -1)]
+    return np.concatenate(parts, axis=1)
+
+
+def openness(shapes: F64) -> F64:
+    """Mouth, lid and brow openings (m, 3) of shapes (m, 81, 2), in inter-ocular distances."""
+    iod = np.linalg.norm(shapes[:, 45] - shapes[:, 36], axis=1)
+    mouth = np.linalg.norm(shapes[:, 61:64] - shapes[:, 67:64:-1], axis=2).mean(1)
+    lids = np.linalg.norm(shapes[:, [37, 38, 43, 44]] - shapes[:, [41, 40, 47, 46]], axis=2).mean(1)
+    brows = np.linalg.norm(shapes[:, [19, 24]] - shapes[:, [37, 44]], axis=2).mean(1)
+    return np.asarray(np.stack([mouth, lids, brows], 1) / iod[:, None])
+
+
+def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequence[int]:
+    """Indices of the frames nearest to a face at rest: mouth shut, lids open as usual, brows and head as usual.
+
+    shapes : (m, 81, 2) pixels.
+    """
+    openings = openness(shapes)
+    usual = np.array([np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.6), np.median(openings[:, 2])])
+    spread = np.maximum(openings.std(0), 0.01)
+    aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), -1)
+    from_usual = np.linalg.norm(aligned - np.median(aligned, 0), axis=1)
+    width = np.linalg.norm(aligned.reshape(-1, POINTS, 2)[:, 54] - aligned.reshape(-1, POINTS, 2)[:, 48], axis=1)
+    score = (
+        2.0 * np.abs(openings[:, 0] - usual[0]) / spread[0]
+        + np.abs(openings[:, 1] - usual[1]) / spread[1]
+        + np.abs(openings[:, 2] - usual[2]) / spread[2]
+        + np.abs(width - np.median(width)) / max(float(width.std()), 0.1)
+        + from_usual / max(float(np.median(from_usual)), 0.1)
+    )
+    return [int(i) for i in np.argsort(score)[:count]]

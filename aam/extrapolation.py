@@ -1,0 +1,84 @@
+"""Linear expression transfer between two appearance models, with the matrices precomputed.
+
+y_t* = (Q_t + alpha Qbar_t) y_s minimises |y_t - y_s|^2 + phi |Qbar_t y_t|^2 with alpha = 1 / (phi + 1) (de la Hunty,
+Asthana and Goecke, ICPR 2010, theorem 1; it prints Q_s, the proof gives Q_t).  With y_s = Y_s rho_s that is
+M rho_s, M = alpha Y_s + (1 - alpha) Y_t (Y_t^T Y_s).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.appearance import AppearanceModel
+
+F32 = NDArray[np.float32]
+DEFAULT_ALPHA = 0.6
+
+
+class ReferenceMismatchError(ValueError):
+    """Two models that do not share a reference frame cannot be mixed."""
+
+
+class Extrapolator:
+    """Maps a source model's parameters to the target's appearance.
+
+    Anchored on the neutral faces: y = n_t + M (rho_s - rho_s,neutral).  Without anchoring: y = m_t + M rho_s, which
+    carries the difference of the two mean expressions into every frame.
+
+    Parameters
+    ----------
+    source, target : AppearanceModel with the same reference frame.
+    alpha : share in [0, 1] of the expression outside the target's own space that is let through: 1 is direct
+        transfer, 0 projection.
+    anchored : anchor on the neutral appearances.
+
+    Raises
+    ------
+    ReferenceMismatchError
+        When the reference frames differ.
+    """
+
+    def __init__(
+        self,
+        source: AppearanceModel,
+        target: AppearanceModel,
+        alpha: float = DEFAULT_ALPHA,
+        *,
+        anchored: bool = True,
+    ) -> None:
+        if source.frame.id != target.frame.id:
+            raise ReferenceMismatchError(
+                f"the two models have different reference frames ({source.frame.resolution} and "
+                f"{target.frame.resolution} pixels across the face); enrol both with the same --resolution"
+            )
+        ys, yt = source.components.basis, target.components.basis
+        self._direct = np.ascontiguousarray(ys)
+        self._projected = yt @ (yt.T @ ys)
+        self._matrix = np.empty_like(self._direct)
+        self._base = target.neutral if anchored else target.components.mean
+        self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
+        self.alpha = alpha
+
+    @property
+    def alpha(self) -> float:
+        """The share let through; setting it blends the two fixed products, nothing is rebuilt."""
+        return self._alpha
+
+    @alpha.setter
+    def alpha(self, value: float) -> None:
+        if not 0 <= value <= 1:
+            raise ValueError(f"alpha must be in [0, 1], got {value}")
+        self._alpha = float(value)
+        np.subtract(self._direct, self._projected, out=self._matrix)
+        self._matrix *= np.float32(value)
+        self._matrix += self._projected
+
+    @property
+    def matrix(self) -> F32:
+        """M (n, k), a view that changes with alpha."""
+        return self._matrix
+
+    def apply(self, parameters: F32) -> F32:
+        """Target appearance (n,) of source parameters rho_s (k,)."""
+        return np.asarray(self._matrix @ (parameters - self._rest) + self._base, np.float32)

@@ -1,0 +1,104 @@
+"""Learning where a person's face ends: hair, background and glasses' rims at the border stay out.
+
+Works on the reference grid (grid pixels, RGB 0..255).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.reference import ReferenceFrame
+
+F32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+def core_mask(frame: ReferenceFrame) -> Mask:
+    """(h, w) bool: brows, eyes, nose, mouth and the skin between them; always face."""
+    inner = frame.points[17:68]
+    hull = cv2.convexHull(np.round(inner).astype(np.int32))
+    canvas = np.zeros(frame.size, np.uint8)
+    cv2.fillConvexPoly(canvas, hull, 1)
+    grow = max(1, round(0.045 * frame.resolution))
+    return (_disc(canvas, grow, cv2.MORPH_DILATE) > 0) & frame.mask
+
+
+def skin_mask(frame: ReferenceFrame) -> Mask:
+    """(h, w) bool: cheeks, nose and forehead, where a palette is compared; no eyes, brows, lips or rim."""
+    canvas = (frame.mask * 255).astype(np.uint8)
+    rim = max(1, round(0.06 * frame.resolution))
+    skin = _disc(np.pad(canvas, 1), rim, cv2.MORPH_ERODE)[1:-1, 1:-1] > 0
+    features = np.zeros(frame.size, np.uint8)
+    for part in (slice(17, 22), slice(22, 27), slice(36, 42), slice(42, 48), slice(48, 68)):
+        cv2.fillConvexPoly(features, cv2.convexHull(np.round(frame.points[part]).astype(np.int32)), 1)
+    near = _disc(features, max(1, round(0.03 * frame.resolution)), cv2.MORPH_DILATE)
+    return skin & (near == 0)
+
+
+def learn_mask(textures: F32, frame: ReferenceFrame) -> Mask:
+    """Face pixels (h, w) bool learned from training textures (m, n, 3).
+
+    A rim pixel is face when its colour in most frames belongs to the palette of the person's own skin (cheeks, nose,
+    central forehead: a smooth field of colours over the grid, so that shading is not mistaken for hair) and when it
+    does not flicker like background.
+    """
+    typical = np.median(textures, axis=0)
+    skin = frame.scatter(skin_mask(frame)[frame.mask].astype(np.float32))[frame.mask] > 0
+    picture = frame.scatter(typical)
+    expected = _smooth_field(picture, skin_mask(frame) & core_band(frame), frame)[frame.mask]
+    away = _distance(typical, expected, typical[skin & core_band(frame)[frame.mask]] - expected[skin & core_band(frame)[frame.mask]])
+    restless = np.median(np.abs(textures - typical).mean(2), axis=0)
+    calm = restless < 3.0 * max(float(np.median(restless[skin])), 1.5)
+    face = np.zeros(frame.size, bool)
+    face[frame.mask] = (away < 4.0) & calm
+    return _tidy(face | core_mask(frame), frame)
+
+
+def core_band(frame: ReferenceFrame) -> Mask:
+    """(h, w) bool: from the brows down to the mouth, between the outer eye corners: skin for certain."""
+    ys, xs = np.mgrid[: frame.size[0], : frame.size[1]]
+    p = frame.points
+    return (
+        (xs > p[36, 0]) & (xs < p[45, 0]) & (ys > p[19, 1] - 0.06 * frame.resolution) & (ys < p[57, 1])
+    )
+
+
+def _smooth_field(picture: F32, known: Mask, frame: ReferenceFrame) -> F32:
+    """Colours of the known pixels as a quadratic in x, y per channel, clamped to the known range."""
+    ys, xs = np.mgrid[: frame.size[0], : frame.size[1]].astype(np.float32) / frame.resolution
+    x, y = xs - xs.mean(), ys - ys.mean()
+    design = np.stack([np.ones_like(x), x, y, x * x], axis=-1)
+    a, b = design[known], picture[known]
+    for _ in range(3):
+        coefficients, *_ = np.linalg.lstsq(a, b, rcond=None)
+        error = np.abs(a @ coefficients - b).mean(1)
+        keep = error < 2.5 * max(float(np.median(error)), 1.0)
+        a, b = a[keep], b[keep]
+    low, high = np.quantile(b, 0.02, axis=0), np.quantile(b, 0.98, axis=0)
+    return np.asarray(np.clip(design @ coefficients, low, high), np.float32)
+
+
+def _distance(colours: F32, expected: F32, sample: F32) -> NDArray[np.float64]:
+    """Mahalanobis distance of colours (n, 3) from the expected ones, scaled by the sample's residuals."""
+    covariance = np.cov(sample.T) + np.eye(3) * 9.0
+    difference = colours - expected
+    return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", difference, np.linalg.inv(covariance), difference)))
+
+
+def _tidy(face: Mask, frame: ReferenceFrame) -> Mask:
+    """Open, close, keep the part that holds the core, fill holes."""
+    from scipy.ndimage import binary_fill_holes, label
+
+    radius = max(1, round(0.02 * frame.resolution))
+    smooth = _disc(_disc(face.astype(np.uint8), radius, cv2.MORPH_CLOSE), radius, cv2.MORPH_OPEN) > 0
+    parts, _ = label(smooth | core_mask(frame))
+    nose = np.round(frame.points[30]).astype(int)
+    kept = binary_fill_holes(parts == parts[nose[1], nose[0]])
+    return np.asarray(kept & frame.mask)
+
+
+def _disc(picture: NDArray[np.uint8], radius: int, operation: int) -> NDArray[np.uint8]:
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    return np.asarray(cv2.morphologyEx(picture, operation, kernel), np.uint8)

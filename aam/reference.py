@@ -1,0 +1,198 @@
+"""The reference frame: the canonical face in which all textures are sampled and all models are mixed.
+
+Grid pixels, x right, y down, pixel centres at integers.  Landmarks in scheme face81 (aam/data/face81.json, made by
+training/make_reference.py from the CC0 sample clips).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib import resources
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.similarity import align_planar
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Ints = NDArray[np.int32]
+
+DEFAULT_RESOLUTION = 160
+POINTS = 81
+MARGIN = 2  # grid pixels kept free around the hull
+
+# How strongly each landmark moves with the skull: eye corners, upper nose and temples; lips, lids, jaw: nothing.
+RIGID_WEIGHTS: F64 = np.zeros(POINTS)
+RIGID_WEIGHTS[[36, 39, 42, 45]] = 1.0
+RIGID_WEIGHTS[[27, 28]] = 1.0
+RIGID_WEIGHTS[[29, 30, 31, 33, 35]] = 0.5
+RIGID_WEIGHTS[[0, 16, 68, 80]] = 0.25
+RIGID_WEIGHTS /= RIGID_WEIGHTS.sum()
+RIGID_WEIGHTS.setflags(write=False)
+
+# Root-mean-square grey levels of texture variation that weigh as much as one face width of shape variation.
+SHAPE_TO_TEXTURE = 850.0
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceFrame:
+    """Landmark scheme, triangulation, texture grid and mask that models share when they are mixed.
+
+    Parameters
+    ----------
+    points : (81, 2) float64, grid pixels.
+    triangles : (t, 3) int32, indices into the points.
+    size : (height, width) of the texture grid.
+    """
+
+    points: F64
+    triangles: Ints
+    size: tuple[int, int]
+
+    @classmethod
+    def canonical(cls, resolution: int = DEFAULT_RESOLUTION) -> ReferenceFrame:
+        """The frame that ships with the package, `resolution` grid pixels across the face.
+
+        >>> ReferenceFrame.canonical(64).size
+        (80, 68)
+        """
+        return _canonical(int(resolution))
+
+    @cached_property
+    def resolution(self) -> int:
+        """Grid pixels across the face."""
+        return round(float(np.ptp(self.points[:, 0])))
+
+    @cached_property
+    def id(self) -> str:
+        """Twelve hex digits that differ whenever scheme, geometry, triangulation or grid differ."""
+        digest = hashlib.sha256(b"face81")
+        digest.update(self.points.round(3).astype("<f8").tobytes())
+        digest.update(self.triangles.astype("<i4").tobytes())
+        digest.update(repr(self.size).encode())
+        return digest.hexdigest()[:12]
+
+    @cached_property
+    def triangle_map(self) -> Ints:
+        """(h, w) int32: the triangle under each grid pixel, -1 outside the hull."""
+        canvas = np.full(self.size, -1, np.int32)
+        for i, triangle in enumerate(self.points[self.triangles]):
+            corners = np.round(triangle * 16).astype(np.int32)
+            cv2.fillConvexPoly(canvas, corners, i, cv2.LINE_8, 4)
+        return canvas
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """(h, w) bool: grid pixels inside the hull of the landmarks."""
+        return self.triangle_map >= 0
+
+    @cached_property
+    def pixels(self) -> NDArray[np.intp]:
+        """(n,) flat indices of the mask's pixels, in the order of every texture vector."""
+        return np.flatnonzero(self.mask)
+
+    @cached_property
+    def sampler(self) -> MeshSampler:
+        """Carries every mask pixel from the grid to a shape."""
+        ys, xs = np.divmod(self.pixels, self.size[1])
+        return MeshSampler.build(self, np.column_stack([xs, ys]).astype(np.float64))
+
+    @cached_property
+    def shape_weight(self) -> float:
+        """w_s of the appearance vector: makes one grid pixel of shape weigh like its share of texture."""
+        per_pixel = SHAPE_TO_TEXTURE / self.resolution
+        return per_pixel * float(np.sqrt(3 * len(self.pixels) / (2 * POINTS)))
+
+    def align(self, shape: F64) -> F64:
+        """A shape (81, 2) in pixels, carried to the grid by its rigid landmarks."""
+        a, b, tx, ty = align_planar(shape, self.points, RIGID_WEIGHTS)
+        return shape @ np.array([[a, b], [-b, a]]) + (tx, ty)
+
+    def scatter(self, texture: F32, fill: float = 0.0) -> F32:
+        """A texture (n,) or (n, c) laid out as a picture (h, w) or (h, w, c)."""
+        picture = np.full((self.size[0] * self.size[1], *texture.shape[1:]), fill, np.float32)
+        picture[self.pixels] = texture
+        return picture.reshape(*self.size, *texture.shape[1:])
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSampler:
+    """Barycentric interpolation from the mesh to fixed places of the reference frame.
+
+    Parameters
+    ----------
+    vertices : (3, n) int, the corners of the triangle around each place.
+    weights : (3, n) float32, barycentric, summing to 1.
+    """
+
+    vertices: NDArray[np.intp]
+    weights: F32
+
+    @classmethod
+    def build(cls, frame: ReferenceFrame, places: F64) -> MeshSampler:
+        """Places (n, 2) in grid pixels; one outside the hull takes the triangle nearest to it."""
+        columns = np.clip(np.round(places).astype(int), 0, np.array(frame.size[::-1]) - 1)
+        triangle = _filled(frame.triangle_map)[columns[:, 1], columns[:, 0]]
+        vertices = frame.triangles[triangle]
+        a, b, c = (frame.points[vertices[:, k]] for k in range(3))
+        u, v, w = b - a, c - a, places - a
+        det = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        wb = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / det
+        wc = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / det
+        weights = np.stack([1 - wb - wc, wb, wc]).astype(np.float32)
+        return cls(np.ascontiguousarray(vertices.T.astype(np.intp)), weights)
+
+    def __getitem__(self, subset: NDArray[np.intp]) -> MeshSampler:
+        """The sampler of some of the places."""
+        return MeshSampler(
+            np.ascontiguousarray(self.vertices[:, subset]), np.ascontiguousarray(self.weights[:, subset])
+        )
+
+    def positions(self, shape: NDArray[np.floating]) -> F32:
+        """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
+        corners = shape.astype(np.float32)[self.vertices]
+        return np.asarray(np.einsum("kn,knd->nd", self.weights, corners))
+
+    def sample(self, image: NDArray[np.uint8] | F32, shape: NDArray[np.floating]) -> F32:
+        """Bilinear samples of an image (h, w) or (h, w, c) under the shape: (n,) or (n, c) float32."""
+        return remap_points(image, self.positions(shape))
+
+
+def remap_points(image: NDArray[np.uint8] | F32, points: F32) -> F32:
+    """Bilinear samples of an image at points (n, 2), border replicated; (n,) or (n, c) float32.
+
+    Works around the 32767-column limit of cv2.remap by folding the points into rows.
+    """
+    n = len(points)
+    rows = -(-n // 256)
+    folded = np.zeros((rows * 256, 2), np.float32)
+    folded[:n] = points
+    out = cv2.remap(image, folded.reshape(rows, 256, 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return out.reshape(rows * 256, *out.shape[2:])[:n].astype(np.float32)
+
+
+def _filled(triangle_map: Ints) -> Ints:
+    """The triangle map with every outside pixel given the nearest inside pixel's triangle."""
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(triangle_map < 0, return_distances=False, return_indices=True)
+    return np.asarray(triangle_map[tuple(nearest)])
+
+
+@lru_cache(maxsize=4)
+def _canonical(resolution: int) -> ReferenceFrame:
+    if not 32 <= resolution <= 512:
+        raise ValueError(f"the texture resolution must be 32 to 512 pixels across the face, got {resolution}")
+    from scipy.spatial import Delaunay
+
+    unit = np.array(json.loads(resources.files("aam").joinpath("data/face81.json").read_text())["points"])
+    points = (unit - unit.min(0)) * resolution + MARGIN
+    width, height = np.ceil(points.max(0)).astype(int) + MARGIN
+    triangles = Delaunay(unit).simplices.astype(np.int32)
+    points.setflags(write=False)
+    return ReferenceFrame(points, triangles, (int(height), int(width)))

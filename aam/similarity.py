@@ -1,0 +1,166 @@
+"""Weighted similarity alignment of n-D points: the pose of a face and the palette of its colours.
+
+A similarity maps x to scale * R x + t.  The same solver serves landmarks (2-D, pixels, x right, y down) and
+RGB triples (3-D, 0..255), as in de la Hunty, Asthana and Goecke (ICPR 2010), section 3.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Scale = Literal["least-squares", "symmetric"]
+
+
+@dataclass(frozen=True)
+class Failed:
+    """An expected numerical failure: falsy, and carries its reason.
+
+    >>> bool(Failed("coincident points"))
+    False
+    """
+
+    reason: str
+
+    def __bool__(self) -> bool:
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """x -> scale * R x + t.
+
+    Parameters
+    ----------
+    scale : float > 0.
+    rotation : (d, d) float, a proper rotation.
+    translation : (d,) float, in the units of the points.
+    """
+
+    scale: float
+    rotation: Floats
+    translation: Floats
+
+    @classmethod
+    def identity(cls, dimension: int = 2) -> Similarity:
+        """The similarity that leaves every point of the given dimension where it is."""
+        return cls(1.0, np.eye(dimension), np.zeros(dimension))
+
+    @property
+    def linear(self) -> Floats:
+        """(d, d) float: scale * R."""
+        return self.scale * self.rotation
+
+    def apply(self, points: ArrayLike) -> Floats:
+        """Points (n, d) mapped; shape (n, d)."""
+        return np.asarray(np.asarray(points, np.float64) @ self.linear.T + self.translation)
+
+    def inverse(self) -> Similarity:
+        """The similarity that undoes this one."""
+        back = self.rotation.T
+        return Similarity(1.0 / self.scale, back, -(back @ self.translation) / self.scale)
+
+    def __matmul__(self, other: Similarity) -> Similarity:
+        """Composition: (a @ b).apply(x) == a.apply(b.apply(x))."""
+        return Similarity(
+            self.scale * other.scale,
+            self.rotation @ other.rotation,
+            self.scale * (self.rotation @ other.translation) + self.translation,
+        )
+
+
+def align(
+    source: ArrayLike,
+    target: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    scale: Scale = "least-squares",
+    prior: float = 0.0,
+) -> Similarity | Failed:
+    """Weighted similarity that takes source to target.
+
+    Parameters
+    ----------
+    source, target : (n, d) float, the same units.
+    weights : (n,) float >= 0, uniform when None.  They enter the means, the variances and the covariance.
+    scale : "least-squares" is trace(D S) / sigma_x^2; it shrinks contrast when the two sets decorrelate.
+        "symmetric" is sigma_y / sigma_x, which does not.
+    prior : float >= 0, pull of the rotation towards the identity, relative to the mean variance of the two
+        sets; 0 is the plain solution.
+
+    Returns
+    -------
+    Similarity, or Failed("coincident points") when the weighted points have no extent.
+
+    References
+    ----------
+    Umeyama 1991, eqs. 38-43, with weights in the covariance, and S = diag(1, .., 1, sign det Z).
+
+    Examples
+    --------
+    >>> moved = align([[0, 0], [1, 0], [0, 1]], [[2, 2], [2, 4], [0, 2]])
+    >>> round(moved.scale, 6), moved.apply([[1, 1]]).round(6).tolist()
+    (2.0, [[0.0, 4.0]])
+    """
+    x, y = np.asarray(source, np.float64), np.asarray(target, np.float64)
+    if x.ndim != 2 or x.shape != y.shape:
+        raise ValueError(f"source and target must be (n, d) alike, got {x.shape} and {y.shape}")
+    w = _normalised_weights(weights, len(x))
+    if w is None:
+        return Failed("all weights are zero")
+    mu_x, mu_y = w @ x, w @ y
+    dx, dy = x - mu_x, y - mu_y
+    var_x, var_y = float(w @ (dx * dx).sum(1)), float(w @ (dy * dy).sum(1))
+    tiny = 1e-12 * max(1.0, float(np.abs(x).max()), float(np.abs(y).max())) ** 2
+    if var_x <= tiny or var_y <= tiny:
+        return Failed("coincident points")
+    z = (dy * w[:, None]).T @ dx  # Z of the paper
+    if prior > 0:
+        z = z + prior * np.sqrt(var_x * var_y) / x.shape[1] * np.eye(x.shape[1])
+    u, d, vt = np.linalg.svd(z)
+    s = np.ones(x.shape[1])
+    s[-1] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    rotation = (u * s) @ vt
+    if scale == "symmetric":
+        c = float(np.sqrt(var_y / var_x))
+    else:
+        c = float((d * s).sum() / var_x)
+    if c <= 0:
+        return Failed("the points have no common direction")
+    return Similarity(c, rotation, mu_y - c * (rotation @ mu_x))
+
+
+def _normalised_weights(weights: ArrayLike | None, n: int) -> Floats | None:
+    if weights is None:
+        return np.full(n, 1.0 / n)
+    w = np.asarray(weights, np.float64)
+    if w.shape != (n,):
+        raise ValueError(f"weights must be ({n},), got {w.shape}")
+    if (w < 0).any() or not np.isfinite(w).all():
+        raise ValueError("weights must be finite and not negative")
+    total = float(w.sum())
+    return w / total if total > 0 else None
+
+
+def align_planar(source: Floats, target: Floats, weights: Floats) -> tuple[float, float, float, float]:
+    """Least-squares 2-D similarity as (a, b, tx, ty): x' = a x - b y + tx, y' = b x + a y + ty.
+
+    The closed form of :func:`align` for the per-frame path; weights (n,) must sum to 1 and the source must
+    have extent (both are checked once by the caller, not here).
+    """
+    mu_x, mu_y = weights @ source, weights @ target
+    dx, dy = source - mu_x, target - mu_y
+    wx = dx * weights[:, None]
+    var = float((wx * dx).sum())
+    a = float((wx * dy).sum()) / var
+    b = float((wx[:, 0] * dy[:, 1] - wx[:, 1] * dy[:, 0]).sum()) / var
+    return (
+        a,
+        b,
+        float(mu_y[0] - a * mu_x[0] + b * mu_x[1]),
+        float(mu_y[1] - b * mu_x[0] - a * mu_x[1]),
+    )

@@ -1,0 +1,430 @@
+"""Discriminative-iterative tracker: a cascade of linear regressors from texture to pose and shape.
+
+Each stage looks at the photometrically normalised grey texture under the current shape and predicts the correction
+of pose and shape parameters (Saragih and Goecke 2007; supervised descent).  Stages are trained by simulation on
+perturbed copies of the training frames; stage k + 1 sees the residuals that stage k leaves on frames it was not
+trained with.  Pixels, x right, y down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.appearance import Components, principal_components
+from aam.reference import POINTS, RIGID_WEIGHTS, MeshSampler, ReferenceFrame
+from aam.similarity import Failed, align_planar
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Grey = NDArray[np.uint8]
+
+FEATURE_RESOLUTION = 48  # feature grid pixels across the face
+CROP_FACE = 96.0  # pixels across the face in the working crop
+CROP_REACH = 0.95  # half the working crop's side, in face widths
+POSE = 4  # leading entries of a correction: scale, rotation, x, y
+LIMIT = 3.5  # standard deviations a shape parameter may reach
+CLOSE = 0.05  # error in inter-ocular distances under which a fit counts as right
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where the tracker sees the face.
+
+    Parameters
+    ----------
+    shape : (81, 2) float64, frame pixels.
+    parameters : (k,) float64, shape parameters in standard deviations.
+    residual : float, root-mean-square of the normalised texture that the model does not explain.
+    confidence : float in [0, 1], 0.5 at the lost threshold.
+    """
+
+    shape: F64
+    parameters: F64
+    residual: float
+    confidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where the feature grid lies in a picture: x_picture = x_grid @ linear + offset."""
+
+    linear: F64
+    offset: F64
+
+
+@dataclass(frozen=True, eq=False)
+class Crop:
+    """A working copy of the face's surroundings, scaled so that the face is CROP_FACE pixels wide."""
+
+    image: Grey
+    scale: F64
+    corner: F64
+
+    def to_crop(self, shape: F64) -> F64:
+        """Frame pixels to crop pixels."""
+        return (shape - self.corner + 0.5) * self.scale - 0.5
+
+    def to_frame(self, shape: F64) -> F64:
+        """Crop pixels to frame pixels."""
+        return (shape + 0.5) / self.scale - 0.5 + self.corner
+
+
+def cut(luma: Grey, shape: F64, frame: ReferenceFrame) -> Crop | Failed:
+    """The working crop of a picture (h, w) around a shape (81, 2) in its pixels."""
+    a, b, _, _ = align_planar(frame.points, shape, RIGID_WEIGHTS)
+    ratio = CROP_FACE / max(float(np.hypot(a, b)) * frame.resolution, 1e-6)
+    centre, half = shape.mean(0), CROP_REACH * CROP_FACE / ratio
+    if not (np.isfinite(half) and half < 4 * max(luma.shape)):
+        return Failed("the face is larger than the picture")
+    x0, y0 = np.maximum(np.floor(centre - half).astype(int), 0)
+    x1, y1 = np.minimum(np.ceil(centre + half).astype(int) + 1, luma.shape[::-1])
+    if x1 - x0 < 12 or y1 - y0 < 12:
+        return Failed("the face has left the picture")
+    size = max(8, round((x1 - x0) * ratio)), max(8, round((y1 - y0) * ratio))
+    how = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
+    image = cv2.resize(luma[y0:y1, x0:x1], size, interpolation=how)
+    scale = np.array([size[0] / (x1 - x0), size[1] / (y1 - y0)])
+    return Crop(np.asarray(image, np.uint8), scale, np.array([x0, y0], np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """The tracker's own held-out error distribution, from which "lost" is decided.
+
+    Parameters
+    ----------
+    error : float, mean landmark error on held-out frames, inter-ocular distances.
+    good : float, 95th percentile of the residual of right fits.
+    bad : float, 10th percentile of the residual of wrong fits.
+    """
+
+    error: float
+    good: float
+    bad: float
+
+    @property
+    def threshold(self) -> float:
+        """Residual above which the face counts as lost."""
+        return float(np.sqrt(self.good * max(self.bad, self.good)))
+
+    def confidence(self, residual: float) -> float:
+        """0.5 at the threshold, falling as the residual grows.
+
+        >>> Quality(0.01, 0.2, 0.8).confidence(0.4)
+        0.5
+        """
+        spread = max(float(np.log(max(self.bad, 1.02 * self.good) / self.good)) / 6, 0.02)
+        return float(1 / (1 + np.exp(np.clip((np.log(max(residual, 1e-6) / self.threshold)) / spread, -50, 50))))
+
+
+@dataclass(frozen=True, eq=False)
+class Tracker:
+    """A trained cascade; `fit` refines a shape in a picture.
+
+    Parameters
+    ----------
+    shapes : Components of aligned shapes (162 values on the feature grid).
+    stages : each (1 + n, 4 + k) float32: bias row, then a row per feature.
+    texture : Components of the normalised features (n) of right fits.
+    pixels : (n,) indices into the feature frame's mask pixels that are looked at.
+    quality : held-out error distribution.
+    box_to_shape : (3,) float64: shape centre minus box centre (x, y) and face width, all in box widths.
+    """
+
+    shapes: Components
+    stages: tuple[F32, ...]
+    texture: Components
+    pixels: NDArray[np.intp]
+    quality: Quality
+    box_to_shape: F64
+
+    @cached_property
+    def frame(self) -> ReferenceFrame:
+        """The feature grid."""
+        return ReferenceFrame.canonical(FEATURE_RESOLUTION)
+
+    @cached_property
+    def _sampler(self) -> MeshSampler:
+        return self.frame.sampler[self.pixels]
+
+    @cached_property
+    def _shape_space(self) -> ShapeSpace:
+        return ShapeSpace(self.shapes, self.frame)
+
+    def fit(self, luma: Grey, start: F64) -> Fit | Failed:
+        """The face near a start shape.
+
+        luma : (h, w) uint8.   start : (81, 2) float64, frame pixels.
+        Failed when the face has left the picture or its texture is not this person's face.
+        """
+        crop = cut(luma, start, self.frame)
+        if isinstance(crop, Failed):
+            return crop
+        space = self._shape_space
+        pose, parameters = space.encode(crop.to_crop(start))
+        for stage in self.stages:
+            features = normalised(self._sampler.sample(crop.image, space.decode(pose, parameters)))
+            correction = stage[0] + features @ stage[1:]
+            pose, parameters = space.corrected(pose, parameters, correction)
+        shape = space.decode(pose, parameters)
+        residual = self._residual(normalised(self._sampler.sample(crop.image, shape)))
+        if not residual < self.quality.threshold:
+            return Failed(f"the face is not recognised (residual {residual:.2f})")
+        return Fit(crop.to_frame(shape), parameters, residual, self.quality.confidence(residual))
+
+    def acquire(self, luma: Grey, boxes: NDArray[np.floating]) -> Fit | Failed:
+        """The best fit from detected face boxes (n, 4) x0 y0 x1 y1, tried largest first from several starts."""
+        best: Fit | Failed = Failed("no face box")
+        for box in boxes:
+            for start in self.starts(box):
+                fit = self.fit(luma, start)
+                if isinstance(fit, Fit) and not (isinstance(best, Fit) and best.residual <= fit.residual):
+                    best = fit
+                elif not isinstance(best, Fit):
+                    best = fit
+            if isinstance(best, Fit):
+                again = self.fit(luma, best.shape)
+                return again if isinstance(again, Fit) and again.residual < best.residual else best
+        return best
+
+    def starts(self, box: NDArray[np.floating]) -> list[F64]:
+        """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""
+        width = float(box[2] - box[0])
+        centre = np.array([box[0] + box[2], box[1] + box[3]]) / 2 + self.box_to_shape[:2] * width
+        mean = self.shapes.mean.reshape(POINTS, 2).astype(np.float64)
+        mean = (mean - mean.mean(0)) / self.frame.resolution
+        face = self.box_to_shape[2] * width
+        shifts = ((0, 0), (0, -0.1), (0, 0.1), (-0.1, 0), (0.1, 0))
+        tries = [(1.0, s) for s in shifts] + [(0.88, (0, 0)), (1.14, (0, 0))]
+        return [mean * face * scale + centre + np.array(shift) * face for scale, shift in tries]
+
+    def _residual(self, features: F32) -> float:
+        centred = features - self.texture.mean
+        coefficients = centred @ self.texture.basis
+        energy = float(centred @ centred) - float(coefficients @ coefficients)
+        return float(np.sqrt(max(energy, 0.0) / len(features)))
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeSpace:
+    """Pose and shape parameters of a shape, and how corrections change them."""
+
+    shapes: Components
+    frame: ReferenceFrame
+
+    @cached_property
+    def _centre(self) -> F64:
+        return RIGID_WEIGHTS @ self.frame.points
+
+    def encode(self, shape: F64) -> tuple[Pose, F64]:
+        """Pose and parameters (k,), in standard deviations, of a shape (81, 2) in picture pixels."""
+        a, b, tx, ty = align_planar(shape, self.frame.points, RIGID_WEIGHTS)
+        linear, offset = np.array([[a, b], [-b, a]]), np.array([tx, ty])
+        vector = (shape @ linear + offset).ravel()
+        parameters = ((vector - self.shapes.mean) @ self.shapes.basis) / self.shapes.deviations
+        back = np.array([[a, -b], [b, a]]) / (a * a + b * b)
+        return Pose(back, -offset @ back), np.clip(parameters, -LIMIT, LIMIT)
+
+    def decode(self, pose: Pose, parameters: F64) -> F64:
+        """The shape (81, 2) of a pose and parameters."""
+        vector = self.shapes.mean + self.shapes.basis @ (parameters * self.shapes.deviations)
+        return np.asarray(vector.reshape(POINTS, 2) @ pose.linear + pose.offset, np.float64)
+
+    def corrected(self, pose: Pose, parameters: F64, correction: NDArray[np.floating]) -> tuple[Pose, F64]:
+        """A pose and parameters after a correction (4 + k,), which acts on the feature grid."""
+        a, b = 1 + float(correction[0]), float(correction[1])
+        turn = np.array([[a, b], [-b, a]])
+        shift = self._centre - self._centre @ turn + correction[2:POSE] * self.frame.resolution
+        moved = Pose(turn @ pose.linear, shift @ pose.linear + pose.offset)
+        return moved, np.clip(parameters + correction[POSE:], -LIMIT, LIMIT)
+
+    def correction(self, pose: Pose, parameters: F64, true: tuple[Pose, F64]) -> F64:
+        """The correction (4 + k,) that takes a pose and parameters to the true ones."""
+        inverse = np.linalg.inv(pose.linear)
+        turn = true[0].linear @ inverse
+        shift = (true[0].offset - pose.offset) @ inverse - (self._centre - self._centre @ turn)
+        head = [turn[0, 0] - 1, turn[0, 1], *(shift / self.frame.resolution)]
+        return np.concatenate([head, true[1] - parameters])
+
+
+def normalised(features: F32) -> F32:
+    """Features (n,) with zero mean and unit standard deviation."""
+    centred = features - features.mean()
+    return np.asarray(centred / (np.sqrt(centred @ centred / len(centred)) + 1e-3), np.float32)
+
+
+@dataclass(frozen=True)
+class TrackerOptions:
+    """How a tracker is trained."""
+
+    stages: int = 4
+    copies: int = 16
+    retain: float = 0.99
+    max_modes: int = 30
+    ridge: float = 0.3
+    ridge_growth: float = 2.0
+    folds: int = 3
+    light: float = 0.15
+    seed: int = 0
+
+
+def train_tracker(
+    crops: Sequence[Crop],
+    shapes: Sequence[F64],
+    *,
+    face: NDArray[np.bool_] | None = None,
+    box_to_shape: F64 | None = None,
+    options: TrackerOptions = TrackerOptions(),
+    progress: Callable[[float], None] = lambda _: None,
+) -> Tracker:
+    """Train a cascade on working crops and their shapes.
+
+    Parameters
+    ----------
+    crops : one `cut` for each training frame, in the order of time.
+    shapes : (81, 2) each, frame pixels.
+    face : (n,) bool over the feature frame's mask pixels, which of them to look at; all when None.
+    box_to_shape : see `Tracker`; that of a typical frontal-face detector when None.
+    progress : called with the share done.
+    """
+    training = _Training(crops, shapes, face, options)
+    stages = []
+    for k in range(options.stages):
+        stages.append(training.advance(options.ridge * options.ridge_growth**k))
+        progress((k + 1) / options.stages)
+    texture, quality = training.quality(stages)
+    box = np.array([0.0, 0.08, 0.83]) if box_to_shape is None else box_to_shape
+    return Tracker(training.space.shapes, tuple(stages), texture, training.pixels, quality, box)
+
+
+class _Training:
+    """Perturbed copies of the training frames, and how far the cascade has brought them."""
+
+    def __init__(
+        self,
+        crops: Sequence[Crop],
+        shapes: Sequence[F64],
+        face: NDArray[np.bool_] | None,
+        options: TrackerOptions,
+    ) -> None:
+        self.options, self.crops = options, crops
+        self.rng = np.random.default_rng(options.seed)
+        self.frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
+        self.pixels = np.flatnonzero(np.ones(len(self.frame.pixels), bool) if face is None else face)
+        self.sampler = self.frame.sampler[self.pixels]
+        self.true_shapes = [c.to_crop(s) for c, s in zip(crops, shapes, strict=True)]
+        self.space = ShapeSpace(_shape_components(self.true_shapes, self.frame, options), self.frame)
+        self.true = [self.space.encode(s) for s in self.true_shapes]
+        self.owner = np.repeat(np.arange(len(crops)), options.copies)
+        self.fold = (np.arange(len(crops)) * 2 * options.folds // len(crops)) % options.folds
+        self.state = [self._perturbed(i) for i in self.owner]
+
+    def _perturbed(self, i: int) -> tuple[Pose, F64]:
+        rng, (pose, parameters) = self.rng, self.true[i]
+        wide = rng.choice([0.3, 1.0, 1.6])
+        angle, scale = np.deg2rad(4) * wide * rng.normal(), np.exp(0.04 * wide * rng.normal())
+        jump = [scale * np.cos(angle) - 1, scale * np.sin(angle), *(0.05 * wide * rng.normal(size=2))]
+        if (kind := rng.random()) < 0.4:
+            parameters = self.true[rng.integers(len(self.true))][1]
+        noise = rng.normal(size=len(parameters)) * (0.4 if kind < 0.8 else 0.8)
+        return self.space.corrected(pose, parameters, np.concatenate([jump, noise]))
+
+    def _ramps(self) -> F32:
+        ys, xs = np.divmod(self.frame.pixels[self.pixels], self.frame.size[1])
+        ramps = np.stack([xs, ys]).astype(np.float32)
+        return (ramps - ramps.mean(1, keepdims=True)) / ramps.std(1, keepdims=True)
+
+    def features(self, light: float) -> F32:
+        """(m, 1 + n): a one, then the normalised features, under random slopes of light."""
+        ramps = self._ramps()
+        out = np.ones((len(self.state), 1 + len(self.pixels)), np.float32)
+        for row, i, state in zip(out, self.owner, self.state, strict=True):
+            grey = self.sampler.sample(self.crops[i].image, self.space.decode(*state))
+            slope = self.rng.normal(size=2).astype(np.float32) * light
+            row[1:] = normalised(grey * (1 + slope @ ramps))
+        return out
+
+    def advance(self, ridge: float) -> F32:
+        """Train one stage and move every copy by what it predicts on folds it has not seen."""
+        features = self.features(self.options.light)
+        targets = np.stack(
+            [self.space.correction(*s, self.true[i]) for i, s in zip(self.owner, self.state, strict=True)]
+        ).astype(np.float32)
+        gram, cross = features.T @ features, features.T @ targets
+        predicted = np.empty_like(targets)
+        for k in range(self.options.folds):
+            held = self.fold[self.owner] == k
+            g = gram - features[held].T @ features[held]
+            c = cross - features[held].T @ targets[held]
+            predicted[held] = features[held] @ _ridge(g, c, ridge)
+        self.state = [self.space.corrected(*s, p) for s, p in zip(self.state, predicted, strict=True)]
+        return _ridge(gram, cross, ridge)
+
+    def errors(self) -> F64:
+        """(m,) mean landmark error of every copy, in inter-ocular distances."""
+        out = np.empty(len(self.state))
+        for j, (i, state) in enumerate(zip(self.owner, self.state, strict=True)):
+            truth = self.true_shapes[i]
+            miss = np.linalg.norm(self.space.decode(*state) - truth, axis=1).mean()
+            out[j] = miss / np.linalg.norm(truth[45] - truth[36])
+        return out
+
+    def quality(self, stages: list[F32]) -> tuple[Components, Quality]:
+        """Texture components of right fits, and the residuals of held-out right and of wrong fits."""
+        right, features = self.errors() < CLOSE, self.features(0.0)[:, 1:]
+        held, residuals = float(self.errors().mean()), np.empty(len(features))
+        for k in range(self.options.folds):
+            inside = self.fold[self.owner] == k
+            pca = principal_components(_some(features[right & ~inside], 400), 0.95)
+            residuals[inside] = _residuals(features[inside], pca)
+        texture = principal_components(_some(features[right], 400), 0.95)
+        wrong = self._wrong(stages, texture)
+        good = float(np.quantile(residuals[right], 0.95)) if right.any() else float(np.median(residuals))
+        return texture, Quality(held, good, float(np.quantile(wrong, 0.1)))
+
+    def _wrong(self, stages: list[F32], texture: Components) -> F64:
+        """Residuals where there is no face: the cascade started half a face away."""
+        out = []
+        for i in range(0, len(self.crops), max(1, len(self.crops) // 60)):
+            angle = self.rng.uniform(0, 2 * np.pi)
+            far = np.array([0.0, 0.0, 0.55 * np.cos(angle), 0.55 * np.sin(angle)])
+            state = self.space.corrected(*self.true[i], np.concatenate([far, 0 * self.true[i][1]]))
+            for stage in stages:
+                f = normalised(self.sampler.sample(self.crops[i].image, self.space.decode(*state)))
+                state = self.space.corrected(*state, stage[0] + f @ stage[1:])
+            shape = self.space.decode(*state)
+            truth = self.true_shapes[i]
+            if np.linalg.norm(shape - truth, axis=1).mean() > 0.1 * np.linalg.norm(truth[45] - truth[36]):
+                out.append(normalised(self.sampler.sample(self.crops[i].image, shape)))
+        return _residuals(np.stack(out), texture) if out else np.array([0.9])
+
+
+def _shape_components(shapes: Sequence[F64], frame: ReferenceFrame, options: TrackerOptions) -> Components:
+    vectors = np.stack([frame.align(s).ravel() for s in shapes]).astype(np.float32)
+    kept = principal_components(vectors, options.retain)
+    k = min(kept.modes, options.max_modes)
+    return Components(kept.mean, kept.basis[:, :k], np.maximum(kept.deviations[:k], 1e-3), kept.total_variance)
+
+
+def _ridge(gram: F32, cross: F32, ridge: float) -> F32:
+    from scipy.linalg import cho_factor, cho_solve
+
+    damped = gram + np.eye(len(gram), dtype=np.float32) * np.float32(ridge * np.trace(gram) / len(gram))
+    return np.asarray(cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), cross), np.float32)
+
+
+def _some(rows: F32, most: int) -> F32:
+    return rows[:: max(1, len(rows) // most)]
+
+
+def _residuals(features: F32, pca: Components) -> F64:
+    centred = features - pca.mean
+    explained = centred @ pca.basis
+    energy = (centred**2).sum(1) - (explained**2).sum(1)
+    return np.sqrt(np.maximum(energy, 0) / features.shape[1]).astype(np.float64)

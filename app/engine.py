@@ -1,0 +1,251 @@
+"""The engine: from a frame of one person to the same frame with another face, in place.
+
+fit -> parameters -> extrapolation -> pose and palette -> warp -> blend, in the frame's own YUV planes
+(the way of a frame, docs/conventions.md).  Pixels, x right, y down; RGB 0..255 unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.appearance import SHAPE
+from aam.extrapolation import DEFAULT_ALPHA, Extrapolator
+from aam.follow import Boxes, PersonFollower
+from aam.model import Identity
+from aam.parameters import ParameterEstimator
+from aam.reference import POINTS, RIGID_WEIGHTS
+from aam.similarity import Failed, Similarity, align, align_planar
+from aam.tracker import Fit
+from app.media import ColourMatrix, Frame
+from render import Compositor, feather, make_compositor
+from render.compositor import Renderer
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+FEATHER = 0.02  # standard deviation of the soft border, in face widths
+HOLD = 4  # frames for which a lost face keeps its last place
+PALETTE_MEMORY = 0.85  # share of the palette that stays from frame to frame
+PALETTE_PRIOR = 0.3  # pull of the palette's rotation towards none
+FINE = 1.15  # face on screen wider than this many texture grids: detail is added
+
+# Jaw and forehead follow the head in the picture, so that the face is as wide as the head and no second chin shows.
+OUTLINE: F64 = np.zeros((POINTS, 1))
+OUTLINE[:17] = OUTLINE[68:] = 1.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the engine draws.
+
+    Parameters
+    ----------
+    alpha : share in [0, 1] of the expression outside the donor's own space that is let through.
+    renderer : "auto", "gl" or "cpu".
+    palette : "symmetric" or "least-squares" scale of the colour similarity.
+    outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
+    """
+
+    alpha: float = DEFAULT_ALPHA
+    renderer: Renderer = "auto"
+    palette: Literal["symmetric", "least-squares"] = "symmetric"
+    outline: float = 1.0
+
+
+Outcome = Literal["swapped", "held", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What happened to a frame: outcome, the fit or the reason, and the mesh that was drawn (81, 2)."""
+
+    outcome: Outcome
+    fit: Fit | Failed
+    mesh: F64 | None = None
+
+
+class Engine:
+    """Draws `target` over `source`, frame by frame; holds the compositors, so it is closed by `with`.
+
+    Parameters
+    ----------
+    source : Identity of the person in the video.
+    target : Identity whose face is shown.
+    boxes : face detector for the start and after a loss.
+    options : Options.
+
+    Raises
+    ------
+    ReferenceMismatchError
+        When the two do not share a reference frame.
+    RendererError
+        When the chosen renderer is not there.
+    """
+
+    def __init__(self, source: Identity, target: Identity, boxes: Boxes | None, options: Options = Options()) -> None:
+        self.source, self.target, self.options = source, target, options
+        self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
+        self.estimator = ParameterEstimator(source.appearance)
+        self.follower = PersonFollower(source.tracker, boxes)
+        self.painter = Painter(source, target, self.estimator, options)
+        self._last: tuple[F64, F32] | None = None
+
+    def step(self, frame: Frame) -> Step:
+        """Swap the face in a frame, in place; a frame in which the person is lost is not touched.
+
+        For a few frames after a loss the last face is held where it was.
+        """
+        fit = self.follower.step(frame.luma)
+        if isinstance(fit, Fit):
+            texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
+            appearance = self.extrapolator.apply(self.estimator(fit.shape, texels))
+            self._last = fit.shape, appearance
+            return Step("swapped", fit, self.painter.paint(frame, fit.shape, appearance, texels))
+        if self._last is not None and self.follower.lost <= HOLD:
+            return Step("held", fit, self.painter.paint(frame, *self._last, None))
+        self._last = None
+        self.painter.forget()
+        return Step("lost", fit)
+
+    def close(self) -> None:
+        """Release the compositors."""
+        self.painter.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class Painter:
+    """Aligns a synthesised appearance with a head in a frame and blends it in.
+
+    Parameters
+    ----------
+    source, target : Identity of the head and of the face.
+    estimator : of the source; its texels serve the palette.
+    options : Options.
+    """
+
+    def __init__(
+        self, source: Identity, target: Identity, estimator: ParameterEstimator, options: Options
+    ) -> None:
+        self.options, self.frame = options, target.frame
+        mask = source.appearance.mask & target.appearance.mask
+        self._alpha = feather(mask, FEATHER * self.frame.resolution)
+        seen = self._alpha[self.frame.mask][estimator.texels] > 0.5
+        self._skin = estimator.skin[seen[estimator.skin]]
+        self._texels = estimator.texels[self._skin]
+        self._detail = target.detail
+        self._palette = Palette(options.palette)
+        self._compositors: dict[bool, Compositor] = {}
+        self._grid = np.zeros((*self.frame.size, 3), np.float32)
+
+    def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
+        """Blend an appearance (162 + 3 n,) over the head (81, 2) in the frame; returns the mesh (81, 2).
+
+        texels (t, 3): the frame's RGB under the estimator's places; None keeps the last palette.
+        """
+        shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / self.frame.shape_weight
+        mesh, zoom = self.place(shape, head)
+        texture = appearance[SHAPE:].reshape(-1, 3)
+        if texels is not None:
+            self._palette.update(texture[self._texels], texels[self._skin])
+        self.blend(frame, mesh, texture, zoom)
+        return mesh
+
+    def place(self, shape: F64, head: F64) -> tuple[F64, float]:
+        """The face's shape (81, 2) on the grid, carried to the head by its rigid landmarks; and the zoom."""
+        a, b, tx, ty = align_planar(shape, head, RIGID_WEIGHTS)
+        mesh = shape @ np.array([[a, b], [-b, a]]) + (tx, ty)
+        return mesh + self.options.outline * OUTLINE * (head - mesh), math.hypot(a, b)
+
+    def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
+        """Draw a texture (n, 3) RGB, in the current palette, on the mesh."""
+        x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
+        if w < 2 or h < 2:
+            return
+        fine = zoom > FINE
+        picture = self._stored(texture, frame.colour, zoom, fine)
+        roi = frame.read_roi(x0, y0, w, h)
+        self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
+        frame.write_roi(x0, y0, roi)
+
+    def forget(self) -> None:
+        """Start the palette anew with the next face."""
+        self._palette.forget()
+
+    def close(self) -> None:
+        """Release the compositors."""
+        for compositor in self._compositors.values():
+            compositor.close()
+        self._compositors.clear()
+
+    @property
+    def renderer(self) -> str:
+        """Who draws, for a person to read."""
+        return self._compositor(False).description
+
+    def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> NDArray[np.uint8]:
+        """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
+        matrix = colour.from_rgb[:, :3] @ self._palette.linear
+        offset = colour.from_rgb[:, :3] @ self._palette.offset + colour.from_rgb[:, 3]
+        flat = self._grid.reshape(-1, 3)
+        flat[self.frame.pixels] = texture @ matrix.T.astype(np.float32) + offset.astype(np.float32)
+        picture = self._grid
+        if zoom < 0.7:
+            picture = cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom)
+        elif fine:
+            h, w = self.frame.size
+            picture = cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_CUBIC)
+            contrast = np.float32(self._palette.contrast * colour.from_rgb[0, :3].sum())
+            picture[..., 0] += contrast * self._detail
+        return cv2.convertScaleAbs(np.maximum(picture, 0))
+
+    def _compositor(self, fine: bool) -> Compositor:
+        if fine not in self._compositors:
+            factor = 2 if fine else 1
+            uv = (self.frame.points + 0.5) * factor - 0.5
+            h, w = self.frame.size
+            alpha = cv2.resize(self._alpha, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR)
+            self._compositors[fine] = make_compositor(
+                self.options.renderer, self.frame.triangles, uv.astype(np.float32), alpha
+            )
+        return self._compositors[fine]
+
+
+class Palette:
+    """The colour similarity from the face's palette to the frame's, smooth in time."""
+
+    def __init__(self, scale: Literal["symmetric", "least-squares"]) -> None:
+        self._scale: Literal["symmetric", "least-squares"] = scale
+        self.forget()
+
+    def forget(self) -> None:
+        """Back to the identity; the next update is taken as it is."""
+        self.linear, self.offset, self._fresh = np.eye(3), np.zeros(3), True
+
+    @property
+    def contrast(self) -> float:
+        """Scale of grey differences."""
+        return float(self.linear.sum() / 3)
+
+    def update(self, face: F32, seen: F32) -> None:
+        """Move towards the similarity that takes the face's RGB (n, 3) to what the frame shows there (n, 3)."""
+        found = align(face, seen, scale=self._scale, prior=PALETTE_PRIOR)
+        if not isinstance(found, Similarity):
+            return
+        keep = 0.0 if self._fresh else PALETTE_MEMORY
+        self.linear = keep * self.linear + (1 - keep) * found.linear
+        self.offset = keep * self.offset + (1 - keep) * found.translation
+        self._fresh = False

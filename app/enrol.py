@@ -1,0 +1,182 @@
+"""Enrolment: a person's model from one or more clips.
+
+Two passes: the first has landmarks for every frame (from a file, or by a landmarker), the second reads the
+chosen frames only, so that memory does not grow with length.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.landmarks import Annotations, Follower, Landmarker, LbpDetector, load_annotations
+from aam.model import Identity
+from aam.reference import ReferenceFrame
+from aam.similarity import Failed
+from aam.training import (
+    Choice,
+    Observation,
+    TrainingError,
+    TrainingOptions,
+    choose_frames,
+    observe,
+    train_identity,
+)
+from app.media import open_source
+
+F64 = NDArray[np.float64]
+Say = Callable[[str], None]
+Progress = Callable[[str, float], None]
+
+SIDECARS = (".landmarks.npz", ".npz", ".landmarks.json", ".json", ".pts")
+BOX_FRAMES = 12  # frames on which the detector's box is compared with the landmarks
+
+
+class EnrolError(ValueError):
+    """An enrolment that cannot be done; one sentence."""
+
+
+@dataclass(frozen=True)
+class LandmarkSource:
+    """Where landmarks come from: files (one for each clip), a landmarker, or files that lie beside the clips."""
+
+    files: Sequence[Path] = ()
+    landmarker: Landmarker | None = None
+
+
+def _silent(stage: str, share: float) -> None:
+    """Progress that nobody watches."""
+
+
+def enrol(
+    clips: Sequence[Path],
+    landmarks: LandmarkSource,
+    *,
+    name: str,
+    options: TrainingOptions = TrainingOptions(),
+    progress: Progress = _silent,
+    say: Say = lambda _: None,
+) -> Identity:
+    """Train a person's model.
+
+    Parameters
+    ----------
+    clips : video files, images or folders of images of one person.
+    landmarks : see `LandmarkSource`.
+    progress : called with the stage ("landmarks", "frames", "training") and the share of it that is done.
+    say : called with notes for the user.
+    """
+    start = time.perf_counter()
+    shapes = [_clip_landmarks(i, clip, landmarks, progress, say) for i, clip in enumerate(clips)]
+    choice = choose_frames(np.concatenate(shapes), options)
+    observations, box = _observe(clips, shapes, choice, options, progress)
+    facts: dict[str, Any] = {"clips": [clip.name for clip in clips], "box_known": box is not None}
+    identity = train_identity(
+        name,
+        observations,
+        choice,
+        options=options,
+        box_to_shape=box,
+        facts=facts,
+        progress=lambda share: progress("training", share),
+    )
+    identity.facts["seconds"] = round(time.perf_counter() - start, 2)
+    identity.facts["peak_memory_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return identity
+
+
+def landmark_file(clip: Path) -> Path | None:
+    """The landmark file that lies beside a clip under its name, if there is one."""
+    for suffix in SIDECARS:
+        beside = clip.with_name(clip.stem + suffix)
+        if beside.is_file():
+            return beside
+    return None
+
+
+def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress: Progress, say: Say) -> F64:
+    if landmarks.landmarker is not None:
+        return _detected(clip, landmarks.landmarker, progress, say)
+    file = landmarks.files[index] if landmarks.files else landmark_file(clip)
+    if file is None:
+        raise EnrolError(
+            f"{clip} has no landmarks: give them with --landmarks FILE, or a model that finds them "
+            "with --landmarker CARD.toml"
+        )
+    if not landmarks.files:
+        say(f"landmarks of {clip.name} from {file.name} beside it")
+    annotations: Annotations = load_annotations(file)
+    if annotations.note:
+        say(annotations.note)
+    return annotations.points.astype(np.float64)
+
+
+def _detected(clip: Path, landmarker: Landmarker, progress: Progress, say: Say) -> F64:
+    rows = []
+    missing = np.full((81, 2), np.nan)
+    with open_source(clip) as source:
+        follower = Follower(landmarker, report=lambda text: say(f"{clip.name}: {text}"))
+        for frame in source:
+            face = follower.step(frame.rgb())
+            rows.append(missing if face is None else face.points.astype(np.float64))
+            progress("landmarks", min(1.0, len(rows) / max(1, source.frame_count or 1)))
+        for problem in source.problems:
+            say(f"{clip.name}: {problem}")
+    if not rows or all(np.isnan(r).all() for r in rows):
+        raise EnrolError(f"no face found in {clip}; use a clip that shows the face from the front")
+    return np.stack(rows)
+
+
+def _observe(
+    clips: Sequence[Path], shapes: Sequence[F64], choice: Choice, options: TrainingOptions, progress: Progress
+) -> tuple[dict[int, Observation], F64 | None]:
+    """The chosen frames, and how the face lies in the detector's box."""
+    frame, wanted = ReferenceFrame.canonical(options.resolution), {int(i) for i in choice.all}
+    boxed = {int(i) for i in choice.training[:: max(1, len(choice.training) // BOX_FRAMES)]}
+    detector, boxes = LbpDetector(), []
+    observations: dict[int, Observation] = {}
+    base = 0
+    for clip, points in zip(clips, shapes, strict=True):
+        count = 0
+        with open_source(clip) as source:
+            for count, picture in enumerate(source, 1):
+                index = base + picture.index
+                if picture.index >= len(points):
+                    continue
+                if index in wanted:
+                    keep = index in choice.neutral
+                    seen = observe(picture.rgb(), points[picture.index], frame, keep_picture=keep)
+                    if not isinstance(seen, Failed):
+                        observations[index] = seen
+                        progress("frames", len(observations) / len(wanted))
+                if index in boxed:
+                    boxes.append(_box_relation(detector.detect(picture.luma), points[picture.index]))
+        if count != len(points):
+            raise EnrolError(
+                f"the landmarks of {clip} are for {len(points)} frames, the clip has {count}; "
+                "give the landmarks of this very clip"
+            )
+        base += len(points)
+    known = [b for b in boxes if b is not None]
+    return observations, np.median(known, axis=0) if len(known) >= 3 else None
+
+
+def _box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
+    """(3,) shape centre minus box centre and face width, in widths of the box that holds the nose."""
+    nose, centre = shape[30], shape.mean(0)
+    for x0, y0, x1, y1 in boxes.astype(np.float64):
+        if x0 < nose[0] < x1 and y0 < nose[1] < y1:
+            width = x1 - x0
+            middle = (x0 + x1) / 2, (y0 + y1) / 2
+            return np.array([*((centre - middle) / width), np.ptp(shape[:, 0]) / width])
+    return None
+
+
+__all__ = ["EnrolError", "LandmarkSource", "TrainingError", "enrol", "landmark_file"]

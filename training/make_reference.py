@@ -1,0 +1,69 @@
+"""Compute the canonical reference geometry (aam/data/face81.json) from the CC0 sample clips.
+
+    python training/make_reference.py
+
+Near-frontal frames of every sample person are aligned, averaged and made symmetric.  The lips come from the
+frames with the widest mouth, so that teeth and the inside of the mouth get pixels of their own.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from aam.similarity import align
+
+ROOT = Path(__file__).parents[1]
+MIRROR = np.array(
+    [*range(16, -1, -1), *range(26, 16, -1), 27, 28, 29, 30, 35, 34, 33, 32, 31,
+     45, 44, 43, 42, 47, 46, 39, 38, 37, 36, 41, 40,
+     54, 53, 52, 51, 50, 49, 48, 59, 58, 57, 56, 55, 64, 63, 62, 61, 60, 67, 66, 65, *range(80, 67, -1)]
+)  # fmt: skip
+LIPS = np.arange(48, 68)
+
+
+def _frontal(folder: Path) -> np.ndarray:
+    truth = np.load(folder / "talk.npz")
+    turned = np.abs(truth["yaw_pitch_roll_deg"][:, :2]).max(1)
+    return truth["landmarks"][turned < np.quantile(turned, 0.4)].astype(float)
+
+
+def _aligned_mean(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    mean = shapes[0]
+    for _ in range(5):
+        shapes = np.stack([align(s, mean).apply(s) for s in shapes])  # type: ignore[union-attr]
+        mean = shapes.mean(0)
+    return mean, shapes
+
+
+def _symmetric(shape: np.ndarray) -> np.ndarray:
+    centred = shape - shape.mean(0)
+    flipped = centred[MIRROR] * [-1, 1]
+    upright = align(flipped, centred, scale="symmetric").apply(flipped)  # type: ignore[union-attr]
+    mean = (centred + upright) / 2
+    axis = mean[27] - mean[8]
+    angle = np.arctan2(axis[0], -axis[1])
+    c, s = np.cos(-angle), np.sin(-angle)
+    mean = mean @ np.array([[c, -s], [s, c]]).T
+    return (mean + mean[MIRROR] * [-1, 1]) / 2
+
+
+def main() -> None:
+    means = []
+    for folder in sorted((ROOT / "sample_videos").glob("p*")):
+        mean, shapes = _aligned_mean(_frontal(folder))
+        gap = np.linalg.norm(shapes[:, 62] - shapes[:, 66], axis=1)
+        mean[LIPS] = shapes[gap >= np.quantile(gap, 0.8)].mean(0)[LIPS]
+        means.append(mean)
+    shape = _symmetric(_aligned_mean(np.stack(means))[0])
+    low, high = shape.min(0), shape.max(0)
+    unit = (shape - [(low[0] + high[0]) / 2, low[1]]) / (high[0] - low[0])
+    out = ROOT / "aam" / "data" / "face81.json"
+    out.write_text(json.dumps({"scheme": "face81", "unit": "face width", "points": unit.round(5).tolist()}) + "\n")
+    print(out.relative_to(ROOT), "height / width", round(float(unit[:, 1].max()), 3))
+
+
+if __name__ == "__main__":
+    main()
