@@ -20,6 +20,7 @@ JSON
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import re
@@ -27,9 +28,10 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from .face import Float32, LandmarkError, frozen
@@ -176,7 +178,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 def _load_npz(path: Path) -> Annotations:
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, _opened(file) as stored:
             found = [key for key in _NPZ_KEYS if key in stored.files]
             names = ", ".join(stored.files)
             array = stored[found[0]] if found else None
@@ -197,6 +199,14 @@ def _load_npz(path: Path) -> Annotations:
         raise LandmarkError(f"{found[0]} in {path} must be real numbers, got {array.dtype}")
     faces = array.astype(np.float64) if array.ndim == 4 else array.astype(np.float64)[:, None]
     return _annotations(path, faces, _scheme_for(path, array.shape[-2]))
+
+
+def _opened(file: BinaryIO) -> NpzFile:
+    """The arrays of an open npz file; ValueError for one bare array."""
+    stored = np.load(file, allow_pickle=False)
+    if not isinstance(stored, NpzFile):
+        raise ValueError("not an npz file")
+    return stored
 
 
 def _load_json(path: Path) -> Annotations:
@@ -398,5 +408,6 @@ def _write(path: Path, content: bytes) -> None:
         part.write_bytes(content)
         part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
         raise LandmarkError(f"landmarks could not be written to {path}: {error.strerror}") from error

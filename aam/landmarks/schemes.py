@@ -110,7 +110,7 @@ class Geometry:
         """The 13 forehead points (..., 13, 2) of iBUG 68 points (..., 68, 2), pixels."""
         shape = _complex(points)
         scale, shift = _similarity(self.mean[_STEADY], shape[..., _STEADY])
-        inside = (shape - shift) / scale
+        inside = _undone(shape, scale, shift)
         moved = _nose_displacement(inside, self.mean) @ self.turn
         forehead = (self.mean[68:] + moved[..., :13] + 1j * moved[..., 13:]) * scale + shift
         return np.stack([forehead.real, forehead.imag], axis=-1)
@@ -123,7 +123,7 @@ class Geometry:
         shape = _complex(points)[..., _STEADY]
         mean = self.mean[_STEADY]
         scale, shift = _similarity(mean, shape)
-        distance = np.abs((shape - shift) / scale - mean)
+        distance = np.abs(_undone(shape, scale, shift) - mean)
         return np.asarray(np.sqrt(np.mean(distance**2, axis=-1)))
 
 
@@ -137,7 +137,7 @@ def fit_geometry(people: Sequence[NDArray[Any]], ridge: float = 1e-5) -> Geometr
     sources, targets = [], []
     for shape in shapes:
         scale, shift = _similarity(mean[_STEADY], shape[:, _STEADY])
-        inside = (shape - shift) / scale
+        inside = _undone(shape, scale, shift)
         offset = (inside - mean)[:, 68:]
         weight = 1 / np.sqrt(len(shape))
         sources.append(weight * _nose_displacement(inside, mean))
@@ -255,6 +255,14 @@ def _similarity(
         np.abs(centred) ** 2
     )
     return scale, middle - scale * centre
+
+
+def _undone(
+    shape: NDArray[np.complex128], scale: NDArray[np.complex128], shift: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Points in the frame before the similarity; of coincident points (scale 0) the shift only is undone."""
+    with np.errstate(invalid="ignore"):  # NaN, a missing face, stays NaN
+        return np.asarray((shape - shift) / np.where(scale == 0, 1, scale))
 
 
 def _nose_displacement(inside: NDArray[np.complex128], mean: NDArray[np.complex128]) -> NDArray[np.float64]:
