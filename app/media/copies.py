@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import av
@@ -42,11 +43,13 @@ def fresh_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def muxer_options(format_name: str, keys: Mapping[str, str]) -> dict[str, str]:
-    """Options of the output container that make it keep every one of the metadata keys."""
-    if format_name in _ROTATING - {"matroska"} and not _MOV_KEYS.issuperset(keys):
-        return {"movflags": "+use_metadata_tags"}
-    return {}
+def muxer_options(format_name: str, keys: Mapping[str, str], time_base: Fraction) -> dict[str, str]:
+    """Options of the output container that make it keep every metadata key and the exact start time."""
+    if format_name not in _ROTATING - {"matroska"}:
+        return {}
+    ticks = time_base.denominator
+    options = {"movie_timescale": str(ticks * max(1000 // ticks, 1))}  # unit of edit lists, 1 ms by default
+    return options if _MOV_KEYS.issuperset(keys) else options | {"movflags": "+use_metadata_tags"}
 
 
 def can_rotate(format_name: str) -> bool:

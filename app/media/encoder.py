@@ -66,7 +66,7 @@ def encoder_settings(options: EncodeOptions) -> dict[str, str]:
     if options.lossless:
         return _lossless_settings(name)
     if name in _ALWAYS_LOSSLESS:
-        return _ffv1_settings(name)
+        return {}
     if name == "libvpx-vp9":
         return {"crf": str(options.crf), "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
     if name == "libsvtav1":
@@ -97,14 +97,10 @@ def _x26x_settings(options: EncodeOptions) -> dict[str, str]:
 
 def _lossless_settings(name: str) -> dict[str, str]:
     if name in _ALWAYS_LOSSLESS:
-        return _ffv1_settings(name)
+        return {}
     if name == "libvpx-vp9":
         return {"lossless": "1", "row-mt": "1"}
     raise MediaError(f"Encoder {name!r} has no lossless mode: use libx264, libx265, libvpx-vp9 or ffv1.")
-
-
-def _ffv1_settings(name: str) -> dict[str, str]:
-    return {"level": "3", "slices": "4", "slicecrc": "1"} if name == "ffv1" else {}
 
 
 def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) -> str:

@@ -42,7 +42,7 @@ class Frame:
     """One picture with its time; made by a source or by `from_rgb`.
 
     pts, time_base : the integer time stamp and its unit, seconds.
-    duration : in units of time_base, 0 if unknown.
+    duration : until the next frame, in units of time_base; 0 if unknown.
     index : count of frames before this one in its source.
     name : file name of an image, or None.
     width, height : pixels, as shown.

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _PATIENCE = 64  # failed reads in a row after which a file is taken to end
 _MOST_PROBLEMS = 200
+_HEADED = frozenset({"mp4", "matroska", "avi", "flv"})  # containers that state their duration
+_CUT_SHORT = Fraction(1, 2)  # seconds
 _REORDER = 64  # packets that may wait in a decoder at the end of a file
 
 
@@ -96,6 +98,7 @@ class Reader:
         self.time_base = Fraction(self.stream.time_base or Fraction(1, 90000))
         self._recent: deque[int] = deque(maxlen=_REORDER)
         self._last: int | None = None
+        self._reached = Fraction(0)
         self._shape: tuple[int, int, str] | None = None
 
     def _skip_unwanted_videos(self) -> None:
@@ -108,13 +111,42 @@ class Reader:
         self.container.close()
 
     def __iter__(self) -> Iterator[av.VideoFrame]:
-        for packet in self._packets():
-            if packet.stream_index == self.stream.index or (packet.dts is None and packet.size == 0):
-                if packet.stream is self.stream:
-                    yield from self._decode(packet)
-            else:
-                self.on_packet(packet)
+        """Pictures whose duration reaches to the next one: a demuxer only knows it in decoding order."""
+        held: av.VideoFrame | None = None
+        for picture in self._pictures():
+            if held is not None:
+                assert held.pts is not None
+                assert picture.pts is not None
+                held.duration = picture.pts - held.pts
+                yield held
+            held = picture
+        if held is not None:
+            held.duration = self._last_duration(held)
+            yield held
         self._report_missing_end()
+
+    def _pictures(self) -> Iterator[av.VideoFrame]:
+        for packet in self._packets():
+            self._follow(packet)
+            if packet.stream is self.stream:
+                yield from self._decode(packet)
+            elif packet.size or packet.dts is not None:
+                self.on_packet(packet)
+
+    def _last_duration(self, picture: av.VideoFrame) -> int:
+        """Up to the end of the stream where that is known, otherwise the average; 0 if unknown."""
+        assert picture.pts is not None
+        end = (self.stream.start_time or 0) + (self.stream.duration or 0)
+        if end > picture.pts:
+            return end - picture.pts
+        rate = self.stream.average_rate
+        return round(1 / (Fraction(rate) * self.time_base)) if rate else int(picture.duration or 0)
+
+    def _follow(self, packet: AnyPacket) -> None:
+        """Note how far into the file packets reach."""
+        if packet.pts is not None:
+            end = (packet.pts + (packet.duration or 0)) * Fraction(packet.time_base)
+            self._reached = max(self._reached, end)
 
     def _packets(self) -> Iterator[AnyPacket]:
         """All packets; a read error is reported and passed over, until too many follow each other."""
@@ -157,6 +189,17 @@ class Reader:
         missing = sum(1 for pts in self._recent if self._last is not None and pts > self._last)
         if missing:
             self.problems.note(f"The last {missing} pictures, after {self._clock()}, could not be decoded.")
+        announced = self._announced_end()
+        if announced is not None and self._reached < announced - _CUT_SHORT:
+            reached, end = float(self._reached), float(announced)
+            self.problems.note(f"The file ends at {reached:.2f} s, but its header announces {end:.2f} s.")
+
+    def _announced_end(self) -> Fraction | None:
+        """Where the header puts the end of the file, seconds; None where that would be a guess."""
+        kinds = set(self.container.format.name.split(","))
+        if not self.container.duration or len(self.container.streams.video) > 1 or not kinds & _HEADED:
+            return None
+        return Fraction((self.container.start_time or 0) + self.container.duration, av.time_base)
 
     # -- one picture --------------------------------------------------------------------------------------
 
@@ -185,9 +228,7 @@ class Reader:
         shape = (picture.width, picture.height, target)
         self._shape = self._shape or shape
         if target != name:
-            self.problems.note(
-                f"Pictures were converted from {name} to {self._shape[2]}, 8 bits a component."
-            )
+            self.problems.note(f"Pictures were converted from {name} to 8-bit {self._shape[2]}.")
         if (*shape[:2], name) == self._shape:
             return picture
         if shape != self._shape:
@@ -208,8 +249,7 @@ def nearest_format(picture: av.VideoFrame) -> str:
     fmt = picture.format
     if fmt.is_rgb or fmt.has_palette:
         return "yuv444p"
-    chroma = [part for part in fmt.components if part.is_chroma]
-    if not chroma:
+    if len(fmt.components) < 3:
         return "gray"
     wide, tall = fmt.chroma_width(64), fmt.chroma_height(64)
     if tall < 64:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Self
 
 import av
 import av.error
+from av.codec.context import Flags
 from av.video.frame import PictureType
 from av.video.stream import VideoStream
 
@@ -130,7 +131,7 @@ class VideoSink(Sink):
         try:
             self._output = av.open(
                 str(self._part), "w", format=format_name, metadata_errors="surrogateescape",
-                container_options=muxer_options(format_name, metadata),
+                container_options=muxer_options(format_name, metadata, source.time_base),
             )  # fmt: skip
             self._output.metadata.update(metadata)
             self._stream = self._add_video(source, settings)
@@ -170,6 +171,7 @@ class VideoSink(Sink):
         stream.pix_fmt = target.fmt
         context = stream.codec_context
         context.time_base = source.time_base
+        context.flags |= Flags.frame_duration
         context.color_range, context.colorspace = target.span, target.matrix
         context.color_primaries, context.color_trc = target.primaries, target.transfer
         if target.aspect:
