@@ -3,6 +3,10 @@
 y_t* = (Q_t + alpha Qbar_t) y_s minimises |y_t - y_s|^2 + phi |Qbar_t y_t|^2 with alpha = 1 / (phi + 1) (de la Hunty,
 Asthana and Goecke, ICPR 2010, theorem 1; it prints Q_s, the proof gives Q_t).  With y_s = Y_s rho_s that is
 M rho_s, M = alpha Y_s + (1 - alpha) Y_t (Y_t^T Y_s).
+
+Two things are added to the paper.  Both faces are anchored on their neutral appearance, because the mean of a talking
+face is not at rest; and what alpha lets through is gated over the face: in full for the shape and around eyes and
+mouth, where expression shows in the texture, less elsewhere, where it is mostly the source's own brows and shading.
 """
 
 from __future__ import annotations
@@ -10,10 +14,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import AppearanceModel
+from aam.appearance import SHAPE, AppearanceModel
+from aam.mask import expressive_mask
+from aam.reference import ReferenceFrame
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
 DEFAULT_ALPHA = 0.6
+GATE = 0.35  # share of alpha away from eyes and mouth
+MOST_YAW = 35.0  # degrees by which a neutral face may be turned
 
 
 class ReferenceMismatchError(ValueError):
@@ -23,8 +32,9 @@ class ReferenceMismatchError(ValueError):
 class Extrapolator:
     """Maps a source model's parameters to the target's appearance.
 
-    Anchored on the neutral faces: y = n_t + M (rho_s - rho_s,neutral).  Without anchoring: y = m_t + M rho_s, which
-    carries the difference of the two mean expressions into every frame.
+    Anchored on the neutral faces: y = n_t + M (rho_s - rho_s,neutral), n_t turned to the side as far as the source's
+    neutral face is.  Without anchoring: y = m_t + M rho_s, which carries the difference of the two mean expressions
+    into every frame.
 
     Parameters
     ----------
@@ -32,6 +42,7 @@ class Extrapolator:
     alpha : share in [0, 1] of the expression outside the target's own space that is let through: 1 is direct
         transfer, 0 projection.
     anchored : anchor on the neutral appearances.
+    gate : share in [0, 1] of alpha for texture away from eyes and mouth; 1 is the paper's formula.
 
     Raises
     ------
@@ -46,6 +57,7 @@ class Extrapolator:
         alpha: float = DEFAULT_ALPHA,
         *,
         anchored: bool = True,
+        gate: float = GATE,
     ) -> None:
         if source.frame.id != target.frame.id:
             raise ReferenceMismatchError(
@@ -53,10 +65,10 @@ class Extrapolator:
                 f"{target.frame.resolution} pixels across the face); enrol both with the same --resolution"
             )
         ys, yt = source.components.basis, target.components.basis
-        self._direct = np.ascontiguousarray(ys)
         self._projected = yt @ (yt.T @ ys)
-        self._matrix = np.empty_like(self._direct)
-        self._base = target.neutral if anchored else target.components.mean
+        self._outside = _gate(source.frame, gate)[:, None] * (ys - self._projected)
+        self._matrix = np.empty_like(self._projected)
+        self._base = _turned(target, source) if anchored else target.components.mean
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
         self.alpha = alpha
 
@@ -70,8 +82,7 @@ class Extrapolator:
         if not 0 <= value <= 1:
             raise ValueError(f"alpha must be in [0, 1], got {value}")
         self._alpha = float(value)
-        np.subtract(self._direct, self._projected, out=self._matrix)
-        self._matrix *= np.float32(value)
+        np.multiply(self._outside, np.float32(value), out=self._matrix)
         self._matrix += self._projected
 
     @property
@@ -82,3 +93,18 @@ class Extrapolator:
     def apply(self, parameters: F32) -> F32:
         """Target appearance (n,) of source parameters rho_s (k,)."""
         return np.asarray(self._matrix @ (parameters - self._rest) + self._base, np.float32)
+
+
+def _gate(frame: ReferenceFrame, gate: float) -> F32:
+    """(n,) weights of an appearance vector's entries: 1 for shape, eyes and mouth, `gate` elsewhere."""
+    soft = gate + (1 - gate) * expressive_mask(frame)[frame.mask]
+    return np.concatenate([np.ones(SHAPE, np.float32), np.repeat(soft.astype(np.float32), 3)])
+
+
+def _turned(target: AppearanceModel, source: AppearanceModel) -> F32:
+    """The target's neutral appearance with its shape turned to the yaw of the source's."""
+    frame = target.frame
+    yaw = np.clip(frame.yaw(source.neutral_shape), -MOST_YAW, MOST_YAW) - frame.yaw(target.neutral_shape)
+    neutral = target.neutral.copy()
+    neutral[:SHAPE] += (yaw * frame.shape_weight * frame.yaw_mode).ravel().astype(np.float32)
+    return neutral

@@ -37,6 +37,16 @@ def skin_mask(frame: ReferenceFrame) -> Mask:
     return skin & (near == 0)
 
 
+def expressive_mask(frame: ReferenceFrame) -> F32:
+    """(h, w) float32 in [0, 1]: 1 at eyes and mouth, where expression changes the texture itself, soft-edged."""
+    canvas = np.zeros(frame.size, np.float32)
+    for part in (slice(36, 42), slice(42, 48), slice(48, 68)):
+        hull = cv2.convexHull(np.round(frame.points[part]).astype(np.int32))
+        cv2.fillConvexPoly(canvas, hull, 1.0)
+    wide = cv2.dilate(canvas, np.ones((3, 3), np.uint8), iterations=max(1, round(0.03 * frame.resolution)))
+    return np.asarray(cv2.GaussianBlur(wide, (0, 0), 0.015 * frame.resolution), np.float32)
+
+
 def learn_mask(textures: F32, frame: ReferenceFrame) -> Mask:
     """Face pixels (h, w) bool learned from training textures (m, n, 3).
 

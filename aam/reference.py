@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.landmarks.schemes import MIRROR
 from aam.similarity import align_planar
 
 F32 = NDArray[np.float32]
@@ -62,6 +63,21 @@ class ReferenceFrame:
         (80, 68)
         """
         return _canonical(int(resolution))
+
+    @cached_property
+    def yaw_mode(self) -> F64:
+        """(81, 2) displacement of the points, grid pixels, per degree that a head turns to the image right."""
+        return np.array(_data()["yaw_per_degree"]) * self.resolution
+
+    def yaw(self, aligned: F64) -> float:
+        """Degrees by which the head of an aligned shape (81, 2) is turned to the image right.
+
+        Read off the part of the shape that is not symmetric, so that a broad face does not pass for a turned one.
+        """
+        flipped = aligned[list(MIRROR)] * [-1, 1] + [2 * float(self.points[27, 0]), 0]
+        skewed = (aligned - self.align(flipped)) / 2
+        mode = self.yaw_mode
+        return float((skewed * mode).sum() / (mode * mode).sum())
 
     @cached_property
     def resolution(self) -> int:
@@ -184,13 +200,21 @@ def _filled(triangle_map: Ints) -> Ints:
     return np.asarray(triangle_map[tuple(nearest)])
 
 
+@lru_cache(maxsize=1)
+def _data() -> dict[str, list[list[float]]]:
+    content: dict[str, list[list[float]]] = json.loads(
+        resources.files("aam").joinpath("data/face81.json").read_text()
+    )
+    return content
+
+
 @lru_cache(maxsize=4)
 def _canonical(resolution: int) -> ReferenceFrame:
     if not 32 <= resolution <= 512:
         raise ValueError(f"the texture resolution must be 32 to 512 pixels across the face, got {resolution}")
     from scipy.spatial import Delaunay
 
-    unit = np.array(json.loads(resources.files("aam").joinpath("data/face81.json").read_text())["points"])
+    unit = np.array(_data()["points"])
     points = (unit - unit.min(0)) * resolution + MARGIN
     width, height = np.ceil(points.max(0)).astype(int) + MARGIN
     triangles = Delaunay(unit).simplices.astype(np.int32)

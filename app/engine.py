@@ -24,6 +24,7 @@ from aam.reference import POINTS, RIGID_WEIGHTS
 from aam.similarity import Failed, Similarity, align, align_planar
 from aam.tracker import Fit
 from app.media import ColourMatrix, Frame
+from app.palette import Palette
 from render import Compositor, feather, make_compositor
 from render.compositor import Renderer
 
@@ -32,8 +33,6 @@ F64 = NDArray[np.float64]
 
 FEATHER = 0.02  # standard deviation of the soft border, in face widths
 HOLD = 4  # frames for which a lost face keeps its last place
-PALETTE_MEMORY = 0.85  # share of the palette that stays from frame to frame
-PALETTE_PRIOR = 0.3  # pull of the palette's rotation towards none
 FINE = 1.15  # face on screen wider than this many texture grids: detail is added
 
 # Jaw and forehead follow the head in the picture, so that the face is as wide as the head and no second chin shows.
@@ -143,11 +142,9 @@ class Painter:
         self.options, self.frame = options, target.frame
         mask = source.appearance.mask & target.appearance.mask
         self._alpha = feather(mask, FEATHER * self.frame.resolution)
-        seen = self._alpha[self.frame.mask][estimator.texels] > 0.5
-        self._skin = estimator.skin[seen[estimator.skin]]
-        self._texels = estimator.texels[self._skin]
+        self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
+        self._texels = estimator.texels
         self._detail = target.detail
-        self._palette = Palette(options.palette)
         self._compositors: dict[bool, Compositor] = {}
         self._grid = np.zeros((*self.frame.size, 3), np.float32)
 
@@ -160,7 +157,7 @@ class Painter:
         mesh, zoom = self.place(shape, head)
         texture = appearance[SHAPE:].reshape(-1, 3)
         if texels is not None:
-            self._palette.update(texture[self._texels], texels[self._skin])
+            self._palette.update(texture[self._texels], texels)
         self.blend(frame, mesh, texture, zoom)
         return mesh
 
@@ -198,10 +195,8 @@ class Painter:
 
     def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> NDArray[np.uint8]:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
-        matrix = colour.from_rgb[:, :3] @ self._palette.linear
-        offset = colour.from_rgb[:, :3] @ self._palette.offset + colour.from_rgb[:, 3]
-        flat = self._grid.reshape(-1, 3)
-        flat[self.frame.pixels] = texture @ matrix.T.astype(np.float32) + offset.astype(np.float32)
+        to_stored = colour.from_rgb[:, :3]
+        self._grid.reshape(-1, 3)[self.frame.pixels] = self._palette.apply(texture, to_stored, colour.from_rgb[:, 3])
         picture = self._grid
         if zoom < 0.7:
             picture = cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom)
@@ -224,28 +219,3 @@ class Painter:
         return self._compositors[fine]
 
 
-class Palette:
-    """The colour similarity from the face's palette to the frame's, smooth in time."""
-
-    def __init__(self, scale: Literal["symmetric", "least-squares"]) -> None:
-        self._scale: Literal["symmetric", "least-squares"] = scale
-        self.forget()
-
-    def forget(self) -> None:
-        """Back to the identity; the next update is taken as it is."""
-        self.linear, self.offset, self._fresh = np.eye(3), np.zeros(3), True
-
-    @property
-    def contrast(self) -> float:
-        """Scale of grey differences."""
-        return float(self.linear.sum() / 3)
-
-    def update(self, face: F32, seen: F32) -> None:
-        """Move towards the similarity that takes the face's RGB (n, 3) to what the frame shows there (n, 3)."""
-        found = align(face, seen, scale=self._scale, prior=PALETTE_PRIOR)
-        if not isinstance(found, Similarity):
-            return
-        keep = 0.0 if self._fresh else PALETTE_MEMORY
-        self.linear = keep * self.linear + (1 - keep) * found.linear
-        self.offset = keep * self.offset + (1 - keep) * found.translation
-        self._fresh = False

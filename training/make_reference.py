@@ -3,7 +3,8 @@
     python training/make_reference.py
 
 Near-frontal frames of every sample person are aligned, averaged and made symmetric.  The lips come from the
-frames with the widest mouth, so that teeth and the inside of the mouth get pixels of their own.
+frames with the widest mouth, so that teeth and the inside of the mouth get pixels of their own.  How the points move
+when a head turns to the side (yaw) is regressed from all frames and made antisymmetric.
 """
 
 from __future__ import annotations
@@ -13,14 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from aam.landmarks import MIRROR
+from aam.reference import RIGID_WEIGHTS
 from aam.similarity import align
 
 ROOT = Path(__file__).parents[1]
-MIRROR = np.array(
-    [*range(16, -1, -1), *range(26, 16, -1), 27, 28, 29, 30, 35, 34, 33, 32, 31,
-     45, 44, 43, 42, 47, 46, 39, 38, 37, 36, 41, 40,
-     54, 53, 52, 51, 50, 49, 48, 59, 58, 57, 56, 55, 64, 63, 62, 61, 60, 67, 66, 65, *range(80, 67, -1)]
-)  # fmt: skip
 LIPS = np.arange(48, 68)
 
 
@@ -40,14 +38,30 @@ def _aligned_mean(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _symmetric(shape: np.ndarray) -> np.ndarray:
     centred = shape - shape.mean(0)
-    flipped = centred[MIRROR] * [-1, 1]
+    flipped = centred[list(MIRROR)] * [-1, 1]
     upright = align(flipped, centred, scale="symmetric").apply(flipped)  # type: ignore[union-attr]
     mean = (centred + upright) / 2
     axis = mean[27] - mean[8]
     angle = np.arctan2(axis[0], -axis[1])
     c, s = np.cos(-angle), np.sin(-angle)
     mean = mean @ np.array([[c, -s], [s, c]]).T
-    return (mean + mean[MIRROR] * [-1, 1]) / 2
+    return (mean + mean[list(MIRROR)] * [-1, 1]) / 2
+
+
+def _yaw_mode(reference: np.ndarray) -> np.ndarray:
+    """(81, 2) displacement per degree of yaw, in face widths."""
+    modes = []
+    for folder in sorted((ROOT / "sample_videos").glob("p*")):
+        for clip in ("talk", "talk2"):
+            truth = np.load(folder / f"{clip}.npz")
+            turn = truth["yaw_pitch_roll_deg"][:, :2].astype(float)
+            shapes = np.stack(
+                [align(s, reference, RIGID_WEIGHTS).apply(s) for s in truth["landmarks"].astype(float)]  # type: ignore[union-attr]
+            )
+            design = np.column_stack([turn, np.ones(len(turn))])
+            modes.append(np.linalg.lstsq(design, shapes.reshape(len(shapes), -1), rcond=None)[0][0].reshape(-1, 2))
+    mode = np.mean(modes, axis=0)
+    return (mode - mode[list(MIRROR)] * [-1, 1]) / 2
 
 
 def main() -> None:
@@ -61,7 +75,13 @@ def main() -> None:
     low, high = shape.min(0), shape.max(0)
     unit = (shape - [(low[0] + high[0]) / 2, low[1]]) / (high[0] - low[0])
     out = ROOT / "aam" / "data" / "face81.json"
-    out.write_text(json.dumps({"scheme": "face81", "unit": "face width", "points": unit.round(5).tolist()}) + "\n")
+    content = {
+        "scheme": "face81",
+        "unit": "face width",
+        "points": unit.round(5).tolist(),
+        "yaw_per_degree": _yaw_mode(unit).round(7).tolist(),
+    }
+    out.write_text(json.dumps(content) + "\n")
     print(out.relative_to(ROOT), "height / width", round(float(unit[:, 1].max()), 3))
 
 

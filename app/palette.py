@@ -1,0 +1,95 @@
+"""The colour similarity from the face's palette to the frame's, with the frame's light over the face.
+
+Light over a face is a smooth field: per channel a quadratic in the place on the reference grid, fitted to skin.  The
+donor's own field is taken off, the remaining colours are carried by a similarity (de la Hunty, Asthana and Goecke 2010,
+section 3.2, with the symmetric scale), and the field that the frame shows is put on.  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.mask import skin_mask
+from aam.reference import ReferenceFrame
+from aam.similarity import Scale, Similarity, align
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+MEMORY = 0.85  # share that stays from frame to frame
+PRIOR = 1.0  # pull of the rotation towards none
+CONTRAST = (0.6, 1.6)  # range of the scale
+KNEE = 0.35  # slope above the brightest skin, so that teeth and eyes do not glow
+
+
+class Palette:
+    """Fits once per frame, smooth in time; applies to whole textures.
+
+    Parameters
+    ----------
+    frame : ReferenceFrame.
+    texels : (t,) indices into the frame's mask pixels: where colours are compared.
+    mask : (h, w) bool, where the face is shown.
+    scale : of the colour similarity.
+    """
+
+    def __init__(
+        self, frame: ReferenceFrame, texels: NDArray[np.intp], mask: NDArray[np.bool_], scale: Scale
+    ) -> None:
+        self._scale: Scale = scale
+        self._field = _quadratic(frame)
+        shown = mask[frame.mask][texels]
+        self._shown = np.flatnonzero(shown)
+        self._skin = np.flatnonzero(shown & skin_mask(frame)[frame.mask][texels])
+        self._at = self._field[texels].astype(np.float64)
+        on_skin = self._at[self._skin]
+        self._solve = np.linalg.solve(on_skin.T @ on_skin + 1e-3 * len(on_skin) * np.diag([0, 0, 0, 1, 1, 1]), on_skin.T)
+        self.forget()
+
+    def forget(self) -> None:
+        """The next update is taken as it is."""
+        self._linear, self._light, self._bright = np.eye(3), np.zeros((6, 3)), 255.0
+        self._fresh = True
+
+    @property
+    def contrast(self) -> float:
+        """Scale of grey differences."""
+        return float(self._linear.sum() / 3)
+
+    def update(self, face: F32, seen: F32) -> None:
+        """Move towards what takes the face's RGB (t, 3) to what the frame shows (t, 3), both at the texels."""
+        own, there = self._solve @ face[self._skin], self._solve @ seen[self._skin]
+        at = self._at[self._shown]
+        found = align(face[self._shown] - at @ own, seen[self._shown] - at @ there, scale=self._scale, prior=PRIOR)
+        if not isinstance(found, Similarity):
+            return
+        linear = float(np.clip(found.scale, *CONTRAST)) * found.rotation
+        keep = 0.0 if self._fresh else MEMORY
+        self._linear = keep * self._linear + (1 - keep) * linear
+        self._light = keep * self._light + (1 - keep) * (there - own @ linear.T)
+        bright = float(np.quantile(seen[self._skin].mean(1), 0.98))
+        self._bright = keep * self._bright + (1 - keep) * bright
+        self._fresh = False
+
+    def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
+        """A texture (n, 3) RGB in the frame's palette, as the frame's stored components (n, 3) float32.
+
+        to_stored (3, 3), offset (3,) : RGB to stored components; the first of them is brightness.
+        """
+        matrix = (to_stored @ self._linear).astype(np.float32)
+        light = (self._light @ to_stored.T).astype(np.float32)
+        light[0] += offset
+        out = texture @ matrix.T
+        out += self._field @ light
+        knee = np.float32(self._bright * to_stored[0].sum() + offset[0])
+        out[:, 0] -= np.float32(1 - KNEE) * np.maximum(out[:, 0] - knee, 0)
+        return np.asarray(out, np.float32)
+
+
+def _quadratic(frame: ReferenceFrame) -> F32:
+    """(n, 6): 1, x, y, x^2, x y, y^2 over the mask pixels, in face widths from the middle."""
+    ys, xs = np.divmod(frame.pixels, frame.size[1])
+    x = (xs - frame.size[1] / 2) / frame.resolution
+    y = (ys - frame.size[0] / 2) / frame.resolution
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1).astype(np.float32)
