@@ -49,8 +49,8 @@ def yuv_matrix(colourspace: int, colour_range: int, height: int) -> ColourMatrix
 
     An unspecified colourspace is BT.709 from 720 lines up and BT.601 below; an unspecified range is limited.
 
-    >>> yuv_matrix(BT709, LIMITED, 720).to_rgb.round(3).tolist()[0]
-    [1.164, 0.0, 1.793, -248.10099792480469]
+    >>> [f"{weight:.3f}" for weight in yuv_matrix(BT709, LIMITED, 720).to_rgb[0]]
+    ['1.164', '0.000', '1.793', '-248.101']
     """
     fallback = BT709 if height >= 720 else SMPTE170M
     kr, kb = _LUMA_WEIGHTS.get(colourspace, _LUMA_WEIGHTS[fallback])

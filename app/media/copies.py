@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import av
 import av.error
+from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
@@ -31,6 +32,9 @@ _MOV_KEYS = frozenset(
         "creation_time",
     }
 )  # fmt: skip
+_UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
+# Containers that hold variable frame rate and arbitrary other streams.
+_CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
 
 
@@ -50,6 +54,11 @@ def muxer_options(format_name: str, keys: Mapping[str, str], time_base: Fraction
     ticks = time_base.denominator
     options = {"movie_timescale": str(ticks * max(1000 // ticks, 1))}  # unit of edit lists, 1 ms by default
     return options if _MOV_KEYS.issuperset(keys) else options | {"movflags": "+use_metadata_tags"}
+
+
+def keeps_times(format_name: str) -> bool:
+    """Whether the container holds any time stamps; the others would drop or repeat frames."""
+    return format_name in _CONTAINERS
 
 
 def can_rotate(format_name: str) -> bool:
@@ -87,6 +96,8 @@ class StreamCopies:
             if stream.type in ("audio", "subtitle") and stream.codec_context is not None:
                 raise MediaError(_refusal(stream, self._output)) from error
             return "the output container cannot hold it"
+        if isinstance(copy, AudioStream) and copy.layout.name in _UNNAMED_LAYOUTS:
+            copy.codec_context.layout = _UNNAMED_LAYOUTS[copy.layout.name]  # MP4 wants a name for it
         copy.disposition = stream.disposition
         copy.metadata.update(fresh_metadata(stream.metadata))
         self._streams[stream.index] = copy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import av
@@ -9,7 +10,7 @@ from av.codec.codec import UnknownCodecError
 
 from app.media.errors import MediaError
 
-_SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1", "mpeg4")
+_SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1")
 _X26X = frozenset({"libx264", "libx264rgb", "libx265"})
 _X26X_PRESETS = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo"
@@ -24,6 +25,7 @@ _FALLBACKS = {
     (1, 0): ("yuv422p", "yuv444p", "yuv420p"),
     (1, 1): ("yuv420p", "yuv422p", "yuv444p"),
 }
+_DEEP_FALLBACKS = ("yuv422p10le", "yuv420p10le", "yuv444p10le")
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ def encoder_settings(options: EncodeOptions) -> dict[str, str]:
     if name == "libvpx-vp9":
         return {"crf": str(options.crf), "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
     if name == "libsvtav1":
+        os.environ.setdefault("SVT_LOG", "1")  # it would print its settings
         return {
             "crf": str(options.crf),
             "preset": "10" if options.preset == _DEFAULT_PRESET else options.preset,
@@ -108,7 +111,7 @@ def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) ->
     supported = [fmt.name for fmt in codec.video_formats or ()]
     if not supported or name in supported:
         return name
-    for candidate in (name.replace("yuvj", "yuv"), *_FALLBACKS[chroma_shift]):
+    for candidate in (name.replace("yuvj", "yuv"), *_FALLBACKS[chroma_shift], *_DEEP_FALLBACKS):
         if candidate in supported:
             return candidate
     raise MediaError(

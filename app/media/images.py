@@ -75,7 +75,7 @@ def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str
     done, data = cv2.imencode(suffix, cv2.merge(channels), settings)
     if not done:
         raise MediaError(
-            f"an image of {rgb.shape[1]} x {rgb.shape[0]} cannot be written as {suffix}: use .png."
+            f"An image of {rgb.shape[1]} x {rgb.shape[0]} cannot be written as {suffix}: use .png."
         )
     return _with_tags(data.tobytes(), suffix, tags)
 

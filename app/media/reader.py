@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _PATIENCE = 64  # failed reads in a row after which a file is taken to end
 _MOST_PROBLEMS = 200
+_TEXT_AS_VIDEO = frozenset({"tty", "bin", "xbin", "adf", "idf"})  # FFmpeg plays text as a terminal's pictures
 _HEADED = frozenset({"mp4", "matroska", "avi", "flv"})  # containers that state their duration
 _CUT_SHORT = Fraction(1, 2)  # seconds
 _REORDER = 64  # packets that may wait in a decoder at the end of a file
@@ -50,7 +51,7 @@ class Problems(list[str]):
 def open_container(path: Path) -> InputContainer:
     """Open a media file, or say in one sentence why it is not one."""
     try:
-        return av.open(str(path), "r", metadata_errors="surrogateescape")
+        container = av.open(str(path), "r", metadata_errors="surrogateescape")
     except PermissionError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
     except (av.error.FFmpegError, OSError) as error:
@@ -58,6 +59,10 @@ def open_container(path: Path) -> InputContainer:
             f"{path} is not a video that can be read ({_reason(error)}): give a video file, "
             "an image or a folder of images."
         ) from error
+    if container.format.name in _TEXT_AS_VIDEO:
+        container.close()
+        raise MediaError(f"{path} is a text file: give a video file, an image or a folder of images.")
+    return container
 
 
 def main_video(container: InputContainer, path: Path) -> VideoStream:
@@ -139,7 +144,11 @@ class Reader:
         end = (self.stream.start_time or 0) + (self.stream.duration or 0)
         if end > picture.pts:
             return end - picture.pts
-        rate = self.stream.average_rate
+        return self._usual_duration(picture)
+
+    def _usual_duration(self, picture: av.VideoFrame) -> int:
+        """From the average rate, or what the decoder says; 0 if unknown."""
+        rate = self.stream.average_rate or self.stream.guessed_rate
         return round(1 / (Fraction(rate) * self.time_base)) if rate else int(picture.duration or 0)
 
     def _follow(self, packet: AnyPacket) -> None:
@@ -213,10 +222,9 @@ class Reader:
 
     def _time_of(self, picture: av.VideoFrame) -> int:
         pts = picture.pts if picture.pts is not None else picture.dts
-        step = max(int(picture.duration or 0), 1)
         if pts is None:
-            self.problems.note("Pictures without a time stamp were placed by their duration.")
-            return 0 if self._last is None else self._last + step
+            self.problems.note("Pictures without a time stamp were placed by the frame rate.")
+            return 0 if self._last is None else self._last + max(self._usual_duration(picture), 1)
         if self._last is not None and pts <= self._last:
             self.problems.note(f"The time stamp at {self._clock(pts)} does not ascend and was moved on.")
             return self._last + 1

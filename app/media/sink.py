@@ -10,6 +10,7 @@ import os
 import shutil
 import threading
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -21,7 +22,7 @@ from av.codec.context import Flags
 from av.video.frame import PictureType
 from av.video.stream import VideoStream
 
-from app.media.copies import StreamCopies, can_rotate, fresh_metadata, muxer_options
+from app.media.copies import StreamCopies, can_rotate, fresh_metadata, keeps_times, muxer_options
 from app.media.encoder import EncodeOptions, available_encoders, encoder_settings, find_encoder
 from app.media.errors import MediaError
 from app.media.frame import Frame
@@ -118,10 +119,11 @@ class VideoSink(Sink):
         tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
     ) -> None:  # fmt: skip
         super().__init__(path, force=force)
-        self._options = options
         self._lock = threading.Lock()
         self._last: Fraction | None = None
         codec = find_encoder(options.encoder)
+        options = replace(options, encoder=codec.name)  # "h264" finds libx264
+        self._options = options
         self._target = target_for(source, codec, options, size)
         settings = encoder_settings(options)
         format_name = _container_of(path)
@@ -164,7 +166,7 @@ class VideoSink(Sink):
         except ValueError as error:
             raise MediaError(
                 f"{self.path.name} cannot hold video from encoder {self._options.encoder!r}: "
-                "write to .mkv, or use --encoder libx264."
+                "use --encoder libx264 with .mp4 or .mkv, or libvpx-vp9 with .webm."
             ) from error
         assert isinstance(stream, VideoStream)
         stream.width, stream.height = target.coded
@@ -355,9 +357,12 @@ def _container_of(path: Path) -> str:
     """FFmpeg's name of the container that the suffix stands for."""
     try:
         with av.open(str(path), "w") as probe:  # opens no file until its header is written
-            return probe.format.name
+            name = probe.format.name
     except ValueError as error:
         raise MediaError(f"{path} does not name a video container: use .mp4, .mov or .mkv.") from error
+    if not keeps_times(name):
+        raise MediaError(f"{path.name} cannot keep video with its time stamps: use .mp4, .mov or .mkv.")
+    return name
 
 
 def _metadata(source: Source, tags: Mapping[str, str], private: bool) -> dict[str, str]:

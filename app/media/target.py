@@ -47,6 +47,8 @@ class Target:
             return video
         if video.format.name.replace("yuvj", "yuv") != self.fmt.replace("yuvj", "yuv"):
             video = reformat(video, *self.size, self.fmt)
+            if self.coded == self.size:
+                return video
         return clone_video_frame(video, *self.coded, self.fmt)
 
     def _from_rgb(self, frame: Frame) -> av.VideoFrame:

@@ -1,0 +1,154 @@
+"""The pipeline: order, bounds, errors and memory."""
+
+from __future__ import annotations
+
+import resource
+import threading
+import time
+import weakref
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from app.media import EncodeOptions, Frame, open_sink, open_source, process
+from app.media.sink import Sink
+from app.media.source import Source
+
+SHARED = Path(__file__).parents[2] / "shared"
+SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"
+
+
+class Numbers(Source):
+    """Frames 0 .. count - 1; keeps track of how many are alive."""
+
+    def __init__(self, count: int, fail_at: int | None = None) -> None:
+        super().__init__(Path("numbers"))
+        self.count, self.fail_at = count, fail_at
+        self.alive: weakref.WeakSet[Frame] = weakref.WeakSet()
+        self.most = 0
+
+    def __iter__(self) -> Iterator[Frame]:
+        for index in range(self.count):
+            if index == self.fail_at:
+                raise OSError("the drive is gone")
+            frame = Frame.from_rgb(np.zeros((4, 4, 3), np.uint8), index, Fraction(1, 30), index)
+            self.alive.add(frame)
+            self.most = max(self.most, len(self.alive))
+            yield frame
+            del frame
+
+
+class Memory(Sink):
+    """Notes the indices written."""
+
+    def __init__(self, delay: float = 0.0, fail_at: int | None = None) -> None:
+        super().__init__(Path("memory"), force=False)
+        self.indices: list[int] = []
+        self.delay, self.fail_at = delay, fail_at
+
+    def write(self, frame: Frame) -> None:
+        if len(self.indices) == self.fail_at:
+            raise OSError("the disk is full")
+        time.sleep(self.delay)
+        self.indices.append(frame.index)
+
+
+@pytest.mark.parametrize("queue", [1, 3, 8])
+def test_every_frame_passes_once_in_order(queue: int) -> None:
+    source, sink = Numbers(100), Memory()
+    worked: list[int] = []
+    steps: list[int] = []
+    stats = process(source, sink, lambda f: worked.append(f.index), progress=steps.append, queue=queue)
+    assert sink.indices == worked == list(range(100))
+    assert steps == list(range(1, 101))
+    assert stats.frames == 100
+
+
+@pytest.mark.parametrize("queue", [1, 4])
+@pytest.mark.parametrize("slow", ["work", "sink"])
+def test_the_number_of_frames_alive_is_bounded(slow: str, queue: int) -> None:
+    source, sink = Numbers(80), Memory(delay=0.002 if slow == "sink" else 0)
+    process(source, sink, lambda frame: time.sleep(0.002 if slow == "work" else 0), queue=queue)
+    assert source.most <= 2 * queue + 3
+
+
+@pytest.mark.parametrize("where", ["source", "work", "sink"])
+@pytest.mark.parametrize("at", [0, 5, 29])
+def test_the_first_error_stops_everything_and_comes_once(where: str, at: int) -> None:
+    source = Numbers(30, at if where == "source" else None)
+    sink = Memory(fail_at=at if where == "sink" else None)
+
+    def work(frame: Frame) -> None:
+        if where == "work" and frame.index == at:
+            raise OSError("the work failed")
+
+    with pytest.raises(OSError, match=r"the (drive is gone|work failed|disk is full)"):
+        process(source, sink, work, queue=2)
+    assert threading.active_count() == 1
+
+
+def test_decoding_working_and_encoding_overlap() -> None:
+    class Slow(Numbers):
+        def __iter__(self) -> Iterator[Frame]:
+            for frame in super().__iter__():
+                time.sleep(0.01)
+                yield frame
+
+    start = time.perf_counter()
+    stats = process(Slow(30), Memory(delay=0.01), lambda frame: time.sleep(0.01))
+    seconds = time.perf_counter() - start
+    assert seconds < 0.75 * (stats.decode_seconds + stats.work_seconds + stats.encode_seconds)
+
+
+def test_work_runs_in_the_callers_thread() -> None:
+    threads: set[int] = set()
+    process(Numbers(5), Memory(), lambda frame: threads.add(threading.get_ident()))
+    assert threads == {threading.get_ident()}
+
+
+def long_clip(path: Path, count: int) -> Path:
+    with av.open(str(path), "w") as out:
+        video = out.add_stream("libx264", 30, {"preset": "ultrafast", "crf": "40"})
+        video.width, video.height = 320, 240
+        frame = av.VideoFrame.from_ndarray(np.full((240, 320, 3), 90, np.uint8), "rgb24")
+        for index in range(count):
+            frame.pts, frame.time_base = index, Fraction(1, 30)
+            out.mux(video.encode(frame))
+        out.mux(video.encode(None))
+    return path
+
+
+def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
+    def touch(frame: Frame) -> None:
+        roi = frame.align_roi(10, 10, 100, 100)
+        frame.write_roi(roi[0], roi[1], frame.read_roi(*roi))
+
+    peaks = []
+    for number, count in enumerate([300, 1500]):
+        clip = long_clip(tmp_path / f"in{number}.mp4", count)
+        with (
+            open_source(clip) as source,
+            open_sink(tmp_path / f"out{number}.mp4", source, EncodeOptions(preset="ultrafast")) as sink,
+        ):
+            assert process(source, sink, touch).frames == count
+        peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    assert peaks[1] - peaks[0] < 25  # MiB; 1,200 frames more are 132 MiB
+
+
+@pytest.mark.skipif(not (SHARED / "data/real/room_s18.mp4").exists(), reason="needs the shared 720p clip")
+def test_a_720p_clip_with_audio_passes_through(tmp_path: Path) -> None:
+    clip = SHARED / "data/real/room_s18.mp4"
+    with (
+        open_source(clip) as source,
+        open_sink(tmp_path / "out.mp4", source, EncodeOptions(preset="ultrafast", crf=35)) as sink,
+    ):
+        stats = process(source, sink, lambda frame: None)
+    assert stats.frames == 282
+    assert stats.problems == ()
+    with open_source(tmp_path / "out.mp4") as result:
+        assert result.has_audio
+        assert sum(1 for _ in result) == 282
