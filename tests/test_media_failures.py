@@ -314,8 +314,9 @@ def test_a_wait_can_be_interrupted(tmp_path: Path, clip: Path) -> None:
         sink.write = lambda frame: release.wait(5) and None  # type: ignore[method-assign]
 
         def interrupt() -> None:
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.1)
+            for _ in range(2):  # the second while the threads are ending
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.1)
             release.set()
 
         timer = threading.Timer(0.3, interrupt)

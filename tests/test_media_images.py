@@ -192,12 +192,10 @@ def test_an_error_leaves_no_folder(tmp_path: Path) -> None:
 
 def test_one_image_output_takes_one_image(tmp_path: Path) -> None:
     folder = make_folder(tmp_path, ["a.png", "b.png"])
-    with pytest.raises(
-        MediaError, match=r"out.png is one image but in is not: write to a video such as out\.mp4\."
-    ):
+    with pytest.raises(MediaError, match=r"out.png is one image but in is not: write to a video"):
         run(folder, tmp_path / "out.png")
     lossy = save(folder / "c.jpg", noise())
-    with pytest.raises(MediaError, match=r"c\.jpg cannot be lossless"):
+    with pytest.raises(MediaError, match=r"c\.jpg cannot be written lossless"):
         run(folder, tmp_path / "out", options=EncodeOptions(lossless=True))
     assert lossy.exists()
     assert list(tmp_path.iterdir()) == [folder]

@@ -82,11 +82,26 @@ class _Stage:
             self._body(self)
         except BaseException as error:
             self.error = error
-            for channel in self._channels:
-                channel.cancel()
+            self._cancel()
 
     def join(self) -> None:
-        self._thread.join()
+        """Wait for the thread's end even through Ctrl-C, which is raised afterwards.
+
+        A sink must not be closed while its thread still writes.
+        """
+        interrupt: KeyboardInterrupt | None = None
+        while self._thread.is_alive():
+            try:
+                self._thread.join()
+            except KeyboardInterrupt as error:
+                interrupt = error
+                self._cancel()
+        if interrupt is not None:
+            raise interrupt
+
+    def _cancel(self) -> None:
+        for channel in self._channels:
+            channel.cancel()
 
 
 def process(
@@ -122,8 +137,10 @@ def process(
             channel.cancel()
         raise
     finally:
-        decoder.join()
-        encoder.join()
+        try:
+            decoder.join()
+        finally:
+            encoder.join()
     for stage in (decoder, encoder):
         if stage.error is not None:
             raise stage.error
