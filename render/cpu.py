@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
 from render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
 
+_EVERY_BYTE = np.arange(256)
+
 
 class CpuCompositor:
     """`render.compositor.Compositor` on the CPU."""
@@ -29,11 +31,12 @@ class CpuCompositor:
         entries = 256 if self._background < 256 else self._background + 1
         self._id_type = np.uint8 if entries == 256 else np.uint16
         self._maps = np.zeros((6, entries), np.float32)  # a b c d e f of every triangle; zeros behind them
-        self._gain = np.zeros(entries, np.float32)
         self._ids = Scratch(self._id_type)
-        self._floats = [Scratch(np.float32) for _ in range(4)]
+        self._floats = [Scratch(np.float32) for _ in range(3)]
         self._warped = Scratch(np.uint8)
-        self._colour = Scratch(np.uint8)
+        self._bytes = [Scratch(np.uint8) for _ in range(2)]
+        self._triples = [Scratch(np.uint8) for _ in range(2)]
+        self._words = [Scratch(np.uint16) for _ in range(2)]
 
     def set_alpha(self, alpha: NDArray[np.float32]) -> None:
         """Take another (th, tw) alpha."""
@@ -54,7 +57,7 @@ class CpuCompositor:
         if check_opacity(opacity) > 0 and not box.empty:
             ids = self._triangle_ids(snapped, box)
             warped = self._sample(rgba, snapped, box, ids)
-            self._blend(warped, self._weight(warped, ids, opacity), box.of(result))
+            self._blend(warped, self._share(warped, ids, opacity), box.of(result))
         return result
 
     def warp(
@@ -105,7 +108,7 @@ class CpuCompositor:
         self._maps[:, : self._background] = texture_gradients(snapped, self._mesh)
         x = np.arange(box.width, dtype=np.float32)
         y = np.arange(box.height, dtype=np.float32)[:, None]
-        u, v, term, _ = (scratch.view(box.height, box.width) for scratch in self._floats)
+        u, v, term = (scratch.view(box.height, box.width) for scratch in self._floats)
         for place, (along_x, along_y, constant) in zip((u, v), self._maps.reshape(2, 3, -1), strict=True):
             np.multiply(_look_up(along_x, ids, place), x, out=place)
             np.multiply(_look_up(along_y, ids, term), y, out=term)
@@ -115,21 +118,37 @@ class CpuCompositor:
         cv2.remap(rgba, u, v, cv2.INTER_LINEAR, dst=warped, borderMode=cv2.BORDER_REPLICATE)
         return warped
 
-    def _weight(self, warped: NDArray[np.uint8], ids: NDArray[Any], opacity: float) -> NDArray[np.float32]:
-        """The face's share of each pixel, in [0, 1]; 0 where no triangle is."""
-        self._gain[: self._background] = opacity / 255.0
-        share, gain = (scratch.view(*ids.shape) for scratch in self._floats[:2])
-        np.multiply(warped[..., 3], _look_up(self._gain, ids, gain), out=share)
-        return share
+    def _share(self, warped: NDArray[np.uint8], ids: NDArray[Any], opacity: float) -> NDArray[np.uint8]:
+        """The face's share of each pixel in 255ths; 0 where no triangle is."""
+        alpha: NDArray[np.uint8] = self._bytes[0].view(*ids.shape)
+        covered: NDArray[np.uint8] = self._bytes[1].view(*ids.shape)
+        cv2.extractChannel(warped, 3, dst=alpha)
+        if opacity < 1:
+            cv2.LUT(alpha, np.rint(_EVERY_BYTE * opacity).astype(np.uint8), dst=alpha)
+        np.not_equal(ids, self._background, out=covered.view(np.bool_))
+        alpha *= covered
+        return alpha
 
-    def _blend(
-        self, warped: NDArray[np.uint8], share: NDArray[np.float32], target: NDArray[np.uint8]
-    ) -> None:
-        rest = self._floats[2].view(*share.shape)
-        np.subtract(1.0, share, out=rest)
-        colour = self._colour.view(*share.shape, 3)
+    def _blend(self, warped: NDArray[np.uint8], alpha: NDArray[np.uint8], target: NDArray[np.uint8]) -> None:
+        """target := (colour * alpha + target * (255 - alpha)) / 255, rounded to nearest."""
+        colour, share = (scratch.view(*alpha.shape, 3) for scratch in self._triples)
+        total, term = (scratch.view(*alpha.shape, 3) for scratch in self._words)
         cv2.cvtColor(warped, cv2.COLOR_RGBA2RGB, dst=colour)
-        cv2.blendLinear(colour, target, share, rest, dst=target)
+        cv2.cvtColor(alpha, cv2.COLOR_GRAY2RGB, dst=share)
+        np.multiply(colour, share, out=total, dtype=np.uint16)
+        np.bitwise_not(share, out=share)
+        np.multiply(target, share, out=term, dtype=np.uint16)
+        total += term
+        _divide_by_255(total, term)
+        np.copyto(target, total, casting="unsafe")
+
+
+def _divide_by_255(value: NDArray[np.uint16], spare: NDArray[np.uint16]) -> None:
+    """value / 255 in place, rounded to nearest; exact for value <= 255 * 255."""
+    value += 128
+    np.right_shift(value, 8, out=spare)
+    value += spare
+    value >>= 8
 
 
 def _look_up(table: NDArray[np.float32], ids: NDArray[Any], out: NDArray[np.float32]) -> NDArray[np.float32]:

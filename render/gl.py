@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
 from render.context import check, create_context, describe
 from render.errors import RendererError
-from render.mesh import SUBPIXELS, Box, Mesh, bounding_box, snap
+from render.mesh import SUBPIXELS, Box, Mesh, bounding_box, outline_box, snap
 from render.pixel_centres import to_clip_space, to_texture_space
 
 _STEP = 64
@@ -128,16 +128,22 @@ class GLCompositor:
         self._box_array = context.vertex_array(self._blend, [])
 
     def _draw_warp(self, rgba: NDArray[np.uint8], snapped: NDArray[np.float64], box: Box) -> None:
-        """Pass 1, into the corner of the warped target."""
+        """Pass 1, into the corner of the warped target.
+
+        The viewport is the whole mesh, of which the scissor keeps the box: clipping triangles at the edge of
+        a smaller viewport would move their other edges a little.
+        """
         self._targets = self._targets.holding(box.width, box.height)
-        pixels = snapped / SUBPIXELS - (box.x0, box.y0)
-        self._positions.write(to_clip_space(pixels, box.width, box.height).tobytes())
+        whole = outline_box(snapped)
+        pixels = snapped / SUBPIXELS - (whole.x0, whole.y0)
+        self._positions.write(to_clip_space(pixels, whole.width, whole.height).tobytes())
         self._face.write(rgba)
         self._face.use(0)
         target = self._targets.warped_buffer
-        target.viewport = (0, 0, box.width, box.height)
+        target.viewport = (whole.x0 - box.x0, whole.y0 - box.y0, whole.width, whole.height)
+        target.scissor = (0, 0, box.width, box.height)
         target.use()
-        target.clear(viewport=target.viewport)
+        target.clear(viewport=target.scissor)
         self._mesh_array.render(moderngl.TRIANGLES)
 
     def _draw_blend(self, view: NDArray[np.uint8], opacity: float) -> None:

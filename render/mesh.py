@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from render.errors import RendererError
 
 SUBPIXELS = 256
-MAX_COORDINATE = 1 << 14  # pixels; keeps every product of the rasteriser exact in float64
+MAX_COORDINATE = 8000  # pixels; the mesh fits GL's viewport, and every product here is exact in float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def snap(vertices: NDArray[np.floating], count: int) -> NDArray[np.float64]:
     Raises
     ------
     RendererError
-        When the shape is wrong, a coordinate is not finite or beyond 16384 pixels.
+        When the shape is wrong, a coordinate is not finite or beyond 8000 pixels.
     """
     points = np.asarray(vertices, np.float64)
     if points.shape != (count, 2):
@@ -97,6 +97,12 @@ def bounding_box(snapped: NDArray[np.float64], width: int, height: int) -> Box:
     low = np.ceil(snapped.min(0) / SUBPIXELS)
     high = np.floor(snapped.max(0) / SUBPIXELS) + 1
     return Box(max(0, int(low[0])), max(0, int(low[1])), min(width, int(high[0])), min(height, int(high[1])))
+
+
+def outline_box(snapped: NDArray[np.float64]) -> Box:
+    """The pixels around the whole mesh, whether or not a picture holds them; every vertex lies inside."""
+    low, high = np.floor(snapped.min(0) / SUBPIXELS), np.ceil(snapped.max(0) / SUBPIXELS) + 1
+    return Box(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
 class Rasteriser:
