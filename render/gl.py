@@ -192,8 +192,7 @@ class _Targets:
         if width <= self._size[0] and height <= self._size[1]:
             return self
         larger = _Targets(self._context, max(width, self._size[0]), max(height, self._size[1]))
-        larger.warped_buffer.use()  # a bound framebuffer must not be released
-        self._release()
+        self._release()  # only now: making a framebuffer binds the one bound before again, which must exist
         return larger
 
     def _release(self) -> None:
