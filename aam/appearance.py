@@ -42,7 +42,7 @@ class Components:
     @property
     def modes(self) -> int:
         """Number of columns kept."""
-        return self.basis.shape[1]
+        return int(self.basis.shape[1])
 
     @property
     def retained(self) -> float:
@@ -112,7 +112,7 @@ def sample_texture(rgb: NDArray[np.uint8], shape: F64, frame: ReferenceFrame) ->
     if ratio > 1.25:
         small = (max(2, round(roi.shape[1] / ratio)), max(2, round(roi.shape[0] / ratio)))
         factor = np.array(small) / (roi.shape[1], roi.shape[0])
-        roi = cv2.resize(roi, small, interpolation=cv2.INTER_AREA)
+        roi = np.asarray(cv2.resize(roi, small, interpolation=cv2.INTER_AREA), np.uint8)
         local = (local + 0.5) * factor - 0.5
     return frame.sampler.sample(np.ascontiguousarray(roi), local)
 
@@ -162,9 +162,7 @@ class AppearanceModel:
         return np.asarray(np.clip(self.frame.scatter(self.texture_of(vector)), 0, 255).round(), np.uint8)
 
 
-def appearance_vectors(
-    shapes: F64, textures: F32, frame: ReferenceFrame, weights: F32 | None = None
-) -> F32:
+def appearance_vectors(shapes: F64, textures: F32, frame: ReferenceFrame, weights: F32 | None = None) -> F32:
     """Appearance vectors (m, 162 + 3 n) of shapes (m, 81, 2) in pixels and textures (m, n, 3).
 
     weights (n,) in [0, 1] damp the variation of pixels that are not face (hair, background): outside the
@@ -193,11 +191,15 @@ def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequen
     shapes : (m, 81, 2) pixels.
     """
     openings = openness(shapes)
-    usual = np.array([np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.6), np.median(openings[:, 2])])
+    usual = np.array(
+        [np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.6), np.median(openings[:, 2])]
+    )
     spread = np.maximum(openings.std(0), 0.01)
     aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), -1)
     from_usual = np.linalg.norm(aligned - np.median(aligned, 0), axis=1)
-    width = np.linalg.norm(aligned.reshape(-1, POINTS, 2)[:, 54] - aligned.reshape(-1, POINTS, 2)[:, 48], axis=1)
+    width = np.linalg.norm(
+        aligned.reshape(-1, POINTS, 2)[:, 54] - aligned.reshape(-1, POINTS, 2)[:, 48], axis=1
+    )
     score = (
         2.0 * np.abs(openings[:, 0] - usual[0]) / spread[0]
         + np.abs(openings[:, 1] - usual[1]) / spread[1]

@@ -34,7 +34,7 @@ def skin_mask(frame: ReferenceFrame) -> Mask:
     for part in (slice(17, 22), slice(22, 27), slice(36, 42), slice(42, 48), slice(48, 68)):
         cv2.fillConvexPoly(features, cv2.convexHull(np.round(frame.points[part]).astype(np.int32)), 1)
     near = _disc(features, max(1, round(0.03 * frame.resolution)), cv2.MORPH_DILATE)
-    return skin & (near == 0)
+    return np.asarray(skin & (near == 0))
 
 
 def expressive_mask(frame: ReferenceFrame) -> F32:
@@ -58,7 +58,11 @@ def learn_mask(textures: F32, frame: ReferenceFrame) -> Mask:
     skin = frame.scatter(skin_mask(frame)[frame.mask].astype(np.float32))[frame.mask] > 0
     picture = frame.scatter(typical)
     expected = _smooth_field(picture, skin_mask(frame) & core_band(frame), frame)[frame.mask]
-    away = _distance(typical, expected, typical[skin & core_band(frame)[frame.mask]] - expected[skin & core_band(frame)[frame.mask]])
+    away = _distance(
+        typical,
+        expected,
+        typical[skin & core_band(frame)[frame.mask]] - expected[skin & core_band(frame)[frame.mask]],
+    )
     restless = np.median(np.abs(textures - typical).mean(2), axis=0)
     calm = restless < 3.0 * max(float(np.median(restless[skin])), 1.5)
     face = np.zeros(frame.size, bool)
@@ -70,9 +74,8 @@ def core_band(frame: ReferenceFrame) -> Mask:
     """(h, w) bool: from the brows down to the mouth, between the outer eye corners: skin for certain."""
     ys, xs = np.mgrid[: frame.size[0], : frame.size[1]]
     p = frame.points
-    return (
-        (xs > p[36, 0]) & (xs < p[45, 0]) & (ys > p[19, 1] - 0.06 * frame.resolution) & (ys < p[57, 1])
-    )
+    across = (xs > p[36, 0]) & (xs < p[45, 0])
+    return np.asarray(across & (ys > p[19, 1] - 0.06 * frame.resolution) & (ys < p[57, 1]))
 
 
 def _smooth_field(picture: F32, known: Mask, frame: ReferenceFrame) -> F32:

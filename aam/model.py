@@ -71,7 +71,9 @@ class Identity:
             "format": FORMAT,
             "version": str(VERSION),
             "name": self.name,
-            "reference": json.dumps({"scheme": "face81", "resolution": self.frame.resolution, "id": self.frame.id}),
+            "reference": json.dumps(
+                {"scheme": "face81", "resolution": self.frame.resolution, "id": self.frame.id}
+            ),
             "facts": json.dumps(self.facts),
         }
         data = save({k: np.ascontiguousarray(v) for k, v in self._tensors().items()}, header)
@@ -122,11 +124,10 @@ class Identity:
 
     @classmethod
     def _assemble(cls, t: dict[str, NDArray[Any]], header: dict[str, str], frame: ReferenceFrame) -> Identity:
-        look = AppearanceModel(
-            frame, _unpacked("appearance", t), t["neutral"], t["mask"].astype(bool)
-        )
+        look = AppearanceModel(frame, _unpacked("appearance", t), t["neutral"], t["mask"].astype(bool))
         stages = tuple(
-            t[f"tracker.stage{i}"].astype(np.float32) for i in range(sum(k.startswith("tracker.stage") for k in t))
+            t[f"tracker.stage{i}"].astype(np.float32)
+            for i in range(sum(k.startswith("tracker.stage") for k in t))
         )
         tracker = Tracker(
             _unpacked("tracker.shapes", t),

@@ -105,7 +105,7 @@ class ReferenceFrame:
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
         """(h, w) bool: grid pixels inside the hull of the landmarks."""
-        return self.triangle_map >= 0
+        return np.asarray(self.triangle_map >= 0)
 
     @cached_property
     def pixels(self) -> NDArray[np.intp]:
@@ -127,7 +127,7 @@ class ReferenceFrame:
     def align(self, shape: F64) -> F64:
         """A shape (81, 2) in pixels, carried to the grid by its rigid landmarks."""
         a, b, tx, ty = align_planar(shape, self.points, RIGID_WEIGHTS)
-        return shape @ np.array([[a, b], [-b, a]]) + (tx, ty)
+        return np.asarray(shape @ np.array([[a, b], [-b, a]]) + (tx, ty))
 
     def scatter(self, texture: F32, fill: float = 0.0) -> F32:
         """A texture (n,) or (n, c) laid out as a picture (h, w) or (h, w, c)."""
@@ -188,8 +188,9 @@ def remap_points(image: NDArray[np.uint8] | F32, points: F32) -> F32:
     rows = -(-n // 256)
     folded = np.zeros((rows * 256, 2), np.float32)
     folded[:n] = points
-    out = cv2.remap(image, folded.reshape(rows, 256, 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return out.reshape(rows * 256, *out.shape[2:])[:n].astype(np.float32)
+    maps = folded.reshape(rows, 256, 2)
+    out = cv2.remap(image, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    return np.asarray(out.reshape(rows * 256, *out.shape[2:])[:n], np.float32)
 
 
 def _filled(triangle_map: Ints) -> Ints:

@@ -125,10 +125,7 @@ def align(
     s = np.ones(x.shape[1])
     s[-1] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
     rotation = (u * s) @ vt
-    if scale == "symmetric":
-        c = float(np.sqrt(var_y / var_x))
-    else:
-        c = float((d * s).sum() / var_x)
+    c = float(np.sqrt(var_y / var_x)) if scale == "symmetric" else float((d * s).sum() / var_x)
     if c <= 0:
         return Failed("the points have no common direction")
     return Similarity(c, rotation, mu_y - c * (rotation @ mu_x))

@@ -120,7 +120,9 @@ class Quality:
         0.5
         """
         spread = max(float(np.log(max(self.bad, 1.02 * self.good) / self.good)) / 6, 0.02)
-        return float(1 / (1 + np.exp(np.clip((np.log(max(residual, 1e-6) / self.threshold)) / spread, -50, 50))))
+        return float(
+            1 / (1 + np.exp(np.clip((np.log(max(residual, 1e-6) / self.threshold)) / spread, -50, 50)))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,9 +186,7 @@ class Tracker:
         for box in boxes:
             for start in self.starts(box):
                 fit = self.fit(luma, start)
-                if isinstance(fit, Fit) and not (isinstance(best, Fit) and best.residual <= fit.residual):
-                    best = fit
-                elif not isinstance(best, Fit):
+                if not isinstance(best, Fit) or (isinstance(fit, Fit) and fit.residual < best.residual):
                     best = fit
             if isinstance(best, Fit):
                 again = self.fit(luma, best.shape)
@@ -321,7 +321,7 @@ class _Training:
         self.true_shapes = [c.to_crop(s) for c, s in zip(crops, shapes, strict=True)]
         self.space = ShapeSpace(_shape_components(self.true_shapes, self.frame, options), self.frame)
         self.true = [self.space.encode(s) for s in self.true_shapes]
-        self.owner = np.repeat(np.arange(len(crops)), options.copies)
+        self.owner = [i for i in range(len(crops)) for _ in range(options.copies)]
         self.fold = (np.arange(len(crops)) * 2 * options.folds // len(crops)) % options.folds
         self.state = [self._perturbed(i) for i in self.owner]
 
@@ -338,7 +338,7 @@ class _Training:
     def _ramps(self) -> F32:
         ys, xs = np.divmod(self.frame.pixels[self.pixels], self.frame.size[1])
         ramps = np.stack([xs, ys]).astype(np.float32)
-        return (ramps - ramps.mean(1, keepdims=True)) / ramps.std(1, keepdims=True)
+        return np.asarray((ramps - ramps.mean(1, keepdims=True)) / ramps.std(1, keepdims=True), np.float32)
 
     def features(self, light: float) -> F32:
         """(m, 1 + n): a one, then the normalised features, under random slopes of light."""
@@ -347,7 +347,7 @@ class _Training:
         for row, i, state in zip(out, self.owner, self.state, strict=True):
             grey = self.sampler.sample(self.crops[i].image, self.space.decode(*state))
             slope = self.rng.normal(size=2).astype(np.float32) * light
-            row[1:] = normalised(grey * (1 + slope @ ramps))
+            row[1:] = normalised(grey * (1 + slope @ ramps).astype(np.float32))
         return out
 
     def advance(self, ridge: float) -> F32:
@@ -409,7 +409,9 @@ def _shape_components(shapes: Sequence[F64], frame: ReferenceFrame, options: Tra
     vectors = np.stack([frame.align(s).ravel() for s in shapes]).astype(np.float32)
     kept = principal_components(vectors, options.retain)
     k = min(kept.modes, options.max_modes)
-    return Components(kept.mean, kept.basis[:, :k], np.maximum(kept.deviations[:k], 1e-3), kept.total_variance)
+    return Components(
+        kept.mean, kept.basis[:, :k], np.maximum(kept.deviations[:k], 1e-3), kept.total_variance
+    )
 
 
 def _ridge(gram: F32, cross: F32, ridge: float) -> F32:
@@ -427,4 +429,4 @@ def _residuals(features: F32, pca: Components) -> F64:
     centred = features - pca.mean
     explained = centred @ pca.basis
     energy = (centred**2).sum(1) - (explained**2).sum(1)
-    return np.sqrt(np.maximum(energy, 0) / features.shape[1]).astype(np.float64)
+    return np.asarray(np.sqrt(np.maximum(energy, 0) / features.shape[1]), np.float64)

@@ -7,15 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import AppearanceModel, appearance_vectors, neutral_frames, openness, principal_components
+from aam.appearance import (
+    AppearanceModel,
+    appearance_vectors,
+    neutral_frames,
+    openness,
+    principal_components,
+    sample_texture,
+)
 from aam.mask import learn_mask
-from aam.appearance import sample_texture
 from aam.model import Identity, Still
 from aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
 from aam.similarity import Failed
@@ -64,7 +71,9 @@ class Observation:
     picture: Picture | None = None
 
 
-def observe(rgb: Picture, shape: F64, frame: ReferenceFrame, *, keep_picture: bool = False) -> Observation | Failed:
+def observe(
+    rgb: Picture, shape: F64, frame: ReferenceFrame, *, keep_picture: bool = False
+) -> Observation | Failed:
     """Reduce a frame (h, w, 3) with landmarks (81, 2) in its pixels to what training needs."""
     feature_frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     luma = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
@@ -118,7 +127,9 @@ def choose_frames(shapes: F64, options: TrainingOptions) -> Choice:
     even = np.linspace(0, len(usable) - 1, max(1, count // 3)).round().astype(int)
     training = np.unique(usable[np.concatenate([far, even])])
     rest = np.setdiff1d(usable, training)
-    held_out = rest[np.linspace(0, len(rest) - 1, min(len(rest), 60)).round().astype(int)] if len(rest) else rest
+    held_out = (
+        rest[np.linspace(0, len(rest) - 1, min(len(rest), 60)).round().astype(int)] if len(rest) else rest
+    )
     neutral = [int(usable[i]) for i in neutral_frames(shapes[usable], frame, STILLS)]
     return Choice(training, neutral, np.unique(held_out))
 
@@ -133,7 +144,7 @@ def _steady(shapes: F64) -> NDArray[np.intp]:
     middle = (kept[:-2] + kept[2:]) / 2
     jump = np.zeros(len(usable))
     jump[1:-1] = np.linalg.norm(kept[1:-1] - middle, axis=2).mean(1) / width[1:-1]
-    return usable[(jump < max(0.05, 6 * float(np.median(jump)))) & (width > 20)]
+    return np.asarray(usable[(jump < max(0.05, 6 * float(np.median(jump)))) & (width > 20)])
 
 
 def _descriptors(shapes: F64, frame: ReferenceFrame) -> F64:
@@ -173,7 +184,9 @@ def train_identity(
     frame = ReferenceFrame.canonical(options.resolution)
     training = [observations[i] for i in choice.training if i in observations]
     if len(training) < FEWEST:
-        raise TrainingError(f"only {len(training)} of the chosen frames show the whole face; use another clip")
+        raise TrainingError(
+            f"only {len(training)} of the chosen frames show the whole face; use another clip"
+        )
     textures = np.stack([o.texture for o in training])
     mask = learn_mask(textures, frame)
     appearance = _appearance(training, textures, mask, observations, choice, frame, options)
@@ -189,7 +202,9 @@ def train_identity(
     error = held_out_error(tracker, [observations[i] for i in choice.held_out if i in observations])
     if np.isfinite(error):
         tracker = replace(tracker, quality=replace(tracker.quality, error=error))
-    stills = [observations[i] for i in choice.neutral if i in observations and observations[i].picture is not None]
+    stills = [
+        observations[i] for i in choice.neutral if i in observations and observations[i].picture is not None
+    ]
     if not stills:
         raise TrainingError("no frame shows the face at rest; use a clip with a closed mouth in it")
     progress(1.0)
@@ -213,7 +228,8 @@ def _appearance(
     frame: ReferenceFrame,
     options: TrainingOptions,
 ) -> AppearanceModel:
-    weights = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.02 * options.resolution)[frame.mask]
+    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.02 * options.resolution)
+    weights = np.asarray(soft[frame.mask], np.float32)
     shapes = np.stack([o.shape for o in training])
     vectors = appearance_vectors(shapes, textures, frame, weights)
     components = principal_components(vectors, options.retain)
@@ -236,7 +252,7 @@ def _feature_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def held_out_error(tracker: Tracker, held_out: Sequence[Observation]) -> float:
     """Mean landmark error on frames not trained with, in inter-ocular distances; each starts from the frame before."""
     errors = []
-    for before, now in zip(held_out, held_out[1:], strict=False):
+    for before, now in pairwise(held_out):
         truth = now.crop.to_crop(now.shape)
         start = before.shape - before.shape.mean(0) + now.shape.mean(0)
         fit = tracker.fit(now.crop.image, now.crop.to_crop(start))
@@ -258,5 +274,7 @@ def _detail(stills: Sequence[Observation], appearance: AppearanceModel) -> F32:
         assert still.picture is not None
         luma = (still.picture @ LUMA).astype(np.float32)
         picture = remap_points(luma, sampler.positions(still.shape)).reshape(2 * h, 2 * w)
-        fine.append(picture - cv2.resize(cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA), (2 * w, 2 * h)))
+        fine.append(
+            picture - cv2.resize(cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA), (2 * w, 2 * h))
+        )
     return np.asarray(np.mean(fine, axis=0), np.float32)

@@ -59,7 +59,9 @@ def _yaw_mode(reference: np.ndarray) -> np.ndarray:
                 [align(s, reference, RIGID_WEIGHTS).apply(s) for s in truth["landmarks"].astype(float)]  # type: ignore[union-attr]
             )
             design = np.column_stack([turn, np.ones(len(turn))])
-            modes.append(np.linalg.lstsq(design, shapes.reshape(len(shapes), -1), rcond=None)[0][0].reshape(-1, 2))
+            modes.append(
+                np.linalg.lstsq(design, shapes.reshape(len(shapes), -1), rcond=None)[0][0].reshape(-1, 2)
+            )
     mode = np.mean(modes, axis=0)
     return (mode - mode[list(MIRROR)] * [-1, 1]) / 2
 

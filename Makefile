@@ -1,0 +1,52 @@
+# make demo   the main job on the sample clips: enrol two people, swap one into the other's video
+# make test   the tests
+# make lint   formatting, lint, types, and whether the generated docs are up to date
+# make bench  the benchmarks (longer)
+# make clean  remove what the others made
+#
+# Each creates what it needs: a virtual environment, and software OpenGL where the package manager allows it.
+
+PYTHON ?= python3
+VENV ?= .venv
+PYTEST_ARGS ?=
+
+PY := $(VENV)/bin/python
+READY := $(VENV)/.ready
+GL := $(VENV)/.gl
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint bench docs clean
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+demo: $(READY) $(GL)
+	$(VENV)/bin/guise demo
+
+test: $(READY) $(GL)
+	$(PY) -m pytest $(PYTEST_ARGS)
+
+lint: $(READY)
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+	$(PY) docs/make_cli.py --check
+
+bench: $(READY) $(GL)
+	$(VENV)/bin/guise bench
+
+docs: $(READY) $(GL)
+	$(PY) docs/make_cli.py
+	$(PY) docs/make_pictures.py
+
+$(READY): pyproject.toml .ci/make-venv
+	sh .ci/make-venv "$(PYTHON)" "$(VENV)"
+	@touch $@
+
+# Made only where GL works, so that a computer without it is asked again the next time.
+$(GL): $(READY) .ci/software-gl
+	@sh .ci/software-gl $(PY) $@
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
