@@ -98,9 +98,9 @@ def make_compositor(
 ) -> Compositor:
     """The compositor that `renderer` names.
 
-    `auto` is GL where GL is hardware, and the CPU where GL is software or missing: software GL does the
-    same work on the same cores, with two passes and the driver's overhead on top. `benchmarks/` measures
-    both on the computer at hand. The result's `description` says what was chosen and why.
+    `auto` is GL where GL is hardware, and the CPU where GL is software or missing: software GL works on the
+    same cores and is no faster, but needs a context and a driver. `benchmarks/` measures both on the computer
+    at hand. The result's `description` says what was chosen and why.
 
     Parameters
     ----------

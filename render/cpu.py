@@ -1,7 +1,7 @@
-"""The compositor in NumPy and OpenCV: twin of the shaders, and the faster one where GL is software.
+"""The compositor in NumPy and OpenCV: twin of the shaders, and the one that `auto` takes without a GPU.
 
-Each pixel of the mesh's bounding box gets the index of its triangle, through it the triangle's affine map
-to texture pixels, and one bilinear look-up gives warped colour and alpha.
+Each pixel of the mesh's bounding box gets the index of its triangle, through it the triangle's affine map to
+texture pixels, and one bilinear look-up gives warped colour and alpha. The blend is integer arithmetic.
 """
 
 from types import TracebackType
