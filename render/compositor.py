@@ -99,7 +99,7 @@ def make_compositor(
     """The compositor that `renderer` names.
 
     `auto` is GL where GL is hardware, and the CPU where GL is software or missing: software GL works on the
-    same cores and is no faster, but needs a context and a driver. `benchmarks/` measures both on the computer
+    same cores about as fast, but needs a context and a driver. `benchmarks/` measures both on the computer
     at hand. The result's `description` says what was chosen and why.
 
     Parameters
