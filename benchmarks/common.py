@@ -1,0 +1,269 @@
+"""What the benchmarks share: data, people, the machine's description, tables with targets.
+
+Pixels, x right, y down, pixel centres at integers; RGB 0..255.  Set the thread count with `one_thread` before NumPy
+is imported where a figure is for one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.landmarks import LbpDetector, interocular, load_annotations
+from aam.model import Identity
+from aam.tracker import Fit
+from app.enrol import LandmarkSource, enrol, landmark_file
+from app.media import Frame, open_source
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Sense = Literal["<=", ">=", "<", ">"]
+
+SHARED = Path(__file__).parents[2] / "shared"
+LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "av", "moderngl", "onnxruntime")
+
+
+# -- data -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """A clip and its landmarks: points (t, 81, 2) pixels, NaN where there is no face."""
+
+    name: str
+    video: Path
+    points: F64
+
+    @property
+    def interocular(self) -> F64:
+        """(t,) distance between the outer eye corners, pixels."""
+        return np.asarray(interocular(self.points), np.float64)
+
+
+def clip_at(video: Path, name: str | None = None) -> Clip:
+    """A clip whose landmarks lie beside it."""
+    file = landmark_file(video)
+    if file is None:
+        raise FileNotFoundError(f"{video.name} has no landmark file beside it")
+    return Clip(name or video.stem, video, load_annotations(file).points.astype(np.float64))
+
+
+def real_clip(shared: Path, name: str) -> Clip:
+    """A clip of data/real."""
+    return clip_at(shared / "data" / "real" / f"{name}.mp4")
+
+
+def synthetic_clip(shared: Path, person: str, take: str = "talk") -> Clip:
+    """A clip of data/synthetic/people."""
+    return clip_at(shared / "data" / "synthetic" / "people" / person / f"{take}.mp4", f"{person}/{take}")
+
+
+def synthetic_people(shared: Path) -> list[str]:
+    """Names of the synthetic people that are there."""
+    folder = shared / "data" / "synthetic" / "people"
+    return sorted(p.parent.name for p in folder.glob("*/talk.mp4"))
+
+
+def frames(clip: Clip) -> Iterator[Frame]:
+    """The clip's frames, in order."""
+    with open_source(clip.video) as source:
+        yield from source
+
+
+def enrolled(clip: Clip, share: float = 1.0) -> Identity:
+    """A person enrolled on the first share of a clip with the landmarks beside it and default options."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "landmarks.npz"
+        points = clip.points.astype(np.float32)
+        points[round(share * len(points)) :] = np.nan
+        np.savez(file, face81=points)
+        return enrol([clip.video], LandmarkSource(files=[file]), name=clip.name)
+
+
+def detector() -> LbpDetector:
+    """The face detector that the commands use by default."""
+    return LbpDetector()
+
+
+def shape_of(fit: object) -> F64 | None:
+    """The shape of a fit, or None of a failure."""
+    return fit.shape if isinstance(fit, Fit) else None
+
+
+def point_error(shape: F64, truth: F64) -> float:
+    """Mean distance of two shapes (n, 2), pixels."""
+    return float(np.linalg.norm(shape - truth, axis=1).mean())
+
+
+# -- tables ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A measured value beside its target."""
+
+    what: str
+    measured: float
+    sense: Sense
+    target: float
+    unit: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether the measured value satisfies the target; never with NaN.
+
+        >>> Criterion("error", 1.9, "<=", 2.0, "%").met
+        True
+        """
+        m, t = self.measured, self.target
+        return bool({"<=": m <= t, ">=": m >= t, "<": m < t, ">": m > t}[self.sense])
+
+
+@dataclass(frozen=True)
+class Table:
+    """Figures behind the criteria: a title, column names and rows."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+@dataclass
+class Report:
+    """What a benchmark found."""
+
+    name: str
+    title: str
+    criteria: list[Criterion] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def markdown(self) -> str:
+        """The report as Markdown."""
+        rows = [
+            (c.what, shown(c.measured, c.unit), f"{c.sense} {shown(c.target, c.unit)}", "met" if c.met else "NOT MET")
+            for c in self.criteria
+        ]
+        parts = [f"## {self.title}", "", markdown_table(("what", "measured", "target", ""), rows)]
+        for table in self.tables:
+            parts += ["", f"**{table.title}**", "", markdown_table(table.columns, table.rows)]
+        return "\n".join(parts + [f"\n{note}" for note in self.notes]) + "\n"
+
+    def plain(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        criteria = [asdict(c) | {"met": c.met} for c in self.criteria]
+        tables = [{"title": t.title, "columns": list(t.columns), "rows": [list(r) for r in t.rows]} for t in self.tables]
+        return {"name": self.name, "title": self.title, "criteria": criteria, "tables": tables, "notes": self.notes}
+
+
+def shown(value: object, unit: str = "") -> str:
+    """A cell's text: four significant digits at most.
+
+    >>> shown(0.123456), shown(34.0, "dB"), shown(120.0), shown("p01")
+    ('0.1235', '34 dB', '120', 'p01')
+    """
+    if isinstance(value, float | np.floating):
+        text = f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    else:
+        text = str(value)
+    return f"{text} {unit}".rstrip()
+
+
+def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table, padded so that it reads well as text too."""
+    cells = [[str(c) for c in columns], *([shown(v) for v in row] for row in rows)]
+    widths = [max(3, *(len(row[i]) for row in cells)) for i in range(len(columns))]
+    lines = ["| " + " | ".join(v.ljust(w) for v, w in zip(row, widths, strict=True)) + " |" for row in cells]
+    lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
+    return "\n".join(lines)
+
+
+# -- the machine ----------------------------------------------------------------------------------------------
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, load, Python, libraries and revision that the figures were taken with."""
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "load": round(os.getloadavg()[0], 2),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "libraries": {name: _version(name) for name in LIBRARIES},
+        "ffmpeg": _first_line(["ffmpeg", "-version"]),
+        "revision": _first_line(["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]),
+    }
+
+
+def _processor() -> str:
+    names = [s.split(":", 1)[1].strip() for s in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in s]
+    return names[0] if names else platform.processor()
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "missing"
+
+
+def _first_line(command: Sequence[str]) -> str:
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[0]
+    except (OSError, subprocess.CalledProcessError, IndexError):
+        return "unknown"
+
+
+def one_thread(module: str) -> None:
+    """Run this module again with every library held to one thread, unless it already is."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+    if any(os.environ.get(name) != "1" for name in names):
+        os.environ.update(dict.fromkeys(names, "1"))
+        os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+# -- the command ----------------------------------------------------------------------------------------------
+
+
+def arguments(description: str | None) -> argparse.ArgumentParser:
+    """The options that every benchmark has."""
+    parser = argparse.ArgumentParser(description=(description or "").split("\n")[0])
+    parser.add_argument("--shared", type=Path, default=SHARED, help="folder that holds data/ and models/")
+    parser.add_argument("--json", type=Path, help="write the figures here too")
+    parser.add_argument("--quick", action="store_true", help="a part of the work only, to try the script")
+    return parser
+
+
+def run(measure: Callable[[argparse.Namespace], Report], parser: argparse.ArgumentParser) -> None:
+    """Measure, print, and write the JSON file if one is asked for."""
+    options = parser.parse_args()
+    report = measure(options)
+    if options.quick:
+        report.notes.append("Quick run: not the figures to quote.")
+    print(report.markdown())
+    if options.json:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        content = {"machine": machine(), "report": report.plain()}
+        options.json.write_text(json.dumps(content, indent=1, default=float) + "\n")
+
+
+def say(text: str) -> None:
+    """Progress for whoever waits."""
+    print(text, file=sys.stderr, flush=True)
