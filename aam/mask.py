@@ -5,6 +5,8 @@ Works on the reference grid (grid pixels, RGB 0..255).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -39,11 +41,16 @@ def skin_mask(frame: ReferenceFrame) -> Mask:
 
 def expressive_mask(frame: ReferenceFrame) -> F32:
     """(h, w) float32 in [0, 1]: 1 at eyes and mouth, where expression changes the texture itself, soft-edged."""
+    return soft_parts(frame, (slice(36, 42), slice(42, 48), slice(48, 68)), 0.03)
+
+
+def soft_parts(frame: ReferenceFrame, parts: Sequence[slice], grow: float) -> F32:
+    """(h, w) float32: 1 in the hulls of landmark groups, grown by a share of the face's width, soft-edged."""
     canvas = np.zeros(frame.size, np.float32)
-    for part in (slice(36, 42), slice(42, 48), slice(48, 68)):
+    for part in parts:
         hull = cv2.convexHull(np.round(frame.points[part]).astype(np.int32))
         cv2.fillConvexPoly(canvas, hull, 1.0)
-    wide = cv2.dilate(canvas, np.ones((3, 3), np.uint8), iterations=max(1, round(0.03 * frame.resolution)))
+    wide = cv2.dilate(canvas, np.ones((3, 3), np.uint8), iterations=round(grow * frame.resolution))
     return np.asarray(cv2.GaussianBlur(wide, (0, 0), 0.015 * frame.resolution), np.float32)
 
 

@@ -20,7 +20,7 @@ from aam.extrapolation import DEFAULT_ALPHA, Extrapolator
 from aam.follow import Boxes, PersonFollower
 from aam.model import Identity
 from aam.parameters import ParameterEstimator
-from aam.reference import POINTS, RIGID_WEIGHTS
+from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
 from aam.similarity import Failed, Similarity, align, align_planar
 from aam.tracker import Fit
 from app.media import ColourMatrix, Frame
@@ -31,7 +31,7 @@ from render.compositor import Renderer
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-FEATHER = 0.02  # standard deviation of the soft border, in face widths
+FEATHER = 0.012  # standard deviation of the soft border, in face widths
 HOLD = 4  # frames for which a lost face keeps its last place
 FINE = 1.15  # face on screen wider than this many texture grids: detail is added
 
@@ -140,7 +140,7 @@ class Painter:
         self, source: Identity, target: Identity, estimator: ParameterEstimator, options: Options
     ) -> None:
         self.options, self.frame = options, target.frame
-        mask = source.appearance.mask & target.appearance.mask
+        mask = shared_mask(source.appearance.mask, target.appearance.mask, self.frame)
         self._alpha = feather(mask, FEATHER * self.frame.resolution)
         self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
         self._texels = estimator.texels
@@ -219,3 +219,14 @@ class Painter:
         return self._compositors[fine]
 
 
+
+
+def shared_mask(source: NDArray[np.bool_], target: NDArray[np.bool_], frame: ReferenceFrame) -> NDArray[np.bool_]:
+    """Where the target's face is shown on the source's head (h, w): no hair of the one, and above the brows none of the other.
+
+    Below the brows the source's mask does not count: what it leaves out there (stubble, shadow, a lock of hair) would
+    show the source's own face.
+    """
+    rows = np.arange(frame.size[0])[:, None]
+    forehead = rows < frame.points[[19, 24], 1].mean()
+    return np.asarray(target & (source | ~forehead))

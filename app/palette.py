@@ -1,7 +1,8 @@
 """The colour similarity from the face's palette to the frame's, with the frame's light over the face.
 
-Light over a face is a smooth field: per channel a quadratic in the place on the reference grid, fitted to skin.  The
-donor's own field is taken off, the remaining colours are carried by a similarity (de la Hunty, Asthana and Goecke 2010,
+Light over a face is a smooth field: per channel a quadratic in the place on the reference grid, fitted to skin, with
+levels of their own for the eyes and for the inside of the mouth (teeth do not darken with the skin).  The donor's own
+field is taken off, the remaining colours are carried by a similarity (de la Hunty, Asthana and Goecke 2010,
 section 3.2, with the symmetric scale), and the field that the frame shows is put on.  RGB 0..255.
 """
 
@@ -10,16 +11,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.mask import skin_mask
+from aam.mask import skin_mask, soft_parts
 from aam.reference import ReferenceFrame
 from aam.similarity import Scale, Similarity, align
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+QUADRATIC = 6  # leading fields
 MEMORY = 0.85  # share that stays from frame to frame
 PRIOR = 1.0  # pull of the rotation towards none
-CONTRAST = (0.6, 1.6)  # range of the scale
+CONTRAST = (0.7, 1.4)  # range of the scale
 KNEE = 0.35  # slope above the brightest skin, so that teeth and eyes do not glow
 
 
@@ -38,18 +40,21 @@ class Palette:
         self, frame: ReferenceFrame, texels: NDArray[np.intp], mask: NDArray[np.bool_], scale: Scale
     ) -> None:
         self._scale: Scale = scale
-        self._field = _quadratic(frame)
+        self._field = _fields(frame)
         shown = mask[frame.mask][texels]
         self._shown = np.flatnonzero(shown)
         self._skin = np.flatnonzero(shown & skin_mask(frame)[frame.mask][texels])
         self._at = self._field[texels].astype(np.float64)
-        on_skin = self._at[self._skin]
-        self._solve = np.linalg.solve(on_skin.T @ on_skin + 1e-3 * len(on_skin) * np.diag([0, 0, 0, 1, 1, 1]), on_skin.T)
+        inner = self._at[:, QUADRATIC:].max(1) > 0.5
+        self._fitted = np.union1d(self._skin, np.flatnonzero(inner))
+        known = self._at[self._fitted]
+        ridge = 1e-3 * len(known) * np.diag([0, 0, 0, 1, 1, 1, 0.1, 0.1])
+        self._solve = np.linalg.solve(known.T @ known + ridge, known.T)
         self.forget()
 
     def forget(self) -> None:
         """The next update is taken as it is."""
-        self._linear, self._light, self._bright = np.eye(3), np.zeros((6, 3)), 255.0
+        self._linear, self._light, self._bright = np.eye(3), np.zeros((self._field.shape[1], 3)), 255.0
         self._fresh = True
 
     @property
@@ -59,7 +64,7 @@ class Palette:
 
     def update(self, face: F32, seen: F32) -> None:
         """Move towards what takes the face's RGB (t, 3) to what the frame shows (t, 3), both at the texels."""
-        own, there = self._solve @ face[self._skin], self._solve @ seen[self._skin]
+        own, there = self._solve @ face[self._fitted], self._solve @ seen[self._fitted]
         at = self._at[self._shown]
         found = align(face[self._shown] - at @ own, seen[self._shown] - at @ there, scale=self._scale, prior=PRIOR)
         if not isinstance(found, Similarity):
@@ -87,9 +92,11 @@ class Palette:
         return np.asarray(out, np.float32)
 
 
-def _quadratic(frame: ReferenceFrame) -> F32:
-    """(n, 6): 1, x, y, x^2, x y, y^2 over the mask pixels, in face widths from the middle."""
+def _fields(frame: ReferenceFrame) -> F32:
+    """(n, 8): 1, x, y, x^2, x y, y^2 over the mask pixels, in face widths from the middle; eyes; inside of the mouth."""
     ys, xs = np.divmod(frame.pixels, frame.size[1])
     x = (xs - frame.size[1] / 2) / frame.resolution
     y = (ys - frame.size[0] / 2) / frame.resolution
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1).astype(np.float32)
+    eyes = soft_parts(frame, (slice(36, 42), slice(42, 48)), 0.0)[frame.mask]
+    mouth = soft_parts(frame, (slice(60, 68),), 0.0)[frame.mask]
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, eyes, mouth], axis=1).astype(np.float32)
