@@ -1,0 +1,283 @@
+"""The command line: `guise COMMAND`.  Thin: each command opens what it needs, calls the library and says the result.
+
+Heavy libraries are imported inside the commands, so that `guise --help` is quick.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.cli_options import (
+    Alpha,
+    Crf,
+    Detector,
+    Encoder,
+    Force,
+    Json,
+    LandmarkerSpec,
+    LandmarkFile,
+    LandmarkFiles,
+    Lossless,
+    ModelPath,
+    Output,
+    Preset,
+    Quiet,
+    RendererChoice,
+    RendererName,
+    SourcePath,
+    Video,
+)
+from app.console import Console, Stages
+from app.version import version
+
+if TYPE_CHECKING:
+    from aam.model import Identity
+    from app.enrol import LandmarkSource
+    from app.run import Report, Settings
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Another face on a person in a video, in real time on an ordinary CPU.",
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code; errors are one sentence on stderr."""
+    from app.failures import INTERRUPTED, report
+
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _terminate)
+    try:
+        code = app(arguments or ["--help"], standalone_mode=False, prog_name="guise")
+    except SystemExit as done:
+        return done.code if isinstance(done.code, int) else 1
+    except typer.Abort:
+        code = report(KeyboardInterrupt())
+    except BaseException as error:
+        return report(error)
+    if code == INTERRUPTED:
+        return report(KeyboardInterrupt())
+    return int(code or 0)
+
+
+def _terminate(number: int, frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"guise {version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Take the options before the command."""
+
+
+@app.command()
+def enroll(
+    videos: Annotated[list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="NAME.guise", help="The model that is written.")
+    ],
+    landmarks: LandmarkFiles = None,
+    landmarker: LandmarkerSpec = None,
+    frames: Annotated[
+        int | None, typer.Option(min=12, help="Frames to train on; about 120 by default.")
+    ] = None,
+    resolution: Annotated[
+        int | None,
+        typer.Option(min=32, max=512, help="Texture pixels across the face; the same for both models."),
+    ] = None,
+    retain: Annotated[float | None, typer.Option(min=0.5, max=1.0, help="Share of variance to keep.")] = None,
+    modes: Annotated[
+        int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="The person's name in the model; default: the file's.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Learn a person's face from one or more clips."""
+    from app.enrolling import describe_options, enrol_file
+
+    console = Console(quiet=quiet, json=json)
+    source = _landmark_source(landmarks or [], landmarker, len(videos))
+    options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
+    with Stages(console) as stages:
+        report = enrol_file(
+            videos, output, source, name=name or output.stem, options=options, force=force, progress=stages,
+            say=console.note,
+        )  # fmt: skip
+    console.table(f"{report.output}: {report.name}", report.as_rows())
+    console.result(report.as_json())
+
+
+@app.command()
+def swap(
+    video: Video,
+    identity: ModelPath,
+    output: Output,
+    source: SourcePath = None,
+    landmarks: LandmarkFile = None,
+    landmarker: LandmarkerSpec = None,
+    alpha: Alpha = 0.6,
+    renderer: RendererChoice = RendererName.auto,
+    detector: Detector = "lbp",
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    preset: Preset = "veryfast",
+    lossless: Lossless = False,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Put the identity's face on the person in a video."""
+    from app.swap import swap_file
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        settings = _settings(
+            console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
+        )
+        shown, person = _open(identity, source, landmarks, landmarker)
+        report = swap_file(video, shown, output, source=person, settings=settings)
+    _say_report(console, report, "swapped")
+
+
+@app.command()
+def puppet(
+    video: Video,
+    identity: ModelPath,
+    output: Output,
+    source: SourcePath = None,
+    landmarks: LandmarkFile = None,
+    landmarker: LandmarkerSpec = None,
+    alpha: Alpha = 0.6,
+    renderer: RendererChoice = RendererName.auto,
+    detector: Detector = "lbp",
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    preset: Preset = "veryfast",
+    lossless: Lossless = False,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Put the expressions of the person in a video on the identity's own head."""
+    from app.puppet import puppet_file
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        settings = _settings(
+            console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
+        )
+        shown, person = _open(identity, source, landmarks, landmarker)
+        report = puppet_file(video, shown, output, source=person, settings=settings)
+    _say_report(console, report, "followed")
+
+
+@app.command()
+def info(
+    model: Annotated[Path, typer.Argument(metavar="NAME.guise", help="A model that `guise enroll` made.")],
+    montage: Annotated[
+        Path | None, typer.Option(metavar="OUT.png", help="Also draw mean, neutral and modes at +-2 sd.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Show what is inside a model."""
+    from app.info import describe
+    from app.outputs import require_free
+
+    console = Console(quiet=quiet, json=json)
+    if montage is not None:
+        require_free(montage, force=force)
+    identity, facts = describe(model)
+    if montage is not None:
+        from app.montage import montage as draw
+        from app.pictures import save_picture
+
+        save_picture(montage, draw(identity))
+    console.table(str(model), facts.as_rows())
+    if montage is not None:
+        console.say(f"montage: {montage}")
+    console.result(asdict(facts) | {"montage": montage and str(montage)})
+
+
+def _settings(
+    console: Console, stages: Stages, alpha: float, renderer: RendererName, detector: str, encoder: str, crf: int,
+    preset: str, lossless: bool, force: bool,
+) -> Settings:  # fmt: skip
+    from app.engine import Options
+    from app.media import EncodeOptions
+    from app.run import Settings
+
+    return Settings(
+        Options(alpha=alpha, renderer=renderer.value),
+        EncodeOptions(encoder, crf, preset, lossless),
+        detector=detector, force=force, progress=stages, say=console.note,
+    )  # fmt: skip
+
+
+def _open(
+    identity: Path, source: Path | None, landmarks: Path | None, landmarker: str | None
+) -> tuple[Identity, Identity | LandmarkSource]:
+    """The identity, and the person in the video: their model, or where their landmarks come from."""
+    from aam.model import Identity
+
+    shown = Identity.load(identity)
+    if source is None:
+        return shown, _landmark_source([landmarks] if landmarks else [], landmarker, 1)
+    if landmarks or landmarker:
+        raise typer.BadParameter(
+            "--landmarks and --landmarker are for enrolling, which --source makes needless"
+        )
+    return shown, Identity.load(source)
+
+
+def _landmark_source(files: list[Path], landmarker: str | None, clips: int) -> LandmarkSource:
+    from app.enrol import LandmarkSource
+
+    if files and landmarker:
+        raise typer.BadParameter("give either --landmarks or --landmarker")
+    if files and len(files) != clips:
+        raise typer.BadParameter(
+            f"--landmarks must be given once for each of the {clips} clips, got {len(files)}"
+        )
+    if landmarker is None:
+        return LandmarkSource(files)
+    from aam.landmarks import open_landmarker
+
+    return LandmarkSource(landmarker=open_landmarker(landmarker))
+
+
+def _say_report(console: Console, report: Report, word: str) -> None:
+    console.say(
+        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, {report.lost} lost; "
+        f"{report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
+    )
+    console.result(report.as_json())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+"""The options that commands share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class RendererName(StrEnum):
+    """Who draws."""
+
+    auto = "auto"
+    gl = "gl"
+    cpu = "cpu"
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say errors only.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, notes on stderr.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
+
+Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
+ModelPath = Annotated[Path, typer.Option("--identity", metavar="NAME.guise", help="Whose face is shown.")]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="What is written.")]
+SourcePath = Annotated[
+    Path | None,
+    typer.Option(
+        "--source",
+        metavar="SRC.guise",
+        help="Model of the person in VIDEO; without it they are enrolled first.",
+    ),
+]
+LandmarkFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--landmarks",
+        metavar="FILE",
+        help="Landmarks (.npz, .json, .pts) of each clip; default: beside the clip.",
+    ),
+]
+LandmarkFile = Annotated[
+    Path | None,
+    typer.Option("--landmarks", metavar="FILE", help="Landmarks of VIDEO for enrolling; default: beside it."),
+]
+LandmarkerSpec = Annotated[
+    str | None,
+    typer.Option("--landmarker", metavar="SPEC", help="Find landmarks by a model: CARD.toml[@DETECTOR]."),
+]
+Alpha = Annotated[
+    float,
+    typer.Option(
+        min=0.0, max=1.0, help="Share of expression beyond the identity's own that is let through, 0 to 1."
+    ),
+]
+RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Who draws the face.")]
+Detector = Annotated[str, typer.Option(metavar="lbp|yunet:PATH", help="What finds the face.")]
+Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such as libx264, libx265, ffv1.")]
+Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
+Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]
+Lossless = Annotated[bool, typer.Option("--lossless", help="Lose nothing in encoding.")]

@@ -1,0 +1,62 @@
+"""From an exception to one sentence and an exit code.
+
+2: a user's mistake.  130: interrupted.  1: a fault of Guise itself; GUISE_DEBUG=1 shows where.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+
+USER_MISTAKE = 2
+FAULT = 1
+INTERRUPTED = 130
+
+
+def report(error: BaseException) -> int:
+    """Say `error: ...` on stderr and return the exit code."""
+    if isinstance(error, KeyboardInterrupt):
+        print("error: interrupted; nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    sentence, code = explain(error)
+    if code == FAULT and os.environ.get("GUISE_DEBUG") == "1":
+        traceback.print_exception(error)
+    print(f"error: {sentence}", file=sys.stderr)
+    return code
+
+
+def explain(error: BaseException) -> tuple[str, int]:
+    """One sentence for an exception, and the exit code that goes with it."""
+    if hasattr(error, "format_message"):  # a mistake on the command line, as typer puts it
+        return _one_line(error.format_message()), USER_MISTAKE
+    if isinstance(error, user_mistakes()):
+        return _one_line(str(error)), USER_MISTAKE
+    if isinstance(error, OSError) and error.filename is not None:
+        return _one_line(f"{error.filename}: {error.strerror or error}"), USER_MISTAKE
+    if isinstance(error, MemoryError):
+        return "there is not enough memory; use fewer --frames or a lower --resolution", USER_MISTAKE
+    detail = _one_line(str(error)) or "no message"
+    return f"Guise failed ({type(error).__name__}: {detail}); GUISE_DEBUG=1 shows where", FAULT
+
+
+def user_mistakes() -> tuple[type[Exception], ...]:
+    """The exceptions whose message is meant for the user."""
+    from aam.extrapolation import ReferenceMismatchError
+    from aam.landmarks import LandmarkError
+    from aam.model import ModelError
+    from aam.training import TrainingError
+    from app.enrol import EnrolError
+    from app.media import MediaError
+    from app.outputs import OutputError
+    from app.run import SwapError
+    from render import RendererError
+
+    return (
+        MediaError, LandmarkError, ModelError, TrainingError, EnrolError, RendererError, ReferenceMismatchError,
+        OutputError, SwapError,
+    )  # fmt: skip
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
