@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import AppearanceModel, Components
+from aam.appearance import SHAPE, AppearanceModel, Components
 from aam.reference import POINTS, ReferenceFrame
-from aam.tracker import Quality, Tracker
+from aam.tracker import POSE, Quality, Tracker
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -118,6 +118,7 @@ class Identity:
         tensors, header = _read(Path(path))
         frame = _reference(path, header)
         try:
+            _check_lengths(tensors, frame)
             return cls._assemble(tensors, header, frame)
         except (KeyError, ValueError, IndexError) as error:
             raise ModelError(f"{path} is damaged ({error}); enrol the person again") from error
@@ -175,6 +176,30 @@ def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
             return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise ModelError(f"{path} is not a Guise model or is truncated; enrol the person again") from error
+
+
+def _check_lengths(t: dict[str, NDArray[Any]], frame: ReferenceFrame) -> None:
+    """ValueError unless the tensors fit the reference frame and each other."""
+    h, w = frame.size
+    appearance, pixels = SHAPE + 3 * len(frame.pixels), len(t["tracker.pixels"])
+    modes, corrections = len(t["appearance.deviations"]), POSE + len(t["tracker.shapes.deviations"])
+    expected = {
+        "neutral": (appearance,),
+        "mask": (h, w),
+        "detail": (2 * h, 2 * w),
+        "appearance.mean": (appearance,),
+        "appearance.basis": (appearance, modes),
+        "tracker.shapes.mean": (SHAPE,),
+        "tracker.shapes.basis": (SHAPE, corrections - POSE),
+        "tracker.texture.mean": (pixels,),
+        "tracker.texture.basis": (pixels, len(t["tracker.texture.deviations"])),
+        "tracker.quality": (3,),
+        "tracker.box_to_shape": (3,),
+        **{name: (1 + pixels, corrections) for name in t if name.startswith("tracker.stage")},
+    }
+    for name, shape in expected.items():
+        if t[name].shape != shape:
+            raise ValueError(f"{name} is {t[name].shape}, not {shape}")
 
 
 def _check_format(path: Path, header: dict[str, str]) -> None:

@@ -2,8 +2,19 @@
 
 import os
 from functools import cache
+from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import settings
+
+from aam.model import Identity
+
+settings.register_profile("default", deadline=None, max_examples=50)
+settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
+
+SAMPLES = Path(__file__).parents[1] / "sample_videos"
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -24,3 +35,25 @@ def _why_no_gl() -> str:
 
     found = probe_gl()
     return found.reason if isinstance(found, GLMissing) else ""
+
+
+@pytest.fixture(scope="session")
+def p01() -> Identity:
+    """The first sample person, enrolled on a few frames of the first clip with a small tracker."""
+    from aam.tracker import TrackerOptions
+    from aam.training import TrainingOptions
+    from app.enrol import LandmarkSource, enrol
+
+    options = TrainingOptions(frames=40, resolution=96, tracker=TrackerOptions(stages=3, copies=10, folds=2))
+    return enrol([SAMPLES / "p01" / "talk.mp4"], LandmarkSource(), name="p01", options=options)
+
+
+@pytest.fixture(scope="session")
+def talk2() -> tuple[list[np.ndarray], np.ndarray]:
+    """Every second frame of the first person's second clip: luma (h, w) uint8, and the true landmarks."""
+    from app.media import open_source
+
+    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+        luma = [frame.luma.copy() for frame in source if frame.index % 2 == 0]
+    truth = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"][::2].astype(float)
+    return luma, truth
