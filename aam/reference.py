@@ -213,11 +213,10 @@ def _data() -> dict[str, list[list[float]]]:
 def _canonical(resolution: int) -> ReferenceFrame:
     if not 32 <= resolution <= 512:
         raise ValueError(f"the texture resolution must be 32 to 512 pixels across the face, got {resolution}")
-    from scipy.spatial import Delaunay
-
     unit = np.array(_data()["points"])
     points = (unit - unit.min(0)) * resolution + MARGIN
     width, height = np.ceil(points.max(0)).astype(int) + MARGIN
-    triangles = Delaunay(unit).simplices.astype(np.int32)
-    points.setflags(write=False)
+    triangles = np.array(_data()["triangles"], np.int32)
+    for array in (points, triangles):
+        array.setflags(write=False)
     return ReferenceFrame(points, triangles, (int(height), int(width)))

@@ -2,19 +2,17 @@
 
 import os
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from made_up import SAMPLES
 
 from aam.model import Identity
 
 settings.register_profile("default", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
-
-SAMPLES = Path(__file__).parents[1] / "sample_videos"
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -1,10 +1,13 @@
 """Small made-up appearance models for tests: right in structure, random in content, no video needed."""
 
+from pathlib import Path
+
 import numpy as np
 
 from aam.appearance import SHAPE, AppearanceModel, Components
 from aam.reference import ReferenceFrame
 
+SAMPLES = Path(__file__).parents[1] / "sample_videos"
 FRAME = ReferenceFrame.canonical(32)
 
 

@@ -76,11 +76,11 @@ def test_the_rule_sees_wrong_imports(tmp_path: Path) -> None:
         "from ..similarity import align",
         "from app import cli",
         "def f():",
-        " import av.codec as c",
+        " import av",
     ]
     path.write_text("\n".join(lines), encoding="utf-8")
-    assert {name for name, _ in imports(path, tmp_path)} == {"json", "aam.similarity", "app", "av.codec"}
+    assert {name for name, _ in imports(path, tmp_path)} == {"json", "aam.similarity", "app", "av"}
     assert set(wrong_imports(path, MAY_IMPORT["aam"], tmp_path)) == {
         "aam/landmarks/made_up.py:3 imports app",
-        "aam/landmarks/made_up.py:5 imports av.codec",
+        "aam/landmarks/made_up.py:5 imports av",
     }

@@ -13,6 +13,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import Delaunay
 
 from aam.landmarks import MIRROR
 from aam.reference import RIGID_WEIGHTS
@@ -81,6 +82,7 @@ def main() -> None:
         "scheme": "face81",
         "unit": "face width",
         "points": unit.round(5).tolist(),
+        "triangles": Delaunay(unit.round(5)).simplices.tolist(),  # stored: ties may be cut otherwise elsewhere
         "yaw_per_degree": _yaw_mode(unit).round(7).tolist(),
     }
     out.write_text(json.dumps(content) + "\n")
