@@ -224,6 +224,78 @@ def info(
     console.result(asdict(facts) | {"montage": montage and str(montage)})
 
 
+@app.command()
+def demo(
+    samples: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The folder sample_videos of a Guise checkout.")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where the files go.")] = Path(
+        "guise-demo"
+    ),
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Enrol two sample people and put the face of one on the other."""
+    from app.demo import run_demo
+    from app.run import Settings
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        report = run_demo(samples, output, Settings(force=force, progress=stages, say=console.note))
+    for enrolment in report.enrolments:
+        console.table(enrolment.output, enrolment.as_rows())
+    _say_report(console, report.swap, "swapped", last=False)
+    console.say(f"side by side: {report.side_by_side}")
+    console.say(f"contact sheet: {report.contact_sheet}")
+    console.result(report.as_json())
+
+
+@app.command()
+def doctor(quiet: Quiet = False, json: Json = False) -> None:
+    """Show what works on this computer, and what to install for the rest."""
+    from app.doctor import as_json, examine
+
+    console = Console(quiet=quiet, json=json)
+    findings = examine()
+    words = {True: "works", False: "missing", None: "optional"}
+    rows = [[f.topic, f.name, words[f.ok], f.detail] for f in findings]
+    console.grid("Guise on this computer", ["", "what", "", "detail"], rows)
+    console.result(as_json(findings))
+
+
+@app.command()
+def bench(
+    clip: Annotated[
+        Path | None, typer.Argument(metavar="[VIDEO]", help="What is measured on; default: a sample clip.")
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option(metavar="SRC.guise", help="Model of the person in VIDEO; default: enrolled."),
+    ] = None,
+    identity: Annotated[
+        Path | None,
+        typer.Option(metavar="NAME.guise", help="Whose face is shown; default: the same person's."),
+    ] = None,
+    samples: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The folder sample_videos of a Guise checkout.")
+    ] = None,
+    frames: Annotated[int, typer.Option(min=20, help="Frames that are counted.")] = 150,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Measure how long each stage of a frame takes here."""
+    from app.bench import measure, prepare
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        clip, person, shown = prepare(clip, source, identity, samples, progress=stages, say=console.note)
+        timings = measure(clip, person, shown, frames=frames, say=console.note)
+    rows = [[t.renderer, t.stage, f"{t.median:.2f}", f"{t.p95:.2f}"] for t in timings]
+    console.grid(f"{clip.name}: milliseconds a frame", ["renderer", "stage", "median", "95 %"], rows)
+    console.result({"clip": str(clip), "milliseconds": [t.as_json() for t in timings]})
+
+
 def _settings(
     console: Console, stages: Stages, alpha: float, renderer: RendererName, detector: str, encoder: str, crf: int,
     preset: str, lossless: bool, force: bool,
@@ -271,12 +343,14 @@ def _landmark_source(files: list[Path], landmarker: str | None, clips: int) -> L
     return LandmarkSource(landmarker=open_landmarker(landmarker))
 
 
-def _say_report(console: Console, report: Report, word: str) -> None:
+def _say_report(console: Console, report: Report, word: str, *, last: bool = True) -> None:
+    """The line for people and, unless more follows, the JSON object."""
     console.say(
-        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, {report.lost} lost; "
-        f"{report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
+        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, "
+        f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
     )
-    console.result(report.as_json())
+    if last:
+        console.result(report.as_json())
 
 
 if __name__ == "__main__":

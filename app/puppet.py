@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import SHAPE
+from aam.appearance import SHAPE, AppearanceModel
 from aam.extrapolation import Extrapolator
 from aam.follow import Boxes, PersonFollower
 from aam.model import Identity, Still
@@ -25,8 +25,9 @@ from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
 from aam.similarity import align_planar
 from aam.tracker import Fit
 from app.engine import Options, Outcome, Painter
-from app.media import Frame, Sink, open_sink, open_source, process
+from app.media import Frame, open_sink, open_source
 from app.outputs import synthetic_tags
+from app.remake import remake
 from app.run import DEFAULTS, Report, Settings, Tally, person_in
 from render import make_compositor
 
@@ -40,7 +41,10 @@ Picture = NDArray[np.uint8]
 TALLEST = 1080  # pixels, height of the output at most
 CALM = 0.6  # share of a new expression that is taken at once; the rest follows
 SURROUND = 0.55  # how far around the face the picture moves along, in face widths
+NOISE = 1.0  # degrees by which a head's turn is misjudged
 RING = 28  # fixed points around the face
+
+UPPER_LIP, LOWER_LIP = [61, 62, 63], [67, 66, 65]  # inner lips, from the image left
 
 # Points that belong to the skull, not to the expression: upper jaw and forehead.
 PINNED = np.zeros(POINTS, bool)
@@ -68,6 +72,8 @@ class Puppet:
         own = ParameterEstimator(target.appearance)
         self.painter = Painter(target, target, own, options)
         self._pose = PoseRemover(target.frame)
+        self._neutral = source.appearance.neutral_parameters
+        self._unturned = self._pose.from_parameters(source.appearance)
         self._rest = self._shape(self.extrapolator.apply(source.appearance.neutral_parameters))
         a, b, _, _ = align_planar(target.appearance.neutral_shape, self._still.shape, RIGID_WEIGHTS)
         self._linear = np.array([[a, b], [-b, a]])
@@ -83,20 +89,21 @@ class Puppet:
         return width, height
 
     def step(self, frame: Frame) -> tuple[Outcome, Frame]:
-        """The still with the expression of the driver's frame, at its time; the last one when the driver is lost."""
+        """The still with the expression of the driver's frame; the last one when the driver is lost."""
         fit = self.follower.step(frame.luma)
         if isinstance(fit, Fit):
             texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
-            seen = self.extrapolator.apply(self.estimator(fit.shape, texels))
+            expression = self._unturned @ (self.estimator(fit.shape, texels) - self._neutral)
+            seen = self.extrapolator.apply(self._neutral + expression)
             self._appearance += np.float32(CALM) * (seen - self._appearance)
         outcome: Outcome = "swapped" if isinstance(fit, Fit) else "held"
-        return outcome, self._drawn(frame)
+        return outcome, self._drawn()
 
     def mesh(self, appearance: F32) -> F64:
         """The face (81, 2) in the still's pixels for an appearance."""
         moved = self._pose.without(self._shape(appearance) - self._rest)
         moved[PINNED] = 0
-        return np.asarray(self._still.shape + moved @ self._linear)
+        return uncrossed(self._still.shape + moved @ self._linear)
 
     def close(self) -> None:
         """Release the compositors."""
@@ -111,10 +118,9 @@ class Puppet:
     ) -> None:
         self.close()
 
-    def _drawn(self, driver: Frame) -> Frame:
+    def _drawn(self) -> Frame:
         mesh = self.mesh(self._appearance)
-        made = Frame.from_rgb(self._surroundings.around(mesh), driver.pts, driver.time_base, driver.index)
-        made.name, made.duration = driver.name, driver.duration
+        made = Frame.from_rgb(self._surroundings.around(mesh))
         self.painter.blend(made, mesh, self._appearance[SHAPE:].reshape(-1, 3), self.zoom)
         return made
 
@@ -130,7 +136,7 @@ class Puppet:
 
 
 class PoseRemover:
-    """Takes the turn of a head out of a displacement of its landmarks.
+    """Takes the turn of a head out of appearance parameters, and out of a displacement of its landmarks.
 
     The turns are fitted to the points that expression does not move: shift, scale, roll, and yaw and pitch through the
     depth that the yaw of the reference frame shows.
@@ -146,10 +152,22 @@ class PoseRemover:
         zero, one = np.zeros(POINTS), np.ones(POINTS)
         columns = [(one, zero), (zero, one), (x, y), (-y, x), (depth, zero), (zero, depth)]
         modes = np.stack([np.column_stack(c).ravel() for c in columns], axis=1)
+        self._degree = float(np.linalg.norm(frame.yaw_mode[:, 0]))
         self._modes = modes / np.linalg.norm(modes, axis=0)
         weights = np.repeat(RIGID_WEIGHTS + 0.03 * PINNED, 2)
         weighted = self._modes * weights[:, None]
         self._solve = np.linalg.solve(weighted.T @ self._modes + 1e-6 * np.eye(len(columns)), weighted.T)
+
+    def from_parameters(self, look: AppearanceModel) -> F32:
+        """(k, k) product that takes what yaw and pitch let expect out of parameters, measured from the neutral ones.
+
+        With rho of covariance D and turns A^T rho, known to a degree, that is I - D A (A^T D A + noise)^-1 A^T.
+        """
+        shapes = look.components.basis[:SHAPE].astype(np.float64) / look.frame.shape_weight
+        turns = (self._solve[4:] @ shapes).T
+        spread = (look.components.deviations.astype(np.float64) ** 2)[:, None] * turns
+        known = turns.T @ spread + (NOISE * self._degree) ** 2 * np.eye(2)
+        return (np.eye(len(turns)) - spread @ np.linalg.solve(known, turns.T)).astype(np.float32)
 
     def without(self, displacement: F64) -> F64:
         """A displacement (81, 2), grid pixels, without its pose."""
@@ -206,6 +224,17 @@ def _ring(shape: F64) -> F64:
     return np.asarray(centre + reach * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
+def uncrossed(mesh: F64) -> F64:
+    """A face (81, 2) whose inner lips meet where the upper one would lie below the lower one."""
+    down = mesh[57] - mesh[51]
+    gap = (mesh[LOWER_LIP] - mesh[UPPER_LIP]) @ down / max(float(down @ down), 1e-9)
+    out = mesh.copy()
+    overlap = np.minimum(gap, 0)[:, None] * down / 2
+    out[UPPER_LIP] += overlap
+    out[LOWER_LIP] -= overlap
+    return out
+
+
 def fitted(still: Still) -> Still:
     """The still with an even size and at most 1080 pixels high, its landmarks with it."""
     height, width = still.picture.shape[:2]
@@ -217,18 +246,6 @@ def fitted(still: Still) -> Still:
     how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
     picture = np.asarray(cv2.resize(still.picture, size, interpolation=how), np.uint8)
     return Still(picture, (still.shape + 0.5) * scale - 0.5)
-
-
-class _Exchange(Sink):
-    """Takes a driver's frames and writes the pictures that were made for them."""
-
-    def __init__(self, sink: Sink) -> None:
-        super().__init__(sink.path, force=True)
-        self._sink = sink
-        self.made: dict[int, Frame] = {}
-
-    def write(self, frame: Frame) -> None:
-        self._sink.write(self.made.pop(frame.index))
 
 
 def puppet_file(
@@ -250,14 +267,15 @@ def puppet_file(
             size=(size[0], size[1]),
         ) as sink:
             person = person_in(media, source, identity, settings)
-            tally, exchange = Tally(settings, media, "moving"), _Exchange(sink)
+            tally = Tally(settings, media, "moving")
             with Puppet(person, identity, settings.boxes(), settings.options) as puppet:
 
-                def work(frame: Frame) -> None:
-                    outcome, exchange.made[frame.index] = puppet.step(frame)
+                def make(frame: Frame) -> Frame:
+                    outcome, picture = puppet.step(frame)
                     tally.add(outcome)
+                    return picture
 
-                stats = process(media, exchange, work, progress=tally.progress)
+                stats = remake(media, sink, make, progress=tally.progress)
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = puppet.follower.most_faces, puppet.painter.renderer
         return tally.report(output, stats)
