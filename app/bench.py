@@ -20,6 +20,7 @@ from aam.training import TrainingOptions
 from app.engine import Engine, Options, Painter
 from app.media import Frame, MediaError, open_source
 from app.run import Progress, Say, mute, silent
+from app.threads import one_thread
 from render import RendererError
 from render.compositor import Renderer
 
@@ -110,7 +111,8 @@ def measure(
     timings = []
     for renderer in RENDERERS:
         try:
-            timings += _measure_one(clip, source, target, renderer, frames)
+            with one_thread():
+                timings += _measure_one(clip, source, target, renderer, frames)
         except RendererError as error:
             say(f"renderer {renderer} was left out: {error}")
     return timings

@@ -29,6 +29,7 @@ from app.media import Frame, open_sink, open_source
 from app.outputs import synthetic_tags
 from app.remake import remake
 from app.run import DEFAULTS, Report, Settings, Tally, person_in
+from app.threads import one_thread
 from render import make_compositor
 
 if TYPE_CHECKING:
@@ -268,7 +269,7 @@ def puppet_file(
         ) as sink:
             person = person_in(media, source, identity, settings)
             tally = Tally(settings, media, "moving")
-            with Puppet(person, identity, settings.boxes(), settings.options) as puppet:
+            with one_thread(), Puppet(person, identity, settings.boxes(), settings.options) as puppet:
 
                 def make(frame: Frame) -> Frame:
                     outcome, picture = puppet.step(frame)

@@ -10,6 +10,7 @@ from app.engine import Engine
 from app.media import Frame, open_sink, open_source, process
 from app.outputs import synthetic_tags
 from app.run import DEFAULTS, Report, Settings, Tally, person_in
+from app.threads import one_thread
 
 if TYPE_CHECKING:
     from app.enrol import LandmarkSource
@@ -40,7 +41,7 @@ def swap_file(
         with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
             person = person_in(media, source, identity, settings)
             tally = Tally(settings, media, "swapping")
-            with Engine(person, identity, settings.boxes(), settings.options) as engine:
+            with one_thread(), Engine(person, identity, settings.boxes(), settings.options) as engine:
 
                 def work(frame: Frame) -> None:
                     tally.add(engine.step(frame).outcome)
