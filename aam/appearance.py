@@ -192,7 +192,7 @@ def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequen
     """
     openings = openness(shapes)
     usual = np.array(
-        [np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.6), np.median(openings[:, 2])]
+        [np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.75), np.median(openings[:, 2])]
     )
     spread = np.maximum(openings.std(0), 0.01)
     aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), -1)

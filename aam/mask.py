@@ -18,12 +18,12 @@ Mask = NDArray[np.bool_]
 
 
 def core_mask(frame: ReferenceFrame) -> Mask:
-    """(h, w) bool: brows, eyes, nose, mouth and the skin between them; always face."""
-    inner = frame.points[17:68]
+    """(h, w) bool: brows but for their ends, eyes, nose, mouth and the skin between them; always face."""
+    inner = frame.points[np.r_[18:26, 27:68]]
     hull = cv2.convexHull(np.round(inner).astype(np.int32))
     canvas = np.zeros(frame.size, np.uint8)
     cv2.fillConvexPoly(canvas, hull, 1)
-    grow = max(1, round(0.045 * frame.resolution))
+    grow = max(1, round(0.035 * frame.resolution))
     return (_disc(canvas, grow, cv2.MORPH_DILATE) > 0) & frame.mask
 
 

@@ -21,7 +21,7 @@ from aam.follow import Boxes, PersonFollower
 from aam.model import Identity
 from aam.parameters import ParameterEstimator
 from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
-from aam.similarity import Failed, Similarity, align, align_planar
+from aam.similarity import Failed, align_planar
 from aam.tracker import Fit
 from app.media import ColourMatrix, Frame
 from app.palette import Palette
@@ -31,14 +31,11 @@ from render.compositor import Renderer
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-FEATHER = 0.012  # standard deviation of the soft border, in face widths
+FEATHER = 0.01  # standard deviation of the soft border, in face widths
 HOLD = 4  # frames for which a lost face keeps its last place
 FINE = 1.15  # face on screen wider than this many texture grids: detail is added
 
-# Jaw and forehead follow the head in the picture, so that the face is as wide as the head and no second chin shows.
-OUTLINE: F64 = np.zeros((POINTS, 1))
-OUTLINE[:17] = OUTLINE[68:] = 1.0
-
+REACH = 0.11  # face widths over which the inner points follow the outline
 
 @dataclass(frozen=True)
 class Options:
@@ -55,7 +52,7 @@ class Options:
     alpha: float = DEFAULT_ALPHA
     renderer: Renderer = "auto"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
-    outline: float = 1.0
+    outline: float = 0.85
 
 
 Outcome = Literal["swapped", "held", "lost"]
@@ -145,6 +142,7 @@ class Painter:
         self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
         self._texels = estimator.texels
         self._detail = target.detail
+        self._pull = options.outline * outline_pull(self.frame)
         self._compositors: dict[bool, Compositor] = {}
         self._grid = np.zeros((*self.frame.size, 3), np.float32)
 
@@ -165,7 +163,7 @@ class Painter:
         """The face's shape (81, 2) on the grid, carried to the head by its rigid landmarks; and the zoom."""
         a, b, tx, ty = align_planar(shape, head, RIGID_WEIGHTS)
         mesh = shape @ np.array([[a, b], [-b, a]]) + (tx, ty)
-        return mesh + self.options.outline * OUTLINE * (head - mesh), math.hypot(a, b)
+        return mesh + self._pull @ (head - mesh), math.hypot(a, b)
 
     def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh."""
@@ -230,3 +228,19 @@ def shared_mask(source: NDArray[np.bool_], target: NDArray[np.bool_], frame: Ref
     rows = np.arange(frame.size[0])[:, None]
     forehead = rows < frame.points[[19, 24], 1].mean()
     return np.asarray(target & (source | ~forehead))
+
+
+def outline_pull(frame: ReferenceFrame) -> F64:
+    """(81, 81) weights by which each point follows the outline of the head in the picture.
+
+    Jaw and forehead follow in full, so that the face is as wide as the head and no second chin shows; inner points follow
+    the outline near them, less the farther they are, so that no brow reaches past a turned head.
+    """
+    outline = np.r_[:17, 68:POINTS]
+    distance = np.linalg.norm(frame.points[:, None] - frame.points[outline], axis=2) / (REACH * frame.resolution)
+    near = np.exp(-((distance * 1.5) ** 2))
+    share = np.exp(-(distance.min(1) ** 2))[:, None]
+    pull = np.zeros((POINTS, POINTS))
+    pull[:, outline] = share * near / near.sum(1, keepdims=True)
+    pull[outline] = np.eye(POINTS)[outline]
+    return pull

@@ -2,8 +2,9 @@
 
 Light over a face is a smooth field: per channel a quadratic in the place on the reference grid, fitted to skin, with
 levels of their own for the eyes and for the inside of the mouth (teeth do not darken with the skin).  The donor's own
-field is taken off, the remaining colours are carried by a similarity (de la Hunty, Asthana and Goecke 2010,
-section 3.2, with the symmetric scale), and the field that the frame shows is put on.  RGB 0..255.
+field is taken off; what remains (brows, lips, folds) is scaled by the ratio of the two fields, as light scales what it
+falls on, and carried by a similarity of colours (de la Hunty, Asthana and Goecke 2010, section 3.2, with the symmetric
+scale); then the field that the frame shows is put on.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ F64 = NDArray[np.float64]
 QUADRATIC = 6  # leading fields
 MEMORY = 0.85  # share that stays from frame to frame
 PRIOR = 1.0  # pull of the rotation towards none
-CONTRAST = (0.7, 1.4)  # range of the scale
+CONTRAST = (0.75, 1.35)  # range of the scale
+GAIN = (0.5, 2.0)  # range of the ratio of the fields
 KNEE = 0.35  # slope above the brightest skin, so that teeth and eyes do not glow
 
 
@@ -54,25 +56,27 @@ class Palette:
 
     def forget(self) -> None:
         """The next update is taken as it is."""
-        self._linear, self._light, self._bright = np.eye(3), np.zeros((self._field.shape[1], 3)), 255.0
-        self._fresh = True
+        fields = self._field.shape[1]
+        self._linear, self._own, self._there = np.eye(3), np.zeros((fields, 3)), np.zeros((fields, 3))
+        self._bright, self._fresh = 255.0, True
 
     @property
     def contrast(self) -> float:
-        """Scale of grey differences."""
-        return float(self._linear.sum() / 3)
+        """Scale of grey differences on skin."""
+        return float(self._linear.sum() / 3) * float(_gain(self._own[0].mean(), self._there[0].mean()))
 
     def update(self, face: F32, seen: F32) -> None:
         """Move towards what takes the face's RGB (t, 3) to what the frame shows (t, 3), both at the texels."""
-        own, there = self._solve @ face[self._fitted], self._solve @ seen[self._fitted]
-        at = self._at[self._shown]
-        found = align(face[self._shown] - at @ own, seen[self._shown] - at @ there, scale=self._scale, prior=PRIOR)
-        if not isinstance(found, Similarity):
-            return
-        linear = float(np.clip(found.scale, *CONTRAST)) * found.rotation
         keep = 0.0 if self._fresh else MEMORY
-        self._linear = keep * self._linear + (1 - keep) * linear
-        self._light = keep * self._light + (1 - keep) * (there - own @ linear.T)
+        self._own = keep * self._own + (1 - keep) * (self._solve @ face[self._fitted])
+        self._there = keep * self._there + (1 - keep) * (self._solve @ seen[self._fitted])
+        at = self._at[self._shown]
+        own, there = at @ self._own, at @ self._there
+        gain = _gain(own.mean(1), there.mean(1))[:, None]
+        found = align(gain * (face[self._shown] - own), seen[self._shown] - there, scale=self._scale, prior=PRIOR)
+        if isinstance(found, Similarity):
+            linear = float(np.clip(found.scale, *CONTRAST)) * found.rotation
+            self._linear = keep * self._linear + (1 - keep) * linear
         bright = float(np.quantile(seen[self._skin].mean(1), 0.98))
         self._bright = keep * self._bright + (1 - keep) * bright
         self._fresh = False
@@ -83,13 +87,20 @@ class Palette:
         to_stored (3, 3), offset (3,) : RGB to stored components; the first of them is brightness.
         """
         matrix = (to_stored @ self._linear).astype(np.float32)
-        light = (self._light @ to_stored.T).astype(np.float32)
+        light = (self._there @ to_stored.T).astype(np.float32)
         light[0] += offset
-        out = texture @ matrix.T
+        grey = self._field @ np.column_stack([self._own.mean(1), self._there.mean(1)]).astype(np.float32)
+        out = (texture - self._field @ self._own.astype(np.float32)) @ matrix.T
+        out *= _gain(grey[:, 0], grey[:, 1])[:, None]
         out += self._field @ light
         knee = np.float32(self._bright * to_stored[0].sum() + offset[0])
         out[:, 0] -= np.float32(1 - KNEE) * np.maximum(out[:, 0] - knee, 0)
         return np.asarray(out, np.float32)
+
+
+def _gain(own: NDArray[np.floating], there: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Ratio of two grey fields, kept in range; black does not count."""
+    return np.clip((there + 8) / np.maximum(own + 8, 1), *GAIN)
 
 
 def _fields(frame: ReferenceFrame) -> F32:
