@@ -153,7 +153,9 @@ class MeshSampler:
     def build(cls, frame: ReferenceFrame, places: F64) -> MeshSampler:
         """Places (n, 2) in grid pixels; one outside the hull takes the triangle nearest to it."""
         columns = np.clip(np.round(places).astype(int), 0, np.array(frame.size[::-1]) - 1)
-        triangle = _filled(frame.triangle_map)[columns[:, 1], columns[:, 0]]
+        triangle = frame.triangle_map[columns[:, 1], columns[:, 0]]
+        if (triangle < 0).any():  # only then, as it takes a large import
+            triangle = _filled(frame.triangle_map)[columns[:, 1], columns[:, 0]]
         vertices = frame.triangles[triangle]
         a, b, c = (frame.points[vertices[:, k]] for k in range(3))
         u, v, w = b - a, c - a, places - a
