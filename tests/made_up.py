@@ -11,9 +11,9 @@ SAMPLES = Path(__file__).parents[1] / "sample_videos"
 FRAME = ReferenceFrame.canonical(32)
 
 
-def components(rng: np.random.Generator, length: int, modes: int) -> Components:
+def components(rng: np.random.Generator, length: int, modes: int, spread: float) -> Components:
     basis = np.linalg.qr(rng.normal(size=(length, modes)))[0]
-    deviations = np.sort(rng.uniform(1, 30, modes))[::-1]
+    deviations = np.sort(rng.uniform(spread / 30, spread, modes))[::-1]
     mean = rng.uniform(60, 180, length)
     return Components(
         mean.astype(np.float32),
@@ -23,10 +23,12 @@ def components(rng: np.random.Generator, length: int, modes: int) -> Components:
     )
 
 
-def appearance(seed: int, modes: int = 6, frame: ReferenceFrame = FRAME) -> AppearanceModel:
+def appearance(
+    seed: int, modes: int = 6, frame: ReferenceFrame = FRAME, spread: float = 30.0
+) -> AppearanceModel:
     """A person whose mean shape is near the reference points and whose neutral face is one of their own."""
     rng = np.random.default_rng(seed)
-    found = components(rng, SHAPE + 3 * len(frame.pixels), modes)
+    found = components(rng, SHAPE + 3 * len(frame.pixels), modes, spread)
     near = frame.points + rng.normal(size=frame.points.shape) * 0.01 * frame.resolution
     found.mean[:SHAPE] = (frame.align(near) * frame.shape_weight).ravel()
     neutral = found.synthesise((rng.normal(size=modes) * found.deviations).astype(np.float32))
