@@ -144,7 +144,8 @@ class Painter:
         self._detail = target.detail
         self._pull = options.outline * outline_pull(self.frame)
         self._compositors: dict[bool, Compositor] = {}
-        self._grid = np.zeros((*self.frame.size, 3), np.float32)
+        self._grid = np.zeros(self.frame.size, np.uint32)
+        self._zeros = np.zeros((3, 0), np.float32)
 
     def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
         """Blend an appearance (162 + 3 n,) over the head (81, 2) in the frame; returns the mesh (81, 2).
@@ -193,17 +194,27 @@ class Painter:
 
     def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> NDArray[np.uint8]:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
-        to_stored = colour.from_rgb[:, :3]
-        self._grid.reshape(-1, 3)[self.frame.pixels] = self._palette.apply(texture, to_stored, colour.from_rgb[:, 3])
-        picture = self._grid
+        planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
+        picture = self._scattered(planes)
         if zoom < 0.7:
-            picture = cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom)
-        elif fine:
-            h, w = self.frame.size
-            picture = cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_CUBIC)
-            contrast = np.float32(self._palette.contrast * colour.from_rgb[0, :3].sum())
-            picture[..., 0] += contrast * self._detail
-        return cv2.convertScaleAbs(np.maximum(picture, 0))
+            return np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom), np.uint8)
+        if not fine:
+            return picture
+        h, w = self.frame.size
+        picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_CUBIC), np.uint8)
+        contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
+        luma = cv2.extractChannel(picture, 0)
+        cv2.addWeighted(luma, 1.0, self._detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
+        return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
+
+    def _scattered(self, planes: F32) -> NDArray[np.uint8]:
+        """Planes (3, n) rounded to bytes, as a picture (h, w, 3); whole words, as that is the quickest way."""
+        if self._zeros.shape != planes.shape:
+            self._zeros = np.zeros_like(planes)
+        bytes_ = cv2.add(planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
+        words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
+        self._grid[self.frame.mask] = words
+        return np.asarray(cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.frame.size, 4), cv2.COLOR_BGRA2BGR))
 
     def _compositor(self, fine: bool) -> Compositor:
         if fine not in self._compositors:
@@ -212,7 +223,7 @@ class Painter:
             h, w = self.frame.size
             alpha = cv2.resize(self._alpha, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR)
             self._compositors[fine] = make_compositor(
-                self.options.renderer, self.frame.triangles, uv.astype(np.float32), alpha
+                self.options.renderer, self.frame.triangles, uv.astype(np.float32), np.asarray(alpha, np.float32)
             )
         return self._compositors[fine]
 

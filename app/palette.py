@@ -46,12 +46,14 @@ class Palette:
         shown = mask[frame.mask][texels]
         self._shown = np.flatnonzero(shown)
         self._skin = np.flatnonzero(shown & skin_mask(frame)[frame.mask][texels])
+        self._planes = np.ascontiguousarray(self._field.T)
         self._at = self._field[texels].astype(np.float64)
         inner = self._at[:, QUADRATIC:].max(1) > 0.5
         self._fitted = np.union1d(self._skin, np.flatnonzero(inner))
         known = self._at[self._fitted]
         ridge = 1e-3 * len(known) * np.diag([0, 0, 0, 1, 1, 1, 0.1, 0.1])
         self._solve = np.linalg.solve(known.T @ known + ridge, known.T)
+        self._at_shown = self._at[self._shown]
         self.forget()
 
     def forget(self) -> None:
@@ -70,37 +72,44 @@ class Palette:
         keep = 0.0 if self._fresh else MEMORY
         self._own = keep * self._own + (1 - keep) * (self._solve @ face[self._fitted])
         self._there = keep * self._there + (1 - keep) * (self._solve @ seen[self._fitted])
-        at = self._at[self._shown]
-        own, there = at @ self._own, at @ self._there
+        own, there = self._at_shown @ self._own, self._at_shown @ self._there
         gain = _gain(own.mean(1), there.mean(1))[:, None]
         found = align(gain * (face[self._shown] - own), seen[self._shown] - there, scale=self._scale, prior=PRIOR)
         if isinstance(found, Similarity):
             linear = float(np.clip(found.scale, *CONTRAST)) * found.rotation
             self._linear = keep * self._linear + (1 - keep) * linear
-        bright = float(np.quantile(seen[self._skin].mean(1), 0.98))
+        bright = _upper(seen[self._skin].mean(1))
         self._bright = keep * self._bright + (1 - keep) * bright
         self._fresh = False
 
     def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
-        """A texture (n, 3) RGB in the frame's palette, as the frame's stored components (n, 3) float32.
+        """A texture (n, 3) RGB in the frame's palette, as planes (3, n) float32 of the frame's stored components.
 
         to_stored (3, 3), offset (3,) : RGB to stored components; the first of them is brightness.
         """
-        matrix = (to_stored @ self._linear).astype(np.float32)
-        light = (self._there @ to_stored.T).astype(np.float32)
+        matrix = to_stored @ self._linear
+        light = self._there @ to_stored.T
         light[0] += offset
-        grey = self._field @ np.column_stack([self._own.mean(1), self._there.mean(1)]).astype(np.float32)
-        out = (texture - self._field @ self._own.astype(np.float32)) @ matrix.T
-        out *= _gain(grey[:, 0], grey[:, 1])[:, None]
-        out += self._field @ light
+        greys = self._own.mean(1), self._there.mean(1)
+        fields = np.concatenate([(self._own @ matrix.T).T, light.T, np.stack(greys)]).astype(np.float32) @ self._planes
+        out = matrix.astype(np.float32) @ texture.T
+        out -= fields[:3]
+        out *= _gain(fields[6], fields[7])
+        out += fields[3:6]
         knee = np.float32(self._bright * to_stored[0].sum() + offset[0])
-        out[:, 0] -= np.float32(1 - KNEE) * np.maximum(out[:, 0] - knee, 0)
+        out[0] -= np.float32(1 - KNEE) * np.maximum(out[0] - knee, 0)
         return np.asarray(out, np.float32)
+
+
+def _upper(values: F32) -> float:
+    """The value that 2 % exceed."""
+    place = int(0.98 * (len(values) - 1))
+    return float(np.partition(values, place)[place])
 
 
 def _gain(own: NDArray[np.floating], there: NDArray[np.floating]) -> NDArray[np.floating]:
     """Ratio of two grey fields, kept in range; black does not count."""
-    return np.clip((there + 8) / np.maximum(own + 8, 1), *GAIN)
+    return np.asarray(np.clip((there + 8) / np.maximum(own + 8, 1), *GAIN))
 
 
 def _fields(frame: ReferenceFrame) -> F32:
