@@ -5,6 +5,7 @@ Heavy libraries are imported inside the commands, so that `guise --help` is quic
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -55,6 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code; errors are one sentence on stderr."""
     from app.failures import INTERRUPTED, report
 
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is imported; why: app.threads
     arguments = list(sys.argv[1:] if argv is None else argv)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)

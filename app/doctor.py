@@ -12,6 +12,7 @@ from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any
 
+from app.media.codecs import has_decoder, has_encoder, library_versions
 from app.version import version
 
 _ENCODERS = {
@@ -98,32 +99,14 @@ def _packages() -> Iterator[Finding]:
 
 
 def _codecs() -> Iterator[Finding]:
-    import av
-
-    yield Finding("codecs", "FFmpeg", True, f"PyAV {av.__version__}, libavcodec {_dotted('libavcodec')}")
-    for mode, names in (("w", _ENCODERS), ("r", _DECODERS)):
-        for name, title in names.items():
-            ok = _has_codec(name, mode)
-            what = "writes" if mode == "w" else "reads"
-            missing = "not in this PyAV: pip install --upgrade av"
-            yield Finding("codecs", f"{name} ({what})", ok, title if ok else missing)
-
-
-def _dotted(library: str) -> str:
-    import av
-
-    return ".".join(map(str, av.library_versions.get(library, ())))
-
-
-def _has_codec(name: str, mode: str) -> bool:
-    import av
-    from av.codec.codec import UnknownCodecError
-
-    try:
-        av.Codec(name, "w" if mode == "w" else "r")
-    except UnknownCodecError:
-        return False
-    return True
+    missing = "not in this PyAV: pip install --upgrade av"
+    yield Finding("codecs", "FFmpeg", True, library_versions())
+    for name, title in _ENCODERS.items():
+        ok = has_encoder(name)
+        yield Finding("codecs", f"{name} (writes)", ok, title if ok else missing)
+    for name, title in _DECODERS.items():
+        ok = has_decoder(name)
+        yield Finding("codecs", f"{name} (reads)", ok, title if ok else missing)
 
 
 def _renderer() -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
 from numpy.typing import NDArray
 
 from aam.landmarks import Annotations, Follower, Landmarker, LbpDetector, load_annotations
@@ -30,6 +31,7 @@ from aam.training import (
     train_identity,
 )
 from app.media import open_source
+from app.threads import one_thread
 
 F64 = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -78,15 +80,16 @@ def enrol(
     choice = choose_frames(np.concatenate(shapes), options)
     observations, box = _observe(clips, shapes, choice, options, progress)
     facts: dict[str, Any] = {"clips": [clip.name for clip in clips], "box_known": box is not None}
-    identity = train_identity(
-        name,
-        observations,
-        choice,
-        options=options,
-        box_to_shape=box,
-        facts=facts,
-        progress=lambda share: progress("training", share),
-    )
+    with one_thread():
+        identity = train_identity(
+            name,
+            observations,
+            choice,
+            options=options,
+            box_to_shape=box,
+            facts=facts,
+            progress=lambda share: progress("training", share),
+        )
     identity.facts["seconds"] = round(time.perf_counter() - start, 2)
     identity.facts["peak_memory_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     return identity

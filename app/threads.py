@@ -1,57 +1,67 @@
-"""One thread for the work on a frame, so that the decoder and the encoder have the other cores.
+"""One thread for small matrix work, so that the decoder and the encoder have the other cores.
 
-The products of a frame are small: OpenBLAS loses more in waiting for its second thread than it wins, many times over
-when the cores are busy (a matrix-vector product of 75,000 x 17: 0.7 ms alone, 7-13 ms beside an encoder).
+The products of a frame and of a tracker's training are small: OpenBLAS loses more in waiting for its second thread
+than it wins, many times over when the cores are busy (a matrix-vector product of 75,000 x 17: 0.5 ms alone, 7 to
+13 ms beside an encoder; an enrolment: 3.9 s of processor time, or 9.3 s).
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import numpy as np
 
-_SUFFIXES = ("64_", "")
-_PREFIXES = ("scipy_openblas", "openblas")
+_NAMES = [
+    f"{prefix}_{{}}_num_threads{suffix}"
+    for prefix in ("scipy_openblas", "openblas")
+    for suffix in ("64_", "")
+]
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Inside, OpenCV and NumPy's own OpenBLAS use one thread; where NumPy has another BLAS it stays as it is."""
-    in_opencv, in_blas = cv2.getNumThreads(), _get_blas_threads()
+    """Inside, OpenCV and the OpenBLAS of NumPy and, once imported, of SciPy use one thread; another BLAS is left."""
+    in_opencv = cv2.getNumThreads()
+    in_blas = [(library, name, int(getattr(library, name.format("get"))())) for library, name in _libraries()]
     cv2.setNumThreads(1)
-    _set_blas_threads(1)
+    for library, name, _ in in_blas:
+        getattr(library, name.format("set"))(1)
     try:
         yield
     finally:
         cv2.setNumThreads(in_opencv)
-        _set_blas_threads(in_blas)
+        for library, name, count in in_blas:
+            getattr(library, name.format("set"))(count)
 
 
-def _get_blas_threads() -> int:
-    found = _openblas()
-    return int(getattr(found[0], f"{found[1]}_get_num_threads{found[2]}")()) if found else 1
+def _libraries() -> list[tuple[ctypes.CDLL, str]]:
+    found = [
+        _openblas(_folder(np)),
+        _openblas(_folder(sys.modules["scipy"])) if "scipy" in sys.modules else None,
+    ]
+    return [library for library in found if library is not None]
 
 
-def _set_blas_threads(count: int) -> None:
-    if found := _openblas():
-        getattr(found[0], f"{found[1]}_set_num_threads{found[2]}")(count)
+def _folder(package: ModuleType) -> Path:
+    """Where a wheel keeps the libraries of a package."""
+    home = Path(str(package.__file__)).parent
+    return home / ".dylibs" if (home / ".dylibs").is_dir() else home.with_name(f"{home.name}.libs")
 
 
 @cache
-def _openblas() -> tuple[ctypes.CDLL, str, str] | None:
-    """The OpenBLAS inside NumPy's wheel with the prefix and suffix of its names, or None."""
-    package = Path(np.__file__).parent
-    for folder in (package.with_name("numpy.libs"), package / ".dylibs"):
-        for file in sorted(folder.glob("*openblas*")) if folder.is_dir() else ():
-            with contextlib.suppress(OSError):
-                library = ctypes.CDLL(str(file))
-                for prefix in _PREFIXES:
-                    for suffix in _SUFFIXES:
-                        if hasattr(library, f"{prefix}_set_num_threads{suffix}"):
-                            return library, prefix, suffix
+def _openblas(folder: Path) -> tuple[ctypes.CDLL, str] | None:
+    """The OpenBLAS in a folder, with the pattern of its functions' names, or None."""
+    for file in sorted(folder.glob("*openblas*")) if folder.is_dir() else ():
+        with contextlib.suppress(OSError):
+            library = ctypes.CDLL(str(file))
+            for name in _NAMES:
+                if hasattr(library, name.format("set")):
+                    return library, name
     return None
