@@ -155,7 +155,12 @@ class Report:
     def markdown(self) -> str:
         """The report as Markdown."""
         rows = [
-            (c.what, shown(c.measured, c.unit), f"{c.sense} {shown(c.target, c.unit)}", "met" if c.met else "NOT MET")
+            (
+                c.what,
+                shown(c.measured, c.unit),
+                f"{c.sense} {shown(c.target, c.unit)}",
+                "met" if c.met else "NOT MET",
+            )
             for c in self.criteria
         ]
         parts = [f"## {self.title}", "", markdown_table(("what", "measured", "target", ""), rows)]
@@ -166,8 +171,14 @@ class Report:
     def plain(self) -> dict[str, Any]:
         """The report as JSON holds it."""
         criteria = [asdict(c) | {"met": c.met} for c in self.criteria]
-        tables = [{"title": t.title, "columns": list(t.columns), "rows": [list(r) for r in t.rows]} for t in self.tables]
-        return {"name": self.name, "title": self.title, "criteria": criteria, "tables": tables, "notes": self.notes}
+        tables = [asdict(t) for t in self.tables]
+        return {
+            "name": self.name,
+            "title": self.title,
+            "criteria": criteria,
+            "tables": tables,
+            "notes": self.notes,
+        }
 
 
 def shown(value: object, unit: str = "") -> str:
@@ -210,7 +221,11 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    names = [s.split(":", 1)[1].strip() for s in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in s]
+    names = [
+        s.split(":", 1)[1].strip()
+        for s in Path("/proc/cpuinfo").read_text().splitlines()
+        if "model name" in s
+    ]
     return names[0] if names else platform.processor()
 
 

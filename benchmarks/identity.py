@@ -90,7 +90,9 @@ class Judged:
     shape: F64
 
 
-def swapped(clip: Clip, source: Identity, donor: Identity, indices: set[int]) -> tuple[list[Judged], dict[str, int]]:
+def swapped(
+    clip: Clip, source: Identity, donor: Identity, indices: set[int]
+) -> tuple[list[Judged], dict[str, int]]:
     """Swap a whole clip; keeps some frames, and counts the outcomes of all."""
     kept, outcomes = [], {"swapped": 0, "held": 0, "lost": 0}
     with Engine(source, donor, common.detector()) as engine:
@@ -112,7 +114,8 @@ def contact_sheet(judged: list[Judged], path: Path) -> None:
         x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
         x1, y1 = np.ceil(centre + reach).astype(int)
         cut = [np.ascontiguousarray(p[y0:y1, x0:x1]) for p in (one.original, one.swapped)]
-        columns.append(np.vstack([cv2.resize(p, (SHEET_HEIGHT, SHEET_HEIGHT), interpolation=cv2.INTER_AREA) for p in cut]))
+        size = (SHEET_HEIGHT, SHEET_HEIGHT)
+        columns.append(np.vstack([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in cut]))
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), np.hstack(columns)[..., ::-1])
 

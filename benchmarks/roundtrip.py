@@ -75,7 +75,8 @@ class Comparison:
     def _through_grid(self, picture: Picture, shape: F64) -> Picture:
         """The face sampled on the texture grid and drawn back without any model: the ceiling."""
         texture = self._frame.scatter(sample_texture(picture, shape, self._frame))
-        filled = cv2.inpaint(texture.round().astype(np.uint8), (~self._frame.mask).astype(np.uint8), 3, cv2.INPAINT_TELEA)
+        outside = (~self._frame.mask).astype(np.uint8)
+        filled = cv2.inpaint(texture.round().astype(np.uint8), outside, 3, cv2.INPAINT_TELEA)
         return self._compositor.composite(picture, np.asarray(filled, np.uint8), shape)
 
 
@@ -115,7 +116,9 @@ def measure(options: argparse.Namespace) -> Report:
     person = common.enrolled(clip)
     rows, lost = compared(clip, person, 30 if options.quick else None)
     values = {k: np.array([getattr(r, k) for r in rows]) for k in Compared.__dataclass_fields__}
-    pooled = {k: psnr(float(np.average(values[k], weights=values["pixels"]))) for k in ("rgb", "luma", "grid")}
+    pooled = {
+        k: psnr(float(np.average(values[k], weights=values["pixels"]))) for k in ("rgb", "luma", "grid")
+    }
     each = 10 * np.log10(255**2 / values["rgb"])
     table = [
         ("PSNR of RGB, pooled, dB", pooled["rgb"]),
@@ -135,7 +138,9 @@ def measure(options: argparse.Namespace) -> Report:
         [
             Criterion("PSNR inside the mask", pooled["rgb"], ">=", 34.0, "dB"),
             Criterion("landmark shift, mesh drawn", float(values["drawn_shift"].mean()), "<=", 0.5, "px"),
-            Criterion("landmark shift, tracked again", float(values["tracked_shift"].mean()), "<=", 0.5, "px"),
+            Criterion(
+                "landmark shift, tracked again", float(values["tracked_shift"].mean()), "<=", 0.5, "px"
+            ),
         ],
         [Table("Figures behind it", ("what", "measured"), table)],
     )

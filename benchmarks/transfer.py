@@ -1,7 +1,7 @@
 """Expression transfer against rendered truth: the target's face under exactly the driver's expressions.
 
-data/synthetic/transfer/A_drives_B shows B with the curves of A's second clip.  A and B are enrolled on their first clips,
-A is tracked through the second, and B's appearance is synthesised for every frame.
+data/synthetic/transfer/A_drives_B shows B with the curves of A's second clip.  A and B are enrolled on their first
+clips, A is tracked through the second, and B's appearance is synthesised for every frame.
 
 Landmark error: mean distance over the inner points (17-67), the synthesised shape brought to the truth by the weighted
 similarity of the rigid landmarks, in % of the truth's inter-ocular distance.  Face-region error: mean absolute RGB
@@ -125,7 +125,10 @@ def errors(setting: Setting, source: Identity, target: Identity, rho: dict[int, 
     features = expressive_mask(frame)[frame.mask] * mask
     made = synthesised(setting, source, target, np.stack([rho[i] for i in index]))
     rows = [
-        (landmark_error(y, truth.shapes[i], frame), *texture_error(y[SHAPE:].reshape(-1, 3), truth.textures[i], mask, features))
+        (
+            landmark_error(y, truth.shapes[i], frame),
+            *texture_error(y[SHAPE:].reshape(-1, 3), truth.textures[i], mask, features),
+        )
         for i, y in zip(index, made, strict=True)
     ]
     return Errors(*(float(v) for v in np.mean(rows, axis=0)))
@@ -142,7 +145,10 @@ def pairs(shared: Path) -> list[tuple[str, str]]:
 def measure(options: argparse.Namespace) -> Report:
     """All pairs, all settings."""
     chosen = pairs(options.shared)[: 1 if options.quick else None]
-    people = {p: common.enrolled(common.synthetic_clip(options.shared, p)) for p in sorted({p for q in chosen for p in q})}
+    people = {
+        p: common.enrolled(common.synthetic_clip(options.shared, p))
+        for p in sorted({p for q in chosen for p in q})
+    }
     results: dict[str, list[Errors]] = {s.name: [] for s in SETTINGS}
     for a, b in chosen:
         common.say(f"{a} drives {b}")
@@ -167,7 +173,13 @@ def summary(chosen: list[tuple[str, str]], results: dict[str, list[Errors]]) -> 
     for kind in ("landmarks", "face"):
         best = float(np.mean(values[kind][CHOSEN]))
         report.criteria += [
-            Criterion(f"{kind} error, {CHOSEN} against {rival}", best, "<", float(np.mean(values[kind][rival])), kinds[kind][1])
+            Criterion(
+                f"{kind} error, {CHOSEN} against {rival}",
+                best,
+                "<",
+                float(np.mean(values[kind][rival])),
+                kinds[kind][1],
+            )
             for rival in RIVALS
         ]
     report.tables = [
