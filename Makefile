@@ -21,7 +21,8 @@ help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 
 demo: $(READY) $(GL)
-	$(VENV)/bin/guise demo
+	@mkdir -p out
+	$(VENV)/bin/guise demo -o out/demo --force
 
 test: $(READY) $(GL)
 	$(PY) -m pytest $(PYTEST_ARGS)

@@ -239,7 +239,7 @@ def test_confidence_falls_with_the_residual_and_is_even_at_the_threshold() -> No
     assert all(0 <= v <= 1 for v in values)
     assert quality.confidence(quality.threshold) == pytest.approx(0.5)
     assert quality.confidence(0.2) > 0.9
-    assert quality.confidence(0.8) < 0.1
+    assert quality.confidence(0.8) < 0.2
 
 
 def test_every_fit_is_more_likely_right_than_not(tracker: Tracker, talk2: Talk) -> None:

@@ -1,0 +1,105 @@
+"""Write docs/cli.md from the commands themselves.
+
+python docs/make_cli.py          writes it
+python docs/make_cli.py --check  fails when it is not up to date
+"""
+
+from __future__ import annotations
+
+import sys
+from enum import Enum
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_type_hints
+
+import typer
+
+from app.cli import app
+
+PAGE = Path(__file__).with_name("cli.md")
+INTRODUCTION = """# Commands
+
+Made by docs/make_cli.py from the commands; `guise COMMAND --help` says the same.
+
+Every command takes `--json`, which prints one JSON object on stdout and notes on stderr, and `--quiet`. Exit codes and
+the rules for outputs are in [conventions.md](conventions.md).
+"""
+WORDS = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
+
+
+def page() -> str:
+    """The whole page."""
+    group = typer.main.get_command(app)
+    hints = {
+        c.name or c.callback.__name__: get_type_hints(c.callback)
+        for c in app.registered_commands
+        if c.callback
+    }
+    sections = [section(name, command, hints[name]) for name, command in group.commands.items()]  # type: ignore[attr-defined]
+    return "\n".join([INTRODUCTION, *sections])
+
+
+def section(name: str, command: Any, hints: dict[str, Any]) -> str:
+    """A command: heading, what it does, usage, arguments and options."""
+    params = [p for p in command.params if not getattr(p, "hidden", False) and p.name != "help"]
+    arguments = [p for p in params if not p.opts[0].startswith("-")]
+    options = [p for p in params if p.opts[0].startswith("-")]
+    needed = [f"{p.opts[0]} {value(p, hints)}" for p in options if p.required]
+    usage = ["guise", name, *(p.metavar for p in arguments), *needed, "[OPTIONS]"]
+    rows = [row(p, hints) for p in [*arguments, *options]]
+    table = ["| | | default |", "|---|---|---|", *rows]
+    return "\n".join([f"## {name}", "", command.help, "", "```text", " ".join(usage), "```", "", *table, ""])
+
+
+def row(param: Any, hints: dict[str, Any]) -> str:
+    """A line of the table: spelling, meaning, default."""
+    if param.opts[0].startswith("-"):
+        spelling = f"`{', '.join(param.opts)}{'' if is_flag(param, hints) else ' ' + value(param, hints)}`"
+    else:
+        spelling = f"`{param.metavar}`"
+    return f"| {spelling.replace('|', chr(92) + '|')} | {param.help} | {default(param)} |"
+
+
+def plain(hint: Any) -> Any:
+    """The type without `| None` and without `list`."""
+    parts = [a for a in get_args(hint) if a is not type(None)]
+    return plain(parts[0]) if isinstance(hint, UnionType) or parts else hint
+
+
+def is_flag(param: Any, hints: dict[str, Any]) -> bool:
+    """Whether an option stands alone."""
+    return plain(hints[param.name]) is bool
+
+
+def value(param: Any, hints: dict[str, Any]) -> str:
+    """What stands for an option's value."""
+    kind = plain(hints[param.name])
+    if param.metavar:
+        return str(param.metavar)
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return "|".join(member.value for member in kind)
+    return WORDS[kind]
+
+
+def default(param: Any) -> str:
+    """The default for a person to read."""
+    if param.required:
+        return "required"
+    given = param.default
+    if given is None or given is False or given == []:
+        return ""
+    return f"`{given.value if isinstance(given, Enum) else given}`"
+
+
+def main() -> None:
+    """Write or check the page."""
+    text = page()
+    if sys.argv[1:] == ["--check"]:
+        if not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != text:
+            sys.exit("docs/cli.md is not up to date: run python docs/make_cli.py")
+        return
+    PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,117 @@
+"""The documentation holds: its Python runs, its commands exist, its links lead somewhere, its pages are up to date."""
+
+import importlib.util
+import os
+import re
+import shlex
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import typer
+
+from app.cli import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+IDS = [str(page.relative_to(ROOT)) for page in PAGES]
+EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=IDS)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+
+
+def commands() -> list[str]:
+    """Every `guise ...` in a shell block or in backquotes, on any page."""
+    found = []
+    for page in PAGES:
+        lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+        quoted = re.findall(r"`(guise [^`]*)`", page.read_text(encoding="utf-8"))
+        found += [line.split("#")[0].strip() for line in lines if line.startswith("guise ")] + quoted
+    return sorted(set(found))
+
+
+def make_cli() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_cli", ROOT / "docs" / "make_cli.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def anchors(page: Path) -> set[str]:
+    """The fragments that a page's headings have, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.M)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+def test_python_on_the_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sample_videos").symlink_to(ROOT / "sample_videos")
+    for block in blocks(page, "python"):
+        exec(compile(block, str(page), "exec"), {"__name__": "docs"})
+
+
+@pytest.mark.parametrize("line", commands())
+def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
+    group = typer.main.get_command(app)
+    _, *words = shlex.split(line)
+    names = [word for word in words if word.isupper() or not word.startswith("-")]
+    assert words[0] == "COMMAND" or words[0] in group.commands, line
+    if words[0] != "COMMAND":
+        known = {opt for param in group.commands[words[0]].params for opt in [*param.opts, "--help"]}
+        assert {w.split("=")[0] for w in words if w.startswith("-")} <= known
+        assert names
+
+
+def test_pages_name_commands_at_all() -> None:
+    assert len(commands()) >= 7
+
+
+@EVERY_PAGE
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if re.match(r"https?://", target):
+            continue
+        path, _, fragment = target.partition("#")
+        linked = page.parent / path if path else page
+        assert linked.exists(), target
+        assert not fragment or fragment in anchors(linked), target
+
+
+@EVERY_PAGE
+def test_pages_do_not_speak_of_places_on_one_computer(page: Path) -> None:
+    assert not re.search(r"(?<![\w.])/(home|root|work|tmp|Users)/", page.read_text(encoding="utf-8"))
+
+
+def test_the_page_of_commands_is_up_to_date() -> None:
+    assert (ROOT / "docs" / "cli.md").read_text(encoding="utf-8") == make_cli().page()
+
+
+def test_the_page_of_commands_names_every_option() -> None:
+    text, group = make_cli().page(), typer.main.get_command(app)
+    for name, command in group.commands.items():
+        section = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
+        for param in command.params:
+            if param.name != "help" and param.opts[0].startswith("-"):
+                assert f"`{', '.join(param.opts)}" in section, (name, param.name)
+
+
+def test_the_readme_links_every_page() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    missing = [p.name for p in (ROOT / "docs").glob("*.md") if f"docs/{p.name}" not in text]
+    assert missing == []
+
+
+def test_targets_of_make_in_the_readme_exist() -> None:
+    made = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M))
+    named = set(re.findall(r"make ([a-z]+)", "\n".join(blocks(ROOT / "README.md", "sh"))))
+    assert named
+    assert named <= made
+
+
+def test_scripts_of_the_build_can_be_run() -> None:
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
