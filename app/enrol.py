@@ -149,7 +149,8 @@ def _observe(
     for clip, points in zip(clips, shapes, strict=True):
         count = 0
         with open_source(clip) as source:
-            for count, picture in enumerate(source, 1):
+            for picture in source:
+                count = picture.index + 1
                 index = base + picture.index
                 if picture.index >= len(points):
                     continue
