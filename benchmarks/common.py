@@ -1,7 +1,6 @@
 """What the benchmarks share: data, people, the machine's description, tables with targets.
 
-Pixels, x right, y down, pixel centres at integers; RGB 0..255.  Set the thread count with `one_thread` before NumPy
-is imported where a figure is for one thread.
+Pixels, x right, y down, pixel centres at integers; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -243,17 +242,6 @@ def _first_line(command: Sequence[str]) -> str:
         return "unknown"
 
 
-def one_thread(module: str) -> None:
-    """Run this module again with every library held to one thread, unless it already is."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-    if any(os.environ.get(name) != "1" for name in names):
-        os.environ.update(dict.fromkeys(names, "1"))
-        os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])
-    import cv2
-
-    cv2.setNumThreads(1)
-
-
 # -- the command ----------------------------------------------------------------------------------------------
 
 
@@ -263,6 +251,12 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
     parser.add_argument("--shared", type=Path, default=SHARED, help="folder that holds data/ and models/")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     parser.add_argument("--quick", action="store_true", help="a part of the work only, to try the script")
+    return parser
+
+
+def with_peers(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    """Adds where the peers are installed."""
+    parser.add_argument("--peers-python", type=Path, help="Python of the peers' environment, see README.md")
     return parser
 
 
