@@ -173,7 +173,9 @@ class MeshSampler:
 
     def positions(self, shape: NDArray[np.floating]) -> F32:
         """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
-        plane = np.ascontiguousarray(shape, np.float32).view(np.complex64).ravel()  # x + i y: one gather for both
+        plane = (
+            np.ascontiguousarray(shape, np.float32).view(np.complex64).ravel()
+        )  # x + i y: one gather for both
         terms = plane.take(self.vertices)
         terms *= self.weights
         terms[0] += terms[1]

@@ -37,6 +37,7 @@ FINE = 1.15  # face on screen wider than this many texture grids: detail is adde
 
 REACH = 0.11  # face widths over which the inner points follow the outline
 
+
 @dataclass(frozen=True)
 class Options:
     """How the engine draws.
@@ -85,7 +86,9 @@ class Engine:
         When the chosen renderer is not there.
     """
 
-    def __init__(self, source: Identity, target: Identity, boxes: Boxes | None, options: Options = Options()) -> None:
+    def __init__(
+        self, source: Identity, target: Identity, boxes: Boxes | None, options: Options = Options()
+    ) -> None:
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
@@ -214,7 +217,9 @@ class Painter:
         bytes_ = cv2.add(planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
         words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
         self._grid[self.frame.mask] = words
-        return np.asarray(cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.frame.size, 4), cv2.COLOR_BGRA2BGR))
+        return np.asarray(
+            cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.frame.size, 4), cv2.COLOR_BGRA2BGR)
+        )
 
     def _compositor(self, fine: bool) -> Compositor:
         if fine not in self._compositors:
@@ -223,15 +228,18 @@ class Painter:
             h, w = self.frame.size
             alpha = cv2.resize(self._alpha, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR)
             self._compositors[fine] = make_compositor(
-                self.options.renderer, self.frame.triangles, uv.astype(np.float32), np.asarray(alpha, np.float32)
+                self.options.renderer,
+                self.frame.triangles,
+                uv.astype(np.float32),
+                np.asarray(alpha, np.float32),
             )
         return self._compositors[fine]
 
 
-
-
-def shared_mask(source: NDArray[np.bool_], target: NDArray[np.bool_], frame: ReferenceFrame) -> NDArray[np.bool_]:
-    """Where the target's face is shown on the source's head (h, w): no hair of the one, and above the brows none of the other.
+def shared_mask(
+    source: NDArray[np.bool_], target: NDArray[np.bool_], frame: ReferenceFrame
+) -> NDArray[np.bool_]:
+    """Where the target's face is shown on the source's head (h, w): no hair of the one, none of the other above the brows.
 
     Below the brows the source's mask does not count: what it leaves out there (stubble, shadow, a lock of hair) would
     show the source's own face.
@@ -244,11 +252,13 @@ def shared_mask(source: NDArray[np.bool_], target: NDArray[np.bool_], frame: Ref
 def outline_pull(frame: ReferenceFrame) -> F64:
     """(81, 81) weights by which each point follows the outline of the head in the picture.
 
-    Jaw and forehead follow in full, so that the face is as wide as the head and no second chin shows; inner points follow
-    the outline near them, less the farther they are, so that no brow reaches past a turned head.
+    Jaw and forehead follow in full, so that the face is as wide as the head and no second chin shows; inner points
+    follow the outline near them, less the farther they are, so that no brow reaches past a turned head.
     """
     outline = np.r_[:17, 68:POINTS]
-    distance = np.linalg.norm(frame.points[:, None] - frame.points[outline], axis=2) / (REACH * frame.resolution)
+    distance = np.linalg.norm(frame.points[:, None] - frame.points[outline], axis=2) / (
+        REACH * frame.resolution
+    )
     near = np.exp(-((distance * 1.5) ** 2))
     share = np.exp(-(distance.min(1) ** 2))[:, None]
     pull = np.zeros((POINTS, POINTS))

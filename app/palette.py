@@ -74,7 +74,9 @@ class Palette:
         self._there = keep * self._there + (1 - keep) * (self._solve @ seen[self._fitted])
         own, there = self._at_shown @ self._own, self._at_shown @ self._there
         gain = _gain(own.mean(1), there.mean(1))[:, None]
-        found = align(gain * (face[self._shown] - own), seen[self._shown] - there, scale=self._scale, prior=PRIOR)
+        found = align(
+            gain * (face[self._shown] - own), seen[self._shown] - there, scale=self._scale, prior=PRIOR
+        )
         if isinstance(found, Similarity):
             linear = float(np.clip(found.scale, *CONTRAST)) * found.rotation
             self._linear = keep * self._linear + (1 - keep) * linear
@@ -91,7 +93,10 @@ class Palette:
         light = self._there @ to_stored.T
         light[0] += offset
         greys = self._own.mean(1), self._there.mean(1)
-        fields = np.concatenate([(self._own @ matrix.T).T, light.T, np.stack(greys)]).astype(np.float32) @ self._planes
+        fields = (
+            np.concatenate([(self._own @ matrix.T).T, light.T, np.stack(greys)]).astype(np.float32)
+            @ self._planes
+        )
         out = matrix.astype(np.float32) @ texture.T
         out -= fields[:3]
         out *= _gain(fields[6], fields[7])
@@ -113,7 +118,7 @@ def _gain(own: NDArray[np.floating], there: NDArray[np.floating]) -> NDArray[np.
 
 
 def _fields(frame: ReferenceFrame) -> F32:
-    """(n, 8): 1, x, y, x^2, x y, y^2 over the mask pixels, in face widths from the middle; eyes; inside of the mouth."""
+    """(n, 8): 1, x, y, x^2, x y, y^2 over the mask pixels, in face widths from the middle; eyes; inner mouth."""
     ys, xs = np.divmod(frame.pixels, frame.size[1])
     x = (xs - frame.size[1] / 2) / frame.resolution
     y = (ys - frame.size[0] / 2) / frame.resolution

@@ -82,7 +82,9 @@ def main() -> None:
         "scheme": "face81",
         "unit": "face width",
         "points": unit.round(5).tolist(),
-        "triangles": Delaunay(unit.round(5)).simplices.tolist(),  # stored: ties may be cut otherwise elsewhere
+        "triangles": Delaunay(
+            unit.round(5)
+        ).simplices.tolist(),  # stored: ties may be cut otherwise elsewhere
         "yaw_per_degree": _yaw_mode(unit).round(7).tolist(),
     }
     out.write_text(json.dumps(content) + "\n")
