@@ -111,7 +111,7 @@ class Quality:
     @property
     def threshold(self) -> float:
         """Residual above which the face counts as lost."""
-        return float(np.sqrt(self.good * max(self.bad, self.good)))
+        return float(self.good**0.35 * max(self.bad, self.good) ** 0.65)
 
     def confidence(self, residual: float) -> float:
         """0.5 at the threshold, falling as the residual grows.
@@ -261,7 +261,20 @@ def normalised(features: F32) -> F32:
 
 @dataclass(frozen=True)
 class TrackerOptions:
-    """How a tracker is trained."""
+    """How a tracker is trained.
+
+    Parameters
+    ----------
+    stages : regressors in the cascade.
+    copies : perturbed copies of each training frame.
+    retain, max_modes : share of shape variance to keep, and the most modes.
+    ridge, ridge_growth : damping relative to the mean feature variance, and its growth from stage to stage.
+    folds : parts for the residuals of unseen frames.
+    light : standard deviation of random slopes of light.
+    turned, turn : share of extra frames made by turning the head, and the most degrees; a clip seldom shows
+        every turn that the next one will.
+    seed : of all random numbers.
+    """
 
     stages: int = 4
     copies: int = 16
@@ -271,6 +284,8 @@ class TrackerOptions:
     ridge_growth: float = 2.0
     folds: int = 3
     light: float = 0.15
+    turned: float = 0.5
+    turn: float = 22.0
     seed: int = 0
 
 
@@ -319,11 +334,23 @@ class _Training:
         self.pixels = np.flatnonzero(np.ones(len(self.frame.pixels), bool) if face is None else face)
         self.sampler = self.frame.sampler[self.pixels]
         self.true_shapes = [c.to_crop(s) for c, s in zip(crops, shapes, strict=True)]
+        images = [c.image for c in crops]
+        self.images, self.true_shapes = self._with_turned(images, self.true_shapes)
         self.space = ShapeSpace(_shape_components(self.true_shapes, self.frame, options), self.frame)
         self.true = [self.space.encode(s) for s in self.true_shapes]
         self.owner = [i for i in range(len(crops)) for _ in range(options.copies)]
         self.fold = (np.arange(len(crops)) * 2 * options.folds // len(crops)) % options.folds
         self.state = [self._perturbed(i) for i in self.owner]
+
+    def _with_turned(self, images: list[Grey], shapes: list[F64]) -> tuple[list[Grey], list[F64]]:
+        """The frames, then copies of some with the head turned to either side."""
+        count = round(self.options.turned * len(images))
+        self.turned_from = np.linspace(0, len(images) - 1, count).round().astype(int)
+        turned = []
+        for i in self.turned_from:
+            degrees = self.options.turn * self.rng.uniform(0.3, 1) * self.rng.choice([-1, 1])
+            turned.append(turn_head(images[i], shapes[i], self.frame, degrees))
+        return images + [t[0] for t in turned], shapes + [t[1] for t in turned]
 
     def _perturbed(self, i: int) -> tuple[Pose, F64]:
         rng, (pose, parameters) = self.rng, self.true[i]
@@ -345,7 +372,7 @@ class _Training:
         ramps = self._ramps()
         out = np.ones((len(self.state), 1 + len(self.pixels)), np.float32)
         for row, i, state in zip(out, self.owner, self.state, strict=True):
-            grey = self.sampler.sample(self.crops[i].image, self.space.decode(*state))
+            grey = self.sampler.sample(self.images[i], self.space.decode(*state))
             slope = self.rng.normal(size=2).astype(np.float32) * light
             row[1:] = normalised(grey * (1 + slope @ ramps).astype(np.float32))
         return out
@@ -391,18 +418,45 @@ class _Training:
     def _wrong(self, stages: list[F32], texture: Components) -> F64:
         """Residuals where there is no face: the cascade started half a face away."""
         out = []
-        for i in range(0, len(self.crops), max(1, len(self.crops) // 60)):
+        for i in range(0, len(self.images), max(1, len(self.images) // 60)):
             angle = self.rng.uniform(0, 2 * np.pi)
             far = np.array([0.0, 0.0, 0.55 * np.cos(angle), 0.55 * np.sin(angle)])
             state = self.space.corrected(*self.true[i], np.concatenate([far, 0 * self.true[i][1]]))
             for stage in stages:
-                f = normalised(self.sampler.sample(self.crops[i].image, self.space.decode(*state)))
+                f = normalised(self.sampler.sample(self.images[i], self.space.decode(*state)))
                 state = self.space.corrected(*state, stage[0] + f @ stage[1:])
             shape = self.space.decode(*state)
             truth = self.true_shapes[i]
             if np.linalg.norm(shape - truth, axis=1).mean() > 0.1 * np.linalg.norm(truth[45] - truth[36]):
-                out.append(normalised(self.sampler.sample(self.crops[i].image, shape)))
+                out.append(normalised(self.sampler.sample(self.images[i], shape)))
         return _residuals(np.stack(out), texture) if out else np.array([0.9])
+
+
+def turn_head(image: Grey, shape: F64, frame: ReferenceFrame, degrees: float) -> tuple[Grey, F64]:
+    """A picture (h, w) and shape (81, 2) with the head turned to the image right by some degrees.
+
+    The reference frame's yaw mode moves the landmarks; the picture follows them by a smooth field (a Gaussian
+    mean of their displacements), which is good enough for turns of up to about 20 degrees.
+    """
+    a, b, _, _ = align_planar(frame.points, shape, RIGID_WEIGHTS)
+    moved = shape + degrees * frame.yaw_mode @ np.array([[a, b], [-b, a]])
+    step, reach = 6, 0.12 * float(np.hypot(a, b)) * frame.resolution
+    h, w = image.shape
+    ys, xs = np.mgrid[0 : h + step : step, 0 : w + step : step].astype(np.float64)
+    places = np.stack([xs, ys], axis=-1)
+    squared = ((places[:, :, None] - moved) ** 2).sum(-1) / (2 * reach**2)
+    weights = np.exp(-squared) + 1e-12
+    field = (weights / (weights.sum(-1, keepdims=True) + 1e-3)) @ (shape - moved)
+    size = places.shape[1] * step, places.shape[0] * step
+    coarse = cv2.warpAffine(
+        field.astype(np.float32),
+        np.array([[step, 0, 0], [0, step, 0]], np.float32),
+        size,
+        flags=cv2.INTER_LINEAR,
+    )[:h, :w]
+    grid = np.mgrid[:h, :w].astype(np.float32)
+    back = np.stack([grid[1], grid[0]], axis=-1) + coarse
+    return np.asarray(cv2.remap(image, back, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)), moved
 
 
 def _shape_components(shapes: Sequence[F64], frame: ReferenceFrame, options: TrackerOptions) -> Components:

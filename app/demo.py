@@ -23,7 +23,7 @@ from app.remake import remake
 from app.run import DEFAULTS, Report, Settings
 from app.swap import swap_file
 
-HEAD, FACE = "p02", "p06"  # whose video, whose face
+HEAD, FACE = "p01", "p06"  # whose video, whose face
 COLUMNS = 6
 WIDTH = 320  # pixels, of a picture on the contact sheet
 
