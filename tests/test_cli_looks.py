@@ -1,0 +1,89 @@
+"""info, doctor and bench: what they show."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+from clips import cut
+from models import model_file
+
+from app import doctor
+from app.cli import main
+from app.info import describe
+from render import GLMissing
+
+
+def test_info_holds_the_whole_file() -> None:
+    identity, facts = describe(model_file("p01"))
+    assert facts.modes == identity.appearance.components.modes
+    assert (facts.name, facts.resolution, facts.tracker_stages) == ("p01", 64, 3)
+    header = 8 + int.from_bytes(model_file("p01").read_bytes()[:8], "little")
+    assert sum(facts.sizes.values()) + header == facts.file_size
+
+
+def test_info_as_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(model_file("p01"))
+    assert main(["info", path]) == 0
+    table = capsys.readouterr().out
+    for word in (
+        "reference frame",
+        "appearance modes",
+        "held-out error",
+        "lost above",
+        "talk.mp4",
+        "tracker",
+    ):
+        assert word in table
+    assert main(["info", path, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["clips"] == ["talk.mp4"]
+
+
+def test_the_montage_is_drawn_and_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "modes.png"
+    assert main(["info", str(model_file("p01")), "--montage", str(output), "-q"]) == 0
+    picture = cv2.imread(str(output))
+    assert min(picture.shape[:2]) > 400
+    assert picture.std() > 20
+    assert main(["info", str(model_file("p01")), "--montage", str(output), "-q"]) == 2
+    assert capsys.readouterr().err == (
+        f"error: {output} exists: use --force to replace it, or choose another name\n"
+    )
+    assert list(tmp_path.iterdir()) == [output]
+
+
+def test_doctor_looks_at_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) == {"system", "packages", "codecs", "drawing", "faces", "cameras", "optional"}
+    assert found["codecs"]["libx264 (writes)"]["ok"]
+    assert found["faces"]["lbp"]["ok"]
+    assert main(["doctor"]) == 0
+    assert "libx264" in capsys.readouterr().out
+
+
+def test_doctor_names_cameras(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "video0").mkdir()
+    (tmp_path / "video0" / "name").write_text("Integrated Camera\n")
+    monkeypatch.setattr(doctor, "_VIDEO_DEVICES", tmp_path)
+    camera = next(f for f in doctor.examine() if f.topic == "cameras")
+    assert camera.name == "/dev/video0"
+    assert "Integrated Camera" in camera.detail
+
+
+def test_doctor_without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("render.probe_gl", lambda: GLMissing("no driver: install libegl1"))
+    gl = next(f for f in doctor.examine() if f.name == "gl")
+    assert (gl.ok, gl.detail) == (None, "no driver: install libegl1")
+
+
+def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip, model = cut("p01", tmp_path / "clip.mp4", 32), str(model_file("p01"))
+    assert main(["bench", str(clip), "--source", model, "--frames", "20", "--json"]) == 0
+    timings = json.loads(capsys.readouterr().out)["milliseconds"]
+    on_cpu = {t["stage"]: t for t in timings if t["renderer"] == "cpu"}
+    stages = ["track", "sample", "parameters", "extrapolate", "warp and blend", "place and palette", "all"]
+    assert list(on_cpu) == stages
+    assert all(0 < t["median"] <= t["p95"] for t in on_cpu.values())
+    parts = sum(on_cpu[stage]["median"] for stage in stages[:-1])
+    assert on_cpu["all"]["median"] == pytest.approx(parts, rel=0.5)

@@ -1,0 +1,137 @@
+"""Swapping files by the library: what is changed, kept, counted and marked."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from clips import cut, empty_scene, pictures, tags
+from made_up import SAMPLES
+from models import model_file
+
+from aam.model import Identity
+from app.engine import Options
+from app.enrol import LandmarkSource
+from app.media import EncodeOptions, open_source
+from app.outputs import DIGITAL_SOURCE_TYPE
+from app.run import Settings, SwapError
+from app.swap import swap_file
+from app.threads import one_thread
+from app.version import version
+
+LOSSLESS = Settings(Options(renderer="cpu"), EncodeOptions(lossless=True))
+
+
+@pytest.fixture(scope="module")
+def p01() -> Identity:
+    return Identity.load(model_file("p01"))
+
+
+@pytest.fixture(scope="module")
+def p06() -> Identity:
+    return Identity.load(model_file("p06"))
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    return cut("p01", tmp_path / "clip.mp4", 12)
+
+
+def test_only_the_face_is_changed(tmp_path: Path, clip: Path, p01: Identity, p06: Identity) -> None:
+    report = swap_file(clip, p06, tmp_path / "out.mp4", source=p01, settings=LOSSLESS)
+    truth = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"]
+    assert (report.frames, report.swapped, report.held, report.lost) == (12, 12, 0, 0)
+    for i, (before, after) in enumerate(zip(pictures(clip), pictures(tmp_path / "out.mp4"), strict=True)):
+        x0, y0 = np.floor(truth[i].min(0)).astype(int) - 6
+        x1, y1 = np.ceil(truth[i].max(0)).astype(int) + 7
+        outside = np.ones(before.shape, bool)
+        outside[y0:y1, x0:x1] = False
+        np.testing.assert_array_equal(after[outside], before[outside])
+        nose = np.s_[y0 + (y1 - y0) // 3 : y1 - 20, x0 + 20 : x1 - 20]
+        assert np.abs(after[nose].astype(int) - before[nose]).mean() > 2
+
+
+def test_the_file_says_that_the_face_is_synthetic(
+    tmp_path: Path, clip: Path, p01: Identity, p06: Identity
+) -> None:
+    swap_file(clip, p06, tmp_path / "out.mp4", source=p01)
+    found = tags(tmp_path / "out.mp4")
+    assert found["comment"] == f"Synthetic face: made with Guise {version()}"
+    assert found["digital_source_type"] == DIGITAL_SOURCE_TYPE
+    assert DIGITAL_SOURCE_TYPE.startswith("http://cv.iptc.org/newscodes/digitalsourcetype/")
+
+
+def test_sound_and_times_are_kept(tmp_path: Path, clip: Path, p01: Identity, p06: Identity) -> None:
+    swap_file(clip, p06, tmp_path / "out.mp4", source=p01)
+    with open_source(clip) as old, open_source(tmp_path / "out.mp4") as new:
+        assert new.has_audio
+        assert [f.pts * f.time_base for f in new] == [f.pts * f.time_base for f in old]
+
+
+def test_lost_frames_are_untouched_and_counted(tmp_path: Path, p01: Identity, p06: Identity) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+        for frame in source:
+            shown = frame.rgb() if frame.index < 4 else np.full((480, 640, 3), 70, np.uint8)
+            cv2.imwrite(str(frames / f"{frame.index:03d}.png"), shown[..., ::-1])
+            if frame.index == 13:
+                break
+    report = swap_file(frames, p06, tmp_path / "out", source=p01, settings=LOSSLESS)
+    assert (report.swapped, report.held, report.lost) == (4, 4, 6)
+    last = cv2.imread(str(tmp_path / "out" / "013.png"))
+    assert (last == 70).all()
+
+
+def test_one_image(tmp_path: Path, p01: Identity, p06: Identity) -> None:
+    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+        rgb = next(iter(source)).rgb()
+    cv2.imwrite(str(tmp_path / "one.png"), rgb[..., ::-1])
+    report = swap_file(tmp_path / "one.png", p06, tmp_path / "two.png", source=p01)
+    assert (report.frames, report.swapped) == (1, 1)
+    assert b"digital_source_type" in (tmp_path / "two.png").read_bytes()
+
+
+def test_a_video_without_the_person_leaves_nothing(tmp_path: Path, p01: Identity, p06: Identity) -> None:
+    scene = empty_scene(tmp_path / "scene.mp4")
+    with pytest.raises(SwapError, match="no face of the source person"):
+        swap_file(scene, p06, tmp_path / "out.mp4", source=p01)
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+def test_several_faces_are_said_once(tmp_path: Path, p01: Identity, p06: Identity) -> None:
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    with open_source(SAMPLES / "p01" / "talk2.mp4") as one, open_source(SAMPLES / "p02" / "talk2.mp4") as two:
+        for left, right in zip(one, two, strict=True):
+            both = np.concatenate([left.rgb(), right.rgb()], axis=1)
+            cv2.imwrite(str(frames / f"{left.index:03d}.png"), both[..., ::-1])
+            if left.index == 3:
+                break
+    said: list[str] = []
+    report = swap_file(frames, p06, tmp_path / "out", source=p01, settings=Settings(say=said.append))
+    assert (report.swapped, report.faces) == (4, 2)
+    assert said == [
+        "frames: up to 2 faces were seen in a frame; the largest one that the source model knows was taken"
+    ]
+
+
+def test_without_a_model_the_person_is_enrolled_first(tmp_path: Path, p06: Identity) -> None:
+    clip = cut("p01", tmp_path / "clip.mp4", 40, clip="talk.mp4")
+    landmarks = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:40]
+    np.savez(tmp_path / "clip.landmarks.npz", landmarks=landmarks)
+    said: list[str] = []
+    settings = Settings(say=said.append)
+    report = swap_file(clip, p06, tmp_path / "out.mp4", source=LandmarkSource(), settings=settings)
+    assert report.swapped >= 38
+    assert said[:2] == [
+        "enrolling the person in clip.mp4",
+        "landmarks of clip.mp4 from clip.landmarks.npz beside it",
+    ]
+
+
+def test_one_thread_is_for_the_block_only() -> None:
+    before = cv2.getNumThreads()
+    with one_thread():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == before
