@@ -278,7 +278,7 @@ class TrackerOptions:
 
     stages: int = 4
     copies: int = 16
-    retain: float = 0.99
+    retain: float = 0.995
     max_modes: int = 30
     ridge: float = 0.3
     ridge_growth: float = 2.0
