@@ -239,7 +239,7 @@ class Painter:
 def shared_mask(
     source: NDArray[np.bool_], target: NDArray[np.bool_], frame: ReferenceFrame
 ) -> NDArray[np.bool_]:
-    """Where the target's face is shown on the source's head (h, w): without hair, and above the brows without the other's.
+    """Where the target's face is shown on the source's head (h, w): without the hair of either at the forehead.
 
     Below the brows the source's mask does not count: what it leaves out there (stubble, shadow, a lock of hair) would
     show the source's own face.

@@ -1,8 +1,8 @@
 """File to file: a 720p clip with sound swapped by the command, beside ffmpeg's transcoding and beside deface.
 
 All write H.264; Guise and ffmpeg use libx264, preset veryfast, crf 20, and copy the sound; both models are given.
-Times are wall times of whole processes, start-up included.  Guise and ffmpeg alternate; deface, which takes minutes, runs
-between them, and its ratio is to the median of Guise's times of the same run.
+Times are wall times of whole processes, start-up included.  Guise and ffmpeg alternate; deface, which takes minutes,
+runs between them, and its ratio is to the median of Guise's times of the same run.
 """
 
 from __future__ import annotations
