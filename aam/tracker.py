@@ -455,8 +455,9 @@ def turn_head(image: Grey, shape: F64, frame: ReferenceFrame, degrees: float) ->
         flags=cv2.INTER_LINEAR,
     )[:h, :w]
     grid = np.mgrid[:h, :w].astype(np.float32)
-    back = np.stack([grid[1], grid[0]], axis=-1) + coarse
-    return np.asarray(cv2.remap(image, back, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)), moved
+    x, y = grid[1] + coarse[..., 0], grid[0] + coarse[..., 1]
+    bent = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(bent, np.uint8), moved
 
 
 def _shape_components(shapes: Sequence[F64], frame: ReferenceFrame, options: TrackerOptions) -> Components:
