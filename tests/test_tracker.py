@@ -78,11 +78,15 @@ def test_starts_of_another_size_are_corrected(tracker: Tracker, talk2: Talk, sca
     assert error(fitted(tracker.fit(luma, start)).shape, truth) < 0.03
 
 
-def test_a_second_fit_stays(tracker: Tracker, talk2: Talk) -> None:
-    luma, truth = talk2[0][20], talk2[1][20]
-    first = fitted(tracker.fit(luma, truth + 4))
-    second = fitted(tracker.fit(luma, first.shape))
-    assert error(second.shape, first.shape) < 0.01
+def test_a_second_fit_moves_far_less_than_the_first(tracker: Tracker, talk2: Talk) -> None:
+    first_moves, second_moves = [], []
+    for luma, truth in zip(talk2[0][::6], talk2[1][::6], strict=True):
+        start = truth + 4
+        first = fitted(tracker.fit(luma, start))
+        second = fitted(tracker.fit(luma, first.shape))
+        first_moves.append(error(first.shape, start))
+        second_moves.append(error(second.shape, first.shape))
+    assert np.mean(second_moves) < 0.25 * np.mean(first_moves)
 
 
 @pytest.mark.parametrize("what", ["noise", "grey", "elsewhere", "upside down"])
@@ -322,12 +326,14 @@ def test_training_reports_progress_and_obeys_the_options(crops: tuple[list[Crop]
     assert math.isfinite(trained.quality.bad)
 
 
-def test_stages_bring_copies_nearer(crops: tuple[list[Crop], list[np.ndarray]], talk2: Talk) -> None:
-    trained = small(crops, 0)
-    trained = dataclasses.replace(trained, quality=Quality(0.1, 5.0, 5.0))
-    luma, truth = talk2[0][2], talk2[1][2]
-    start = truth + np.array([6, -4])
-    one = fitted(dataclasses.replace(trained, stages=trained.stages[:1]).fit(luma, start))
-    both = fitted(trained.fit(luma, start))
-    assert error(one.shape, truth) < 0.7 * error(start, truth)
-    assert error(both.shape, truth) < error(one.shape, truth)
+def test_every_stage_brings_the_shape_nearer(crops: tuple[list[Crop], list[np.ndarray]], talk2: Talk) -> None:
+    """On average over frames between those that it was trained on, and over starts in four directions."""
+    trained = dataclasses.replace(small(crops, 0), quality=Quality(0.1, 5.0, 5.0))
+    errors = np.zeros(3)
+    for luma, truth in zip(talk2[0][2::8], talk2[1][2::8], strict=True):
+        for shift in ([8, 0], [-8, 0], [0, 8], [0, -8]):
+            start = truth + np.array(shift)
+            stages = [dataclasses.replace(trained, stages=trained.stages[:k]) for k in (0, 1, 2)]
+            errors += [error(fitted(tracker.fit(luma, start)).shape, truth) for tracker in stages]
+    assert errors[1] < 0.8 * errors[0]
+    assert errors[2] < 0.85 * errors[1]
