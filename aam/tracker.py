@@ -116,7 +116,8 @@ class Quality:
     def confidence(self, residual: float) -> float:
         """0.5 at the threshold, falling as the residual grows.
 
-        >>> Quality(0.01, 0.2, 0.8).confidence(0.4)
+        >>> quality = Quality(0.01, 0.2, 0.8)
+        >>> round(quality.confidence(quality.threshold), 6)
         0.5
         """
         spread = max(float(np.log(max(self.bad, 1.02 * self.good) / self.good)) / 6, 0.02)
