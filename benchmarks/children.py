@@ -20,9 +20,10 @@ class CommandError(RuntimeError):
 
 @dataclass(frozen=True)
 class Ran:
-    """Wall seconds, peak resident memory in MB, and (seconds, MB) samples if they were asked for."""
+    """Wall and processor seconds, peak resident memory in MB, and (seconds, MB) samples if they were asked for."""
 
     seconds: float
+    processor: float
     peak_mb: float
     samples: tuple[tuple[float, float], ...] = ()
 
@@ -62,7 +63,7 @@ def ran(command: Sequence[str | Path], sample_every: float | None = None) -> Ran
             raise CommandError(
                 f"{Path(str(command[0])).name} failed: {words.read().decode(errors='replace')[-400:]}"
             )
-    return Ran(seconds, usage.ru_maxrss / 1024, tuple(samples))
+    return Ran(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, tuple(samples))
 
 
 def _resident_mb(pid: int) -> float:

@@ -131,6 +131,11 @@ class Criterion:
         m, t = self.measured, self.target
         return bool({"<=": m <= t, ">=": m >= t, "<": m < t, ">": m > t}[self.sense])
 
+    def cells(self) -> tuple[str, str, str, str]:
+        """What, measured, target, met or not."""
+        target = f"{self.sense} {shown(self.target, self.unit)}"
+        return self.what, shown(self.measured, self.unit), target, "met" if self.met else "NOT MET"
+
 
 @dataclass(frozen=True)
 class Table:
@@ -153,15 +158,7 @@ class Report:
 
     def markdown(self) -> str:
         """The report as Markdown."""
-        rows = [
-            (
-                c.what,
-                shown(c.measured, c.unit),
-                f"{c.sense} {shown(c.target, c.unit)}",
-                "met" if c.met else "NOT MET",
-            )
-            for c in self.criteria
-        ]
+        rows = [c.cells() for c in self.criteria]
         parts = [f"## {self.title}", "", markdown_table(("what", "measured", "target", ""), rows)]
         for table in self.tables:
             parts += ["", f"**{table.title}**", "", markdown_table(table.columns, table.rows)]

@@ -1,0 +1,120 @@
+"""Benchmarks: targets are judged rightly, tables hold what was measured, and the measures measure."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("benchmarks.common")
+
+from benchmarks import common, file_to_file, identity, run_all, tracker_real
+from benchmarks.children import CommandError, Ran, ran
+from benchmarks.common import Criterion, Report, Table
+
+
+@pytest.mark.parametrize(
+    ("measured", "sense", "met"),
+    [
+        (1.0, "<=", True),
+        (1.0, "<", False),
+        (1.0, ">=", True),
+        (1.0, ">", False),
+        (0.9, "<", True),
+        (1.1, ">", True),
+    ],
+)
+def test_target_is_judged_by_its_sense(measured: float, sense: common.Sense, met: bool) -> None:
+    assert Criterion("x", measured, sense, 1.0).met is met
+
+
+@pytest.mark.parametrize("sense", ["<=", ">=", "<", ">"])
+def test_what_was_not_measured_is_not_met(sense: common.Sense) -> None:
+    assert not Criterion("x", float("nan"), sense, 1.0).met
+
+
+def test_report_survives_json() -> None:
+    report = Report(
+        "n", "T", [Criterion("x", 2.0, "<=", 1.0, "ms")], [Table("t", ("a", "b"), [("p", 0.5)])], ["note"]
+    )
+    again = run_all.report_of({"report": report.plain()})
+    assert again.markdown() == report.markdown()
+    assert "NOT MET" in again.markdown()
+
+
+def test_every_script_is_run_and_listed() -> None:
+    folder = Path(run_all.__file__).parent
+    scripts = {p.stem for p in folder.glob("*.py") if "common.run(measure" in p.read_text()}
+    assert scripts == set(run_all.NAMES)
+    listed = (folder / "README.md").read_text()
+    assert all(f"| `{name}` |" in listed for name in scripts)
+
+
+def test_jitter_of_a_shaken_point_is_its_second_difference() -> None:
+    points = np.zeros((30, 4, 2))
+    points[::2, :, 0] = 1.0  # second difference 2 px everywhere
+    measured = tracker_real.jitter(points, np.full(30, 50.0), np.ones(30, bool))
+    assert measured == pytest.approx(100 * 2 / 50)
+
+
+def test_still_frames_are_those_without_motion_in_their_window() -> None:
+    points = np.zeros((60, 4, 2))
+    points[30:, :, 0] = np.arange(30)[:, None]  # moves 1 px = 2 % a frame from frame 30 on
+    still = tracker_real.still_frames(points, np.full(60, 50.0))
+    assert still[10:25].all()
+    assert not still[33:].any()
+
+
+def test_landmarks_that_are_missing_are_never_still() -> None:
+    points = np.zeros((40, 4, 2))
+    points[20] = np.nan
+    still = tracker_real.still_frames(points, np.full(40, 50.0))
+    assert not still[17:24].any()
+    assert still[6:14].all()
+
+
+def test_recogniser_sees_the_template_where_the_face_is() -> None:
+    shape = np.zeros((81, 2))
+    template = identity.TEMPLATE * 2 + 30
+    shape[36:42], shape[42:48], shape[30], shape[48], shape[54] = template
+    picture = np.zeros((300, 300, 3), np.uint8)
+    x, y = np.round(template[2]).astype(int)
+    picture[y - 3 : y + 4, x - 3 : x + 4] = 255
+    face = identity.aligned(picture, shape)
+    ys, xs = np.nonzero(face[..., 0] > 127)
+    assert np.hypot(xs.mean() - identity.TEMPLATE[2, 0], ys.mean() - identity.TEMPLATE[2, 1]) < 0.6
+
+
+def test_judged_and_enrolled_frames_of_a_person_differ() -> None:
+    every = identity.spread(282, 2 * identity.JUDGED)
+    assert len(every) == 2 * identity.JUDGED
+    assert not set(every[::2]) & set(every[1::2])
+
+
+def test_ratio_to_ffmpeg_is_the_median_over_rounds() -> None:
+    def runs(*seconds: float) -> list[Ran]:
+        return [Ran(s, s, 0.0) for s in seconds]
+
+    report = file_to_file.summary({"ffmpeg": runs(1, 2, 10), "guise swap": runs(1.2, 2.8, 50)}, 100)
+    assert report.criteria[0].measured == pytest.approx(1.4)
+    assert report.notes
+
+
+def test_failed_command_is_told_with_its_words() -> None:
+    with pytest.raises(CommandError, match="no such thing"):
+        ran(["sh", "-c", "echo no such thing >&2; exit 3"])
+
+
+def test_child_is_timed_and_its_memory_seen() -> None:
+    run = ran(["sleep", "0.3"], sample_every=0.05)
+    assert 0.25 < run.seconds < 5
+    assert run.peak_mb > 0
+    assert max(mb for _, mb in run.samples) > 0
+
+
+def test_peers_are_only_given_to_those_that_have_them() -> None:
+    options = run_all.parser().parse_args(["--peers-python", "peers/python"])
+    assert isinstance(options, argparse.Namespace)
+    for name in run_all.NAMES:
+        given = run_all.arguments_of(name, options, Path("x.json"))
+        assert ("--peers-python" in given) == (name in run_all.WITH_PEERS)
