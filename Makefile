@@ -9,6 +9,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 PYTEST_ARGS ?=
+BENCH_ARGS ?=
 
 PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
@@ -34,7 +35,7 @@ lint: $(READY)
 	$(PY) docs/make_cli.py --check
 
 bench: $(READY) $(GL)
-	$(VENV)/bin/guise bench
+	$(PY) -m benchmarks.run_all $(BENCH_ARGS)
 
 docs: $(READY) $(GL)
 	$(PY) docs/make_cli.py
