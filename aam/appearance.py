@@ -19,6 +19,7 @@ from aam.similarity import align_planar
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
+BANDWIDTH = 1.8  # of the rest, in standard deviations of openings, width and yaw
 SHAPE = 2 * POINTS  # leading entries of an appearance vector
 
 
@@ -208,3 +209,23 @@ def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequen
         + from_usual / max(float(np.median(from_usual)), 0.1)
     )
     return [int(i) for i in np.argsort(score)[:count]]
+
+
+def rest_weights(shapes: F64, frame: ReferenceFrame) -> F64:
+    """Weights (m,) summing to 1 that make the face at rest out of frames with shapes (m, 81, 2).
+
+    Local linear regression on the openings, the mouth's width and the yaw, read at rest: mouth shut, lids open, the
+    others as usual.  Many frames vote, so the slips and the noise of single ones cancel.
+    """
+    aligned = np.stack([frame.align(s) for s in shapes])
+    width = np.linalg.norm(aligned[:, 54] - aligned[:, 48], axis=1) / frame.resolution
+    yaw = np.array([frame.yaw(a) for a in aligned])
+    state = np.column_stack([openness(shapes), width, yaw])
+    rest = np.median(state, axis=0)
+    rest[0], rest[1] = np.quantile(state[:, 0], 0.05), np.quantile(state[:, 1], 0.75)
+    away = (state - rest) / np.maximum(state.std(0), [0.01, 0.01, 0.01, 0.01, 1.0])
+    near = np.exp(-0.5 * (away**2).sum(1) / BANDWIDTH**2) + 1e-6
+    design = np.column_stack([np.ones(len(away)), away])
+    ridge = 0.05 * near.sum() * np.diag([0.0, 1, 1, 1, 1, 1])
+    weights = np.linalg.solve((design * near[:, None]).T @ design + ridge, (design * near[:, None]).T)[0]
+    return np.asarray(weights / weights.sum())

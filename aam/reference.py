@@ -37,7 +37,7 @@ RIGID_WEIGHTS /= RIGID_WEIGHTS.sum()
 RIGID_WEIGHTS.setflags(write=False)
 
 # Root-mean-square grey levels of texture variation that weigh as much as one face width of shape variation.
-SHAPE_TO_TEXTURE = 850.0
+SHAPE_TO_TEXTURE = 400.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from aam.appearance import (
     neutral_frames,
     openness,
     principal_components,
+    rest_weights,
     sample_texture,
 )
 from aam.mask import learn_mask
@@ -236,10 +237,8 @@ def _appearance(
     if components.modes > options.max_modes:
         k = options.max_modes
         components = replace(components, basis=components.basis[:, :k], deviations=components.deviations[:k])
-    rest = [observations[i] for i in choice.neutral if i in observations] or list(training[:1])
-    neutral = appearance_vectors(
-        np.stack([o.shape for o in rest]), np.stack([o.texture for o in rest]), frame
-    ).mean(0)
+    raw = appearance_vectors(shapes, textures, frame)
+    neutral = rest_weights(shapes, frame).astype(np.float32) @ raw
     return AppearanceModel(frame, components, neutral, mask)
 
 
