@@ -51,11 +51,10 @@ class ParameterEstimator:
         design[:SHAPE, :k] = basis[:SHAPE]
         design[SHAPE:, :k] = texture * grow
         design[SHAPE:, k:] = light * grow
-        tall = float(len(model.frame.pixels) * 3)
         prior = np.concatenate(
             [
                 (NOISE / np.maximum(model.components.deviations, 1e-3)) ** 2,
-                np.full(light.shape[1], (NOISE / LIGHT) ** 2 / tall),
+                np.full(light.shape[1], (NOISE / LIGHT) ** 2),
             ]
         )
         solved = np.linalg.solve(design.T @ design + np.diag(prior), design.T)[:k]

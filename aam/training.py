@@ -124,9 +124,8 @@ def choose_frames(shapes: F64, options: TrainingOptions) -> Choice:
     frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     count = min(options.frames, max(FEWEST, int(0.8 * len(usable))))
     described = _descriptors(shapes[usable], frame)
-    far = _farthest(described, -(-2 * count // 3))
     even = np.linspace(0, len(usable) - 1, max(1, count // 3)).round().astype(int)
-    training = np.unique(usable[np.concatenate([far, even])])
+    training = np.sort(usable[_farthest(described, count, list(np.unique(even)))])
     rest = np.setdiff1d(usable, training)
     held_out = (
         rest[np.linspace(0, len(rest) - 1, min(len(rest), 60)).round().astype(int)] if len(rest) else rest
@@ -154,9 +153,9 @@ def _descriptors(shapes: F64, frame: ReferenceFrame) -> F64:
     return np.concatenate([aligned - aligned.mean(0), openings * [1.0, 3.0, 1.0]], axis=1)
 
 
-def _farthest(points: F64, count: int) -> NDArray[np.intp]:
-    chosen = [int(np.linalg.norm(points, axis=1).argmin())]
-    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+def _farthest(points: F64, count: int, chosen: list[int]) -> NDArray[np.intp]:
+    """Indices of `count` points: the chosen ones, then always the one farthest from all so far."""
+    distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(1)
     while len(chosen) < min(count, len(points)):
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
@@ -273,7 +272,6 @@ def _detail(stills: Sequence[Observation], appearance: AppearanceModel) -> F32:
         assert still.picture is not None
         luma = (still.picture @ LUMA).astype(np.float32)
         picture = remap_points(luma, sampler.positions(still.shape)).reshape(2 * h, 2 * w)
-        fine.append(
-            picture - cv2.resize(cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA), (2 * w, 2 * h))
-        )
+        coarse = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA)
+        fine.append(picture - cv2.resize(coarse, (2 * w, 2 * h), interpolation=cv2.INTER_CUBIC))
     return np.asarray(np.mean(fine, axis=0), np.float32)

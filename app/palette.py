@@ -1,7 +1,8 @@
 """The colour similarity from the face's palette to the frame's, with the frame's light over the face.
 
 Light over a face is a smooth field: per channel a quadratic in the place on the reference grid, fitted to skin, with
-levels of their own for the eyes and for the inside of the mouth (teeth do not darken with the skin).  The donor's own
+levels of their own for the eyes and for the inside of the mouth (teeth do not darken with the skin); its slopes keep
+little colour, and eyes and mouth keep the donor's.  The donor's own
 field is taken off; what remains (brows, lips, folds) is scaled by the ratio of the two fields, as light scales what it
 falls on, and carried by a similarity of colours (de la Hunty, Asthana and Goecke 2010, section 3.2, with the symmetric
 scale); then the field that the frame shows is put on.  RGB 0..255.
@@ -20,6 +21,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 QUADRATIC = 6  # leading fields
+TINT = 0.4  # share of colour that the slopes of the light keep
 MEMORY = 0.85  # share that stays from frame to frame
 PRIOR = 1.0  # pull of the rotation towards none
 CONTRAST = (0.75, 1.35)  # range of the scale
@@ -70,8 +72,10 @@ class Palette:
     def update(self, face: F32, seen: F32) -> None:
         """Move towards what takes the face's RGB (t, 3) to what the frame shows (t, 3), both at the texels."""
         keep = 0.0 if self._fresh else MEMORY
-        self._own = keep * self._own + (1 - keep) * (self._solve @ face[self._fitted])
-        self._there = keep * self._there + (1 - keep) * (self._solve @ seen[self._fitted])
+        own, there = _toned(self._solve @ face[self._fitted]), _toned(self._solve @ seen[self._fitted])
+        there[QUADRATIC:] = _grey(there[QUADRATIC:]) + own[QUADRATIC:] - _grey(own[QUADRATIC:])
+        self._own = keep * self._own + (1 - keep) * own
+        self._there = keep * self._there + (1 - keep) * there
         own, there = self._at_shown @ self._own, self._at_shown @ self._there
         gain = _gain(own.mean(1), there.mean(1))[:, None]
         found = align(
@@ -104,6 +108,17 @@ class Palette:
         knee = np.float32(self._bright * to_stored[0].sum() + offset[0])
         out[0] -= np.float32(1 - KNEE) * np.maximum(out[0] - knee, 0)
         return np.asarray(out, np.float32)
+
+
+def _toned(fields: F64) -> F64:
+    """Fields (8, 3) with less colour in their slopes: slopes of colour would give one head two eye colours."""
+    slopes = fields[1:QUADRATIC]
+    fields[1:QUADRATIC] = _grey(slopes) + TINT * (slopes - _grey(slopes))
+    return fields
+
+
+def _grey(colours: F64) -> F64:
+    return np.asarray(colours.mean(1, keepdims=True))
 
 
 def _upper(values: F32) -> float:

@@ -113,9 +113,6 @@ def test_too_few_frames(shapes: np.ndarray, count: int) -> None:
     )
 
 
-@pytest.mark.xfail(
-    reason="a frame that is far and even counts twice, so that too few are chosen", strict=True
-)
 def test_just_enough_frames(shapes: np.ndarray) -> None:
     assert len(choose_frames(shapes[: FEWEST + 4], TrainingOptions()).training) >= FEWEST
 
