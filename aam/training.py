@@ -273,5 +273,5 @@ def _detail(stills: Sequence[Observation], appearance: AppearanceModel) -> F32:
         luma = (still.picture @ LUMA).astype(np.float32)
         picture = remap_points(luma, sampler.positions(still.shape)).reshape(2 * h, 2 * w)
         coarse = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA)
-        fine.append(picture - cv2.resize(coarse, (2 * w, 2 * h), interpolation=cv2.INTER_CUBIC))
+        fine.append(picture - cv2.resize(coarse, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR))
     return np.asarray(np.mean(fine, axis=0), np.float32)

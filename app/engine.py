@@ -204,7 +204,7 @@ class Painter:
         if not fine:
             return picture
         h, w = self.frame.size
-        picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_CUBIC), np.uint8)
+        picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.uint8)
         contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
         luma = cv2.extractChannel(picture, 0)
         cv2.addWeighted(luma, 1.0, self._detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)

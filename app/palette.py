@@ -22,7 +22,8 @@ F64 = NDArray[np.float64]
 
 QUADRATIC = 6  # leading fields
 TINT = 0.4  # share of colour that the slopes of the light keep
-MEMORY = 0.85  # share that stays from frame to frame
+MEMORY = 0.72  # share that stays from update to update
+EVERY = 2  # frames to an update: light changes slowly
 PRIOR = 1.0  # pull of the rotation towards none
 CONTRAST = (0.75, 1.35)  # range of the scale
 GAIN = (0.5, 2.0)  # range of the ratio of the fields
@@ -62,7 +63,7 @@ class Palette:
         """The next update is taken as it is."""
         fields = self._field.shape[1]
         self._linear, self._own, self._there = np.eye(3), np.zeros((fields, 3)), np.zeros((fields, 3))
-        self._bright, self._fresh = 255.0, True
+        self._bright, self._fresh, self._frames = 255.0, True, 0
 
     @property
     def contrast(self) -> float:
@@ -70,7 +71,13 @@ class Palette:
         return float(self._linear.sum() / 3) * float(_gain(self._own[0].mean(), self._there[0].mean()))
 
     def update(self, face: F32, seen: F32) -> None:
-        """Move towards what takes the face's RGB (t, 3) to what the frame shows (t, 3), both at the texels."""
+        """Move towards what takes the face's RGB (t, 3) to what the frame shows (t, 3), both at the texels.
+
+        Every second frame only, once there is a first answer.
+        """
+        self._frames += 1
+        if self._frames % EVERY and not self._fresh:
+            return
         keep = 0.0 if self._fresh else MEMORY
         own, there = _toned(self._solve @ face[self._fitted]), _toned(self._solve @ seen[self._fitted])
         there[QUADRATIC:] = _grey(there[QUADRATIC:]) + own[QUADRATIC:] - _grey(own[QUADRATIC:])

@@ -173,6 +173,7 @@ class VideoSink(Sink):
         stream.pix_fmt = target.fmt
         context = stream.codec_context
         context.time_base = source.time_base
+        context.thread_type = "AUTO"  # whole frames where the encoder can: slices cost bits
         context.flags |= Flags.frame_duration
         context.color_range, context.colorspace = target.span, target.matrix
         context.color_primaries, context.color_trc = target.primaries, target.transfer
