@@ -53,7 +53,7 @@ class Options:
     alpha: float = DEFAULT_ALPHA
     renderer: Renderer = "auto"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
-    outline: float = 0.85
+    outline: float = 0.7
 
 
 Outcome = Literal["swapped", "held", "lost"]

@@ -25,7 +25,7 @@ TINT = 0.4  # share of colour that the slopes of the light keep
 MEMORY = 0.72  # share that stays from update to update
 EVERY = 2  # frames to an update: light changes slowly
 PRIOR = 1.0  # pull of the rotation towards none
-CONTRAST = (0.75, 1.35)  # range of the scale
+CONTRAST = (0.9, 1.5)  # range of the scale
 GAIN = (0.5, 2.0)  # range of the ratio of the fields
 KNEE = 0.35  # slope above the brightest skin, so that teeth and eyes do not glow
 
