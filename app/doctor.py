@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 from collections.abc import Callable, Iterator
@@ -37,17 +36,9 @@ _PACKAGES = (
     "scipy",
     "scikit-image",
     "moderngl",
+    "onnxruntime",
     "safetensors",
 )
-# Optional things: what they are for, and the module that shows whether they are there.
-_EXTRAS = {
-    "landmarks by an ONNX model": ("onnxruntime", "onnxruntime"),
-    "window": ("glfw", "guise[window]"),
-    "browser studio": ("nicegui", "guise[studio]"),
-    "virtual camera": ("pyvirtualcam", "guise[virtualcam]"),
-    "cluster": ("distributed", "guise[cluster]"),
-    "signed provenance": ("c2pa", "guise[provenance]"),
-}
 _VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 
@@ -70,7 +61,6 @@ def examine() -> list[Finding]:
         _renderer,
         _faces,
         _cameras,
-        _extras,
     ]
     return [finding for look in looks for finding in look()]
 
@@ -142,11 +132,3 @@ def _cameras() -> Iterator[Finding]:
         yield Finding("cameras", str(node), ok, title if ok else f"{title}; no access: join the group video")
     if not devices:
         yield Finding("cameras", "none", None, "no camera is connected; files work without one")
-
-
-def _extras() -> Iterator[Finding]:
-    for purpose, (module, package) in _EXTRAS.items():
-        there = importlib.util.find_spec(module) is not None
-        yield Finding(
-            "optional", purpose, True if there else None, module if there else f"pip install '{package}'"
-        )
