@@ -6,8 +6,6 @@ chosen frames only, so that memory does not grow with length.
 
 from __future__ import annotations
 
-import resource
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,13 +73,12 @@ def enrol(
     progress : called with the stage ("landmarks", "frames", "training") and the share of it that is done.
     say : called with notes for the user.
     """
-    start = time.perf_counter()
     shapes = [_clip_landmarks(i, clip, landmarks, progress, say) for i, clip in enumerate(clips)]
     choice = choose_frames(np.concatenate(shapes), options)
     observations, box = _observe(clips, shapes, choice, options, progress)
     facts: dict[str, Any] = {"clips": [clip.name for clip in clips], "box_known": box is not None}
     with one_thread():
-        identity = train_identity(
+        return train_identity(
             name,
             observations,
             choice,
@@ -90,9 +87,6 @@ def enrol(
             facts=facts,
             progress=lambda share: progress("training", share),
         )
-    identity.facts["seconds"] = round(time.perf_counter() - start, 2)
-    identity.facts["peak_memory_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    return identity
 
 
 def landmark_file(clip: Path) -> Path | None:

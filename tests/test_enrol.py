@@ -51,7 +51,6 @@ def test_the_report_and_the_file_agree(tmp_path: Path, clip: Path) -> None:
     assert report.modes == identity.appearance.components.modes
     assert report.size == (tmp_path / "a.guise").stat().st_size
     assert 0 < report.held_out_error < 5
-    assert report.peak_memory_mb < 1500
 
 
 def test_two_clips_train_one_model(tmp_path: Path, clip: Path) -> None:
