@@ -76,7 +76,7 @@ class Identity:
             ),
             "facts": json.dumps(self.facts),
         }
-        data = save({k: np.ascontiguousarray(v) for k, v in self._tensors().items()}, header)
+        data = _ordered(save({k: np.ascontiguousarray(v) for k, v in self._tensors().items()}, header))
         part = Path(f"{os.fspath(path)}.part")
         try:
             part.write_bytes(data)
@@ -144,6 +144,16 @@ class Identity:
         still = Still(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
         detail = t["detail"].astype(np.float32) / np.float32(2)
         return cls(header["name"], look, tracker, detail, still, json.loads(header["facts"]))
+
+
+def _ordered(data: bytes) -> bytes:
+    """A safetensors file with its metadata in order, so that the same model is always the same bytes."""
+    end = 8 + int.from_bytes(data[:8], "little")
+    head = json.loads(data[8:end])
+    head["__metadata__"] = dict(sorted(head["__metadata__"].items()))
+    text = json.dumps(head, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + data[end:]
 
 
 def _packed(prefix: str, components: Components) -> dict[str, NDArray[Any]]:

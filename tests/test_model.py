@@ -180,3 +180,11 @@ def test_a_model_made_with_other_facts_keeps_them(p01: Identity, tmp_path: Path)
     replace(p01, name="Zoë", facts={"note": "ünïcode"}).save(tmp_path / "z.guise")
     back = Identity.load(tmp_path / "z.guise")
     assert (back.name, back.facts) == ("Zoë", {"note": "ünïcode"})
+
+
+def test_the_same_model_is_the_same_bytes(p01: Identity, tmp_path: Path) -> None:
+    written = []
+    for name in ("a.guise", "b.guise"):
+        p01.save(tmp_path / name)
+        written.append((tmp_path / name).read_bytes())
+    assert written[0] == written[1]
