@@ -1,6 +1,5 @@
 """One face through a video: detection, refinement, losses, cuts; by a scripted landmarker."""
 
-import time
 from pathlib import Path
 
 import cv2
@@ -161,9 +160,7 @@ def test_pfld_follows_a_sample_clip(tmp_path: Path) -> None:
     images[20] = np.full_like(images[20], 80)
     truth = load_annotations(SAMPLES / "p06" / "talk2.npz").points[:60]
     follower = Follower(open_landmarker(str(card)))
-    started = time.perf_counter()
     faces = [follower.step(image) for image in images]
-    assert time.perf_counter() - started < 10
     assert [i for i, face in enumerate(faces) if face is None] == [20]
     for face, points in zip(faces, truth, strict=True):
         if face is not None:
