@@ -5,17 +5,22 @@ Pixels, x right, y down.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.reference import POINTS, ReferenceFrame
 from aam.similarity import Failed
-from aam.tracker import Fit, Tracker
+from aam.tracker import FEATURE_RESOLUTION, Fit, Tracker
 
 F64 = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
+QUIET = 0.006  # inter-ocular distances: smaller steps of the head count as tremble
+QUIET_FEATURES = 0.003  # the same for lids and lips
+NEIGHBOURS = 0.06  # face widths over which points tremble together
 PATIENCE = 10  # lost frames with a search in each; later only every third
 
 
@@ -24,6 +29,42 @@ class Boxes(Protocol):
 
     def detect(self, image: Grey) -> NDArray[np.float32]:
         """(n, 4) x0 y0 x1 y1, largest first."""
+
+
+class Steadier:
+    """Takes the tremble out of tracked points without delaying what moves.
+
+    Each point goes k = m^2 / (m^2 + c^2) of the way to where it is seen.  m is the recent mean of the way that it and
+    its neighbours would go: tremble points now here, now there and cancels, motion persists.  c is QUIET for the head
+    and QUIET_FEATURES for lids and lips, inter-ocular distances.  So noise is averaged over many frames, while a blink
+    or a syllable (many times c) passes at once and a slow drift is followed within about c.
+    """
+
+    def __init__(self) -> None:
+        points = ReferenceFrame.canonical(FEATURE_RESOLUTION).points / FEATURE_RESOLUTION
+        near = np.exp(-((points[:, None] - points) ** 2).sum(2) / (2 * NEIGHBOURS**2))
+        quiet = np.full(POINTS, QUIET)
+        quiet[36:68] = QUIET_FEATURES
+        self._gain = near / near.sum(1, keepdims=True) / quiet[:, None] ** 2
+        self.forget()
+
+    def forget(self) -> None:
+        """The next shape is taken as it is."""
+        self._last: F64 | None = None
+        self._way = np.zeros((POINTS, 2))
+
+    def __call__(self, shape: F64) -> F64:
+        """The steadied shape (81, 2), pixels."""
+        if self._last is None:
+            self._last = shape
+            return shape
+        step = shape - self._last
+        self._way = (self._way + step) / 2
+        moved = self._gain @ (self._way**2).sum(1) / max(float(((shape[45] - shape[36]) ** 2).sum()), 1e-6)
+        share = (moved / (1 + moved))[:, None]
+        self._last = self._last + share * step
+        self._way *= 1 - share
+        return self._last
 
 
 class PersonFollower:
@@ -42,14 +83,16 @@ class PersonFollower:
         self.most_faces = 0  # largest number of boxes seen in one frame
         self._last = start
         self._velocity = np.zeros(2)
+        self._steadier = Steadier()
 
     def step(self, luma: Grey) -> Fit | Failed:
-        """The person in the next frame (h, w) uint8, or why not."""
+        """The person in the next frame (h, w) uint8, steadied, or why not."""
         fit = self._continued(luma)
         if not isinstance(fit, Fit):
+            self._steadier.forget()
             fit = self._found(luma, fit)
         self._remember(fit)
-        return fit
+        return replace(fit, shape=self._steadier(fit.shape)) if isinstance(fit, Fit) else fit
 
     def _continued(self, luma: Grey) -> Fit | Failed:
         if self._last is None:
