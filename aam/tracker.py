@@ -86,11 +86,15 @@ def cut(luma: Grey, shape: F64, frame: ReferenceFrame) -> Crop | Failed:
     x1, y1 = np.minimum(np.ceil(centre + half).astype(int) + 1, luma.shape[::-1])
     if x1 - x0 < 12 or y1 - y0 < 12:
         return Failed("the face has left the picture")
-    size = max(8, round((x1 - x0) * ratio)), max(8, round((y1 - y0) * ratio))
-    how = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
-    image = cv2.resize(luma[y0:y1, x0:x1], size, interpolation=how)
-    scale = np.array([size[0] / (x1 - x0), size[1] / (y1 - y0)])
-    return Crop(np.asarray(image, np.uint8), scale, np.array([x0, y0], np.float64))
+    whole = max(1, int(1 / ratio))  # by area first: quick for whole numbers, and no aliasing
+    w, h = int(x1 - x0) // whole * whole, int(y1 - y0) // whole * whole
+    image = luma[y0 : y0 + h, x0 : x0 + w]
+    if whole > 1:
+        image = np.asarray(cv2.resize(image, (w // whole, h // whole), interpolation=cv2.INTER_AREA), np.uint8)
+    size = max(8, round(w * ratio)), max(8, round(h * ratio))
+    image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+    scale = np.array([size[0] / w, size[1] / h])
+    return Crop(image, scale, np.array([x0, y0], np.float64))
 
 
 @dataclass(frozen=True, eq=False)
