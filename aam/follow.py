@@ -18,8 +18,8 @@ from aam.tracker import FEATURE_RESOLUTION, Fit, Tracker
 F64 = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
-QUIET = 0.006  # inter-ocular distances: smaller steps of the head count as tremble
-QUIET_FEATURES = 0.003  # the same for lids and lips
+QUIET = 0.005  # inter-ocular distances: smaller steps of the head count as tremble
+QUIET_FEATURES = 0.0025  # the same for lids and lips
 NEIGHBOURS = 0.06  # face widths over which points tremble together
 PATIENCE = 10  # lost frames with a search in each; later only every third
 

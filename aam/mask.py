@@ -64,7 +64,7 @@ def learn_mask(textures: F32, frame: ReferenceFrame) -> Mask:
     typical = np.median(textures, axis=0)
     skin = frame.scatter(skin_mask(frame)[frame.mask].astype(np.float32))[frame.mask] > 0
     picture = frame.scatter(typical)
-    expected = _smooth_field(picture, skin_mask(frame) & core_band(frame), frame)[frame.mask]
+    expected = smooth_skin(picture, skin_mask(frame) & core_band(frame), frame)[frame.mask]
     away = _distance(
         typical,
         expected,
@@ -85,8 +85,8 @@ def core_band(frame: ReferenceFrame) -> Mask:
     return np.asarray(across & (ys > p[19, 1] - 0.06 * frame.resolution) & (ys < p[57, 1]))
 
 
-def _smooth_field(picture: F32, known: Mask, frame: ReferenceFrame) -> F32:
-    """Colours of the known pixels as a quadratic in x, y per channel, clamped to the known range."""
+def smooth_skin(picture: F32, known: Mask, frame: ReferenceFrame) -> F32:
+    """Colours (h, w, 3) of the known pixels as a smooth function of the place, clamped to the known range."""
     ys, xs = np.mgrid[: frame.size[0], : frame.size[1]].astype(np.float32) / frame.resolution
     x, y = xs - xs.mean(), ys - ys.mean()
     design = np.stack([np.ones_like(x), x, y, x * x], axis=-1)

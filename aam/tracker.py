@@ -90,7 +90,9 @@ def cut(luma: Grey, shape: F64, frame: ReferenceFrame) -> Crop | Failed:
     w, h = int(x1 - x0) // whole * whole, int(y1 - y0) // whole * whole
     image = luma[y0 : y0 + h, x0 : x0 + w]
     if whole > 1:
-        image = np.asarray(cv2.resize(image, (w // whole, h // whole), interpolation=cv2.INTER_AREA), np.uint8)
+        image = np.asarray(
+            cv2.resize(image, (w // whole, h // whole), interpolation=cv2.INTER_AREA), np.uint8
+        )
     size = max(8, round(w * ratio)), max(8, round(h * ratio))
     image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
     scale = np.array([size[0] / w, size[1] / h])

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aam.appearance import (
+    SHAPE,
     AppearanceModel,
     appearance_vectors,
     neutral_frames,
@@ -23,7 +24,7 @@ from aam.appearance import (
     rest_weights,
     sample_texture,
 )
-from aam.mask import learn_mask
+from aam.mask import core_band, learn_mask, skin_mask, smooth_skin
 from aam.model import Identity, Still
 from aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
 from aam.similarity import Failed
@@ -238,7 +239,17 @@ def _appearance(
         components = replace(components, basis=components.basis[:, :k], deviations=components.deviations[:k])
     raw = appearance_vectors(shapes, textures, frame)
     neutral = rest_weights(shapes, frame).astype(np.float32) @ raw
+    neutral[SHAPE:] = _bare(neutral[SHAPE:].reshape(-1, 3), mask, frame).ravel()
     return AppearanceModel(frame, components, neutral, mask)
+
+
+def _bare(texture: F32, mask: NDArray[np.bool_], frame: ReferenceFrame) -> F32:
+    """A texture (n, 3) with smooth skin where it shows hair or background, so that it can be shown there too."""
+    known = skin_mask(frame) & core_band(frame) & mask
+    skin = smooth_skin(frame.scatter(texture), known, frame)[frame.mask]
+    inner = cv2.erode(np.pad(mask, 1).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)[1:-1, 1:-1]
+    share = cv2.GaussianBlur(inner, (0, 0), 0.012 * frame.resolution)[frame.mask][:, None]
+    return np.asarray(share * texture + (1 - share) * skin, np.float32)
 
 
 def _feature_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

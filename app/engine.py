@@ -35,6 +35,7 @@ FEATHER = 0.01  # standard deviation of the soft border, in face widths
 HOLD = 4  # frames for which a lost face keeps its last place
 FINE = 1.15  # face on screen wider than this many texture grids: detail is added
 
+RIM = 0.09  # face widths from the hull in which the source's hair stays
 REACH = 0.11  # face widths over which the inner points follow the outline
 
 
@@ -140,7 +141,7 @@ class Painter:
         self, source: Identity, target: Identity, estimator: ParameterEstimator, options: Options
     ) -> None:
         self.options, self.frame = options, target.frame
-        mask = shared_mask(source.appearance.mask, target.appearance.mask, self.frame)
+        mask = shown_mask(source.appearance.mask, self.frame)
         self._alpha = feather(mask, FEATHER * self.frame.resolution)
         self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
         self._texels = estimator.texels
@@ -236,17 +237,15 @@ class Painter:
         return self._compositors[fine]
 
 
-def shared_mask(
-    source: NDArray[np.bool_], target: NDArray[np.bool_], frame: ReferenceFrame
-) -> NDArray[np.bool_]:
-    """Where the target's face is shown on the source's head (h, w): without the hair of either at the forehead.
+def shown_mask(source: NDArray[np.bool_], frame: ReferenceFrame) -> NDArray[np.bool_]:
+    """Where a face is shown on the source's head (h, w): all of it, but not over hair at the forehead and at the rim.
 
-    Below the brows the source's mask does not count: what it leaves out there (stubble, shadow, a lock of hair) would
-    show the source's own face.
+    Farther inside, below the brows, the source's mask does not count: what it leaves out there (stubble, shadow, a lock
+    of hair) would show the source's own face.  The target needs no mask: its neutral face is bare skin where hair was.
     """
-    rows = np.arange(frame.size[0])[:, None]
-    forehead = rows < frame.points[[19, 24], 1].mean()
-    return np.asarray(target & (source | ~forehead))
+    inside = cv2.distanceTransform(np.pad(frame.mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    below = np.arange(frame.size[0])[:, None] >= frame.points[[19, 24], 1].mean()
+    return np.asarray(frame.mask & (source | (below & (inside > RIM * frame.resolution))))
 
 
 def outline_pull(frame: ReferenceFrame) -> F64:

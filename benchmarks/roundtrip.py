@@ -17,7 +17,7 @@ import numpy as np
 from aam.appearance import sample_texture
 from aam.follow import PersonFollower
 from aam.model import Identity
-from app.engine import FEATHER, Engine, shared_mask
+from app.engine import FEATHER, Engine, shown_mask
 from app.media import Frame
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
@@ -46,7 +46,7 @@ class Comparison:
     def __init__(self, person: Identity) -> None:
         look = person.appearance
         self._frame = look.frame
-        alpha = feather(shared_mask(look.mask, look.mask, look.frame), FEATHER * look.frame.resolution)
+        alpha = feather(shown_mask(look.mask, look.frame), FEATHER * look.frame.resolution)
         points = self._frame.points.astype(np.float32)
         self._compositor: Compositor = make_compositor("cpu", self._frame.triangles, points, alpha)
         self._again = PersonFollower(person.tracker, common.detector())
