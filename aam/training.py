@@ -247,8 +247,8 @@ def _bare(texture: F32, mask: NDArray[np.bool_], frame: ReferenceFrame) -> F32:
     """A texture (n, 3) with smooth skin where it shows hair or background, so that it can be shown there too."""
     known = skin_mask(frame) & core_band(frame) & mask
     skin = smooth_skin(frame.scatter(texture), known, frame)[frame.mask]
-    inner = cv2.erode(np.pad(mask, 1).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)[1:-1, 1:-1]
-    share = cv2.GaussianBlur(inner, (0, 0), 0.012 * frame.resolution)[frame.mask][:, None]
+    hair = cv2.dilate((frame.mask & ~mask).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)
+    share = 1 - cv2.GaussianBlur(hair, (0, 0), 0.012 * frame.resolution)[frame.mask][:, None]
     return np.asarray(share * texture + (1 - share) * skin, np.float32)
 
 
