@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -26,6 +25,7 @@ from aam.tracker import Fit
 from app.media import ColourMatrix, Frame
 from app.palette import Palette
 from render import Compositor, feather, make_compositor
+from render.closing import Closing
 from render.compositor import Renderer
 
 F32 = NDArray[np.float32]
@@ -69,7 +69,7 @@ class Step:
     mesh: F64 | None = None
 
 
-class Engine:
+class Engine(Closing):
     """Draws `target` over `source`, frame by frame; holds the compositors, so it is closed by `with`.
 
     Parameters
@@ -117,14 +117,6 @@ class Engine:
     def close(self) -> None:
         """Release the compositors."""
         self.painter.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 class Painter:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -31,6 +30,7 @@ from app.remake import remake
 from app.run import DEFAULTS, Report, Settings, Tally, person_in
 from app.threads import one_thread
 from render import make_compositor
+from render.closing import Closing
 
 if TYPE_CHECKING:
     from app.enrol import LandmarkSource
@@ -52,7 +52,7 @@ PINNED = np.zeros(POINTS, bool)
 PINNED[[0, 1, 2, 3, 13, 14, 15, 16]] = PINNED[68:] = True
 
 
-class Puppet:
+class Puppet(Closing):
     """Draws the identity's still with the expression of a driver, frame by frame; closed by `with`.
 
     Parameters
@@ -110,14 +110,6 @@ class Puppet:
         """Release the compositors."""
         self.painter.close()
         self._surroundings.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _drawn(self) -> Frame:
         mesh = self.mesh(self._appearance)

@@ -4,20 +4,20 @@ Each pixel of the mesh's bounding box gets the index of its triangle, through it
 texture pixels, and one bilinear look-up gives warped colour and alpha. The blend is integer arithmetic.
 """
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
+from render.closing import Closing
 from render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
 
 _EVERY_BYTE = np.arange(256)
 
 
-class CpuCompositor:
+class CpuCompositor(Closing):
     """`render.compositor.Compositor` on the CPU."""
 
     name = "cpu"
@@ -78,14 +78,6 @@ class CpuCompositor:
 
     def close(self) -> None:
         """Nothing to release."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _place(
         self, vertices: NDArray[np.floating], shape: tuple[int, ...]

@@ -8,8 +8,6 @@ travel as RGBA, because three-channel transfers are converted pixel by pixel by 
 
 import threading
 from importlib.resources import files
-from types import TracebackType
-from typing import Self
 
 import cv2
 import moderngl
@@ -17,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
+from render.closing import Closing
 from render.context import check, create_context, describe
 from render.errors import RendererError
 from render.mesh import SUBPIXELS, Box, Mesh, bounding_box, outline_box, snap
@@ -25,7 +24,7 @@ from render.pixel_centres import to_clip_space, to_texture_space
 _STEP = 64
 
 
-class GLCompositor:
+class GLCompositor(Closing):
     """`render.compositor.Compositor` in GL. Use it in the thread that made it."""
 
     name = "gl"
@@ -102,14 +101,6 @@ class GLCompositor:
         if not self._closed:
             self._closed = True
             self._context.release()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _make_pipeline(self) -> None:
         context, mesh = self._context, self._mesh
