@@ -1,0 +1,401 @@
+"""One training sample of the landmarker from a picture: crop, background, things in front of the face, light, camera.
+
+Everything is random and comes from the generator that is given, so a seed gives the same samples. Pixels, x right,
+y down, pixel centres at integers; images RGB uint8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.landmarks import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
+
+SIZE = 128  # pixels, the side of the network's input
+ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
+
+Picture = NDArray[np.uint8]
+F32 = NDArray[np.float32]
+Rng = np.random.Generator
+
+
+@dataclass(frozen=True)
+class Strength:
+    """How far the crop is off a face's own box: standard deviations of turn (degrees), log size and shift (of the box)."""
+
+    turn: float = 16.0
+    size: float = 0.11
+    shift: float = 0.055
+    wild: float = 0.12  # share of samples that are turned by up to 45 degrees
+
+
+def sample(
+    rng: Rng, image: Picture, points: F32, visible: NDArray[np.bool_], mask: Picture | None,
+    backgrounds: NDArray[np.uint8], strength: Strength = Strength(),
+) -> tuple[Picture, F32, NDArray[np.bool_]]:  # fmt: skip
+    """A crop (128, 128, 3), the points in it (81, 2) pixels, and which are to be seen (81,).
+
+    backgrounds : (m, s, s, 3) that replace what lies outside the mask now and then.
+    """
+    matrix, mirrored = crop_matrix(rng, points, strength)
+    inside = points @ matrix[:, :2].T + matrix[:, 2]
+    visible = visible.copy()
+    if mirrored:
+        inside, visible = inside[list(MIRROR)], visible[list(MIRROR)]
+    border = cv2.BORDER_REPLICATE if rng.random() < 0.5 else cv2.BORDER_REFLECT_101
+    crop = cv2.warpAffine(image, matrix, (SIZE, SIZE), flags=cv2.INTER_LINEAR, borderMode=border)
+    if mask is not None and rng.random() < 0.75:
+        crop = _before(rng, crop, cv2.warpAffine(mask * np.uint8(255), matrix, (SIZE, SIZE)), backgrounds)
+    crop, visible = _things(rng, np.asarray(crop, np.uint8), inside, visible, backgrounds)
+    crop = camera(rng, light(rng, crop))
+    crop, visible = _cut(rng, crop, inside, visible)
+    seen = visible & (inside > -0.5).all(1) & (inside < SIZE - 0.5).all(1)
+    return crop, np.asarray(inside, np.float32), seen
+
+
+def negative(rng: Rng, image: Picture, points: F32, backgrounds: NDArray[np.uint8]) -> Picture:
+    """A crop (128, 128, 3) that shows no face, or too little or too much of one to be called found."""
+    if rng.random() < 0.7:
+        crop = background(rng, backgrounds)
+    else:
+        matrix, _ = crop_matrix(rng, points, Strength())
+        if rng.random() < 0.6:  # beside the face
+            angle = rng.uniform(0, 2 * np.pi)
+            matrix[:, 2] += rng.uniform(0.75, 1.1) * SIZE * np.array([np.cos(angle), np.sin(angle)])
+        elif rng.random() < 0.5:  # a part of it
+            zoom, centre = rng.uniform(2.2, 5), rng.uniform(0.25, 0.75, 2) * SIZE
+            matrix = np.column_stack([zoom * matrix[:, :2], zoom * (matrix[:, 2] - centre) + SIZE / 2])
+        else:  # far away
+            zoom = rng.uniform(0.15, 0.4)
+            matrix = np.column_stack(
+                [zoom * matrix[:, :2], zoom * (matrix[:, 2] - SIZE / 2) + rng.uniform(0.2, 0.8, 2) * SIZE]
+            )
+        crop = cv2.warpAffine(
+            image, matrix, (SIZE, SIZE), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101
+        )
+        if rng.random() < 0.3:
+            crop = crop[::-1]
+    return camera(rng, light(rng, np.ascontiguousarray(crop, np.uint8)))
+
+
+def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[NDArray[np.float64], bool]:
+    """Affine (2, 3) from pixels of the picture to those of the crop, and whether it mirrors."""
+    low, high = points.min(0), points.max(0)
+    side = ENLARGE * float((high - low).max())
+    angle = rng.normal(0, strength.turn) if rng.random() > strength.wild else rng.uniform(-45, 45)
+    scale = SIZE / side * float(np.exp(rng.normal(0, strength.size)))
+    shift = rng.normal(0, strength.shift, 2) * SIZE
+    cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    linear = scale * np.array([[cos, -sin], [sin, cos]])
+    mirrored = bool(rng.random() < 0.5)
+    if mirrored:
+        linear = linear @ np.diag([-1.0, 1.0])
+    return np.column_stack([linear, (SIZE - 1) / 2 + shift - linear @ (low + high) / 2]), mirrored
+
+
+def background(rng: Rng, backgrounds: NDArray[np.uint8]) -> Picture:
+    """A random part (128, 128, 3) of a random background."""
+    picture = backgrounds[int(rng.integers(len(backgrounds)))]
+    size = picture.shape[0]
+    side = int(rng.uniform(0.3, 1) * size)
+    x, y = rng.integers(0, size - side + 1, 2)
+    part = picture[y : y + side, x : x + side]
+    if rng.random() < 0.5:
+        part = part[:, ::-1]
+    if rng.random() < 0.3:
+        part = np.rot90(part, int(rng.integers(1, 4)))
+    interpolation = cv2.INTER_AREA if side > SIZE else cv2.INTER_LINEAR
+    return np.asarray(
+        cv2.resize(np.ascontiguousarray(part), (SIZE, SIZE), interpolation=interpolation), np.uint8
+    )
+
+
+def _before(rng: Rng, crop: Picture, alpha: Picture, backgrounds: NDArray[np.uint8]) -> Picture:
+    if rng.random() < 0.15:
+        behind = np.empty_like(crop)
+        behind[:] = rng.integers(0, 256, 3)
+    else:
+        behind = background(rng, backgrounds)
+    if rng.random() < 0.3:
+        alpha = np.asarray(cv2.GaussianBlur(alpha, (0, 0), rng.uniform(0.5, 1.5)), np.uint8)
+    return _blend(behind, crop, alpha)
+
+
+def _blend(under: Picture, over: Picture, alpha: Picture) -> Picture:
+    share = alpha[..., None].astype(np.uint16)
+    return np.asarray((over * share + under * (255 - share) + 127) // 255, np.uint8)
+
+
+# -- what lies on or before the face ------------------------------------------------------------------------------
+
+
+def _things(
+    rng: Rng, crop: Picture, points: F32, visible: NDArray[np.bool_], backgrounds: NDArray[np.uint8]
+) -> tuple[Picture, NDArray[np.bool_]]:
+    if rng.random() < 0.12:
+        crop = _beard(rng, crop, points)
+    if rng.random() < 0.20:
+        crop = _glasses(rng, crop, points)
+    if rng.random() < 0.12:
+        crop = _fringe(rng, crop, points)
+    if rng.random() < 0.28:
+        crop, visible = _occluder(rng, crop, points, visible, backgrounds)
+    return crop, visible
+
+
+def _colour_of_hair(rng: Rng) -> F32:
+    base = np.array(
+        [[12, 10, 9], [45, 30, 20], [90, 62, 40], [150, 115, 75], [120, 118, 115], [205, 200, 195]],
+        np.float32,
+    )
+    return np.asarray(base[int(rng.integers(len(base)))] * rng.uniform(0.7, 1.25), np.float32)
+
+
+def _strands(rng: Rng) -> F32:
+    """Hair-like noise (128, 128), mean 1."""
+    noise = rng.normal(0, 1, (SIZE, SIZE)).astype(np.float32)
+    along = cv2.GaussianBlur(noise, (0, 0), sigmaX=0.7, sigmaY=rng.uniform(2, 6))
+    return np.asarray(1 + 0.28 * along / (along.std() + 1e-6), np.float32)
+
+
+def _hair_over(rng: Rng, crop: Picture, area: Picture, softness: float, most: float) -> Picture:
+    alpha = cv2.GaussianBlur(area, (0, 0), softness).astype(np.float32) / 255 * most
+    hair = np.clip(_strands(rng)[..., None] * _colour_of_hair(rng), 0, 255)
+    shade = np.clip(crop.mean(2, keepdims=True) / 140, 0.35, 1.3)
+    mixed = crop * (1 - alpha[..., None]) + hair * shade * alpha[..., None]
+    return np.asarray(np.clip(mixed, 0, 255), np.uint8)
+
+
+def _beard(rng: Rng, crop: Picture, points: F32) -> Picture:
+    """A beard or moustache: hair over the lower face, the lips left out."""
+    area = np.zeros((SIZE, SIZE), np.uint8)
+    start = int(rng.integers(1, 4))
+    jaw = points[list(JAW)][start : 17 - start]
+    drop = rng.uniform(0, 0.12) * (points[8] - points[33])
+    upper = points[33] * rng.uniform(0.35, 0.65)
+    lip = upper + (1 - rng.uniform(0.35, 0.65)) * points[51]
+    kind = rng.random()
+    if kind < 0.7:
+        chain = np.concatenate([jaw + drop, [points[54]], [lip], [points[48]]])
+    else:
+        chain = np.array([points[48], points[31], points[35], points[54], points[51]])
+    cv2.fillPoly(area, [_whole(chain)], 255)
+    cv2.fillPoly(area, [_whole(points[48:60])], 0)
+    return _hair_over(rng, crop, area, rng.uniform(1, 3), rng.uniform(0.35, 0.95))
+
+
+def _fringe(rng: Rng, crop: Picture, points: F32) -> Picture:
+    """Hair, a cap or a headscarf from above down to somewhere between the hairline and the lids."""
+    forehead, brows = points[68:81], points[17:27]
+    up = forehead[6] - points[27]
+    depth = rng.uniform(0.1, 1.0)
+    towards = np.linspace(brows[0], brows[9], 13)
+    edge = forehead + depth * (towards - forehead) + rng.normal(0, 0.06, (13, 1)) * up
+    area = np.zeros((SIZE, SIZE), np.uint8)
+    cv2.fillPoly(area, [_whole(np.concatenate([edge, (forehead + 0.9 * up)[::-1]]))], 255)
+    if rng.random() < 0.75:
+        return _hair_over(rng, crop, area, rng.uniform(0.7, 3), rng.uniform(0.7, 1))
+    cloth = np.empty_like(crop)
+    cloth[:] = rng.integers(0, 256, 3)
+    return _blend(crop, cloth, np.asarray(cv2.GaussianBlur(area, (0, 0), 0.7), np.uint8))
+
+
+def _glasses(rng: Rng, crop: Picture, points: F32) -> Picture:
+    """Frames with bridge and temples, lenses clear, tinted or dark, perhaps with a reflection."""
+    out = crop.copy()
+    right, left = points[list(RIGHT_EYE)], points[list(LEFT_EYE)]
+    across = left.mean(0) - right.mean(0)
+    gap = float(np.linalg.norm(across)) + 1e-6
+    turn = float(np.degrees(np.arctan2(across[1], across[0])))
+    colour = tuple(
+        int(c) for c in (rng.integers(0, 60, 3) if rng.random() < 0.7 else rng.integers(0, 256, 3))
+    )
+    thick = max(1, round(gap * rng.uniform(0.02, 0.09)))
+    height = rng.uniform(0.24, 0.42) * gap
+    round_ = rng.random() < 0.5
+    lens_colour = rng.integers(0, 90, 3)
+    tint = rng.uniform(0.6, 0.98) if rng.random() < 0.2 else rng.uniform(0, 0.25)
+    drop = rng.uniform(0, 0.1) * gap * np.array([-across[1], across[0]]) / gap
+    lens = np.zeros((SIZE, SIZE), np.uint8)
+    rims = []
+    for eye in (right, left):
+        centre = eye.mean(0) + drop
+        width = min(1.75 * float(np.linalg.norm(eye[3] - eye[0])), 0.9 * gap)
+        if round_:
+            rim = cv2.ellipse2Poly(
+                (0, 0), (max(2, round(width / 2)), max(2, round(height / 2))), 0, 0, 360, 15
+            )
+        else:
+            w, h = width / 2, height / 2
+            rim = np.array([[-w, -h], [w, -h], [0.85 * w, h], [-0.85 * w, h]])
+        angle = np.radians(turn)
+        rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        rims.append(rim @ rotation.T + centre)
+        cv2.fillPoly(lens, [_whole(rims[-1])], 255)
+    dark = np.empty_like(out)
+    dark[:] = lens_colour
+    out = _blend(out, dark, np.asarray(lens * tint, np.uint8))
+    if rng.random() < 0.35:
+        glare = np.zeros((SIZE, SIZE), np.uint8)
+        place = rims[int(rng.integers(2))].mean(0) + rng.normal(0, 0.1 * gap, 2)
+        cv2.ellipse(
+            glare,
+            tuple(map(int, place)),
+            (max(1, int(0.2 * gap)), max(1, int(0.08 * gap))),
+            rng.uniform(0, 180),
+            0,
+            360,
+            255,
+            -1,
+        )
+        glare = np.asarray(
+            cv2.GaussianBlur(cv2.bitwise_and(glare, lens), (0, 0), 1.2) * rng.uniform(0.3, 0.9), np.uint8
+        )
+        out = _blend(out, np.full_like(out, 250), glare)
+    for rim in rims:
+        cv2.polylines(out, [_whole(rim)], True, colour, thick, cv2.LINE_AA)
+    inner = rims[0][rims[0][:, 0].argmax()], rims[1][rims[1][:, 0].argmin()]
+    cv2.line(out, *(tuple(map(int, p)) for p in inner), colour, thick, cv2.LINE_AA)
+    for rim, ear in ((rims[0], points[0]), (rims[1], points[16])):
+        outer = rim[np.linalg.norm(rim - ear, axis=1).argmin()]
+        cv2.line(out, tuple(map(int, outer)), tuple(map(int, ear)), colour, thick, cv2.LINE_AA)
+    return out
+
+
+def _occluder(
+    rng: Rng, crop: Picture, points: F32, visible: NDArray[np.bool_], backgrounds: NDArray[np.uint8]
+) -> tuple[Picture, NDArray[np.bool_]]:
+    """A hand, cup, microphone, card: one blob or a few fingers somewhere on the face."""
+    area = np.zeros((SIZE, SIZE), np.uint8)
+    centre = points[int(rng.integers(len(points)))] + rng.normal(0, 0.08, 2) * SIZE
+    kind = rng.random()
+    if kind < 0.4:
+        for k in range(int(rng.integers(1, 5))):
+            direction = np.radians(rng.uniform(0, 360) if k == 0 else angle + rng.normal(0, 12))
+            angle = np.degrees(direction)
+            start = centre + k * rng.uniform(6, 10) * np.array([-np.sin(direction), np.cos(direction)])
+            end = start + rng.uniform(0.3, 0.8) * SIZE * np.array([np.cos(direction), np.sin(direction)])
+            cv2.line(
+                area, tuple(map(int, start)), tuple(map(int, end)), 255, int(rng.uniform(6, 12)), cv2.LINE_AA
+            )
+    elif kind < 0.75:
+        axes = tuple(int(a) for a in rng.uniform(0.06, 0.24, 2) * SIZE)
+        cv2.ellipse(area, tuple(map(int, centre)), axes, rng.uniform(0, 180), 0, 360, 255, -1, cv2.LINE_AA)
+    else:
+        corners = centre + rng.normal(0, 0.18, (int(rng.integers(3, 7)), 2)) * SIZE
+        cv2.fillConvexPoly(area, cv2.convexHull(_whole(corners)), 255, cv2.LINE_AA)
+    if rng.random() < 0.5:  # of the face's own colour, as a hand is
+        y, x = np.clip(points[30][::-1], 0, SIZE - 1).astype(int)
+        front = np.empty_like(crop)
+        front[:] = crop[y, x]
+        front = np.asarray(
+            np.clip(front * (_strands(rng)[..., None] * 0.25 + rng.uniform(0.5, 1.0)), 0, 255), np.uint8
+        )
+    else:
+        front = background(rng, backgrounds)
+    area = np.asarray(cv2.GaussianBlur(area, (0, 0), rng.uniform(0.5, 1.5)), np.uint8)
+    at = np.clip(np.round(points), 0, SIZE - 1).astype(int)
+    return _blend(crop, front, area), visible & (area[at[:, 1], at[:, 0]] < 128)
+
+
+def _cut(
+    rng: Rng, crop: Picture, points: F32, visible: NDArray[np.bool_]
+) -> tuple[Picture, NDArray[np.bool_]]:
+    """The picture ends within the crop: black beyond, as the landmarker fills it."""
+    if rng.random() > 0.15:
+        return crop, visible
+    crop, visible = crop.copy(), visible.copy()
+    amount = rng.uniform(0.05, 0.42)
+    across, start = int(rng.integers(2)), rng.random() < 0.5
+    edge = int(amount * SIZE) if start else int((1 - amount) * SIZE)
+    beyond = points[:, across] < edge if start else points[:, across] >= edge
+    part = slice(0, edge) if start else slice(edge, SIZE)
+    crop[(slice(None), part) if across == 0 else part] = 0
+    return crop, visible & ~beyond
+
+
+# -- light and camera ---------------------------------------------------------------------------------------------
+
+
+def light(rng: Rng, crop: Picture) -> Picture:
+    """Uneven light, shadow edges, gamma, gain and white balance, saturation, mixed channels, grey."""
+    if rng.random() < 0.4:
+        coarse = rng.normal(0, rng.uniform(0.1, 0.5), (3, 3, 1)).astype(np.float32)
+        if rng.random() < 0.3:
+            coarse = coarse + rng.normal(0, 0.1, (3, 3, 3)).astype(np.float32)
+        field = np.exp(cv2.resize(coarse, (SIZE, SIZE), interpolation=cv2.INTER_CUBIC)).reshape(
+            SIZE, SIZE, -1
+        )
+        crop = np.asarray(np.clip(crop * field, 0, 255), np.uint8)
+    if rng.random() < 0.1:
+        angle = rng.uniform(0, 2 * np.pi)
+        ys, xs = np.mgrid[:SIZE, :SIZE].astype(np.float32) / SIZE - 0.5
+        side = np.cos(angle) * xs + np.sin(angle) * ys - rng.uniform(-0.3, 0.3)
+        shade = 1 - rng.uniform(0.2, 0.7) / (1 + np.exp(-side * rng.uniform(10, 120)))
+        crop = np.asarray(crop * shade[..., None], np.uint8)
+    levels = np.arange(256, dtype=np.float32)[:, None] / 255
+    gamma = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.05, 3))
+    gain = np.exp(rng.normal(0, 0.18)) * np.exp(rng.normal(0, 0.08, 3))
+    black = rng.uniform(-0.06, 0.1) if rng.random() < 0.4 else 0.0
+    table = np.clip((levels**gamma * gain) * (1 - black) + black, 0, 1) * 255
+    crop = np.asarray(cv2.LUT(crop, np.asarray(table + 0.5, np.uint8).reshape(1, 256, 3)), np.uint8)
+    if rng.random() < 0.12:
+        return np.repeat(cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
+    if rng.random() < 0.5:
+        mix = np.eye(3) + rng.normal(0, 0.06, (3, 3))
+        grey = np.full((3, 3), 1 / 3)
+        keep = rng.uniform(0.3, 1.4)
+        crop = np.asarray(cv2.transform(crop, keep * mix + (1 - keep) * grey), np.uint8)
+    return crop
+
+
+def camera(rng: Rng, crop: Picture) -> Picture:
+    """Blur, low resolution, noise, sharpening, JPEG."""
+    if rng.random() < 0.25:
+        crop = np.asarray(cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.4, 2.2)), np.uint8)
+    if rng.random() < 0.1:
+        length = int(rng.integers(3, 10))
+        kernel = np.zeros((length, length), np.float32)
+        angle = rng.uniform(0, np.pi)
+        half = (length - 1) / 2
+        reach = half * np.array([np.cos(angle), np.sin(angle)])
+        cv2.line(kernel, _pixel(half - reach), _pixel(half + reach), 1.0)
+        crop = np.asarray(cv2.filter2D(crop, -1, kernel / kernel.sum()), np.uint8)
+    if rng.random() < 0.3:
+        small = int(rng.uniform(30, 110))
+        shrink = (cv2.INTER_AREA, cv2.INTER_LINEAR)[int(rng.integers(2))]
+        grow = (cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_NEAREST)[int(rng.choice(3, p=(0.6, 0.3, 0.1)))]
+        tiny = _noise(rng, cv2.resize(crop, (small, small), interpolation=shrink), 0.4, 10)
+        crop = np.asarray(cv2.resize(tiny, (SIZE, SIZE), interpolation=grow), np.uint8)
+    crop = _noise(rng, crop, 0.4, 14)
+    if rng.random() < 0.12:
+        soft = cv2.GaussianBlur(crop, (0, 0), rng.uniform(0.8, 2))
+        amount = rng.uniform(0.3, 1.5)
+        crop = np.asarray(cv2.addWeighted(crop, 1 + amount, soft, -amount, 0), np.uint8)
+    if rng.random() < 0.3:
+        quality = int(rng.uniform(12, 85))
+        code = cv2.imencode(".jpg", crop, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        crop = np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), np.uint8)
+    return crop
+
+
+def _noise(rng: Rng, crop: Any, chance: float, most: float) -> Picture:
+    if rng.random() > chance:
+        return np.asarray(crop, np.uint8)
+    h, w = crop.shape[:2]
+    noise = np.empty((h, w, 3), np.int16)
+    cv2.randn(noise, 0, float(rng.uniform(1, most)))
+    return np.asarray(cv2.add(crop, noise, dtype=cv2.CV_8U), np.uint8)
+
+
+def _whole(points: Any) -> NDArray[np.int32]:
+    return np.round(np.asarray(points)).astype(np.int32)
+
+
+def _pixel(point: Any) -> tuple[int, int]:
+    x, y = np.round(point).astype(int)
+    return int(x), int(y)
