@@ -18,17 +18,22 @@ import typer
 
 from app.cli_options import (
     Alpha,
+    BoxDetectorSpec,
     Crf,
     Detector,
     Encoder,
     Force,
+    FormatChoice,
     Json,
     LandmarkerSpec,
     LandmarkFile,
     LandmarkFiles,
+    LandmarkOutput,
     Lossless,
+    MinConfidence,
     ModelPath,
     Output,
+    Overlay,
     Preset,
     Quiet,
     RendererChoice,
@@ -195,6 +200,40 @@ def puppet(
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
     _say_report(console, report, "followed")
+
+
+@app.command()
+def landmarks(
+    video: Video,
+    output: LandmarkOutput,
+    overlay: Overlay = None,
+    format: FormatChoice = None,
+    landmarker: LandmarkerSpec = None,
+    detector: BoxDetectorSpec = None,
+    min_confidence: MinConfidence = 0.5,
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Find the landmarks of all faces in a video, an image or a folder of images."""
+    from aam.landmarks import open_landmarker
+    from app.landmarks import LandmarkOptions, landmarks_file
+    from app.media import EncodeOptions
+
+    console = Console(quiet=quiet, json=json)
+    spec = (landmarker or "builtin") + (f"@{detector}" if detector else "")
+    options = LandmarkOptions(
+        form=format and format.value, overlay=overlay, min_confidence=min_confidence,
+        encode=EncodeOptions(encoder, crf), force=force,
+    )  # fmt: skip
+    with Stages(console) as stages:
+        report = landmarks_file(
+            video, output, open_landmarker(spec), options, progress=stages, say=console.note
+        )
+    console.say(str(report))
+    console.result(report.as_json())
 
 
 @app.command()

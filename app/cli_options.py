@@ -17,6 +17,14 @@ class RendererName(StrEnum):
     cpu = "cpu"
 
 
+class LandmarkFormat(StrEnum):
+    """What landmarks are written as."""
+
+    json = "json"
+    npz = "npz"
+    pts = "pts"
+
+
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, notes on stderr.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
@@ -60,3 +68,24 @@ Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such 
 Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
 Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]
 Lossless = Annotated[bool, typer.Option("--lossless", help="Lose nothing in encoding.")]
+
+LandmarkOutput = Annotated[
+    Path,
+    typer.Option(
+        "--output", "-o", metavar="OUT.json", help="A .json, .npz or .pts file, or a folder of .pts files."
+    ),
+]
+FormatChoice = Annotated[
+    LandmarkFormat | None,
+    typer.Option("--format", help="What is written; default: what the output's name says."),
+]
+Overlay = Annotated[
+    Path | None, typer.Option(metavar="OUT.mp4|OUT.png", help="Also draw the landmarks onto a copy of VIDEO.")
+]
+MinConfidence = Annotated[float, typer.Option(min=0.0, max=1.0, help="Faces below are left out.")]
+BoxDetectorSpec = Annotated[
+    str | None,
+    typer.Option(
+        "--detector", metavar="lbp|yunet:PATH", help="What finds faces; default: the landmarker's own."
+    ),
+]

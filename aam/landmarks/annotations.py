@@ -2,16 +2,20 @@
 
 In memory: points (T, 81, 2) float32, pixels, x right, y down, pixel centres at integers, NaN for a frame
 without a face. A frame with any point that is not finite counts as one without a face. Where a frame has
-several faces the one with the largest box is taken, and :attr:`Annotations.several` counts such frames.
+several faces the one with the largest box is taken, and :attr:`Annotations.several` counts such frames. Where
+faces have the numbers of tracks, one track is taken for all frames: the one with the largest sum of face sizes
+(square root of the box's area) over its frames.
 
 npz
     One of the arrays ``face81``, ``landmarks``, ``points``: (T, n, 2) or, with several faces, (T, F, n, 2);
-    n = 81 (face81) or 68 (ibug68). Other arrays may be there and are not read.
+    n = 81 (face81) or 68 (ibug68). ``track``, (T, F) whole numbers, below 0 for none, is read with several
+    faces. Other arrays may be there and are not read.
 JSON
     ``{"scheme": "face81", "frames": [{"index": 0, "points": [[x, y], ...]}, {"index": 1, "points": null}]}``,
     scheme ``face81`` or ``ibug68``; frames that are not named have no face, an index named again is a further
     face, ``"count"`` (optional) is the number of frames. Or a plain list with an entry per frame, points or
-    null, whose scheme follows from the number of points.
+    null, whose scheme follows from the number of points. Or what ``guise landmarks`` writes
+    (docs/landmarks.md): ``"format": "guise-landmarks"``, and a list of faces in every frame.
 .pts
     One face of one picture, ``n_points: 68`` or 81 (or 0, for none), counted from pixel 1 as iBUG does; 1 is
     subtracted on reading and added on writing. A folder of them is a clip, in natural order of the names
@@ -40,6 +44,10 @@ from .schemes import COUNT, scheme_named, scheme_of_count, to_face81
 _NPZ_KEYS = ("face81", "landmarks", "points")
 _JSON_KEYS = ("scheme", "frames", "count", "about")
 
+TRACKED_FORMAT, TRACKED_VERSION = "guise-landmarks", 1  # JSON with all faces of all frames
+
+_Faces = list[tuple[int | None, NDArray[np.float64]]]  # of a frame: the track and the points (n, 2)
+
 
 @dataclass(frozen=True, eq=False)
 class Annotations:
@@ -54,13 +62,16 @@ class Annotations:
     scheme : str
         The scheme of the source; other points are completed.
     several : int
-        Frames in which more than one face was there, and the largest was taken.
+        Frames in which a face was there that was not taken.
+    taken : str
+        Which one was taken, for messages.
     """
 
     points: Float32
     source: str = "landmarks"
     scheme: str = "face81"
     several: int = 0
+    taken: str = "the largest"
 
     def __post_init__(self) -> None:
         """Check the shape, and that there is a face at all."""
@@ -90,7 +101,7 @@ class Annotations:
         if not self.several:
             return None
         return (
-            f"{self.source} has several faces in {self.several} frames of {len(self)}; the largest is taken"
+            f"{self.source} has several faces in {self.several} frames of {len(self)}; {self.taken} is taken"
         )
 
     def require_frames(self, count: int) -> Annotations:
@@ -182,6 +193,7 @@ def _load_npz(path: Path) -> Annotations:
             found = [key for key in _NPZ_KEYS if key in stored.files]
             names = ", ".join(stored.files)
             array = stored[found[0]] if found else None
+            track = stored["track"] if "track" in stored.files else None
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
         raise LandmarkError(
             f"{path} must be an npz file of plain arrays, got one that cannot be read"
@@ -198,7 +210,14 @@ def _load_npz(path: Path) -> Annotations:
     if np.issubdtype(array.dtype, np.complexfloating):
         raise LandmarkError(f"{found[0]} in {path} must be real numbers, got {array.dtype}")
     faces = array.astype(np.float64) if array.ndim == 4 else array.astype(np.float64)[:, None]
-    return _annotations(path, faces, _scheme_for(path, array.shape[-2]))
+    scheme = _scheme_for(path, array.shape[-2])
+    if track is None:
+        return _annotations(path, faces, scheme)
+    if track.shape != faces.shape[:2] or not np.issubdtype(track.dtype, np.integer):
+        raise LandmarkError(
+            f"track in {path} must be whole numbers of shape {faces.shape[:2]}, got {track.dtype} {track.shape}"
+        )
+    return _annotations(path, faces, scheme, track)
 
 
 def _opened(file: BinaryIO) -> NpzFile:
@@ -217,6 +236,8 @@ def _load_json(path: Path) -> Annotations:
     if isinstance(stored, list):
         frames = [[] if entry is None else [_points(path, i, entry)] for i, entry in enumerate(stored)]
         return _annotations(path, *_stacked(path, frames, None))
+    if isinstance(stored, dict) and stored.get("format") == TRACKED_FORMAT:
+        return _tracked(path, stored)
     if (
         not isinstance(stored, dict)
         or set(stored) - set(_JSON_KEYS)
@@ -242,6 +263,36 @@ def _indexed(path: Path, stored: dict[str, Any]) -> list[list[NDArray[np.float64
         if entry["points"] is not None:
             frames[entry["index"]].append(_points(path, entry["index"], entry["points"]))
     return frames
+
+
+def _tracked(path: Path, stored: dict[str, Any]) -> Annotations:
+    """One track of a file with all faces of all frames."""
+    scheme, frames = stored.get("scheme"), stored.get("frames")
+    if stored.get("version") != TRACKED_VERSION:
+        raise LandmarkError(
+            f"{path} must have {TRACKED_FORMAT} version {TRACKED_VERSION}, got {stored.get('version')!r}"
+        )
+    if not isinstance(scheme, str) or not isinstance(frames, list):
+        raise LandmarkError(f"{path} must have a scheme and frames, got {', '.join(map(str, stored))}")
+    rows = [_tracked_faces(path, index, entry) for index, entry in enumerate(frames)]
+    stacked, scheme = _stacked(path, [[points for _, points in row] for row in rows], scheme)
+    track = np.full(stacked.shape[:2], -1)
+    for index, row in enumerate(rows):
+        track[index, : len(row)] = [-1 if number is None else number for number, _ in row]
+    return _annotations(path, stacked, scheme, track)
+
+
+def _tracked_faces(path: Path, index: int, entry: Any) -> _Faces:
+    """The faces of one frame, whose place in the list is its index."""
+    faces = entry.get("faces") if isinstance(entry, dict) and entry.get("index") == index else None
+    if not isinstance(faces, list) or not all(isinstance(face, dict) for face in faces):
+        raise LandmarkError(f"{path}: frame {index} must have index {index} and faces, got {_brief(entry)}")
+    for face in faces:
+        if face.get("track") is not None and not _is_index(face["track"], 2**31):
+            raise LandmarkError(
+                f"{path}: track of frame {index} must be a whole number or null, got {face['track']!r}"
+            )
+    return [(face.get("track"), _points(path, index, face.get("points"))) for face in faces]
 
 
 def _frame_count(path: Path, stored: dict[str, Any]) -> int:
@@ -356,16 +407,35 @@ def _scheme_for(path: Path, count: int) -> str:
         raise LandmarkError(f"{path}: {error}") from error
 
 
-def _annotations(path: Path, faces: NDArray[np.float64], scheme: str) -> Annotations:
-    """The largest face of each frame, of faces (T, F, n, 2)."""
+def _annotations(
+    path: Path, faces: NDArray[np.float64], scheme: str, track: NDArray[Any] | None = None
+) -> Annotations:
+    """One face of each frame, of faces (T, F, n, 2): the main track's, or the largest where there are no tracks.
+
+    track : (T, F) numbers, below 0 for none.
+    """
     if faces.shape[0] == 0 or faces.shape[1] == 0:
         raise LandmarkError(f"{path} must hold at least one frame, got an array of shape {faces.shape}")
     faces = np.where(np.isfinite(faces).all(axis=(2, 3), keepdims=True), faces, np.nan)
     area = np.prod(faces.max(axis=2) - faces.min(axis=2), axis=-1)
+    seen = np.isfinite(area)
+    number = None if track is None else _main_track(np.where(seen, track, -1), area)
+    if track is not None and number is not None:
+        faces = np.where((track == number)[..., None, None], faces, np.nan)
+        area = np.where(track == number, area, np.nan)
     largest = np.nan_to_num(area, nan=-1.0).argmax(axis=1)
     chosen = faces[np.arange(len(faces)), largest]
-    several = int((np.isfinite(area).sum(axis=1) > 1).sum())
-    return Annotations(to_face81(chosen, scheme), str(path), scheme, several)
+    several = int((seen.sum(axis=1) > np.isfinite(area).any(axis=1)).sum())
+    taken = "the largest" if number is None else "the one seen longest and largest"
+    return Annotations(to_face81(chosen, scheme), str(path), scheme, several, taken)
+
+
+def _main_track(track: NDArray[Any], area: NDArray[np.float64]) -> int | None:
+    """The track with the largest sum of sizes, of numbers and areas (T, F); None without tracks."""
+    numbers = np.unique(track[track >= 0])
+    if not len(numbers):
+        return None
+    return int(max(numbers, key=lambda number: float(np.sqrt(area[track == number]).sum())))
 
 
 def _npz_bytes(points: Float32, scheme: str) -> bytes:
@@ -382,11 +452,14 @@ def _json_bytes(points: Float32, scheme: str) -> bytes:
     return json.dumps({"scheme": scheme, "count": len(frames), "frames": frames}, allow_nan=False).encode()
 
 
-def _listed(frame: Float32) -> list[list[float]] | None:
-    """Shortest decimals that give the same float32 back; None without a face."""
-    if not np.isfinite(frame).all():
-        return None
-    return [[float(np.format_float_positional(v)) for v in point] for point in frame]
+def _listed(frame: Float32) -> Any:
+    """Points (n, 2) as lists; None without a face."""
+    return shortest(frame) if np.isfinite(frame).all() else None
+
+
+def shortest(values: Float32) -> Any:
+    """Nested lists of the shortest decimals that give the same float32 back."""
+    return values.astype(str).astype(np.float64).tolist()
 
 
 def _pts_bytes(points: Float32, scheme: str) -> bytes:
@@ -395,8 +468,12 @@ def _pts_bytes(points: Float32, scheme: str) -> bytes:
         raise LandmarkError(
             f"a .pts file holds the landmarks of one picture, got {len(points)} frames; name a folder"
         )
-    frame = points[0].astype(np.float64) + 1
-    rows = [] if not np.isfinite(frame).all() else [f"{x!r} {y!r}" for x, y in frame.tolist()]
+    return pts_bytes(points[0] if np.isfinite(points[0]).all() else points[0, :0])
+
+
+def pts_bytes(points: Float32) -> bytes:
+    """The text of a .pts file, in which the first pixel is 1, for points (n, 2)."""
+    rows = [f"{x!r} {y!r}" for x, y in (points.astype(np.float64) + 1).tolist()]
     return "\n".join(["version: 1", f"n_points: {len(rows)}", "{", *rows, "}", ""]).encode()
 
 
