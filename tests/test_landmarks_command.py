@@ -2,6 +2,7 @@
 
 import json
 import re
+import weakref
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -305,6 +306,33 @@ class Truth:
 
     def refine(self, rgb: np.ndarray, previous: Face) -> Face:
         return Face.around(next(self.points), 1.0)
+
+
+@pytest.mark.parametrize("output", ["out.json", "out.npz", "points"])
+def test_pictures_are_not_kept(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, output: str
+) -> None:
+    alive: list[weakref.ref[np.ndarray]] = []
+    most = 0
+
+    def refine(self: Discs, rgb: np.ndarray, previous: Face) -> Face:
+        nonlocal most
+        alive.append(weakref.ref(rgb))
+        most = max(most, sum(ref() is not None for ref in alive))
+        return previous
+
+    monkeypatch.setattr(Discs, "refine", refine)
+    film(here / "clip.mkv", [[(60, 100, 30)]] * 40)
+    assert run(capsys, "clip.mkv", "-o", output)[0] == 0
+    assert len(alive) == 39
+    assert most <= 2
+
+
+def test_the_command_has_help_quiet_and_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["landmarks", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert "--quiet" in said
+    assert "--json" in said
 
 
 # -- no face, bad input, outputs ----------------------------------------------------------------------------
