@@ -274,9 +274,9 @@ def _occluder(
     centre = points[int(rng.integers(len(points)))] + rng.normal(0, 0.08, 2) * SIZE
     kind = rng.random()
     if kind < 0.4:
+        direction = rng.uniform(0, 2 * np.pi)
         for k in range(int(rng.integers(1, 5))):
-            direction = np.radians(rng.uniform(0, 360) if k == 0 else angle + rng.normal(0, 12))
-            angle = np.degrees(direction)
+            direction += rng.normal(0, 0.2)
             start = centre + k * rng.uniform(6, 10) * np.array([-np.sin(direction), np.cos(direction)])
             end = start + rng.uniform(0.3, 0.8) * SIZE * np.array([np.cos(direction), np.sin(direction)])
             cv2.line(

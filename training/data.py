@@ -5,7 +5,7 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,16 +99,18 @@ def load_real(data: Path, *, held_out: bool) -> Pictures:
     """The real pictures that may be trained on, or those of their people that are kept for validation.
 
     Photographs of pairs/london (CC BY 4.0; people of evaluation_only.txt are never read) and frames of the clips
-    real/grid_* (CC BY 4.0), labelled with MediaPipe's points.
+    real/grid_* (CC BY 4.0), labelled with MediaPipe's points; the ends of the brows, which MediaPipe's mesh does not
+    follow, are moved by their mean distance from hand-placed ones.
     """
     rows = [*_london(data / "pairs" / "london", held_out), *_clips(data / "real", held_out)]
     if not rows:
         raise FileNotFoundError(f"no trainable pictures in {data}")
-    images, points, person = zip(*rows, strict=True)
+    images, labels, person = zip(*rows, strict=True)
+    points = brow_ends(np.stack(labels), data / "pairs" / "london")
     count = len(images)
     empty = np.empty((0, REAL_SIZE, REAL_SIZE), np.uint8)
     return Pictures(
-        np.stack(images), np.stack(points), np.ones((count, points[0].shape[0]), bool), empty, np.array(person),
+        np.stack(images), points, np.ones(points.shape[:2], bool), empty, np.array(person),
         np.empty((count, 0), np.float32),
     )  # fmt: skip
 
@@ -163,7 +165,27 @@ def square(
     return np.asarray(picture, np.uint8), np.asarray(points * scale + shift, np.float32)
 
 
-def webmorph(folder: Path, people: Sequence[str]) -> dict[str, NDArray[np.float32]]:
-    """The 189 hand-placed points of neutral photographs, pixels of the photograph."""
-    with np.load(folder / "webmorph189_neutral.npz") as stored:
-        return {p: np.asarray(stored[p], np.float32) for p in people if p in stored.files}
+# Ends of the brows: points of face81 and the hand-placed points of the photographs between which they lie.
+_ENDS = {17: (71, 71), 21: (75, 76), 22: (77, 78), 26: (82, 82)}
+
+
+def brow_ends(points: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
+    """MediaPipe's points (n, 81, 2) with the ends of the brows moved, as hand-placed points of photographs tell."""
+    hand, labels = np.load(folder / "webmorph189_neutral.npz"), np.load(folder / "face81_mediapipe.npz")
+    ends = list(_ENDS)
+    moves = []
+    for person in london_people(folder):
+        given = _complex(labels[f"{person}_neutral"])
+        placed = _complex(hand[person])
+        wanted = np.array([placed[list(pair)].mean() for pair in _ENDS.values()])
+        moves.append((wanted - given[ends]) / (given[45] - given[36]))
+    move = np.mean(moves, axis=0)
+    move = (move - np.conj(move[::-1])) / 2  # the same on both sides
+    shapes = _complex(points)
+    shapes[:, ends] += move * (shapes[:, 45] - shapes[:, 36])[:, None]
+    return np.stack([shapes.real, shapes.imag], axis=-1).astype(np.float32)
+
+
+def _complex(points: NDArray[Any]) -> NDArray[np.complex128]:
+    array = np.asarray(points, np.float64)
+    return np.asarray(array[..., 0] + 1j * array[..., 1])

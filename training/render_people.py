@@ -1,12 +1,14 @@
 """Renders the training pictures of the landmarker: random people who do not exist, with exact landmarks.
 
-    python training/render_people.py --program DIR --first 0 --people 500 --per-person 36 --out PARTS
+    python -m training.render_people --program DIR --first 0 --people 500 --per-person 36 --out PARTS
 
 DIR holds the renderer (`train_set.py` and what it imports: CC0 assets, EGL). Its people, expressions and lights are
 used as they are; this script turns the heads further, hardens some lights, bakes the ambient occlusion coarser (a
 person takes three seconds instead of ten) and keeps what the training wants besides the 81 points: a foreground mask,
 so that the background can be changed later, and the pictures' true depths. Pictures depend on the person's number
 alone: run one process per core with different --first.
+
+Points 17 to 26 are moved to the upper edge of the brows' hair (`brows.py`).
 
 Each part_NNNNN.npz holds `jpeg` (bytes, concatenated) and `length`, `face81` (n, 81, 2) float32 pixels, `depth`
 (n, 81) float32 decimetres behind the nearest point, `visible` (n, 81) bool, `mask` (n, size, size / 8) packed bits,
@@ -24,6 +26,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
+from training.brows import BROWS, hair_points
 
 AO_DIRECTIONS, AO_SIZE = 40, 256
 PEOPLE_PER_PART = 10
@@ -46,6 +50,7 @@ def load_program(folder: Path, size: int) -> dict:
     sys.path.insert(0, str(folder))
     sys.argv = ["train_set.py", "--size", str(size), "--out", os.devnull]  # it reads its size when imported
     import actor
+    import assets
     import face81
     import human
     import looks
@@ -57,6 +62,7 @@ def load_program(folder: Path, size: int) -> dict:
     render.Renderer.bake_ao = lambda self, *a, **kw: bake(self, *a, **{**kw, "ndir": AO_DIRECTIONS})
     return {
         "actor": actor,
+        "assets": assets,
         "face81": face81,
         "human": human,
         "looks": looks,
@@ -116,6 +122,7 @@ def pictures(p, renderer, dense: np.ndarray, number: int, count: int, size: int)
         *(spec["race"][r] for r in program.RACES),
         float(spec["hair"] is not None),
     ]
+    lift = hair_points(who.p, p["assets"].image) - p["face81"].points(who.p.base)[BROWS]
     background = renderer.texture(p["looks"].background(int(rng.integers(1, 100_000)), w=size, h=size))
     for _ in range(count):
         pose = np.clip(rng.normal(0, (25, 12, 9)), (-65, -35, -30), (65, 35, 30))
@@ -123,8 +130,11 @@ def pictures(p, renderer, dense: np.ndarray, number: int, count: int, size: int)
         shift = rng.normal(0, 0.08, 2)
         at = (shift[0], who.face_c[1] + shift[1] + 0.15, who.face_c[2] + distance)
         camera = p["render"].Camera(width * distance / who.face_w, size, size, at)
-        truth = who.place(program.random_expression(rng), p["human"].euler(*map(float, pose)), None, camera)
-        points, depth = camera.project(p["face81"].points(truth["verts"]))
+        turn = p["human"].euler(*map(float, pose))
+        truth = who.place(program.random_expression(rng), turn, None, camera)
+        places = p["face81"].points(truth["verts"])
+        places[BROWS] += lift @ turn.T
+        points, depth = camera.project(places)
         more, _ = camera.project(truth["verts"][dense])
         image, z = renderer.frame(
             [who.g], camera, harden(program.random_light(rng), rng), background, want_depth=True

@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import copy
 import csv
+import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,22 +27,22 @@ from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
 from aam.landmarks import interocular
-from training.augment import SIZE, Strength, crop_matrix, negative, sample
+from training.augment import SIZE, negative, sample
 from training.clutter import clutter
+from training.crops import plain_crops
 from training.data import Pictures, load_parts, load_real
 from training.landmark_net import LandmarkNet
 
 BACKGROUNDS, BACKGROUND_SIZE = 1500, 192
+EVERY = 250  # steps from one line of the curves to the next
 NEGATIVES = 0.12  # share of samples without a face
-MILD = Strength(
-    turn=4, size=0.05, shift=0.025, wild=0
-)  # crops of the validation: as a detector's box gives them
 
 
 @dataclass(frozen=True)
 class Stage:
     """A stretch of training: batches, the highest learning rate, the share of real pictures."""
 
+    number: int
     name: str
     steps: int
     rate: float
@@ -67,7 +68,7 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
 
     def make(self, number: int) -> tuple[NDArray, ...]:
         """Batch `number`: crops (n, 128, 128, 3) uint8, points (n, 81, 2), seen (n, 81), face (n,)."""
-        rng = np.random.default_rng([self.seed, len(self.stage.name), number])
+        rng = np.random.default_rng([self.seed, self.stage.number, number])
         cv2.setRNGSeed(int(rng.integers(1 << 31)))
         crops = np.empty((self.batch, SIZE, SIZE, 3), np.uint8)
         points = np.zeros((self.batch, 81, 2), np.float32)
@@ -106,24 +107,6 @@ def loss_of(net: LandmarkNet, crops: Tensor, points: Tensor, face: Tensor) -> tu
     return total, {"loss": float(total.detach()), "error_px": float(error), "face": float(entropy.detach())}
 
 
-def validation_set(
-    pictures: Pictures, count: int, seed: int = 7
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Plain crops (n, 128, 128, 3) and points (n, 81, 2) of pictures evenly taken."""
-    rng = np.random.default_rng(seed)
-    chosen = np.linspace(0, len(pictures) - 1, min(count, len(pictures))).astype(int)
-    crops, points = [], []
-    for i in chosen:
-        matrix, _ = crop_matrix(rng, pictures.points[i], MILD)
-        if np.linalg.det(matrix[:, :2]) < 0:  # not mirrored
-            matrix = np.column_stack([matrix[:, :2] @ np.diag([-1.0, 1.0]), [0, 0]])
-            low, high = pictures.points[i].min(0), pictures.points[i].max(0)
-            matrix[:, 2] = (SIZE - 1) / 2 - matrix[:, :2] @ (low + high) / 2
-        crops.append(cv2.warpAffine(pictures.images[i], matrix, (SIZE, SIZE), flags=cv2.INTER_LINEAR))
-        points.append(pictures.points[i] @ matrix[:, :2].T + matrix[:, 2])
-    return np.stack(crops), np.stack(points).astype(np.float32)
-
-
 @torch.no_grad()
 def error_of(net: LandmarkNet, crops: NDArray[np.uint8], points: NDArray[np.float32]) -> float:
     """Mean distance to the truth in per cent of the outer-eye distance."""
@@ -157,7 +140,7 @@ class Trainer:
         self, stage: Stage, rendered: Pictures, real: Pictures | None, backgrounds: NDArray[np.uint8],
         validation: dict[str, tuple[NDArray[np.uint8], NDArray[np.float32]]],
     ) -> None:  # fmt: skip
-        """One stage: warm up, cosine to zero; every 500 steps a line of the curves."""
+        """One stage: warm up, cosine to zero; now and then a line of the curves."""
         self.net.load_state_dict(self.average.state_dict())
         optimiser = torch.optim.AdamW(self.net.parameters(), lr=stage.rate, weight_decay=0.01)
         warm = min(300, stage.steps // 5)
@@ -183,8 +166,8 @@ class Trainer:
             schedule.step()
             self._follow(min(0.998, step / (step + 20)))
             sums = {k: sums.get(k, 0) + v for k, v in figures.items()}
-            if step % 500 == 0 or step == stage.steps:
-                count = 500 if step % 500 == 0 else step % 500
+            if step % EVERY == 0 or step == stage.steps:
+                count = EVERY if step % EVERY == 0 else step % EVERY
                 self._log(stage, step, {k: v / count for k, v in sums.items()}, validation)
                 sums = {}
         torch.save(self.average.state_dict(), self.output / f"{stage.name}.pt")
@@ -220,10 +203,10 @@ def main() -> None:
     )
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument(
-        "--steps", type=int, default=12000, help="batches of the first stage, rendered people alone"
+        "--steps", type=int, default=6500, help="batches of the first stage, rendered people alone"
     )
     parser.add_argument(
-        "--more", type=int, default=5000, help="batches of the second stage, with real pictures"
+        "--more", type=int, default=5500, help="batches of the second stage, with real pictures"
     )
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--limit", type=int, help="use that many parts")
@@ -231,6 +214,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
+    torch.set_flush_denormal(True)  # before any thread is made, as they inherit it: far weights of heat maps are tiny
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(0)  # before OpenCV starts any: the workers are forked
     rendered = load_parts(options.parts, held_out=False, limit=options.limit)
@@ -238,17 +222,26 @@ def main() -> None:
     print(
         f"{len(rendered)} rendered pictures of {len(set(rendered.person))} people, {len(set(unseen.person))} held out"
     )
-    validation = {"unseen": validation_set(unseen, 600)}
+    validation = {"unseen": plain_crops(unseen, 600)}
     if options.real:
-        validation["real"] = validation_set(load_real(options.real, held_out=True), 100)
+        validation["real"] = plain_crops(load_real(options.real, held_out=True), 100)
+    real = load_real(options.real, held_out=False) if options.real else None
     backgrounds = make_backgrounds(options.seed)
     trainer = Trainer(options.output, options.batch, options.seed, options.workers)
-    trainer.run(Stage("rendered", options.steps, 2e-3, 0), rendered, None, backgrounds, validation)
+    trainer.run(Stage(1, "rendered", options.steps, 2e-3, 0), rendered, None, backgrounds, validation)
     export(trainer.average, options.output / "rendered.onnx")
-    if options.real:
-        real = load_real(options.real, held_out=False)
-        print(f"{len(real)} real pictures of {len(set(real.person))} people")
-        trainer.run(Stage("mixed", options.more, 1e-3, 0.25), rendered, real, backgrounds, validation)
+    facts = {
+        "rendered": len(rendered),
+        "people": len(set(rendered.person)),
+        "real": len(real) if real else 0,
+        "real_people": len(set(real.person)) if real else 0,
+        "steps": options.steps + (options.more if real else 0),
+        "seed": options.seed,
+        "parameters": sum(p.numel() for p in trainer.net.parameters()),
+    }
+    (options.output / "facts.json").write_text(json.dumps(facts, indent=1) + "\n")
+    if real is not None:
+        trainer.run(Stage(2, "mixed", options.more, 1e-3, 0.25), rendered, real, backgrounds, validation)
     export(trainer.average, options.output / "landmarks.onnx")
 
 
