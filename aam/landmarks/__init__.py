@@ -39,6 +39,7 @@ from .schemes import (
     scheme_named,
     to_face81,
 )
+from .smoothing import Smoother
 from .tracking import Follower, track_video
 
 __all__ = [
@@ -66,6 +67,7 @@ __all__ = [
     "LbpDetector",
     "OnnxLandmarker",
     "Scheme",
+    "Smoother",
     "YunetDetector",
     "detector_usages",
     "interocular",
