@@ -32,6 +32,7 @@ from app.cli_options import (
     Lossless,
     MinConfidence,
     ModelPath,
+    NoSmooth,
     Output,
     Overlay,
     Preset,
@@ -211,6 +212,7 @@ def landmarks(
     landmarker: LandmarkerSpec = None,
     detector: BoxDetectorSpec = None,
     min_confidence: MinConfidence = 0.5,
+    no_smooth: NoSmooth = False,
     encoder: Encoder = "libx264",
     crf: Crf = 20,
     force: Force = False,
@@ -225,7 +227,7 @@ def landmarks(
     console = Console(quiet=quiet, json=json)
     spec = (landmarker or "builtin") + (f"@{detector}" if detector else "")
     options = LandmarkOptions(
-        form=format and format.value, overlay=overlay, min_confidence=min_confidence,
+        form=format and format.value, overlay=overlay, min_confidence=min_confidence, smooth=not no_smooth,
         encode=EncodeOptions(encoder, crf), force=force,
     )  # fmt: skip
     with Stages(console) as stages:

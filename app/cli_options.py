@@ -83,6 +83,9 @@ Overlay = Annotated[
     Path | None, typer.Option(metavar="OUT.mp4|OUT.png", help="Also draw the landmarks onto a copy of VIDEO.")
 ]
 MinConfidence = Annotated[float, typer.Option(min=0.0, max=1.0, help="Faces below are left out.")]
+NoSmooth = Annotated[
+    bool, typer.Option("--no-smooth", help="Write the points of a video as they were found, not steadied.")
+]
 BoxDetectorSpec = Annotated[
     str | None,
     typer.Option(

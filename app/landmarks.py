@@ -8,11 +8,13 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from aam.landmarks import Landmarker
+from aam.landmarks import Face, Landmarker, tight_box
+from aam.landmarks.face import Float32
+from aam.landmarks.smoothing import Smoother
 from aam.landmarks.tracking import MultiFollower
 from app.landmark_files import About, Found, LandmarkFile, format_of, open_landmark_file
 from app.media import EncodeOptions, Frame, Sink, Source, open_sink, open_source, process
@@ -31,6 +33,7 @@ class LandmarkOptions:
     form : "json", "npz", "pts", or None for what the output's suffix says.
     overlay : a copy of the video or picture with the landmarks drawn on it.
     min_confidence : in [0, 1]; faces below are left out.
+    smooth : whether points are smoothed over the frames of a video.
     encode : of the overlay.
     force : replace existing outputs.
     """
@@ -38,6 +41,7 @@ class LandmarkOptions:
     form: str | None = None
     overlay: Path | None = None
     min_confidence: float = 0.5
+    smooth: bool = True
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     force: bool = False
 
@@ -100,12 +104,13 @@ def landmarks_file(
     if options.overlay is not None and options.overlay.absolute() == output.absolute():
         raise OutputError(f"{output} cannot be both output and overlay: give two names")
     with open_source(video) as media, contextlib.ExitStack() as outputs:
-        about = About.of(media, landmarker.name, smoothed=False)
+        smooth = options.smooth and media.kind == "video"
+        about = About.of(media, landmarker.name, smoothed=smooth)
         file = outputs.enter_context(
             open_landmark_file(output, media, about, form, force=options.force)
         )  # closed last: it appears only when the overlay is complete
         sink = _sink(outputs, media, options)
-        work = _Work(_Finder(landmarker, media, options.min_confidence), file, sink is not None)
+        work = _Work(_Finder(landmarker, media, options.min_confidence, smooth), file, sink is not None)
         total = media.frame_count or 0
         with one_thread():
             stats = process(
@@ -122,11 +127,13 @@ def landmarks_file(
 
 
 class _Finder:
-    """The faces of each frame: followed in a video, found anew in each picture."""
+    """The faces of each frame: followed and smoothed in a video, found anew in each picture."""
 
-    def __init__(self, landmarker: Landmarker, source: Source, min_confidence: float) -> None:
+    def __init__(self, landmarker: Landmarker, source: Source, min_confidence: float, smooth: bool) -> None:
         self._landmarker, self._min_confidence = landmarker, min_confidence
         self._follower = MultiFollower(landmarker, min_confidence) if source.kind == "video" else None
+        self._smooth = smooth
+        self._smoothers: dict[int, Smoother] = {}
 
     def __call__(self, frame: Frame) -> list[Found]:
         """The faces of a frame: by their numbers, or the largest first."""
@@ -134,7 +141,18 @@ class _Finder:
             faces = self._landmarker.detect(frame.rgb())
             return [Found(face) for face in faces if face.confidence >= self._min_confidence]
         tracked = self._follower.step(frame.rgb())
+        if self._smooth:
+            tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
         return [Found(face, number) for number, face in tracked.items()]
+
+    def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
+        """Each face by the smoother of its track, which begins anew after a gap."""
+        kept = self._smoothers
+        self._smoothers = {number: kept[number] if number in kept else Smoother() for number in tracked}
+        return {
+            number: _moved(face, self._smoothers[number].step(face.points, face.point_confidence, seconds))
+            for number, face in tracked.items()
+        }
 
 
 class _Work:
@@ -172,6 +190,10 @@ def _sink(outputs: contextlib.ExitStack, media: Source, options: LandmarkOptions
 def _draw(frame: Frame, found: Sequence[Found]) -> None:
     for one in found:
         draw_face(frame, one.face, one.track)
+
+
+def _moved(face: Face, points: Float32) -> Face:
+    return replace(face, points=points, box=tight_box(points))
 
 
 def _count(number: int, what: str) -> str:

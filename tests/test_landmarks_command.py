@@ -144,7 +144,7 @@ def test_every_face_of_every_frame_with_its_track_and_time(
 ) -> None:
     times = [0, 40, 80, 130, 160, 200, 240, 290, 333, 360, 400, 441]
     film(here / "clip.mkv", crossing(), times)
-    code, out, err = run(capsys, "clip.mkv", "-o", "out.json")
+    code, out, err = run(capsys, "clip.mkv", "-o", "out.json", "--no-smooth")
     assert (code, err) == (0, "")
     assert re.fullmatch(
         r"out.json: 22 faces in 12 of 12 frames, 2 tracks; \S+ s, \S+ frames per second\n", out
@@ -164,6 +164,38 @@ def test_every_face_of_every_frame_with_its_track_and_time(
     assert face["confidence"] == pytest.approx(230 / 255, abs=0.01)
     points = np.array(face["points"])
     assert face["box"] == [*points.min(axis=0), *points.max(axis=0)]
+
+
+def test_smoothing_is_said_and_steadies_points(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+
+    def shaking(self: Discs, rgb: np.ndarray, previous: Face) -> Face:
+        return Face.around(face_at(150, 100).points + rng.normal(0, 0.1, (81, 2)), 0.9)
+
+    monkeypatch.setattr(Discs, "refine", shaking)
+    film(here / "clip.mkv", [[(150, 100, 30)]] * 40)
+    steps = []
+    for options in (["steady.json"], ["raw.json", "--no-smooth"]):
+        assert run(capsys, "clip.mkv", "-o", *options)[0] == 0
+        document = json.loads((here / options[0]).read_text())
+        assert document["smoothed"] == (len(options) == 1)
+        points = np.array([frame["faces"][0]["points"] for frame in document["frames"]])
+        steps.append(np.abs(np.diff(points[10:], axis=0)).mean())
+    assert steps[0] < 0.5 * steps[1]
+
+
+def test_each_track_is_smoothed_by_itself(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    two = [[(60 + i, 100, 30), (230, 120 + i, 20)] for i in range(10)]
+    for name, scenes in (("both", two), ("one", [discs[:1] for discs in two])):
+        film(here / f"{name}.mkv", scenes)
+        assert run(capsys, f"{name}.mkv", "-o", f"{name}.json")[0] == 0
+    both, one = (json.loads((here / f"{name}.json").read_text())["frames"] for name in ("both", "one"))
+    for together, alone in zip(both, one, strict=True):
+        assert together["faces"][0]["points"] == alone["faces"][0]["points"]
+        points = np.array(together["faces"][0]["points"])
+        assert together["faces"][0]["box"] == [*points.min(axis=0), *points.max(axis=0)]
 
 
 def test_json_can_be_read_again_and_holds_the_main_track(
