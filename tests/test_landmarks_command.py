@@ -550,6 +550,26 @@ def test_two_tracks_never_stay_on_one_face() -> None:
         assert len(found) == 1
 
 
+@pytest.mark.parametrize(("seen", "frames"), [([0], 15), ([0, 15], 40), ([0, 5], 40), ([0, 20], 30)])
+def test_a_face_that_was_seen_once_only_is_given_up(seen: list[int], frames: int) -> None:
+    class Once(Discs):
+        frame = -1
+
+        def detect(self, rgb: np.ndarray) -> list[Face]:
+            there = [face_at(60, 100)] if self.frame in seen else []
+            return [face_at(220, 100), *there]
+
+        def refine(self, rgb: np.ndarray, previous: Face) -> Face:
+            return previous
+
+    once = Once()
+    follower = MultiFollower(once, recheck=5)
+    found = 0
+    for once.frame in range(40):
+        found += sum(face.points.mean() < 130 for face in follower.step(scene([])).values())
+    assert found == frames
+
+
 def test_unsure_faces_are_not_followed() -> None:
     class Unsure(Discs):
         def all(self, rgb: np.ndarray) -> list[Face]:

@@ -108,6 +108,7 @@ class MultiFollower:
 
     The detector looks where there is no face to follow, every ``recheck`` frames, and in the ``recheck`` frames
     after a face was lost; a face that comes back within ``patience`` frames to where it was has its number again.
+    A new face that the detector sees in none of its next three looks was none and is given up.
 
     Parameters
     ----------
@@ -132,6 +133,7 @@ class MultiFollower:
         self._live: dict[int, Face] = {}
         self._lost: dict[int, Face] = {}
         self._missing: dict[int, int] = {}  # frames since a lost face was there
+        self._unproved: dict[int, int] = {}  # looks of the detector that did not see a new face again
 
     def step(self, rgb: Image) -> dict[int, Face]:
         """The faces in the next frame by their numbers, which count from 0 as faces appear, larger ones first."""
@@ -161,6 +163,7 @@ class MultiFollower:
         """Take the faces that are not followed yet: with their number if they were lost near by, else a new one."""
         self._since = 0
         faces = [f for f in self._landmarker.detect(rgb) if f.confidence >= self._min_confidence]
+        self._prove(faces)
         faces = [f for f in faces if all(overlap(f.box, g.box) <= _SAME for g in self._live.values())]
         pairs = [(overlap(f.box, g.box), n, i) for i, f in enumerate(faces) for n, g in self._lost.items()]
         numbers: dict[int, int] = {}
@@ -170,9 +173,20 @@ class MultiFollower:
         for index, face in enumerate(faces):
             self._take(numbers.get(index), face)
 
+    def _prove(self, faces: list[Face]) -> None:
+        """Trust the new faces that are seen again; give up those that three looks have not seen again."""
+        for number in self._live.keys() & self._unproved.keys():
+            if any(overlap(f.box, self._live[number].box) > _SAME for f in faces):
+                del self._unproved[number]
+                continue
+            self._unproved[number] += 1
+            if self._unproved[number] == _DOUBTS:
+                del self._live[number], self._unproved[number]
+
     def _take(self, number: int | None, face: Face) -> None:
         if number is None:
             number, self._next = self._next, self._next + 1
+            self._unproved[number] = 0
         else:
             del self._lost[number], self._missing[number]
         self._live[number] = face
@@ -182,6 +196,7 @@ class MultiFollower:
             self._missing[number] += 1
             if self._missing[number] > self._patience:
                 del self._lost[number], self._missing[number]
+                self._unproved.pop(number, None)
 
 
 def _refined(landmarker: Landmarker, rgb: Image, previous: Face, min_confidence: float) -> Face | None:
