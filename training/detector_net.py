@@ -3,7 +3,7 @@
 Anchor-free in the manner of CenterNet (Zhou et al. 2019) with a feature pyramid: a few dense 3 x 3 convolutions, which
 run fastest on a CPU, and depthwise ones where the maps are large. Input uint8 RGB (n, h, w, 3) of any size; each level
 gives (n, 5, h / stride, w / stride): the logit of a face's centre there, and left, top, right, bottom of the box as
-distances from the cell's centre in units of 2 strides, softplus applied to none (they may be negative at a far level).
+distances from the cell's centre in units of 2 strides.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ class _Residual(nn.Module):
 class DetectorNet(nn.Module):
     """Three levels of (n, 5, h, w), see the module."""
 
-    def __init__(self, widths: tuple[int, ...] = (16, 32, 64, 96, 128), head: int = 64) -> None:
+    def __init__(self, widths: tuple[int, ...] = (16, 32, 64, 80, 96), head: int = 64) -> None:
         super().__init__()
         a, b, c, d, e = widths
         self.stem = nn.Sequential(_conv(3, a, 2), _conv(a, b, 2), _Residual(b, light=True))
         self.near = nn.Sequential(_conv(b, c, 2), _Residual(c), _Residual(c, light=True))
-        self.middle = nn.Sequential(_conv(c, d, 2), _Residual(d), _Residual(d))
-        self.far = nn.Sequential(_conv(d, e, 2), _Residual(e), _Residual(e), _Residual(e))
+        self.middle = nn.Sequential(_conv(c, d, 2), _Residual(d), _Residual(d, light=True))
+        self.far = nn.Sequential(_conv(d, e, 2), *(_Residual(e, light=True) for _ in range(3)))
         self.lateral = nn.ModuleList([nn.Conv2d(n, head, 1) for n in (c, d, e)])
-        self.merge = nn.ModuleList([_light(head, head), _conv(head, head)])
+        self.merge = nn.ModuleList([_light(head, head), _light(head, head)])
         self.heads = nn.ModuleList(
             [nn.Sequential(_light(head, head), nn.Conv2d(head, 5, 1)) for _ in STRIDES]
         )

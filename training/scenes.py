@@ -19,8 +19,13 @@ from training.backgrounds import CLIPS, hand, random_background, skin
 from training.data import VALIDATION_PEOPLE, Pictures, london_people
 
 SIZE = 320  # pixels, the side of a scene
-SMALLEST = 8  # pixels, the smallest face that is to be found; smaller ones are neither asked for nor forbidden
-CLEAR, HIDDEN = 0.5, 0.02  # shares of a face's points in sight: above, it is to be found; below, it is not there
+SMALLEST = (
+    8  # pixels, the smallest face that is to be found; smaller ones are neither asked for nor forbidden
+)
+CLEAR, HIDDEN = (
+    0.5,
+    0.02,
+)  # shares of a face's points in sight: above, it is to be found; below, it is not there
 _FAR = 340  # pixels, the longer side to which real frames are brought
 _BACKGROUNDS, _BACKGROUND_SIZE = 700, 448
 
@@ -388,7 +393,9 @@ def _lit(rng: Rng, image: Picture) -> Picture:
     table = np.clip(levels ** np.exp(rng.normal(0, 0.2)) * gain, 0, 1) * 255
     lit = cv2.LUT(image, np.asarray(table, np.uint8).reshape(1, 256, 3))
     if rng.random() < 0.2:
-        slope = cv2.resize(np.exp(rng.normal(0, 0.4, (2, 2))), image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        slope = cv2.resize(
+            np.exp(rng.normal(0, 0.4, (2, 2))), image.shape[1::-1], interpolation=cv2.INTER_LINEAR
+        )
         lit = np.clip(lit * slope[..., None], 0, 255)
     return np.asarray(lit, np.uint8)
 
