@@ -29,7 +29,20 @@ NAMES = (
     "enrolment",
     "memory",
 )
-WITH_PEERS = ("tracker_speed", "file_to_file")
+LANDMARKS = (
+    "landmarks.stills",
+    "landmarks.real_clips",
+    "landmarks.small_faces",
+    "landmarks.rendered",
+    "landmarks.steadiness",
+    "landmarks.speed",
+    "landmarks.footprint",
+    "landmarks.false_faces",
+    "landmarks.calibration",
+)
+ALL = (*NAMES, *LANDMARKS)
+WITH_PEERS = ("tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed")
+WITH_PARTS = ("landmarks.rendered", "landmarks.calibration")
 
 
 def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str]:
@@ -39,6 +52,10 @@ def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str
         given.append("--quick")
     if name in WITH_PEERS and options.peers_python:
         given += ["--peers-python", str(options.peers_python)]
+    if name in LANDMARKS:
+        given += ["--landmarker", options.landmarker]
+    if name in WITH_PARTS and options.parts:
+        given += ["--parts", str(options.parts)]
     if name == "memory":
         given += ["--minutes", str(options.minutes)]
     if name == "identity":
@@ -89,7 +106,7 @@ def markdown(reports: Sequence[Report], failed: Sequence[str], machine: dict[str
 def run_all(options: argparse.Namespace) -> int:
     """Run, write RESULTS.md and results.json, and return the number of benchmarks that failed."""
     options.output.mkdir(parents=True, exist_ok=True)
-    contents = {name: result(name, options) for name in options.only or NAMES}
+    contents = {name: result(name, options) for name in options.only or ALL}
     reports = [report_of(c) for c in contents.values() if c is not None]
     failed = [name for name, c in contents.items() if c is None]
     machine, day = common.machine(), datetime.now(UTC).date().isoformat()
@@ -105,7 +122,9 @@ def parser() -> argparse.ArgumentParser:
     """Options of all benchmarks together."""
     made = common.with_peers(common.arguments(__doc__))
     made.add_argument("--output", type=Path, default=Path("out/benchmarks"), help="folder for the figures")
-    made.add_argument("--only", nargs="+", choices=NAMES, help="some of the benchmarks")
+    made.add_argument("--only", nargs="+", choices=ALL, help="some of the benchmarks")
+    made.add_argument("--landmarker", default="builtin", help="the landmarker of the landmarks benchmarks")
+    made.add_argument("--parts", type=Path, help="rendered parts for the landmarks benchmarks")
     made.add_argument("--minutes", type=float, default=10.0, help="length of the memory run")
     return made
 

@@ -1,0 +1,1 @@
+"""Benchmarks of landmarkers: accuracy, finding, steadiness, speed, size and confidence, beside their peers."""
