@@ -25,7 +25,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Strength:
-    """How far the crop is off a face's own box: standard deviations of turn (degrees), log size and shift (of the box)."""
+    """How far the crop is off a face's own box: standard deviations of turn, log size and shift."""
 
     turn: float = 16.0
     size: float = 0.11

@@ -12,7 +12,9 @@ from training.data import Pictures
 TURN, GROWTH, SHIFT = 4.0, 0.05, 0.025  # standard deviations: degrees, log size, of the box
 
 
-def plain_crops(pictures: Pictures, count: int, seed: int = 7) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+def plain_crops(
+    pictures: Pictures, count: int, seed: int = 7
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Crops (n, 128, 128, 3) and points (n, 81, 2) in them, of `count` pictures evenly taken."""
     rng = np.random.default_rng(seed)
     chosen = np.linspace(0, len(pictures) - 1, min(count, len(pictures))).astype(int)

@@ -1,4 +1,4 @@
-"""The landmarker's network: heat maps with soft arg max, refined by what lies under each point, beside a whole-face guess.
+"""The landmarker's network: soft arg max of heat maps, refined by what lies there, beside a guess from the whole face.
 
 A residual trunk (128 -> 8 pixels) and a feature pyramid back to 32 x 32. Every point has a heat map there; its soft
 arg max (integral regression, Sun et al. 2018) is corrected by a linear map of the features pooled under that heat map,
@@ -35,7 +35,7 @@ class _Residual(nn.Module):
 
 
 class LandmarkNet(nn.Module):
-    """uint8 RGB crops (n, 128, 128, 3) -> points (n, 81, 2) pixels of the crop, their sigma (n, 81) pixels, face logit (n,)."""
+    """uint8 RGB crops (n, 128, 128, 3) -> points (n, 81, 2) and their sigma (n, 81) in its pixels, face logit (n,)."""
 
     def __init__(self, width: int = 16, blocks: tuple[int, int, int] = (1, 2, 2), head: int = 48) -> None:
         super().__init__()
@@ -79,7 +79,7 @@ class LandmarkNet(nn.Module):
         return mixed, points, guess, local[..., 2].clamp(-3, 5), self.face(whole).float()[:, 0]
 
     def _under_heat(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean features (n, 81, c) and mean place (n, 81, 2) under each point's heat map, from features (n, c, cells)."""
+        """Mean features (n, 81, c) and places (n, 81, 2) under the heat maps, from features (n, c, cells)."""
         with torch.autocast("cpu", enabled=False):
             features = features.float()
             heat = torch.matmul(self.heat, features)

@@ -54,8 +54,9 @@ def load_program(folder: Path, size: int) -> dict:
     import face81
     import human
     import looks
-    import render
     import train_set
+
+    import render
 
     actor._disk = lambda key, make: make()  # nobody is rendered twice
     bake = render.Renderer.bake_ao

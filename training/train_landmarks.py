@@ -15,8 +15,8 @@ import copy
 import csv
 import json
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -27,6 +27,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
 from aam.landmarks import interocular
+from training import definitions
 from training.augment import SIZE, negative, sample
 from training.clutter import clutter
 from training.crops import plain_crops
@@ -53,7 +54,8 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
     """Batches of samples, each from a generator of its own: (seed, stage, number)."""
 
     def __init__(
-        self, rendered: Pictures, real: Pictures | None, backgrounds: NDArray[np.uint8], stage: Stage, batch: int, seed: int
+        self, rendered: Pictures, real: Pictures | None, backgrounds: NDArray[np.uint8], stage: Stage, batch: int,
+        seed: int,
     ) -> None:  # fmt: skip
         self.rendered, self.real, self.backgrounds = rendered, real, backgrounds
         self.stage, self.batch, self.seed = stage, batch, seed
@@ -108,11 +110,16 @@ def loss_of(net: LandmarkNet, crops: Tensor, points: Tensor, face: Tensor) -> tu
 
 
 @torch.no_grad()
-def error_of(net: LandmarkNet, crops: NDArray[np.uint8], points: NDArray[np.float32]) -> float:
-    """Mean distance to the truth in per cent of the outer-eye distance."""
+def answers(net: LandmarkNet, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Points (n, 81, 2) of crops (n, 128, 128, 3)."""
     net.eval()
     found = [net(torch.from_numpy(crops[i : i + 64]))[0].numpy() for i in range(0, len(crops), 64)]
-    miss = np.linalg.norm(np.concatenate(found) - points, axis=2).mean(1)
+    return np.concatenate(found)
+
+
+def error_of(net: LandmarkNet, crops: NDArray[np.uint8], points: NDArray[np.float32]) -> float:
+    """Mean distance to the truth in per cent of the outer-eye distance."""
+    miss = np.linalg.norm(answers(net, crops) - points, axis=2).mean(1)
     return float(100 * (miss / interocular(points)).mean())
 
 
@@ -203,10 +210,10 @@ def main() -> None:
     )
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument(
-        "--steps", type=int, default=6500, help="batches of the first stage, rendered people alone"
+        "--steps", type=int, default=6000, help="batches of the first stage, rendered people alone"
     )
     parser.add_argument(
-        "--more", type=int, default=5500, help="batches of the second stage, with real pictures"
+        "--more", type=int, default=4500, help="batches of the second stage, with real pictures"
     )
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--limit", type=int, help="use that many parts")
@@ -214,7 +221,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
-    torch.set_flush_denormal(True)  # before any thread is made, as they inherit it: far weights of heat maps are tiny
+    torch.set_flush_denormal(
+        True
+    )  # before any thread is made, as they inherit it: far weights of heat maps are tiny
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(0)  # before OpenCV starts any: the workers are forked
     rendered = load_parts(options.parts, held_out=False, limit=options.limit)
@@ -223,13 +232,56 @@ def main() -> None:
         f"{len(rendered)} rendered pictures of {len(set(rendered.person))} people, {len(set(unseen.person))} held out"
     )
     validation = {"unseen": plain_crops(unseen, 600)}
-    if options.real:
-        validation["real"] = plain_crops(load_real(options.real, held_out=True), 100)
     real = load_real(options.real, held_out=False) if options.real else None
     backgrounds = make_backgrounds(options.seed)
     trainer = Trainer(options.output, options.batch, options.seed, options.workers)
-    trainer.run(Stage(1, "rendered", options.steps, 2e-3, 0), rendered, None, backgrounds, validation)
-    export(trainer.average, options.output / "rendered.onnx")
+    write_facts(options, trainer, rendered, real)
+    if (options.output / "rendered.pt").exists():  # a run that was broken off
+        trainer.average.load_state_dict(torch.load(options.output / "rendered.pt"))
+    else:
+        trainer.run(Stage(1, "rendered", options.steps, 2e-3, 0), rendered, None, backgrounds, validation)
+        export(trainer.average, options.output / "rendered.onnx")
+    if real is not None:
+        alignment = align(trainer.average, rendered, real)
+        np.savez(options.output / "alignment.npz", **alignment)
+        rendered, real = apply(alignment, rendered, "rendered"), apply(alignment, real, "real")
+        validation = {
+            "unseen": plain_crops(apply(alignment, unseen, "rendered"), 600),
+            "real": plain_crops(apply(alignment, load_real(options.real, held_out=True), "real"), 100),
+        }
+        trainer.run(Stage(2, "mixed", options.more, 1e-3, 0.25), rendered, real, backgrounds, validation)
+    export(trainer.average, options.output / "landmarks.onnx")
+
+
+def align(net: LandmarkNet, rendered: Pictures, real: Pictures) -> dict[str, NDArray[np.float64]]:
+    """What brings both kinds of labels to one definition, see `training/definitions.py`."""
+    crops, labels = plain_crops(real, len(real))
+    rendered_moves, real_moves = definitions.moves(definitions.difference(answers(net, crops), labels))
+    frontal = plain_crops(rendered.only(np.abs(asymmetry(rendered.points)) < 0.05), 500)[1]
+    return {
+        "rendered_jaw": definitions.evenly(frontal[:, :17]), "rendered_moves": rendered_moves,
+        "real_jaw": definitions.evenly(labels[:, :17]), "real_moves": real_moves,
+    }  # fmt: skip
+
+
+def apply(alignment: Mapping[str, NDArray[np.float64]], pictures: Pictures, kind: str) -> Pictures:
+    """The pictures with their labels in the common definition; kind: rendered or real."""
+    points = definitions.aligned(pictures.points, alignment[f"{kind}_jaw"], alignment[f"{kind}_moves"])
+    return replace(pictures, points=points)
+
+
+def asymmetry(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """How far (n,) the nose is from the middle of the temples, in widths of the face: a sign of yaw."""
+    width = points[:, 16, 0] - points[:, 0, 0]
+    return np.asarray(
+        (points[:, 30, 0] - points[:, [0, 16], 0].mean(1)) / np.where(np.abs(width) < 1, 1, width)
+    )
+
+
+def write_facts(
+    options: argparse.Namespace, trainer: Trainer, rendered: Pictures, real: Pictures | None
+) -> None:
+    """What the model card tells of the training."""
     facts = {
         "rendered": len(rendered),
         "people": len(set(rendered.person)),
@@ -240,9 +292,6 @@ def main() -> None:
         "parameters": sum(p.numel() for p in trainer.net.parameters()),
     }
     (options.output / "facts.json").write_text(json.dumps(facts, indent=1) + "\n")
-    if real is not None:
-        trainer.run(Stage(2, "mixed", options.more, 1e-3, 0.25), rendered, real, backgrounds, validation)
-    export(trainer.average, options.output / "landmarks.onnx")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,74 @@
+"""What the points mean: brings the meshes' points and MediaPipe's, which differ, to one definition near to iBUG's.
+
+A renderer's vertex, a vertex of MediaPipe's mesh and a point placed by hand have the same number and not quite the same
+place. A network that learned from rendered people alone tells by how much: its answers on real photographs, less their
+labels, averaged over many people in the frame of the face. With that,
+
+- the jaw's points are spread evenly along the jaw, as hand-placed ones are, for both kinds of labels;
+- rendered eyes, nose, mouth and the height of the brows move to where MediaPipe, and people, put them;
+- along the brows MediaPipe's points move to the rendered ones, which follow the hair;
+- MediaPipe's forehead moves to the rendered one, which the package's reference frame is made of.
+
+Everything is a linear map of the 81 points, so it turns with the head.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+
+JAW, BROWS, FACE, FOREHEAD = slice(0, 17), slice(17, 27), slice(27, 68), slice(68, 81)
+_EYES, _LIPS = (36, 45), (48, 54)
+_DROP = 0.78  # from the eyes' middle to the mouth's, in outer-eye distances, of a face seen from the front
+
+
+def frame(points: NDArray[Any]) -> tuple[F64, F64]:
+    """Across and down the face (n, 1, 2) each, one outer-eye distance long when seen from the front."""
+    points = np.asarray(points, np.float64)
+    eyes, lips = points[:, _EYES].mean(1), points[:, _LIPS].mean(1)
+    across = points[:, _EYES[1]] - points[:, _EYES[0]]
+    return across[:, None], ((lips - eyes) / _DROP)[:, None]
+
+
+def difference(found: NDArray[Any], labels: NDArray[Any]) -> F64:
+    """Mean of found less labels (n, 81, 2) along and down the faces, made symmetric: (81, 2)."""
+    from aam.landmarks import MIRROR
+
+    across, down = frame(labels)
+    basis = np.concatenate([across, down], axis=1)  # (n, 2, 2), rows are the axes
+    parts = np.einsum("nki,nij->nkj", found - labels, np.linalg.inv(basis))
+    mean = np.median(parts, axis=0)
+    return np.asarray((mean + mean[list(MIRROR)] * (-1, 1)) / 2)
+
+
+def evenly(jaws: NDArray[Any]) -> F64:
+    """Matrix (17, 17) that spreads the points of jaws (n, 17, 2) evenly along their mean course."""
+    steps = np.linalg.norm(np.diff(np.asarray(jaws, np.float64), axis=1), axis=2)
+    course = np.concatenate([[0], np.cumsum(steps.mean(0))])
+    course = course / course[-1]
+    course = (course + 1 - course[::-1]) / 2
+    return np.asarray(CubicSpline(course, np.eye(17))(np.linspace(0, 1, 17)))
+
+
+def aligned(points: F32, jaw: F64, move: F64) -> F32:
+    """Labels (n, 81, 2) with the jaw respaced by a matrix (17, 17) and points moved (81, 2) across and down the face."""
+    across, down = frame(points)
+    out = points + move[:, :1] * across + move[:, 1:] * down
+    out[:, JAW] = np.einsum("ij,njk->nik", jaw, points[:, JAW].astype(np.float64))
+    return np.asarray(out, np.float32)
+
+
+def moves(mesh_less_label: F64) -> tuple[F64, F64]:
+    """How rendered points and real labels move (81, 2 each), from the `difference` of the definitions."""
+    rendered, real = np.zeros((81, 2)), np.zeros((81, 2))
+    rendered[FACE] = -mesh_less_label[FACE]
+    rendered[BROWS, 1] = -mesh_less_label[BROWS, 1]
+    real[BROWS, 0] = mesh_less_label[BROWS, 0]
+    real[FOREHEAD] = mesh_less_label[FOREHEAD]
+    return rendered, real
