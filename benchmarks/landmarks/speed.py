@@ -19,6 +19,7 @@ import argparse
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -55,7 +56,7 @@ def refined(landmarker: Any, frames: list[Picture], face: Face) -> tuple[list[Ti
     """Milliseconds of following a face through frames, and the face in the last; found anew, unclocked, when lost."""
     times = []
     for rgb in frames:
-        found, spent = clocked(lambda rgb=rgb, face=face: landmarker.refine(rgb, face))
+        found, spent = clocked(partial(landmarker.refine, rgb, face))
         if found is not None:
             times.append(spent)
         face = found or next(iter(landmarker.detect(rgb)), face)
@@ -91,9 +92,9 @@ def measure(options: argparse.Namespace) -> Report:
             spent: dict[str, list[Times]] = {REFINE: [], DETECT: [], BOXES: [], MEDIAPIPE: []}
             spent[REFINE], face = refined(landmarker, pictures, face)
             for rgb in pictures[::DETECT_EVERY]:
-                spent[DETECT].append(clocked(lambda rgb=rgb: landmarker.detect(rgb))[1])
+                spent[DETECT].append(clocked(partial(landmarker.detect, rgb))[1])
                 if detector is not None:
-                    spent[BOXES].append(clocked(lambda rgb=rgb: detector.detect(rgb))[1])
+                    spent[BOXES].append(clocked(partial(detector.detect, rgb))[1])
             spent[MEDIAPIPE] = [peer.ask(rgb)[1] for rgb in pictures] if peer else []
             for name in times if block else ():
                 times[name] += spent[name]

@@ -106,7 +106,7 @@ def picture_motion(patches: Iterator[Picture]) -> list[float]:
     for grey in patches:
         kept.append(grey)
         if len(kept) == kept.maxlen:
-            field = flow.calc(kept[0], kept[-1], None)
+            field = flow.calc(kept[0], kept[-1], None)  # type: ignore[call-overload]
             moved.append(float(np.quantile(np.linalg.norm(field, axis=2), 0.9)))
     ends = [float("nan")] * SPAN
     return ends + moved + ends if moved else []

@@ -90,6 +90,11 @@ def pfld(shared: Path) -> Finder | None:
     )
 
 
+def mediapipe(peer: Peer) -> Finder:
+    """MediaPipe, which finds the faces itself."""
+    return lambda rgb, still: at_faces(face81(peer.meshes(rgb))[:, :68], still)
+
+
 def evaluated(find: Finder, pictures: Sequence[Still]) -> Accuracy:
     """Accuracy of a finder on a data set."""
     found = np.concatenate([find(still.rgb(), still) for still in pictures])
@@ -123,7 +128,7 @@ def measure(options: argparse.Namespace) -> Report:
         if options.peers_python:
             model = options.shared / "models" / setting.MEDIAPIPE
             with Peer(options.peers_python, "image", model) as peer:
-                found = evaluated(lambda rgb, s, p=peer: at_faces(face81(p.meshes(rgb))[:, :68], s), pictures)
+                found = evaluated(mediapipe(peer), pictures)
             rows["MediaPipe"] = found, "-"
         report.tables.append(table(name, len(pictures), rows))
         common.say(common.markdown_table(report.tables[-1].columns, report.tables[-1].rows))
