@@ -64,9 +64,7 @@ class Scenes:
     ) -> None:  # fmt: skip
         self.rendered, self.real, self.real_share = rendered, real, real_share if real else 0.0
         rng = np.random.default_rng([seed, 1])
-        self.backgrounds = [
-            random_background(rng, _BACKGROUND_SIZE, _BACKGROUND_SIZE, photos) for _ in range(backgrounds)
-        ]
+        self.backgrounds = [self._made(rng, photos) for _ in range(backgrounds)]
 
     def make(self, rng: Rng) -> Scene:
         """One scene."""
@@ -86,6 +84,18 @@ class Scenes:
         kinds = [_kind(owner, f, k + 1, b) for k, (f, b) in enumerate(zip(faces, faceless, strict=True))]
         boxes = [np.concatenate([f.min(0), f.max(0)]) for f in faces]
         return Scene(camera(rng, image), _rows(boxes, kinds, "face"), _rows(boxes, kinds, "unsure"))
+
+    def _made(self, rng: Rng, photos: Sequence[Picture]) -> Picture:
+        """A background (_BACKGROUND_SIZE, _BACKGROUND_SIZE, 3): made up, or a part of a person much enlarged."""
+        if rng.random() > 0.15:
+            return random_background(rng, _BACKGROUND_SIZE, _BACKGROUND_SIZE, photos)
+        if self.real and rng.random() < 0.5:
+            person = self.real[int(rng.integers(len(self.real)))]
+            image, points = person.image, person.points
+        else:
+            i = int(rng.integers(len(self.rendered)))
+            image, points = self.rendered.images[i], self.rendered.points[i, :68].astype(np.float64)
+        return _enlarged(rng, image, points)
 
     def _background(self, rng: Rng) -> Picture:
         whole = self.backgrounds[int(rng.integers(len(self.backgrounds)))]
@@ -114,6 +124,31 @@ class Scenes:
         if rng.random() < 0.15:  # as a photograph with its own background
             return Person(image, points), blank
         return Person(_lit(rng, image), points, alpha), blank
+
+
+def _enlarged(rng: Rng, image: Picture, points: Floats) -> Picture:
+    """What is beside, above or below a face, or a small part of a face."""
+    low, high = points.min(0), points.max(0)
+    side, limit = float((high - low).max()), np.array(image.shape[1::-1])
+    if rng.random() < 0.4:
+        size = np.full(2, side * rng.uniform(0.15, 0.3))
+        corner = low + rng.uniform(-0.1, 1, 2) * (high - low)
+    else:
+        edge = rng.integers(4)
+        areas = (
+            (0, 0, low[0], limit[1]),
+            (high[0], 0, limit[0], limit[1]),
+            (0, high[1], *limit),
+            (0, 0, limit[0], low[1]),
+        )
+        x0, y0, x1, y1 = areas[edge]
+        corner, size = np.array([x0, y0]), np.array([x1 - x0, y1 - y0])
+    x, y = (int(c) for c in np.clip(corner, 0, limit - 6))
+    most = max(6, int(size.min()) if rng.random() < 0.7 else int(size.max()))
+    w, h = (max(6, min(most, int(c))) for c in size)
+    part = np.ascontiguousarray(image[y : y + h, x : x + w])
+    grown = cv2.resize(part, (_BACKGROUND_SIZE, _BACKGROUND_SIZE), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(np.rot90(grown, int(rng.integers(4))), np.uint8)
 
 
 def real_people(data: Path, *, held_out: bool = False) -> list[Person]:
@@ -400,6 +435,17 @@ def _lit(rng: Rng, image: Picture) -> Picture:
     return np.asarray(lit, np.uint8)
 
 
+def _moved(rng: Rng, image: Picture) -> Picture:
+    """Blurred by a motion in a random direction."""
+    length = int(rng.integers(2, 8))
+    kernel = np.zeros((2 * length + 1, 2 * length + 1), np.float32)
+    angle = rng.uniform(0, np.pi)
+    reach = 0.5 * length * np.array([np.cos(angle), np.sin(angle)])
+    middle = np.full(2, float(length))
+    cv2.line(kernel, _pixel(middle - reach), _pixel(middle + reach), 1.0)
+    return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()), np.uint8)
+
+
 def camera(rng: Rng, image: Picture) -> Picture:
     """The whole scene through a camera: exposure, colour or grey, blur, low resolution, noise, JPEG."""
     gain = np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, 0.06, 3))
@@ -418,6 +464,8 @@ def camera(rng: Rng, image: Picture) -> Picture:
         image = np.asarray(cv2.transform(image, mix), np.uint8)
     if rng.random() < 0.25:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.3)), np.uint8)
+    if rng.random() < 0.12:
+        image = _moved(rng, image)
     if rng.random() < 0.2:
         share = rng.uniform(0.5, 0.95)
         small = cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
