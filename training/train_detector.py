@@ -33,6 +33,7 @@ from training.scenes import SIZE, Scene, Scenes, real_people
 MUST = ((0, 44), (32, 130), (96, 10_000))
 MAY = ((0, 62), (22, 180), (72, 10_000))
 LEAST_SPREAD, SPREAD = 0.45, 0.07  # of the bump about a face's centre: cells, and share of the face's side
+BESIDE = 0.8  # cells, within which of the true centre a cell may say so too: else a centre between two has two halves
 LEARNED = 0.3  # cells under a bump at least that high learn the box
 VALIDATION_SCENES = 160
 
@@ -77,6 +78,7 @@ def target(scene: Scene, level: int) -> NDArray[np.float32]:
             higher = bump > out[0]
             out[0][higher] = bump[higher]
             out[2:, higher] = box[:, None]
+            out[1][np.hypot(xs - middle[0], ys - middle[1]) < BESIDE] = 0
         elif MAY[level][0] <= side < MAY[level][1]:
             out[1][bump > 0.05] = 0
     out[1][out[0] > 0.999] = 1
