@@ -34,7 +34,7 @@ MUST = ((0, 44), (32, 130), (96, 10_000))
 MAY = ((0, 62), (22, 180), (72, 10_000))
 LEAST_SPREAD, SPREAD = 0.45, 0.07  # of the bump about a face's centre: cells, and share of the face's side
 BESIDE = 0.8  # cells, within which of the true centre a cell may say so too: else a centre between two has two halves
-LEARNED = 0.3  # cells under a bump at least that high learn the box
+LEARNED = 0.3  # cells under a bump at least that high learn the box, as do those beside the centre
 VALIDATION_SCENES = 160
 
 Batch = tuple[NDArray[np.uint8], list[NDArray[np.float32]]]
@@ -60,9 +60,9 @@ class Samples(IterableDataset[Batch]):
 
 
 def target(scene: Scene, level: int) -> NDArray[np.float32]:
-    """(6, h, w) for one level: height of the bump, weight of the cell, and the box that the cell learns."""
+    """(7, h, w) for one level: height of the bump, weight of the cell in it, weight of the box, and the box."""
     stride, cells = STRIDES[level], SIZE // STRIDES[level]
-    out = np.zeros((6, cells, cells), np.float32)
+    out = np.zeros((7, cells, cells), np.float32)
     out[1] = 1
     ys, xs = np.mgrid[:cells, :cells].astype(np.float32)
     centres = np.stack([xs, ys], -1) * stride + (stride - 1) / 2
@@ -77,8 +77,10 @@ def target(scene: Scene, level: int) -> NDArray[np.float32]:
         if MUST[level][0] <= side < MUST[level][1]:
             higher = bump > out[0]
             out[0][higher] = bump[higher]
-            out[2:, higher] = box[:, None]
-            out[1][np.hypot(xs - middle[0], ys - middle[1]) < BESIDE] = 0
+            out[3:, higher] = box[:, None]
+            beside = np.hypot(xs - middle[0], ys - middle[1]) < BESIDE
+            out[1][beside] = 0
+            out[2][higher] = np.where(beside | (bump > LEARNED), np.maximum(bump, LEARNED), 0)[higher]
         elif MAY[level][0] <= side < MAY[level][1]:
             out[1][bump > 0.05] = 0
     out[1][out[0] > 0.999] = 1
@@ -97,9 +99,9 @@ def loss_of(found: tuple[Tensor, ...], targets: list[Tensor]) -> tuple[Tensor, d
         false = (1 - centre) * (1 - bump) ** 4 * p**2 * F.softplus(logit) * weight
         heat = heat + missed.sum() + false.sum()
         count = count + centre.sum()
-        part = torch.where(bump > LEARNED, bump, torch.zeros(()))
-        side = (wanted[:, 4:] - wanted[:, 2:4]).amax(1).clamp(min=1)
-        error = (corners(maps, STRIDES[level]) - wanted[:, 2:]).abs().sum(1) / side
+        part = wanted[:, 2]
+        side = (wanted[:, 5:] - wanted[:, 3:5]).amax(1).clamp(min=1)
+        error = (corners(maps, STRIDES[level]) - wanted[:, 3:]).abs().sum(1) / side
         boxes = boxes + (part * error).sum()
         learned = learned + part.sum()
     heat, boxes = heat / count.clamp(min=1), boxes / learned.clamp(min=1)
