@@ -5,7 +5,7 @@
     CARD.toml                     an ONNX model described by a card, faces by the LBP cascade
     CARD.toml@yunet:MODEL.onnx    the same, faces by YuNet
     onnx:CARD                     the same for a card whose name does not end in .toml
-    lbp, yunet:MODEL.onnx         detectors
+    builtin, lbp, yunet:MODEL.onnx    detectors
 
 Other kinds, a built-in landmarker first of all, join through :func:`register_landmarker` and
 :func:`register_detector`.
@@ -106,6 +106,14 @@ def _open_lbp(argument: str) -> BoxDetector:
     return LbpDetector()
 
 
+def _open_builtin_detector(argument: str) -> BoxDetector:
+    from .detector import FaceDetector
+
+    if argument:
+        raise LandmarkError(f"face detector builtin takes no argument, got {argument!r}")
+    return FaceDetector()
+
+
 def _open_yunet(argument: str) -> BoxDetector:
     from .boxes import YunetDetector
 
@@ -117,3 +125,4 @@ def _open_yunet(argument: str) -> BoxDetector:
 register_landmarker("onnx", "CARD.toml[@DETECTOR]", _open_onnx)
 register_detector("lbp", "lbp", _open_lbp)
 register_detector("yunet", "yunet:MODEL.onnx", _open_yunet)
+register_detector("builtin", "builtin", _open_builtin_detector)
