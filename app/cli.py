@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -120,6 +120,9 @@ def enroll(
     name: Annotated[
         str | None, typer.Option(help="The person's name in the model; default: the file's.")
     ] = None,
+    no_refine: Annotated[
+        bool, typer.Option("--no-refine", help="Keep landmarks as they were found, each frame for itself.")
+    ] = False,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -128,7 +131,7 @@ def enroll(
     from app.enrolling import describe_options, enrol_file
 
     console = Console(quiet=quiet, json=json)
-    source = _landmark_source(landmarks or [], landmarker, len(videos))
+    source = replace(_landmark_source(landmarks or [], landmarker, len(videos)), refine=not no_refine)
     options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
     with Stages(console) as stages:
         report = enrol_file(

@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from aam.landmarks import Annotations, Follower, Landmarker, LbpDetector, load_annotations
 from aam.model import Identity
 from aam.reference import ReferenceFrame
+from aam.refinement import refine_shapes
 from aam.similarity import Failed
+from aam.tracker import FEATURE_RESOLUTION, Crop, cut
 from aam.training import (
+    FEWEST,
     Choice,
     Observation,
     TrainingError,
@@ -49,6 +52,11 @@ class LandmarkSource:
 
     files: Sequence[Path] = ()
     landmarker: Landmarker | None = None
+    refine: bool = True  # those of a landmarker, all frames together; files are trusted
+
+    def generic(self, clip: Path) -> bool:
+        """Whether a clip's landmarks come from a landmarker."""
+        return self.landmarker is not None or not (self.files or landmark_file(clip))
 
 
 def _silent(stage: str, share: float) -> None:
@@ -70,11 +78,14 @@ def enrol(
     ----------
     clips : video files, images or folders of images of one person.
     landmarks : see `LandmarkSource`.
-    progress : called with the stage ("landmarks", "frames", "training") and the share of it that is done.
+    progress : called with the stage ("landmarks", "refinement", "frames", "training") and the share of it that is done.
     say : called with notes for the user.
     """
     shapes = [_clip_landmarks(i, clip, landmarks, progress, say) for i, clip in enumerate(clips)]
     choice = choose_frames(np.concatenate(shapes), options)
+    generic = [landmarks.refine and landmarks.generic(clip) for clip in clips]
+    if any(generic):
+        shapes, choice = _refined(clips, shapes, generic, choice, progress, say)
     observations, box = _observe(clips, shapes, choice, options, progress)
     facts: dict[str, Any] = {"clips": [clip.name for clip in clips], "box_known": box is not None}
     with one_thread():
@@ -129,6 +140,57 @@ def _detected(clip: Path, landmarker: Landmarker, progress: Progress, say: Say) 
     if not rows or all(np.isnan(r).all() for r in rows):
         raise EnrolError(f"no face found in {clip}; use a clip that shows the face from the front")
     return np.stack(rows)
+
+
+def _refined(
+    clips: Sequence[Path], shapes: Sequence[F64], generic: Sequence[bool], choice: Choice, progress: Progress,
+    say: Say,
+) -> tuple[list[F64], Choice]:  # fmt: skip
+    """The landmarks with those of the chosen frames of generic clips refined, and the frames that are left."""
+    crops = _crops(clips, shapes, generic, choice)
+    index = np.array(list(crops), np.intp)
+    if len(index) < FEWEST:
+        return list(shapes), choice
+    points = np.concatenate(shapes)
+    with one_thread():
+        refined = refine_shapes(
+            list(crops.values()), points[index], lambda share: progress("refinement", share)
+        )
+    points[index] = refined.shapes
+    left_out = index[~refined.kept]
+    say(
+        f"landmarks of {len(index)} frames refined together, by {100 * refined.moved:.1f} % of the inter-ocular "
+        f"distance; {len(left_out)} of them left out"
+    )
+    return np.split(points, np.cumsum([len(s) for s in shapes])[:-1]), _without(choice, left_out)
+
+
+def _crops(
+    clips: Sequence[Path], shapes: Sequence[F64], generic: Sequence[bool], choice: Choice
+) -> dict[int, Crop]:
+    """The working crops of the chosen frames of generic clips, by index over all clips."""
+    frame, wanted = ReferenceFrame.canonical(FEATURE_RESOLUTION), {int(i) for i in choice.all}
+    crops: dict[int, Crop] = {}
+    base = 0
+    for clip, points, found in zip(clips, shapes, generic, strict=True):
+        last = max((i - base for i in wanted if i < base + len(points)), default=-1)
+        if found and last >= 0:
+            with open_source(clip) as source:
+                for picture in source:
+                    if picture.index > last:
+                        break
+                    if base + picture.index in wanted:
+                        crop = cut(picture.luma, points[picture.index], frame)
+                        if not isinstance(crop, Failed):
+                            crops[base + picture.index] = crop
+        base += len(points)
+    return crops
+
+
+def _without(choice: Choice, left_out: NDArray[np.intp]) -> Choice:
+    """The choice without some frames; of the neutral ones at least one stays."""
+    neutral = [i for i in choice.neutral if i not in left_out] or choice.neutral[:1]
+    return Choice(np.setdiff1d(choice.training, left_out), neutral, np.setdiff1d(choice.held_out, left_out))
 
 
 def _observe(
