@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.landmarks import Landmarker
 from aam.reference import POINTS, ReferenceFrame
 from aam.similarity import Failed
 from aam.tracker import FEATURE_RESOLUTION, Fit, Tracker
@@ -21,6 +22,8 @@ Grey = NDArray[np.uint8]
 QUIET = 0.005  # inter-ocular distances: smaller steps of the head count as tremble
 QUIET_FEATURES = 0.0025  # the same for lids and lips
 NEIGHBOURS = 0.06  # face widths over which points tremble together
+CONFIDENT = 0.5  # from which a landmarker's face is taken for one
+MOST_STARTS = 4  # faces in a frame that are tried
 PATIENCE = 10  # lost frames with a search in each; later only every third
 
 
@@ -29,6 +32,9 @@ class Boxes(Protocol):
 
     def detect(self, image: Grey) -> NDArray[np.float32]:
         """(n, 4) x0 y0 x1 y1, largest first."""
+
+
+Finder = Boxes | Landmarker
 
 
 class Steadier:
@@ -73,11 +79,12 @@ class PersonFollower:
     Parameters
     ----------
     tracker : the person's Tracker.
-    boxes : detector for the first frame and after a loss; without one, give `start`.
+    boxes : for the first frame and after a loss: a detector of boxes, or a landmarker, which gives the tracker a whole
+        face to start from; without one, give `start`.
     start : (81, 2) landmarks of the first frame, pixels, or None.
     """
 
-    def __init__(self, tracker: Tracker, boxes: Boxes | None, start: F64 | None = None) -> None:
+    def __init__(self, tracker: Tracker, boxes: Finder | None, start: F64 | None = None) -> None:
         self.tracker, self.boxes = tracker, boxes
         self.lost = 0  # frames since the last fit
         self.most_faces = 0  # largest number of boxes seen in one frame
@@ -105,9 +112,14 @@ class PersonFollower:
     def _found(self, luma: Grey, why: Failed) -> Fit | Failed:
         if self.boxes is None or (self.lost > PATIENCE and self.lost % 3):
             return why
+        if isinstance(self.boxes, Landmarker):
+            faces = self.boxes.detect(np.repeat(luma[..., None], 3, axis=2))
+            sure = [f.points.astype(np.float64) for f in faces if f.confidence >= CONFIDENT]
+            self.most_faces = max(self.most_faces, len(sure))
+            return self.tracker.acquire_from(luma, sure[:MOST_STARTS]) if sure else why
         boxes = self.boxes.detect(luma)
         self.most_faces = max(self.most_faces, len(boxes))
-        return self.tracker.acquire(luma, boxes[:4]) if len(boxes) else why
+        return self.tracker.acquire(luma, boxes[:MOST_STARTS]) if len(boxes) else why
 
     def _remember(self, fit: Fit | Failed) -> None:
         if not isinstance(fit, Fit):

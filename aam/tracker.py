@@ -8,7 +8,7 @@ trained with.  Pixels, x right, y down.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -196,9 +196,22 @@ class Tracker:
                 if not isinstance(best, Fit) or (isinstance(fit, Fit) and fit.residual < best.residual):
                     best = fit
             if isinstance(best, Fit):
-                again = self.fit(luma, best.shape)
-                return again if isinstance(again, Fit) and again.residual < best.residual else best
+                return self._settled(luma, best)
         return best
+
+    def acquire_from(self, luma: Grey, shapes: Iterable[F64]) -> Fit | Failed:
+        """The first fit that holds from landmarks (81, 2) of whole faces, found without knowing the person."""
+        fit: Fit | Failed = Failed("no face")
+        for shape in shapes:
+            fit = self.fit(luma, shape)
+            if isinstance(fit, Fit):
+                return self._settled(luma, fit)
+        return fit
+
+    def _settled(self, luma: Grey, fit: Fit) -> Fit:
+        """The fit, or the one that comes of it if that is better."""
+        again = self.fit(luma, fit.shape)
+        return again if isinstance(again, Fit) and again.residual < fit.residual else fit
 
     def starts(self, box: NDArray[np.floating]) -> list[F64]:
         """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""

@@ -54,7 +54,11 @@ LandmarkFile = Annotated[
 ]
 LandmarkerSpec = Annotated[
     str | None,
-    typer.Option("--landmarker", metavar="SPEC", help="Find landmarks by a model: CARD.toml[@DETECTOR]."),
+    typer.Option(
+        "--landmarker",
+        metavar="SPEC",
+        help="What finds the landmarks: builtin (default) or CARD.toml[@DETECTOR].",
+    ),
 ]
 Alpha = Annotated[
     float,
@@ -63,7 +67,7 @@ Alpha = Annotated[
     ),
 ]
 RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Who draws the face.")]
-Detector = Annotated[str, typer.Option(metavar="lbp|yunet:PATH", help="What finds the face.")]
+Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="What finds the face.")]
 Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such as libx264, libx265, ffv1.")]
 Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
 Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]

@@ -112,8 +112,10 @@ def _renderer() -> Iterator[Finding]:
 
 
 def _faces() -> Iterator[Finding]:
-    from aam.landmarks import LandmarkError, open_detector
+    from aam.landmarks import LandmarkError, open_detector, open_landmarker
 
+    open_landmarker("builtin")
+    yield Finding("faces", "builtin", True, "faces and landmarks by the networks that ship with Guise")
     try:
         open_detector("lbp")
         yield Finding("faces", "lbp", True, "face boxes by the cascade of scikit-image")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from aam.appearance import SHAPE
 from aam.extrapolation import DEFAULT_ALPHA, Extrapolator
-from aam.follow import Boxes, PersonFollower
+from aam.follow import Finder, PersonFollower
 from aam.model import Identity
 from aam.parameters import ParameterEstimator
 from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
@@ -76,7 +76,7 @@ class Engine(Closing):
     ----------
     source : Identity of the person in the video.
     target : Identity whose face is shown.
-    boxes : face detector for the start and after a loss.
+    boxes : what finds the face at the start and after a loss, see `PersonFollower`.
     options : Options.
 
     Raises
@@ -88,7 +88,7 @@ class Engine(Closing):
     """
 
     def __init__(
-        self, source: Identity, target: Identity, boxes: Boxes | None, options: Options = Options()
+        self, source: Identity, target: Identity, boxes: Finder | None, options: Options = Options()
     ) -> None:
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
 from numpy.typing import NDArray
 
-from aam.landmarks import Annotations, Follower, Landmarker, LbpDetector, load_annotations
+from aam.landmarks import Annotations, Follower, Landmarker, LbpDetector, load_annotations, open_landmarker
 from aam.model import Identity
 from aam.reference import ReferenceFrame
 from aam.refinement import refine_shapes
@@ -48,7 +48,10 @@ class EnrolError(ValueError):
 
 @dataclass(frozen=True)
 class LandmarkSource:
-    """Where landmarks come from: files (one for each clip), a landmarker, or files that lie beside the clips."""
+    """Where landmarks come from: files (one for each clip), a landmarker, or else files that lie beside the clips.
+
+    A clip without a file beside it gets its landmarks from the built-in landmarker.
+    """
 
     files: Sequence[Path] = ()
     landmarker: Landmarker | None = None
@@ -114,10 +117,7 @@ def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress:
         return _detected(clip, landmarks.landmarker, progress, say)
     file = landmarks.files[index] if landmarks.files else landmark_file(clip)
     if file is None:
-        raise EnrolError(
-            f"{clip} has no landmarks: give them with --landmarks FILE, or a model that finds them "
-            "with --landmarker CARD.toml"
-        )
+        return _detected(clip, open_landmarker("builtin"), progress, say)
     if not landmarks.files:
         say(f"landmarks of {clip.name} from {file.name} beside it")
     annotations: Annotations = load_annotations(file)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from aam.appearance import SHAPE, AppearanceModel
 from aam.extrapolation import Extrapolator
-from aam.follow import Boxes, PersonFollower
+from aam.follow import Finder, PersonFollower
 from aam.model import Identity, Still
 from aam.parameters import ParameterEstimator
 from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
@@ -59,12 +59,12 @@ class Puppet(Closing):
     ----------
     source : Identity of the driver.
     target : Identity whose still moves.
-    boxes : face detector for the start and after a loss.
+    boxes : what finds the face at the start and after a loss, see `PersonFollower`.
     options : app.engine.Options.
     """
 
     def __init__(
-        self, source: Identity, target: Identity, boxes: Boxes | None, options: Options = Options()
+        self, source: Identity, target: Identity, boxes: Finder | None, options: Options = Options()
     ) -> None:
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from aam.landmarks import BoxDetector, open_detector
+from aam.follow import Finder
+from aam.landmarks import open_detector, open_landmarker
 from aam.model import Identity
 from app.engine import Options
 from app.media import EncodeOptions, ProcessStats, Source
@@ -37,7 +38,8 @@ class Settings:
     ----------
     options : how the engine draws.
     encode : encoder, crf, preset, lossless.
-    detector : "lbp" or "yunet:MODEL.onnx", which finds the face at the start and after a loss.
+    detector : "builtin", the landmarker, or "lbp" or "yunet:MODEL.onnx", which find boxes: what finds the face at the
+        start and after a loss.
     force : replace an existing output.
     progress : called with the stage and the share of it that is done.
     say : called with notes for the user.
@@ -45,14 +47,14 @@ class Settings:
 
     options: Options = Options()
     encode: EncodeOptions = field(default_factory=EncodeOptions)
-    detector: str = "lbp"
+    detector: str = "builtin"
     force: bool = False
     progress: Progress = silent
     say: Say = mute
 
-    def boxes(self) -> BoxDetector:
-        """The face detector."""
-        return open_detector(self.detector)
+    def boxes(self) -> Finder:
+        """What finds the face."""
+        return open_landmarker("builtin") if self.detector == "builtin" else open_detector(self.detector)
 
 
 DEFAULTS = Settings()

@@ -49,11 +49,11 @@ SWAP = ("--identity", "p06.guise", "--source", "p01.guise", "-o", "out.mp4")
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run(capsys, "--help")
     assert (code, err) == (0, "")
-    for command in ("enroll", "swap", "puppet", "info", "demo", "doctor", "bench"):
+    for command in ("enroll", "swap", "puppet", "landmarks", "info", "demo", "doctor", "bench"):
         assert command in out
 
 
-@pytest.mark.parametrize("command", ["enroll", "swap", "puppet", "info", "demo", "doctor", "bench"])
+@pytest.mark.parametrize("command", ["enroll", "swap", "puppet", "landmarks", "info", "demo", "doctor", "bench"])
 def test_every_command_has_help_quiet_and_json(capsys: pytest.CaptureFixture[str], command: str) -> None:
     code, out, _ = run(capsys, command, "--help")
     assert code == 0
@@ -90,7 +90,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         (
             ["enroll", "a.mp4", "-o", "a.guise", "--landmarker", "magic"],
-            "landmarker must be one of CARD.toml[@DETECTOR]; got 'magic'",
+            "landmarker must be one of builtin[@DETECTOR], CARD.toml[@DETECTOR]; got 'magic'",
         ),
         (
             ["enroll", "a.mp4", "-o", "nowhere/a.guise"],
@@ -142,7 +142,7 @@ def test_values_out_of_range_are_refused(
         ),
         ([TALK2, "-o", "out.txt"], "out.txt does not name a video container: use .mp4, .mov or .mkv."),
         ([TALK2, "-o", "old.mp4"], "old.mp4 exists: use --force to replace it, or choose another name."),
-        ([TALK2, "--detector", "owl"], "face detector must be one of lbp, yunet:MODEL.onnx; got 'owl'"),
+        ([TALK2, "--detector", "owl"], "face detector must be one of builtin, lbp, yunet:MODEL.onnx; got 'owl'"),
         (
             [TALK2, "--identity", "cut.guise"],
             "cut.guise is not a Guise model or is truncated; enrol the person again",

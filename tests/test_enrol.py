@@ -73,13 +73,10 @@ def test_landmarks_of_another_length(tmp_path: Path, clip: Path) -> None:
     assert not (tmp_path / "a.guise").exists()
 
 
-def test_a_clip_without_landmarks(tmp_path: Path, clip: Path) -> None:
-    with pytest.raises(EnrolError) as error:
-        enrol_file([clip], tmp_path / "a.guise", LandmarkSource(), name="A")
-    assert str(error.value) == (
-        f"{clip} has no landmarks: give them with --landmarks FILE, or a model that finds them with --landmarker "
-        "CARD.toml"
-    )
+def test_a_clip_without_landmarks_gets_them_from_the_built_in_landmarker(tmp_path: Path, clip: Path) -> None:
+    report = enrol_file([clip], tmp_path / "a.guise", LandmarkSource(), name="A", options=SMALL)
+    assert report.frames > 20
+    assert (tmp_path / "a.guise").exists()
 
 
 def test_too_few_frames(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ Everything is a linear map of the 81 points, so it turns with the head.
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,11 +59,17 @@ def evenly(jaws: NDArray[Any]) -> F64:
 
 
 def aligned(points: F32, jaw: F64, move: F64) -> F32:
-    """Labels (n, 81, 2) with the jaw respaced by a matrix (17, 17) and points moved (81, 2) across and down the face."""
+    """Labels (n, 81, 2), the jaw respaced by a matrix (17, 17) and points moved (81, 2) across and down the face."""
     across, down = frame(points)
     out = points + move[:, :1] * across + move[:, 1:] * down
     out[:, JAW] = np.einsum("ij,njk->nik", jaw, points[:, JAW].astype(np.float64))
     return np.asarray(out, np.float32)
+
+
+def shipped(kind: str) -> tuple[F64, F64]:
+    """Jaw matrix and moves with which the built-in landmarker was trained; kind: rendered or real."""
+    stored = json.loads((Path(__file__).parent / "alignment.json").read_text())
+    return np.array(stored[f"{kind}_jaw"]), np.array(stored[f"{kind}_moves"])
 
 
 def moves(mesh_less_label: F64) -> tuple[F64, F64]:

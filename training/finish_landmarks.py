@@ -29,7 +29,7 @@ from aam.landmarks import interocular
 from training.augment import negative, sample
 from training.crops import plain_crops
 from training.data import Pictures, load_parts, load_real
-from training.train_landmarks import make_backgrounds
+from training.train_landmarks import apply, make_backgrounds
 
 DATA = Path(__file__).parents[1] / "aam" / "data"
 GOOD = 0.05  # of the inter-ocular distance: the mean error that the confidence speaks of
@@ -71,6 +71,7 @@ def eight_bit(source: Path, target: Path, crops: NDArray[np.uint8]) -> None:
     quantize_static(
         source, target, _Feed(crops), quant_format=QuantFormat.QDQ, op_types_to_quantize=["Conv"],
         activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8, per_channel=True,
+        reduce_range=True,  # or older processors overflow
     )  # fmt: skip
 
 
@@ -206,10 +207,10 @@ A small convolutional network (`training/landmark_net.py`) that finds the 81 poi
 - Licence: that of Guise (Apache-2.0).
 - Size: {parameters:,} parameters, {bytes:,} bytes.
 - Data: {rendered:,} pictures of {people} rendered people who do not exist (CC0, `training/render_people.py`), and
-  {real} pictures of {real_people} real people under CC BY 4.0: photographs of the Face Research Lab London Set (DeBruine
-  and Jones 2017, doi:10.6084/m9.figshare.5047666), without those kept for evaluation, and frames of clips of the GRID
-  corpus (Cooke et al. 2006), labelled with MediaPipe's points. None of the sets that the benchmarks measure on was
-  trained on.
+  {real} pictures of {real_people} real people under CC BY 4.0: photographs of the Face Research Lab London Set
+  (DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666), without those kept for evaluation, and frames of clips of
+  the GRID corpus (Cooke et al. 2006), labelled with MediaPipe's points, both kinds of labels brought to one definition
+  (`training/definitions.py`). The annotated stills that the benchmarks measure on were not trained on.
 - Training: {steps} batches of 64 augmented crops, seed {seed}.
 - Meant for faces from about 40 pixels up, turned by up to 45 degrees and rolled by up to 30.
 - Not meant for telling who somebody is or what they feel; it does neither.
@@ -252,7 +253,11 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(0)
     run: Path = options.run
-    unseen, real = load_parts(options.parts, held_out=True), load_real(options.real, held_out=True)
+    alignment = {
+        name: np.array(value) for name, value in json.loads((run / "alignment.json").read_text()).items()
+    }
+    unseen = apply(alignment, load_parts(options.parts, held_out=True), "rendered")
+    real = apply(alignment, load_real(options.real, held_out=True), "real")
     crops = {"rendered": plain_crops(unseen, 600), "real": plain_crops(real, 100)}
     paths = {
         "float32": run / "landmarks.onnx",
@@ -269,8 +274,9 @@ def main() -> None:
     }
     shipped = choose(variants)
     rendered_alone = run / "rendered.onnx"
-    variants["trained on rendered people alone"] = [
-        *(float(errors_of(rendered_alone, c).mean()) for c in crops.values()),
+    plain = load_parts(options.parts, held_out=True), load_real(options.real, held_out=True)
+    variants["rendered people alone, labels as given"] = [
+        *(float(errors_of(rendered_alone, plain_crops(p, 600)).mean()) for p in plain),
         variants["float32"][2],
         rendered_alone.stat().st_size,
     ]
@@ -289,6 +295,7 @@ def main() -> None:
         shutil.copy(paths[shipped], DATA / "landmarks.onnx")
         shutil.copy(run / "landmarks.json", DATA / "landmarks.json")
         shutil.copy(run / "landmarks.md", DATA / "landmarks.md")
+        shutil.copy(run / "alignment.json", Path(__file__).parent / "alignment.json")
 
 
 def choose(variants: dict[str, list[float]]) -> str:

@@ -243,7 +243,8 @@ def main() -> None:
         export(trainer.average, options.output / "rendered.onnx")
     if real is not None:
         alignment = align(trainer.average, rendered, real)
-        np.savez(options.output / "alignment.npz", **alignment)
+        rounded = {name: np.round(value, 5).tolist() for name, value in alignment.items()}
+        (options.output / "alignment.json").write_text(json.dumps(rounded) + "\n")
         rendered, real = apply(alignment, rendered, "rendered"), apply(alignment, real, "real")
         validation = {
             "unseen": plain_crops(apply(alignment, unseen, "rendered"), 600),

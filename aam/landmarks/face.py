@@ -75,6 +75,7 @@ class Face:
         return float((self.box[2] - self.box[0]) * (self.box[3] - self.box[1]))
 
 
+@runtime_checkable
 class Landmarker(Protocol):
     """Finds the faces of a picture and their 81 points."""
 

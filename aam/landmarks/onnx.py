@@ -146,24 +146,29 @@ def _default_detector() -> BoxDetector:
 
 
 def _session(card: Card, threads: int) -> Any:
-    import onnxruntime
-
     if not card.model.is_file():
         raise LandmarkError(f"landmark card {card.path} expected its model at {card.model}, got no such file")
     content = card.model.read_bytes()
     _check_sum(card, content)
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4
     try:
-        return onnxruntime.InferenceSession(
-            without_tiny_weights(content), options, providers=["CPUExecutionProvider"]
-        )
+        return open_session(content, threads)
     except Exception as error:  # onnxruntime raises many kinds
         raise LandmarkError(
             f"landmark model {card.model} must be an ONNX file, got: {first_line(error)}"
         ) from error
+
+
+def open_session(model: bytes, threads: int = 1) -> Any:
+    """An onnxruntime session on the CPU for a model's bytes; its subnormal weights, which are slow, become 0."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    return onnxruntime.InferenceSession(
+        without_tiny_weights(model), options, providers=["CPUExecutionProvider"]
+    )
 
 
 def _check_sum(card: Card, content: bytes) -> None:

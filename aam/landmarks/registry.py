@@ -2,13 +2,13 @@
 
 ``NAME[:ARGUMENT][@DETECTOR]`` names a landmarker, ``NAME[:ARGUMENT]`` a detector::
 
+    builtin                       the landmarker that ships with the package, faces by its own detector
     CARD.toml                     an ONNX model described by a card, faces by the LBP cascade
     CARD.toml@yunet:MODEL.onnx    the same, faces by YuNet
     onnx:CARD                     the same for a card whose name does not end in .toml
     builtin, lbp, yunet:MODEL.onnx    detectors
 
-Other kinds, a built-in landmarker first of all, join through :func:`register_landmarker` and
-:func:`register_detector`.
+Other kinds join through :func:`register_landmarker` and :func:`register_detector`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def open_landmarker(spec: str) -> Landmarker:
     --------
     >>> open_landmarker("magic")
     Traceback (most recent call last):
-    aam.landmarks.face.LandmarkError: landmarker must be one of CARD.toml[@DETECTOR]; got 'magic'
+    aam.landmarks.face.LandmarkError: landmarker must be one of builtin[@DETECTOR], CARD.toml[@DETECTOR]; got 'magic'
     """
     own, _, detector_spec = spec.partition("@") if "@" not in spec else _split_detector(spec)
     name, _, argument = own.partition(":")
@@ -92,18 +92,18 @@ def _split_detector(spec: str) -> tuple[str, str, str]:
     return own, at, detector
 
 
+def _open_builtin(argument: str, detector: BoxDetector | None) -> Landmarker:
+    from .builtin import BuiltinLandmarker
+
+    if argument:
+        raise LandmarkError(f"landmarker builtin takes no argument, got {argument!r}")
+    return BuiltinLandmarker(detector)
+
+
 def _open_onnx(argument: str, detector: BoxDetector | None) -> Landmarker:
     from .onnx import OnnxLandmarker
 
     return OnnxLandmarker(argument, detector)
-
-
-def _open_lbp(argument: str) -> BoxDetector:
-    from .boxes import LbpDetector
-
-    if argument:
-        raise LandmarkError(f"face detector lbp takes no argument, got {argument!r}")
-    return LbpDetector()
 
 
 def _open_builtin_detector(argument: str) -> BoxDetector:
@@ -114,6 +114,14 @@ def _open_builtin_detector(argument: str) -> BoxDetector:
     return FaceDetector()
 
 
+def _open_lbp(argument: str) -> BoxDetector:
+    from .boxes import LbpDetector
+
+    if argument:
+        raise LandmarkError(f"face detector lbp takes no argument, got {argument!r}")
+    return LbpDetector()
+
+
 def _open_yunet(argument: str) -> BoxDetector:
     from .boxes import YunetDetector
 
@@ -122,7 +130,8 @@ def _open_yunet(argument: str) -> BoxDetector:
     return YunetDetector(argument)
 
 
+register_landmarker("builtin", "builtin[@DETECTOR]", _open_builtin)
 register_landmarker("onnx", "CARD.toml[@DETECTOR]", _open_onnx)
+register_detector("builtin", "builtin", _open_builtin_detector)
 register_detector("lbp", "lbp", _open_lbp)
 register_detector("yunet", "yunet:MODEL.onnx", _open_yunet)
-register_detector("builtin", "builtin", _open_builtin_detector)

@@ -1,0 +1,218 @@
+"""The built-in landmarker on the sample people, on crowds, rolled, small and cut faces, and on what is no face."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from aam.landmarks import Face, LandmarkError, interocular, open_landmarker
+from aam.landmarks.builtin import DATA, BuiltinLandmarker, Calibration, calibration, cut
+from app.media import open_source
+from training import definitions
+
+SAMPLES = Path(__file__).parents[1] / "sample_videos"
+SHARED = Path(__file__).parents[2] / "shared"
+PEOPLE = ("p01", "p02", "p06")
+FRAMES = (5, 60, 150)
+
+
+@cache
+def landmarker() -> BuiltinLandmarker:
+    return BuiltinLandmarker()
+
+
+@cache
+def frames(person: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pictures (h, w, 3) and true points (81, 2) of some frames of a person's first clip."""
+    truth = np.load(SAMPLES / person / "talk.npz")["landmarks"]
+    truth = definitions.aligned(truth, *definitions.shipped("rendered")).astype(float)
+    with open_source(SAMPLES / person / "talk.mp4") as source:
+        return [(f.rgb().copy(), truth[f.index]) for f in source if f.index in FRAMES]
+
+
+def error(points: np.ndarray, truth: np.ndarray) -> float:
+    """Mean distance in inter-ocular distances; the brows left out, whose points lie on the hair here."""
+    rest = np.r_[0:17, 27:81]
+    return float(np.linalg.norm(points - truth, axis=1)[rest].mean() / interocular(truth))
+
+
+def turned(picture: np.ndarray, points: np.ndarray, degrees: float, scale: float = 1.0):
+    """A picture and points turned and scaled about the picture's middle."""
+    h, w = picture.shape[:2]
+    matrix = cv2.getRotationMatrix2D((w / 2 - 0.5, h / 2 - 0.5), degrees, scale)
+    moved = cv2.warpAffine(picture, matrix, (w, h), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REPLICATE)
+    return moved, points @ matrix[:, :2].T + matrix[:, 2]
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_a_sample_person_is_found(person: str) -> None:
+    for picture, truth in frames(person):
+        faces = landmarker().detect(picture)
+        assert len(faces) == 1
+        assert error(faces[0].points, truth) < 0.045
+        assert faces[0].confidence > 0.5
+        assert faces[0].point_confidence is not None
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_refining_finds_the_face_again_from_a_rough_guess(person: str) -> None:
+    for picture, truth in frames(person):
+        eyes = interocular(truth)
+        start = (truth - truth.mean(0)) * 1.08 + truth.mean(0) + 0.08 * eyes
+        face = landmarker().refine(picture, Face.around(start, 0.9))
+        assert face is not None
+        assert error(face.points, truth) < min(0.045, 0.6 * error(start, truth))
+
+
+@pytest.mark.parametrize("degrees", [-30, 30])
+def test_a_rolled_head_is_found(degrees: float) -> None:
+    picture, truth = turned(*frames("p06")[0], degrees)
+    faces = landmarker().detect(picture)
+    assert faces
+    assert error(faces[0].points, truth) < 0.06
+
+
+def test_a_small_face_is_found() -> None:
+    picture, truth = frames("p01")[0]
+    scale = 44 / np.ptp(truth[:, 0])
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    face = landmarker().detect(small)[0]
+    assert error(face.points, (truth + 0.5) * scale - 0.5) < 0.08
+
+
+def test_a_huge_face_is_found() -> None:
+    picture, truth = frames("p02")[0]
+    scale = 1000 / np.ptp(truth[:, 0])
+    huge = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)
+    face = landmarker().detect(huge)[0]
+    assert error(face.points, (truth + 0.5) * scale - 0.5) < 0.045
+
+
+def test_every_face_of_a_group_is_found() -> None:
+    row = np.concatenate([frames(person)[0][0] for person in PEOPLE], axis=1)
+    faces = landmarker().detect(row)
+    width = frames("p01")[0][0].shape[1]
+    assert sorted(int(f.points[30, 0] // width) for f in faces) == [0, 1, 2]
+    areas = [f.area for f in faces]
+    assert areas == sorted(areas, reverse=True)
+
+
+def test_a_face_cut_by_the_edge_keeps_its_visible_points() -> None:
+    picture, truth = frames("p01")[0]
+    edge = int(truth[27, 0] + 0.55 * interocular(truth))
+    face = landmarker().refine(np.ascontiguousarray(picture[:, :edge]), Face.around(truth, 0.9))
+    assert face is not None
+    seen = truth[:, 0] < edge - 4
+    miss = np.linalg.norm(face.points - truth, axis=1)[seen].mean() / interocular(truth)
+    assert miss < 0.06
+
+
+def test_hidden_points_are_less_sure() -> None:
+    picture, truth = frames("p02")[0]
+    before = landmarker().refine(picture, Face.around(truth, 0.9))
+    covered = picture.copy()
+    low = truth[48:68].min(0).astype(int) - 12
+    high = truth[48:68].max(0).astype(int) + 12
+    covered[low[1] : high[1], low[0] : high[0]] = (70, 110, 60)
+    after = landmarker().refine(covered, Face.around(truth, 0.9))
+    assert before is not None
+    assert before.point_confidence is not None
+    assert after is not None
+    assert after.point_confidence is not None
+    assert after.point_confidence[48:68].mean() < 0.8 * before.point_confidence[48:68].mean()
+    assert after.confidence < before.confidence
+
+
+@pytest.mark.parametrize(
+    "picture",
+    [
+        np.zeros((1, 1, 3), np.uint8),
+        np.full((2, 300, 3), 255, np.uint8),
+        np.zeros((480, 640, 3), np.uint8),
+        np.full((480, 640, 3), 128, np.uint8),
+        np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8),
+        np.tile(np.arange(640, dtype=np.uint8)[None, :, None], (480, 1, 3)),
+    ],
+    ids=["pixel", "line", "black", "grey", "noise", "ramp"],
+)
+def test_no_face_is_invented(picture: np.ndarray) -> None:
+    assert [f for f in landmarker().detect(picture) if f.confidence >= 0.5] == []
+
+
+def test_refining_where_there_is_no_face_gives_none_or_a_low_confidence() -> None:
+    _, truth = frames("p01")[0]
+    empty = np.full((480, 640, 3), 90, np.uint8)
+    face = landmarker().refine(empty, Face.around(truth, 0.9))
+    assert face is None or face.confidence < 0.5
+
+
+def test_a_cartoon_is_no_face() -> None:
+    picture = np.full((300, 300, 3), 255, np.uint8)
+    cv2.circle(picture, (150, 150), 100, (255, 220, 60), -1)
+    for x in (115, 185):
+        cv2.circle(picture, (x, 125), 12, (0, 0, 0), -1)
+    cv2.ellipse(picture, (150, 180), (50, 30), 0, 0, 180, (0, 0, 0), 6)
+    assert [f for f in landmarker().detect(picture) if f.confidence >= 0.5] == []
+
+
+def test_grey_pictures_serve() -> None:
+    picture, truth = frames("p02")[1]
+    grey = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
+    assert error(landmarker().detect(grey)[0].points, truth) < 0.05
+
+
+def test_the_same_picture_gives_the_same_points() -> None:
+    picture, _ = frames("p01")[0]
+    first, second = landmarker().detect(picture)[0], BuiltinLandmarker().detect(picture)[0]
+    np.testing.assert_array_equal(first.points, second.points)
+    assert first.confidence == second.confidence
+
+
+def test_it_opens_by_its_name_and_takes_another_detector() -> None:
+    picture, truth = frames("p01")[0]
+    other = open_landmarker("builtin@lbp")
+    assert open_landmarker("builtin").name == other.name == "builtin"
+    assert error(other.detect(picture)[0].points, truth) < 0.045
+    with pytest.raises(LandmarkError, match="takes no argument"):
+        open_landmarker("builtin:large")
+
+
+def test_all_weights_are_small_and_described() -> None:
+    models = sorted(DATA.glob("*.onnx"))
+    assert sum(p.stat().st_size for p in models) <= 8e6
+    for path in models:
+        assert "Licence" in path.with_suffix(".md").read_text()
+    assert set(json.loads((DATA / "landmarks.json").read_text())) == {"face", "sigma"}
+
+
+def test_confidence_rises_with_certainty() -> None:
+    table = calibration()
+    sure = table.confidence(np.full(81, 1.0), 100, 6)
+    assert sure > table.confidence(np.full(81, 6.0), 100, 6) > table.confidence(np.full(81, 6.0), 100, -6)
+    points = Calibration((0, -1, 1), 1.0).of_points(np.array([1.0, 5.0, 50.0]), 100)
+    np.testing.assert_allclose(points, 1 - np.exp(-0.5 * np.array([25, 1, 0.01])), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("side", "turn"), [(90, 0.0), (128, 0.4), (700, -0.3)])
+def test_a_crop_and_its_map_agree(side: float, turn: float) -> None:
+    ys, xs = np.mgrid[:800, :800]
+    picture = np.stack([xs * 0.3, ys * 0.3, 0 * xs], axis=-1).astype(np.float32)
+    crop, inverse = cut(np.asarray(picture, np.uint8), np.array([400.0, 380.0]), side, turn)
+    for u, v in ((20, 30), (64, 64), (110, 90)):
+        x, y = inverse @ (u, v, 1)
+        np.testing.assert_allclose(crop[v, u, :2], (0.3 * x, 0.3 * y), atol=1.6)
+
+
+@pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="the shared data are not there")
+def test_real_people_are_found() -> None:
+    labels = np.load(SHARED / "data" / "real" / "room_s18.landmarks.npz")["face81"]
+    with open_source(SHARED / "data" / "real" / "room_s18.mp4") as source:
+        for frame in source:
+            if frame.index % 60:
+                continue
+            faces = landmarker().detect(frame.rgb())
+            assert len(faces) == 1
+            assert error(faces[0].points, labels[frame.index, 0].astype(float)) < 0.08
