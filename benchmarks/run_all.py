@@ -27,6 +27,7 @@ NAMES = (
     "file_to_file",
     "identity",
     "enrolment",
+    "self_calibration",
     "memory",
 )
 LANDMARKS = (
