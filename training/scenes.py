@@ -86,8 +86,8 @@ class Scenes:
         return Scene(camera(rng, image), _rows(boxes, kinds, "face"), _rows(boxes, kinds, "unsure"))
 
     def _made(self, rng: Rng, photos: Sequence[Picture]) -> Picture:
-        """A background (_BACKGROUND_SIZE, _BACKGROUND_SIZE, 3): made up, or a part of a person much enlarged."""
-        if rng.random() > 0.15:
+        """A background (_BACKGROUND_SIZE, _BACKGROUND_SIZE, 3): made up, or of a person's picture in pieces."""
+        if rng.random() > 0.3:
             return random_background(rng, _BACKGROUND_SIZE, _BACKGROUND_SIZE, photos)
         if self.real and rng.random() < 0.5:
             person = self.real[int(rng.integers(len(self.real)))]
@@ -95,7 +95,7 @@ class Scenes:
         else:
             i = int(rng.integers(len(self.rendered)))
             image, points = self.rendered.images[i], self.rendered.points[i, :68].astype(np.float64)
-        return _enlarged(rng, image, points)
+        return _shuffled(rng, image) if rng.random() < 0.5 else _enlarged(rng, image, points)
 
     def _background(self, rng: Rng) -> Picture:
         whole = self.backgrounds[int(rng.integers(len(self.backgrounds)))]
@@ -151,6 +151,17 @@ def _enlarged(rng: Rng, image: Picture, points: Floats) -> Picture:
     return np.asarray(np.rot90(grown, int(rng.integers(4))), np.uint8)
 
 
+def _shuffled(rng: Rng, image: Picture) -> Picture:
+    """A picture cut into small squares, which are turned and put together in another order."""
+    count = int(rng.integers(6, 15))
+    side = -(-_BACKGROUND_SIZE // count)
+    whole = cv2.resize(image, (count * side, count * side), interpolation=cv2.INTER_LINEAR)
+    pieces = whole.reshape(count, side, count, side, 3).swapaxes(1, 2).reshape(-1, side, side, 3)
+    pieces = np.stack([np.rot90(pieces[i], int(rng.integers(4))) for i in rng.permutation(len(pieces))])
+    joined = pieces.reshape(count, count, side, side, 3).swapaxes(1, 2).reshape(count * side, count * side, 3)
+    return np.ascontiguousarray(joined[:_BACKGROUND_SIZE, :_BACKGROUND_SIZE], np.uint8)
+
+
 def real_people(data: Path, *, held_out: bool = False) -> list[Person]:
     """Frames with one known face that may be trained on: pairs/london, and the clips of `backgrounds.CLIPS`.
 
@@ -198,10 +209,10 @@ def _sizes(rng: Rng) -> list[float]:
     kind = rng.random()
     if kind < 0.12:
         return []
-    if kind < 0.38:
+    if kind < 0.34:
         return [_log_uniform(rng, 50, 340)]
-    if kind < 0.66:
-        return sorted(_log_uniform(rng, 16, 110) for _ in range(int(rng.integers(1, 5))))
+    if kind < 0.72:
+        return sorted(_log_uniform(rng, 16, 100) for _ in range(int(rng.integers(2, 8))))
     middle = _log_uniform(rng, 8, 30)
     return sorted(middle * np.exp(rng.normal(0, 0.3)) for _ in range(int(rng.integers(3, 15))))
 

@@ -30,8 +30,8 @@ from training.detector_net import STRIDES, UNIT, DetectorNet
 from training.scenes import SIZE, Scene, Scenes, real_people
 
 # Sides of faces, pixels, that a level must find, and outside of which it must not: between them it may.
-MUST = ((0, 44), (32, 130), (96, 10_000))
-MAY = ((0, 62), (22, 180), (72, 10_000))
+MUST = ((0, 56), (28, 140), (96, 10_000))
+MAY = ((0, 76), (20, 190), (72, 10_000))
 LEAST_SPREAD, SPREAD = 0.45, 0.07  # of the bump about a face's centre: cells, and share of the face's side
 BESIDE = 0.8  # cells, within which of the true centre a cell may say so too: else a centre between two has two halves
 LEARNED = 0.3  # cells under a bump at least that high learn the box, as do those beside the centre
