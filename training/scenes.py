@@ -26,6 +26,7 @@ CLEAR, HIDDEN = (
     0.5,
     0.02,
 )  # shares of a face's points in sight: above, it is to be found; below, it is not there
+DIM = 7  # grey levels, the contrast of a face below which nobody could tell
 _FAR = 340  # pixels, the longer side to which real frames are brought
 _BACKGROUNDS, _BACKGROUND_SIZE = 700, 448
 
@@ -83,7 +84,12 @@ class Scenes:
                 _cover(rng, image, owner, face)
         kinds = [_kind(owner, f, k + 1, b) for k, (f, b) in enumerate(zip(faces, faceless, strict=True))]
         boxes = [np.concatenate([f.min(0), f.max(0)]) for f in faces]
-        return Scene(camera(rng, image), _rows(boxes, kinds, "face"), _rows(boxes, kinds, "unsure"))
+        image = camera(rng, image)
+        kinds = [
+            "unsure" if k == "face" and _contrast(image, b) < DIM else k
+            for k, b in zip(kinds, boxes, strict=True)
+        ]
+        return Scene(image, _rows(boxes, kinds, "face"), _rows(boxes, kinds, "unsure"))
 
     def _made(self, rng: Rng, photos: Sequence[Picture]) -> Picture:
         """A background (_BACKGROUND_SIZE, _BACKGROUND_SIZE, 3): made up, or of a person's picture in pieces."""
@@ -315,6 +321,13 @@ def _kind(owner: NDArray[np.int16], face: Floats, number: int, blank: bool) -> s
     if size < SMALLEST or share < CLEAR or (middle < 0).any() or (middle > SIZE - 1).any():
         return "unsure"
     return "face"
+
+
+def _contrast(image: Picture, box: Floats) -> float:
+    """Standard deviation of the grey values in a box."""
+    x0, y0, x1, y1 = np.clip(box, 0, SIZE).astype(int)
+    part = image[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)].mean(2)
+    return float(part.std()) if part.size else 0.0
 
 
 def _rows(boxes: list[Floats], kinds: list[str], kind: str) -> Floats:
