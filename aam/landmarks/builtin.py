@@ -29,9 +29,10 @@ SIZE = 128  # pixels, the side of the crop
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
 # The box of the 81 points from that of the iBUG 68, in sides of the latter: the forehead lies above.
 _TALLER, _HIGHER = 1.33, 0.16
-_CANDIDATE = 0.2  # score of a box from which the network has a look; its own confidence decides
+_CANDIDATE = 0.35  # score of a box from which the network has a look; its own confidence decides
 _SAME = 0.5  # overlap of the points' boxes above which two finds are one face
 _LEAST_VISIBLE = 0.4  # share of the points that must lie inside the picture
+_WORTH = 0.002  # confidence after the first pass below which there is no second
 _LEAST = 0.05  # faces of lower confidence are not told
 
 
@@ -118,7 +119,7 @@ class BuiltinLandmarker:
         side = float((corners[2:] - corners[:2]).max())
         centre = (corners[:2] + corners[2:]) / 2 - (0, _HIGHER * side)
         first = self._pass(rgb, centre, _TALLER * side, 0.0)
-        if not _usable(first.points):
+        if not _usable(first.points) or self._confidence(first) < _WORTH:
             return None
         return self._judged(rgb, self._pass(rgb, *_upright(first.points)))
 
@@ -135,11 +136,14 @@ class BuiltinLandmarker:
     def _judged(self, rgb: Image, found: Found) -> Face | None:
         if not _usable(found.points) or visible_share(found.points, *rgb.shape[1::-1]) < _LEAST_VISIBLE:
             return None
-        eyes = float(interocular(found.points))
-        confidence = self._calibration.confidence(found.sigma, eyes, found.logit)
+        confidence = self._confidence(found)
         if confidence < _LEAST:
             return None
+        eyes = float(interocular(found.points))
         return Face.around(found.points, confidence, self._calibration.of_points(found.sigma, eyes))
+
+    def _confidence(self, found: Found) -> float:
+        return self._calibration.confidence(found.sigma, float(interocular(found.points)), found.logit)
 
 
 def cut(
