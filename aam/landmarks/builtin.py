@@ -158,25 +158,26 @@ def cut(
     linear = np.array([[cos, -sin], [sin, cos]])
     inverse = np.column_stack([linear, centre - linear @ np.full(2, (SIZE - 1) / 2)])
     source, local = rgb, inverse
-    if step > 1.5:  # average before sampling, so that nothing aliases
-        source, local = _shrunk(rgb, inverse, step)
+    if step >= 2:  # average whole blocks before sampling, so that nothing aliases
+        source, local = _shrunk(rgb, inverse, int(step))
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(cv2.warpAffine(source, local, (SIZE, SIZE), flags=flags), np.uint8), inverse
 
 
-def _shrunk(rgb: Image, inverse: NDArray[np.float64], step: float) -> tuple[Image, NDArray[np.float64]]:
-    """The part of the picture that a crop needs, scaled down by `step`, and the crop's map into it."""
+def _shrunk(rgb: Image, inverse: NDArray[np.float64], factor: int) -> tuple[Image, NDArray[np.float64]]:
+    """The part of the picture that a crop needs, averaged over blocks of `factor` pixels, and the map into it."""
     corners = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
     reached = corners @ inverse[:, :2].T + inverse[:, 2]
     limit = np.array(rgb.shape[1::-1])
-    low = np.clip(np.floor(reached.min(0)) - 2, 0, limit - 1).astype(int)
-    high = np.clip(np.ceil(reached.max(0)) + 3, low + 1, limit).astype(int)
+    low = np.clip(np.floor(reached.min(0)) - factor, 0, np.maximum(limit - factor, 0)).astype(int)
+    high = np.clip(np.ceil(reached.max(0)) + factor, low + 1, limit).astype(int)
+    blocks = np.maximum((high - low) // factor, 1)
+    high = np.minimum(low + blocks * factor, limit)
     part = rgb[low[1] : high[1], low[0] : high[0]]
-    size = np.maximum(np.round((high - low) / step), 1).astype(int)
-    small = cv2.resize(part, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
-    factor = size / (high - low)
-    linear = inverse[:, :2] * factor[:, None]
-    return np.asarray(small, np.uint8), np.column_stack([linear, (inverse[:, 2] - low + 0.5) * factor - 0.5])
+    small = cv2.resize(part, (int(blocks[0]), int(blocks[1])), interpolation=cv2.INTER_AREA)
+    scale = blocks / (high - low)
+    linear = inverse[:, :2] * scale[:, None]
+    return np.asarray(small, np.uint8), np.column_stack([linear, (inverse[:, 2] - low + 0.5) * scale - 0.5])
 
 
 def _upright(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
