@@ -373,7 +373,7 @@ def test_tiny_weights_of_damaged_files_do_not_raise(seed: int) -> None:
     [
         ("magic", r"landmarker must be one of .*CARD.toml\[@DETECTOR\].*; got 'magic'"),
         ("", "landmarker must be one of"),
-        ("card.toml@hog", "face detector must be one of lbp, yunet:MODEL.onnx; got 'hog'"),
+        ("card.toml@hog", "face detector must be one of builtin, lbp, yunet:MODEL.onnx; got 'hog'"),
         ("card.toml@lbp:3", "face detector lbp takes no argument, got '3'"),
         ("card.toml@yunet", "face detector yunet needs its model"),
         ("card.toml@yunet:none.onnx", "expected at none.onnx, got no such file"),
