@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -33,6 +33,7 @@ from benchmarks.landmarks.metrics import (
     reliability,
 )
 from benchmarks.landmarks.rendered import Known, held_out, part_pictures
+from training import definitions
 
 NAME, TITLE = "landmarks.calibration", "Calibration of the confidence"
 RIGHT = 5.0  # %, the mean error below which a face is right
@@ -151,6 +152,8 @@ def measure(options: argparse.Namespace) -> Report:
         real.append(judged[name])
     if options.parts:
         pictures = held_out(options.parts, 40 if options.quick else options.pictures)
+        defined = definitions.aligned(pictures.points, *definitions.shipped("rendered"))
+        pictures = replace(pictures, points=defined)
         for name, harden in HARDER.items():
             judged[f"parts, {name}"] = of_parts(landmarker, part_pictures(pictures), harden)
             rendered.append(judged[f"parts, {name}"])
