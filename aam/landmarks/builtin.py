@@ -29,7 +29,7 @@ SIZE = 128  # pixels, the side of the crop
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
 # The box of the 81 points from that of the iBUG 68, in sides of the latter: the forehead lies above.
 _TALLER, _HIGHER = 1.33, 0.16
-_CANDIDATE = 0.35  # score of a box from which the network has a look; its own confidence decides
+_CANDIDATE = 0.2  # score of a box from which the network has a look; its own confidence decides
 _SAME = 0.5  # overlap of the points' boxes above which two finds are one face
 _LEAST_VISIBLE = 0.4  # share of the points that must lie inside the picture
 _WORTH = 0.002  # confidence after the first pass below which there is no second
