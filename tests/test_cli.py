@@ -53,7 +53,9 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         assert command in out
 
 
-@pytest.mark.parametrize("command", ["enroll", "swap", "puppet", "landmarks", "info", "demo", "doctor", "bench"])
+@pytest.mark.parametrize(
+    "command", ["enroll", "swap", "puppet", "landmarks", "info", "demo", "doctor", "bench"]
+)
 def test_every_command_has_help_quiet_and_json(capsys: pytest.CaptureFixture[str], command: str) -> None:
     code, out, _ = run(capsys, command, "--help")
     assert code == 0
@@ -142,7 +144,10 @@ def test_values_out_of_range_are_refused(
         ),
         ([TALK2, "-o", "out.txt"], "out.txt does not name a video container: use .mp4, .mov or .mkv."),
         ([TALK2, "-o", "old.mp4"], "old.mp4 exists: use --force to replace it, or choose another name."),
-        ([TALK2, "--detector", "owl"], "face detector must be one of builtin, lbp, yunet:MODEL.onnx; got 'owl'"),
+        (
+            [TALK2, "--detector", "owl"],
+            "face detector must be one of builtin, lbp, yunet:MODEL.onnx; got 'owl'",
+        ),
         (
             [TALK2, "--identity", "cut.guise"],
             "cut.guise is not a Guise model or is truncated; enrol the person again",
