@@ -120,9 +120,13 @@ def enroll(
     name: Annotated[
         str | None, typer.Option(help="The person's name in the model; default: the file's.")
     ] = None,
-    no_refine: Annotated[
-        bool, typer.Option("--no-refine", help="Keep landmarks as they were found, each frame for itself.")
-    ] = False,
+    refine: Annotated[
+        bool | None,
+        typer.Option(
+            "--refine/--no-refine",
+            help="Refine found landmarks, all frames together; default: those of other landmarkers than builtin.",
+        ),
+    ] = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -131,7 +135,7 @@ def enroll(
     from app.enrolling import describe_options, enrol_file
 
     console = Console(quiet=quiet, json=json)
-    source = replace(_landmark_source(landmarks or [], landmarker, len(videos)), refine=not no_refine)
+    source = replace(_landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
     options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
     with Stages(console) as stages:
         report = enrol_file(

@@ -51,15 +51,20 @@ class LandmarkSource:
     """Where landmarks come from: files (one for each clip), a landmarker, or else files that lie beside the clips.
 
     A clip without a file beside it gets its landmarks from the built-in landmarker.
+
+    refine : whether found landmarks are refined, all frames together. By default those of other landmarkers are; the
+    built-in one errs less than the refinement does (benchmarks/self_calibration.py). Files are trusted.
     """
 
     files: Sequence[Path] = ()
     landmarker: Landmarker | None = None
-    refine: bool = True  # those of a landmarker, all frames together; files are trusted
+    refine: bool | None = None
 
-    def generic(self, clip: Path) -> bool:
-        """Whether a clip's landmarks come from a landmarker."""
-        return self.landmarker is not None or not (self.files or landmark_file(clip))
+    def refines(self, clip: Path) -> bool:
+        """Whether a clip's landmarks are found, and then refined."""
+        if self.landmarker is None:
+            return bool(self.refine) and not (self.files or landmark_file(clip))
+        return self.landmarker.name != "builtin" if self.refine is None else self.refine
 
 
 def _silent(stage: str, share: float) -> None:
@@ -86,7 +91,7 @@ def enrol(
     """
     shapes = [_clip_landmarks(i, clip, landmarks, progress, say) for i, clip in enumerate(clips)]
     choice = choose_frames(np.concatenate(shapes), options)
-    generic = [landmarks.refine and landmarks.generic(clip) for clip in clips]
+    generic = [landmarks.refines(clip) for clip in clips]
     if any(generic):
         shapes, choice = _refined(clips, shapes, generic, choice, progress, say)
     observations, box = _observe(clips, shapes, choice, options, progress)

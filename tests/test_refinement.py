@@ -174,9 +174,20 @@ def test_landmarks_of_a_file_are_not_refined(tmp_path: Path, monkeypatch: pytest
     assert enrol([clip], LandmarkSource([tmp_path / "clip.npz"]), name="p01", options=SMALL).name == "p01"
 
 
-@pytest.mark.parametrize("switch", [[], ["--no-refine"]], ids=["on", "off"])
-def test_the_command_switches_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, switch: list[str]) -> None:
-    seen: list[bool] = []
+def test_landmarks_of_the_built_in_landmarker_are_kept_unless_told(tmp_path: Path) -> None:
+    alone, noisy = tmp_path / "clip.mp4", Noisy(truth())
+    assert not LandmarkSource().refines(alone)
+    assert LandmarkSource(refine=True).refines(alone)
+    assert LandmarkSource(landmarker=noisy).refines(alone)
+    assert not LandmarkSource(landmarker=noisy, refine=False).refines(alone)
+    assert not LandmarkSource([tmp_path / "points.npz"], refine=True).refines(alone)
+
+
+@pytest.mark.parametrize(("switch", "wanted"), [([], None), (["--refine"], True), (["--no-refine"], False)])
+def test_the_command_switches_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, switch: list[str], wanted: bool | None
+) -> None:
+    seen: list[bool | None] = []
 
     def stop(clips: object, output: object, landmarks: LandmarkSource, **_: object) -> None:
         seen.append(landmarks.refine)
@@ -184,4 +195,4 @@ def test_the_command_switches_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr("app.enrolling.enrol_file", stop)
     main(["enroll", "clip.mp4", "-o", str(tmp_path / "a.guise"), *switch, "--quiet"])
-    assert seen == [not switch]
+    assert seen == [wanted]
