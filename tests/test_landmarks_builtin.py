@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import skimage.data
 
 from aam.landmarks import Face, LandmarkError, interocular, open_landmarker
 from aam.landmarks.builtin import DATA, BuiltinLandmarker, Calibration, calibration, cut
@@ -98,6 +99,18 @@ def test_every_face_of_a_group_is_found() -> None:
     assert sorted(int(f.points[30, 0] // width) for f in faces) == [0, 1, 2]
     areas = [f.area for f in faces]
     assert areas == sorted(areas, reverse=True)
+
+
+def test_a_hundred_faces_are_all_found() -> None:
+    small = cv2.resize(frames("p02")[0][0][60:400, 150:490], (110, 110), interpolation=cv2.INTER_AREA)
+    faces = landmarker().detect(np.ascontiguousarray(np.tile(small, (10, 10, 1))))
+    assert len([face for face in faces if face.confidence >= 0.5]) == 100
+
+
+@pytest.mark.parametrize("animal", ["cat", "chelsea"])
+def test_an_animal_is_no_face(animal: str) -> None:
+    faces = landmarker().detect(np.ascontiguousarray(getattr(skimage.data, animal)()[..., :3]))
+    assert not [face for face in faces if face.confidence >= 0.5]
 
 
 def test_a_face_cut_by_the_edge_keeps_its_visible_points() -> None:
