@@ -53,7 +53,7 @@ class LandmarkSource:
     A clip without a file beside it gets its landmarks from the built-in landmarker.
 
     refine : whether found landmarks are refined, all frames together. By default those of other landmarkers are; the
-    built-in one errs less than the refinement does (benchmarks/self_calibration.py). Files are trusted.
+    models of the built-in one track no better for it (benchmarks/self_calibration.py). Files are trusted.
     """
 
     files: Sequence[Path] = ()
