@@ -1,0 +1,112 @@
+"""Tracks of faces through a video, what is proposed and done with them, and the report's figures.
+
+A track is one face seen without a long break; a person has one or more tracks (they leave and return).  Boxes are
+``x0 y0 x1 y1`` pixels as shown; frames are counted from 0 in the order of the input's pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Action = Literal["swap", "cover", "leave"]
+Done = Literal["swapped", "covered", "left"]
+ACTIONS: tuple[Action, ...] = ("swap", "cover", "leave")
+DONE: tuple[Done, ...] = ("swapped", "covered", "left")
+BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being followed
+
+
+@dataclass(frozen=True)
+class Track:
+    """A face followed through consecutive frames.
+
+    Parameters
+    ----------
+    number : from 1, in the order of appearance.   person : from 1; tracks of one person share it.
+    first, last : frames, inclusive, in which it was seen for the first and the last time.
+    seen : number of frames in which it was seen.   width : median width of the face, pixels.
+    confidence : mean confidence in [0, 1] over at most 100 equal parts of first..last; 0 where it was not seen.
+    proposed, reason : what Guise would do, and why it would not swap ("" for a swap).
+    action : what is to be done, which the user may change.
+    donor : whose face is shown, see `app.donors.open_donor`; "" unless swapped.
+    name : the user's name for the person, or "".
+    """
+
+    number: int
+    person: int
+    first: int
+    last: int
+    seen: int
+    width: float
+    confidence: tuple[float, ...]
+    proposed: Action
+    reason: str = ""
+    action: Action = "cover"
+    donor: str = ""
+    name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What was done with a track, a row for each frame in which a region was changed or left.
+
+    Parameters
+    ----------
+    track : number, or BYSTANDERS.
+    frames : (n,) int32, ascending (repeated only for BYSTANDERS, several in a frame).
+    done : (n,) uint8, index into DONE.
+    confidence : (n,) float32 in [0, 1], of the fit or of the detector; 0 where the face was not seen itself.
+    boxes : (n, 4) int32 of the changed region.
+    """
+
+    track: int
+    frames: NDArray[np.int32]
+    done: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+    boxes: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class AuditFind:
+    """A face that the detector found in the output: where, how sure, and whether it was covered then."""
+
+    frame: int
+    box: tuple[int, int, int, int]
+    score: float
+    covered: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FileReport:
+    """All that is known of a de-identified file.
+
+    Parameters
+    ----------
+    input, output : names as given.   frames : number written.
+    seconds : (frames,) float64, time of each frame.
+    width, height : pixels as shown.
+    tracks, outcomes : the tracks, and what was done with each and with bystanders.
+    audit : what the last look at the output found.
+    counts : frames by their worst face: "swapped" (all faces swapped), "covered" (some covered), "left" (some left as
+        the user said), "without face".
+    settings : what was asked for, as JSON holds it.
+    problems : sentences about what was survived in the input.
+    wall_seconds : time of the work.
+    """
+
+    input: str
+    output: str
+    frames: int
+    seconds: NDArray[np.float64]
+    width: int
+    height: int
+    tracks: tuple[Track, ...]
+    outcomes: tuple[Outcome, ...]
+    audit: tuple[AuditFind, ...]
+    counts: dict[str, int]
+    settings: dict[str, Any] = field(default_factory=dict)
+    problems: tuple[str, ...] = ()
+    wall_seconds: float = 0.0
