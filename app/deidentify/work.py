@@ -48,7 +48,7 @@ class Work:
 
         def write(part: Path) -> None:
             with part.open("wb") as file:
-                np.savez(file, **arrays)
+                np.savez(file, allow_pickle=False, **arrays)
 
         write_whole(self.path(name), write)
 
