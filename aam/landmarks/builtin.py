@@ -115,13 +115,22 @@ class BuiltinLandmarker:
 
     def points_in_box(self, rgb: Image, box: NDArray[Any]) -> Face | None:
         """The face whose iBUG-68 points fill box (4,) ``x0 y0 x1 y1``: one pass, and another on the upright crop."""
-        corners = np.asarray(box, np.float64)
-        side = float((corners[2:] - corners[:2]).max())
-        centre = (corners[:2] + corners[2:]) / 2 - (0, _HIGHER * side)
-        first = self._pass(rgb, centre, _TALLER * side, 0.0)
+        first = self._first(rgb, box)
         if not _usable(first.points) or self._confidence(first) < _WORTH:
             return None
         return self._judged(rgb, self._pass(rgb, *_upright(first.points)))
+
+    def likeness(self, rgb: Image, box: NDArray[Any]) -> float:
+        """How much the crop about box (4,) ``x0 y0 x1 y1`` looks like a face, also one too small or hidden for points.
+
+        A logit: above 0 nearly all are faces, below -5 hardly any.
+        """
+        return self._first(rgb, box).logit
+
+    def _first(self, rgb: Image, box: NDArray[Any]) -> Found:
+        corners = np.asarray(box, np.float64)
+        side = float((corners[2:] - corners[:2]).max())
+        return self._pass(rgb, (corners[:2] + corners[2:]) / 2 - (0, _HIGHER * side), _TALLER * side, 0.0)
 
     def _pass(self, rgb: Image, centre: NDArray[np.float64], side: float, turn: float) -> Found:
         crop, inverse = cut(rgb, centre, ENLARGE * side, turn)
