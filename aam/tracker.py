@@ -29,6 +29,8 @@ CROP_FACE = 96.0  # pixels across the face in the working crop
 CROP_REACH = 0.95  # half the working crop's side, in face widths
 POSE = 4  # leading entries of a correction: scale, rotation, x, y
 LIMIT = 3.5  # standard deviations a shape parameter may reach
+STRANGE = 0.8  # residual of the normalised texture, here and around, from which a place is not the person's
+AROUND = 2.5  # grid pixels, standard deviation
 CLOSE = 0.05  # error in inter-ocular distances under which a fit counts as right
 
 
@@ -48,6 +50,22 @@ class Fit:
     parameters: F64
     residual: float
     confidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Likeness:
+    """How much a face that lies at a known shape looks like the person.
+
+    Parameters
+    ----------
+    residual : root-mean-square of the normalised texture that the model does not explain.
+    confidence : float in [0, 1] from it, 0.5 at the lost threshold.
+    hidden : share of the face where the texture is not this person's: a hand, a microphone, another face.
+    """
+
+    residual: float
+    confidence: float
+    hidden: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,6 +241,32 @@ class Tracker:
         shifts = ((0, 0), (0, -0.1), (0, 0.1), (-0.1, 0), (0.1, 0))
         tries = [(1.0, s) for s in shifts] + [(0.88, (0, 0)), (1.14, (0, 0))]
         return [mean * face * scale + centre + np.array(shift) * face for scale, shift in tries]
+
+    def likeness(self, luma: Grey, shape: F64) -> Likeness | Failed:
+        """How much the face at a shape (81, 2), frame pixels, in luma (h, w) looks like this person."""
+        crop = cut(luma, shape, self.frame)
+        if isinstance(crop, Failed):
+            return crop
+        features = normalised(self._sampler.sample(crop.image, crop.to_crop(shape)))
+        residual = self._residual(features)
+        return Likeness(residual, self.quality.confidence(residual), self._hidden(features))
+
+    def _hidden(self, features: F32) -> float:
+        """Share of the pixels around which the texture is off by more than STRANGE."""
+        centred = features - self.texture.mean
+        missed = np.zeros(len(self.frame.pixels), np.float32)
+        missed[self.pixels] = (centred - self.texture.basis @ (centred @ self.texture.basis)) ** 2
+        around = cv2.GaussianBlur(self.frame.scatter(missed), (0, 0), AROUND)[self.frame.mask][self.pixels]
+        return float((around > STRANGE**2 * self._weight).mean())
+
+    @cached_property
+    def _weight(self) -> F32:
+        """Share of each pixel's surroundings that is looked at."""
+        looked = np.zeros(len(self.frame.pixels), np.float32)
+        looked[self.pixels] = 1
+        return np.asarray(
+            cv2.GaussianBlur(self.frame.scatter(looked), (0, 0), AROUND)[self.frame.mask][self.pixels]
+        )
 
     def _residual(self, features: F32) -> float:
         centred = features - self.texture.mean

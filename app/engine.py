@@ -104,15 +104,19 @@ class Engine(Closing):
         """
         fit = self.follower.step(frame.luma)
         if isinstance(fit, Fit):
-            texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
-            appearance = self.extrapolator.apply(self.estimator(fit.shape, texels))
-            self._last = fit.shape, appearance
-            return Step("swapped", fit, self.painter.paint(frame, fit.shape, appearance, texels))
+            return Step("swapped", fit, self.draw(frame, fit.shape))
         if self._last is not None and self.follower.lost <= HOLD:
             return Step("held", fit, self.painter.paint(frame, *self._last, None))
         self._last = None
         self.painter.forget()
         return Step("lost", fit)
+
+    def draw(self, frame: Frame, shape: F64) -> F64:
+        """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
+        texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
+        appearance = self.extrapolator.apply(self.estimator(shape, texels))
+        self._last = shape, appearance
+        return self.painter.paint(frame, shape, appearance, texels)
 
     def close(self) -> None:
         """Release the compositors."""
