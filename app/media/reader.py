@@ -6,7 +6,7 @@ Everything that is not the chosen video stream is handed on as packets, undecode
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,6 +46,11 @@ class Problems(list[str]):
             return
         self.unlisted += 1
         self[_MOST_PROBLEMS - 1 :] = [f"And {self.unlisted + 1} more."]
+
+    def add(self, sentences: Iterable[str]) -> None:
+        """Note each of several sentences."""
+        for sentence in sentences:
+            self.note(sentence)
 
 
 def open_container(path: Path) -> InputContainer:
@@ -105,6 +110,24 @@ class Reader:
         self._last: int | None = None
         self._reached = Fraction(0)
         self._shape: tuple[int, int, str] | None = None
+        self._start: int | None = None
+        self._started = True
+
+    def only_video(self) -> None:
+        """Leave the other streams' packets in the file."""
+        for stream in self.container.streams:
+            if stream.index != self.stream.index:
+                stream.discard = av.stream.Discard.all
+
+    def start_at(self, pts: int, dts: int, first: av.VideoFrame) -> None:
+        """Begin with the keyframe of those times instead of the first picture, which gives size and format.
+
+        Nothing comes when the keyframe is not found.
+        """
+        self.only_video()
+        self._start, self._started = pts, False
+        self._shape = (first.width, first.height, first.format.name)
+        self.container.seek(min(pts, dts), stream=self.stream)
 
     def _skip_unwanted_videos(self) -> None:
         for stream in self.container.streams.video:
@@ -131,10 +154,12 @@ class Reader:
         self._report_missing_end()
 
     def _pictures(self) -> Iterator[av.VideoFrame]:
-        for packet in self._packets():
+        for packet in self.packets():
             self._follow(packet)
             if packet.stream is self.stream:
-                yield from self._decode(packet)
+                self._started |= packet.pts == self._start
+                if self._started:
+                    yield from self._decode(packet)
             elif packet.size or packet.dts is not None:
                 self.on_packet(packet)
 
@@ -157,8 +182,11 @@ class Reader:
             end = (packet.pts + (packet.duration or 0)) * Fraction(packet.time_base)
             self._reached = max(self._reached, end)
 
-    def _packets(self) -> Iterator[AnyPacket]:
-        """All packets; a read error is reported and passed over, until too many follow each other."""
+    def packets(self) -> Iterator[AnyPacket]:
+        """All packets, undecoded, and an empty one at the end of each stream.
+
+        A read error is reported and passed over, until too many follow each other.
+        """
         failures = 0
         while failures < _PATIENCE:
             try:
@@ -188,6 +216,8 @@ class Reader:
             )
             return
         for picture in pictures:
+            if self._start is not None and (picture.pts or 0) < self._start:
+                continue  # it refers to pictures before the keyframe that decoding began with
             if picture.is_corrupt:
                 self.problems.note(
                     f"The picture at {self._clock(picture.pts)} is damaged in the input and was patched up."
@@ -206,7 +236,8 @@ class Reader:
     def _announced_end(self) -> Fraction | None:
         """Where the header puts the end of the file, seconds; None where that would be a guess."""
         kinds = set(self.container.format.name.split(","))
-        if not self.container.duration or len(self.container.streams.video) > 1 or not kinds & _HEADED:
+        whole = self._start is None and len(self.container.streams.video) == 1
+        if not self.container.duration or not whole or not kinds & _HEADED:
             return None
         return Fraction((self.container.start_time or 0) + self.container.duration, av.time_base)
 

@@ -151,7 +151,17 @@ class VideoSource(Source):
 
     def __iter__(self) -> Iterator[Frame]:
         listener, self._listener = self._listener, None
-        for index, picture in enumerate(self._pictures(listener or _ignore)):
+        return self._frames(self._pictures(listener or _ignore))
+
+    def frames_from(self, pts: int, dts: int, problems: Problems) -> Iterator[Frame]:
+        """The frames from a keyframe with those times on, or none when it is not found; indices count from 0."""
+        reader = Reader(self.path, problems)
+        self._others.append(reader)
+        reader.start_at(pts, dts, self.first_picture)
+        return self._frames(iter(reader))
+
+    def _frames(self, pictures: Iterator[av.VideoFrame]) -> Iterator[Frame]:
+        for index, picture in enumerate(pictures):
             assert picture.pts is not None
             yield Frame(
                 picture, pts=picture.pts, time_base=self.time_base, index=index, orientation=self.orientation

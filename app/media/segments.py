@@ -1,0 +1,219 @@
+"""A file cut at keyframes into segments that can be read one by one.
+
+A segment gives exactly the frames that a pass from the start would give there.  Where the packets do not surely tell
+the frames, the whole file is one segment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.media.frame import Frame
+from app.media.reader import Problems, Reader
+from app.media.source import Source, VideoSource, open_source
+
+# Codecs whose every packet is one shown picture; others may hold hidden or repeated ones.
+_ONE_EACH = frozenset(
+    {
+        "h264", "hevc", "vvc", "av1", "vp9", "mpeg4", "mpeg2video", "mpeg1video", "h263", "mjpeg", "prores", "dnxhd",
+        "ffv1", "huffyuv", "ffvhuff", "utvideo", "rawvideo", "png",
+    }
+)  # fmt: skip
+_LOOK = 16  # pictures that are decoded to see whether they come as the packets say
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The frames [first, first + count), the `index`-th such piece of a file."""
+
+    index: int
+    first: int
+    count: int
+
+    @property
+    def last(self) -> int:
+        """The frame after the segment."""
+        return self.first + self.count
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The frames of a file.
+
+    pts : (frames,) int64, ascending, in units of time_base.   keyframes : (k,) int32, frames at which decoding can
+    begin, the first of them 0.   dts : (k,) int64, decoding times of these, to seek to.
+    segments : cover all frames, in order.
+    """
+
+    time_base: Fraction
+    pts: NDArray[np.int64]
+    keyframes: NDArray[np.int32]
+    dts: NDArray[np.int64]
+    segments: tuple[Segment, ...]
+
+    @property
+    def frames(self) -> int:
+        """How many frames there are."""
+        return len(self.pts)
+
+    def as_json(self) -> dict[str, Any]:
+        """The scan as JSON holds it."""
+        return {
+            "time_base": str(self.time_base),
+            "pts": self.pts.tolist(),
+            "keyframes": self.keyframes.tolist(),
+            "dts": self.dts.tolist(),
+            "segments": [[piece.first, piece.count] for piece in self.segments],
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Scan:
+        """The scan that `as_json` gave."""
+        return cls(
+            Fraction(values["time_base"]), np.array(values["pts"], np.int64),
+            np.array(values["keyframes"], np.int32), np.array(values["dts"], np.int64),
+            tuple(Segment(i, first, count) for i, (first, count) in enumerate(values["segments"])),
+        )  # fmt: skip
+
+
+def scan(path: Path | str, length: int = 240) -> Scan:
+    """Find the frames of a file, and cut it at keyframes into segments of at least `length` frames.
+
+    Only packets are read, unless they do not tell the frames surely; then, as for images, everything is decoded and
+    there is one segment.  Raises MediaError when there is nothing to read.
+    """
+    with open_source(path) as source:
+        if isinstance(source, VideoSource) and (found := _from_packets(source, length)):
+            return found
+        pts = np.array([frame.pts for frame in source], np.int64)
+        start = np.zeros(1, np.int32)
+        return Scan(source.time_base, pts, start, pts[:1], (Segment(0, 0, len(pts)),))
+
+
+def _from_packets(source: VideoSource, length: int) -> Scan | None:
+    """The scan without decoding, or None where that is not sure."""
+    packets = _video_packets(source)
+    looked = [frame.pts for frame in islice(source, _LOOK)]
+    if packets is None:
+        return None
+    times, dts, is_key = packets
+    times, order = np.sort(times), times
+    pts = times[np.searchsorted(times, looked[0]) :]  # what refers to pictures before the file does not come
+    if pts[:_LOOK].tolist() != looked:
+        return None
+    is_start = is_key & (order >= np.maximum.accumulate(order)) & (order > pts[0])
+    keyframes = np.searchsorted(pts, [pts[0], *order[is_start]]).astype(np.int32)
+    starts = np.array([pts[0], *dts[is_start]])
+    return Scan(source.time_base, pts, keyframes, starts, _cut(keyframes, len(pts), length))
+
+
+def _video_packets(
+    source: VideoSource,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]] | None:
+    """pts, dts and key flag (n,) of the video's packets in decoding order; None where they do not tell the frames."""
+    problems = Problems()
+    reader = Reader(source.path, problems)
+    try:
+        reader.only_video()
+        if reader.stream.codec_context.codec.canonical_name not in _ONE_EACH:
+            return None
+        rows: list[tuple[int, int, bool]] = []
+        for packet in reader.packets():
+            if packet.stream is not reader.stream or (packet.dts is None and not packet.size):
+                continue
+            if packet.pts is None or not packet.size or packet.is_corrupt:
+                return None
+            if not packet.is_discard:
+                dts = packet.pts if packet.dts is None else packet.dts
+                rows.append((packet.pts, dts, packet.is_keyframe))
+    finally:
+        reader.close()
+    table = np.array(rows, np.int64).reshape(-1, 3)
+    if problems or len(table) == 0 or len(np.unique(table[:, 0])) < len(table):
+        return None
+    return table[:, 0], table[:, 1], table[:, 2] > 0
+
+
+def _cut(keyframes: NDArray[np.int32], frames: int, length: int) -> tuple[Segment, ...]:
+    """Segments of at least `length` frames from keyframe to keyframe; a shorter rest stays with the one before."""
+    starts = [0]
+    for keyframe in keyframes.tolist():
+        if keyframe - starts[-1] >= length and frames - keyframe >= length:
+            starts.append(keyframe)
+    ends = [*starts[1:], frames]
+    return tuple(Segment(i, a, b - a) for i, (a, b) in enumerate(zip(starts, ends, strict=True)))
+
+
+def read_frames(
+    path: Path | str, scan: Scan, first: int, last: int, *, problems: Problems | None = None
+) -> Iterator[Frame]:
+    """The frames [first, last) of a scanned file, as a pass from the start gives them; indices count from its start.
+
+    A picture that the decoder cannot give is left out, as in that pass; `problems` then says so.
+    """
+    with open_source(path) as source:
+        try:
+            yield from _window(source, scan, first, last)
+        finally:
+            if problems is not None:
+                problems.add(source.problems)
+
+
+def _window(source: Source, scan: Scan, first: int, last: int) -> Iterator[Frame]:
+    """From the keyframe before where that works, else from the start of the file."""
+    following = first
+    key = int(np.searchsorted(scan.keyframes, first, "right")) - 1
+    if isinstance(source, VideoSource) and scan.keyframes[key] > 0:
+        for frame in _from_keyframe(source, scan, key):
+            if frame.index >= last:
+                return
+            if frame.index >= first:
+                following = frame.index + 1
+                yield frame
+    for frame in _numbered(iter(source), scan, source.problems):
+        if frame.index >= last:
+            return
+        if frame.index >= following:
+            yield frame
+
+
+def _from_keyframe(source: VideoSource, scan: Scan, key: int) -> Iterator[Frame]:
+    """The frames from a keyframe to the end; it stops short when they do not come as they would in a whole pass.
+
+    From the next keyframe on they cannot differ any more.
+    """
+    expected = int(scan.keyframes[key])
+    sure = int(scan.keyframes[key + 1]) if key + 1 < len(scan.keyframes) else scan.frames
+    pts, dts = int(scan.pts[expected]), int(scan.dts[key])
+    problems = Problems()
+    try:
+        for frame in _numbered(source.frames_from(pts, dts, problems), scan, problems):
+            corrupt = frame.video_frame is not None and frame.video_frame.is_corrupt
+            if expected < sure and (frame.index != expected or corrupt):
+                problems.clear()
+                return
+            yield frame
+            expected = frame.index + 1
+    finally:
+        source.problems.add(problems)
+
+
+def _numbered(frames: Iterator[Frame], scan: Scan, problems: Problems) -> Iterator[Frame]:
+    """The frames with their index in the scan; one that is not in it is left out."""
+    for frame in frames:
+        index = int(np.searchsorted(scan.pts, frame.pts))
+        if index < scan.frames and scan.pts[index] == frame.pts:
+            frame.index = index
+            yield frame
+        else:
+            problems.note(
+                "Pictures that came at times of which the file's packets know nothing were left out."
+            )
