@@ -33,6 +33,7 @@ class Track:
     action : what is to be done, which the user may change.
     donor : whose face is shown, see `app.donors.open_donor`; "" unless swapped.
     name : the user's name for the person, or "".
+    can_swap : whether there is a model of the face, without which it can only be covered or left.
     """
 
     number: int
@@ -47,6 +48,7 @@ class Track:
     action: Action = "cover"
     donor: str = ""
     name: str = ""
+    can_swap: bool = False
 
 
 @dataclass(frozen=True, eq=False)
