@@ -35,6 +35,27 @@ class Placed:
     confidence: float
 
 
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """Placed faces: track (n,), frame (n,), shape (n, 81, 2), confidence (n,), by track and then by frame."""
+
+    track: NDArray[np.int32]
+    frame: NDArray[np.int32]
+    shape: F32
+    confidence: F32
+
+    @classmethod
+    def of(cls, rows: list[tuple[int, int, Placed]]) -> Fits:
+        """From rows of track, frame and face."""
+        rows = sorted(rows, key=lambda row: row[:2])
+        return cls(
+            np.array([track for track, _, _ in rows], np.int32),
+            np.array([frame for _, frame, _ in rows], np.int32),
+            np.array([placed.shape for _, _, placed in rows], np.float32).reshape(-1, 81, 2),
+            np.array([placed.confidence for _, _, placed in rows], np.float32),
+        )
+
+
 def place(tracker: Tracker, luma: NDArray[np.uint8], points: F64, sure: float) -> Placed:
     """A person's face near the landmarker's points (81, 2) in luma (h, w).
 

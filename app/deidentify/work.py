@@ -52,10 +52,10 @@ class Work:
 
         write_whole(self.path(name), write)
 
-    def load_arrays(self, name: str) -> dict[str, NDArray[Any]]:
-        """Read arrays."""
+    def load_arrays(self, name: str, but: str = "") -> dict[str, NDArray[Any]]:
+        """Read arrays, all `but` one."""
         with np.load(self.path(name), allow_pickle=False) as file:
-            return dict(file)
+            return {key: file[key] for key in file.files if key != but}
 
     def create(self) -> None:
         """Make the folder, empty, for its owner only."""

@@ -5,12 +5,28 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from app.media.frame import Frame
-from app.media.sink import Sink
-from app.media.source import Source
+
+
+class Frames(Protocol):
+    """Where frames come from: a source, or a part of one."""
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """Sentences about what was survived so far."""
+
+    def __iter__(self) -> Iterator[Frame]: ...
+
+
+class Writer(Protocol):
+    """Where frames go: a sink, or what stands before one."""
+
+    def write(self, frame: Frame) -> None:
+        """Take the next frame."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +121,7 @@ class _Stage:
 
 
 def process(
-    source: Source, sink: Sink, work: Callable[[Frame], None],
+    source: Frames, sink: Writer, work: Callable[[Frame], None],
     *, progress: Callable[[int], None] | None = None, queue: int = 8,
 ) -> ProcessStats:  # fmt: skip
     """Pass every frame of the source through `work`, which changes it in place, to the sink.
@@ -149,7 +165,7 @@ def process(
     )
 
 
-def _decode(stage: _Stage, source: Source, decoded: _Channel) -> None:
+def _decode(stage: _Stage, source: Frames, decoded: _Channel) -> None:
     frames = iter(source)
     while True:
         before = time.perf_counter()
@@ -163,7 +179,7 @@ def _decode(stage: _Stage, source: Source, decoded: _Channel) -> None:
         del frame
 
 
-def _encode(stage: _Stage, sink: Sink, worked: _Channel) -> None:
+def _encode(stage: _Stage, sink: Writer, worked: _Channel) -> None:
     while (frame := worked.get()) is not None:
         before = time.perf_counter()
         sink.write(frame)

@@ -1,0 +1,411 @@
+"""A file from its input to its output and report: the stages in order, each resumed where an earlier run stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from aam.recognition import same_person
+from numpy.typing import NDArray
+
+from app.deidentify.case import Case, Linked, track_from, track_json
+from app.deidentify.decide import COVERED, LEFT, SWAPPED, Bystanders, Decision, Rows, decide
+from app.deidentify.link import Piece, link
+from app.deidentify.options import DeidentifyError, Options
+from app.deidentify.page import write_page
+from app.deidentify.people import why_not
+from app.deidentify.report import write_report
+from app.deidentify.review import contact_sheet, read_tracks, write_tracks
+from app.deidentify.stages import Job, result_of
+from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
+from app.deidentify.work import MANIFEST, Work
+from app.donors import KeyFile, assign
+from app.media import open_source
+from app.media.packets import assemble
+from app.media.segments import scan
+from app.outputs import synthetic_tags
+from app.pictures import save_picture
+from app.run import Progress, Say
+from app.version import version
+
+F32 = NDArray[np.float32]
+
+PARTS = 100  # of a track's confidence curve
+SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap, or else it is covered
+SHARES = {"detect": 0.25, "person": 0.15, "fit": 0.1, "render": 0.5}  # of the work, roughly, for the progress
+
+
+class Jobs(Protocol):
+    """Whoever does jobs, see `app.deidentify.engines`."""
+
+    def run(self, jobs: Sequence[Job], done: Callable[[Job], None]) -> None:
+        """Do all of them, in any order."""
+
+
+def beside(output: Path, suffix: str) -> Path:
+    """A file beside the output under its name: NAME.report.json and the like."""
+    return output.with_name(output.stem + suffix)
+
+
+def deidentify_file(
+    source: Path, output: Path, options: Options, engine: Jobs, *, resume: bool = False, force: bool = False,
+    review: bool = False, tracks: Path | None = None, progress: Progress, say: Say,
+) -> FileReport | None:  # fmt: skip
+    """De-identify a file; None when it stops for a review.
+
+    Parameters
+    ----------
+    source : a video, an image or a folder of images.
+    output : where the result goes; reports and the work folder lie beside it.
+    engine : does the jobs.
+    resume : go on with what an earlier run left.   force : replace outputs and what was left.
+    review : stop before anything is changed, and write NAME.tracks.json and NAME.tracks.jpg.
+    tracks : the edited NAME.tracks.json.
+
+    Raises
+    ------
+    MediaError, DeidentifyError, ModelError, OutputError
+        One sentence; the work folder stays where something can be resumed.
+    """
+    start = time.perf_counter()
+    work = _opened(source, output, options, resume=resume or tracks is not None, force=force)
+    steps = _Steps(Case(work), engine, progress)
+    steps.analyse()
+    if review:
+        _write_review(steps.case, output)
+        say(
+            f"{source.name}: edit the actions in {beside(output, '.tracks.json')}, then run again with --resume"
+        )
+        return None
+    edited = tracks or beside(output, ".tracks.json")
+    steps.plan(edited if edited.exists() else None)
+    steps.render()
+    _assemble(steps.case, output, force)
+    report = _report(steps.case, source, output, time.perf_counter() - start)
+    _write_report(steps.case, report, output)
+    work.remove()
+    return report
+
+
+def fingerprint(path: Path) -> str:
+    """What tells an input from another: SHA-256 of its size and of its first and last mebibyte; names for a folder."""
+    digest = hashlib.sha256()
+    if path.is_dir():
+        for entry in sorted(path.iterdir()):
+            digest.update(f"{entry.name} {entry.stat().st_size}\n".encode(errors="surrogateescape"))
+        return digest.hexdigest()
+    size = path.stat().st_size
+    digest.update(str(size).encode())
+    with path.open("rb") as file:
+        digest.update(file.read(1 << 20))
+        file.seek(max(0, size - (1 << 20)))
+        digest.update(file.read())
+    return digest.hexdigest()
+
+
+def _opened(source: Path, output: Path, options: Options, *, resume: bool, force: bool) -> Work:
+    """The work folder, with the manifest of this very run in it."""
+    with open_source(source):
+        pass  # what cannot be read is said before anything is made
+    work = Work(output.with_name(output.name + ".work"))
+    manifest = {
+        "format": "guise-work", "version": 1, "guise": version(), "input": str(source.absolute()),
+        "fingerprint": fingerprint(source), "options": options.as_json(), "name": source.name,
+    }  # fmt: skip
+    if work.has(MANIFEST) and resume:
+        if work.load_json(MANIFEST) != manifest:
+            raise DeidentifyError(
+                f"{work.folder} is of a run with another input, other options or another version: give the same, "
+                "or start anew with --force"
+            )
+        return work
+    if work.folder.exists() and not force:
+        raise DeidentifyError(
+            f"{work.folder} was left by a run that did not finish: go on with --resume, or start anew with --force"
+        )
+    work.create()
+    work.save_json(MANIFEST, manifest)
+    return work
+
+
+class _Steps:
+    """The stages of a case, and how far they are."""
+
+    def __init__(self, case: Case, engine: Jobs, progress: Progress) -> None:
+        self.case, self._engine, self._progress = case, engine, progress
+
+    def analyse(self) -> None:
+        """Up to the proposed actions."""
+        case = self.case
+        self._once("scan.json", lambda: scan(case.input).as_json())
+        self._map("detect", len(case.scan.segments))
+        self._once("link.json", lambda: _linked(case))
+        self._map("person", len(case.linked))
+        self._once("people.json", lambda: _people(case))
+        self._map("fit", len(case.scan.segments))
+        self._once("proposed.json", lambda: [track_json(track) for track in _proposed(case)])
+
+    def plan(self, edited: Path | None) -> None:
+        """What the user wants, whose faces are shown, and what happens to each face in each frame."""
+        case = self.case
+        self._once("tracks.json", lambda: [track_json(track) for track in _ordered(case, edited)])
+        if not case.work.has("plan.npz"):
+            case.work.save_arrays("plan.npz", **_plan(case))
+
+    def render(self) -> None:
+        """All segments of the output."""
+        self._map("render", len(self.case.scan.segments))
+
+    def _once(self, name: str, make: Callable[[], Any]) -> None:
+        if not self.case.work.has(name):
+            self.case.work.save_json(name, make())
+
+    def _map(self, stage: str, count: int) -> None:
+        work, finished = self.case.work, 0
+        jobs = [Job(stage, str(work.folder), i) for i in range(count)]
+        missing = [job for job in jobs if not work.has(result_of(stage, job.index))]
+
+        def done(job: Job) -> None:
+            nonlocal finished
+            finished += 1
+            self._progress(_WORDS[stage], finished / max(len(missing), 1))
+
+        self._progress(_WORDS[stage], 0.0)
+        self._engine.run(missing, done)
+
+
+_WORDS = {"detect": "finding faces", "person": "enrolling", "fit": "following", "render": "rendering"}
+
+
+# -- between the stages ---------------------------------------------------------------------------------------
+
+
+def _linked(case: Case) -> dict[str, Any]:
+    found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
+    chains, cuts = link(found, [s.first for s in case.scan.segments], case.rate)
+    tracks = []
+    for number, chain in enumerate(chains, start=1):
+        rows = [(p, np.flatnonzero(found[p.segment].tracklet == p.number)) for p in chain]
+        tracks.append(_linked_track(number, chain, [(found[p.segment], r) for p, r in rows]))
+    return {"cuts": cuts, "tracks": tracks}
+
+
+def _linked_track(number: int, chain: Sequence[Piece], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
+    frames = np.concatenate([one.frame[r] for one, r in rows])
+    boxes = np.concatenate([one.box[r] for one, r in rows])
+    sure = np.concatenate([one.confidence[r] for one, r in rows])
+    parts = np.array_split(np.arange(len(frames)), min(6, len(frames)))
+    shown = [int(frames[part[np.argmax(sure[part])]]) for part in parts]
+    return {
+        "number": number, "pieces": [[p.segment, p.number] for p in chain], "first": int(frames[0]),
+        "last": int(frames[-1]), "seen": len(frames), "width": float(np.median(boxes[:, 2] - boxes[:, 0])),
+        "sure": int((sure >= 0.5).sum()), "shown": shown,
+    }  # fmt: skip
+
+
+def _people(case: Case) -> dict[str, int]:
+    """Tracks of one person, who left and returned, under the number of the first of them."""
+    people: dict[str, int] = {}
+    for track in case.linked:
+        model = case.enrolled(track.number)
+        earlier = [
+            t for t in case.linked if people.get(str(t.number)) == t.number and not _together(t, track)
+        ]
+        known = (t.number for t in earlier if model is not None and _same(case, t, model))
+        people[str(track.number)] = next(known, track.number)
+    return people
+
+
+def _same(case: Case, track: Linked, model: Any) -> bool:
+    other = case.enrolled(track.number)
+    return other is not None and same_person(other, model)
+
+
+def _together(a: Linked, b: Linked) -> bool:
+    return a.first <= b.last and b.first <= a.last
+
+
+def _rows(case: Case, track: Linked) -> tuple[Rows, F32]:
+    """What is known of a track, and the confidence of its landmarks (n,)."""
+    frames, boxes, trust, sure = [], [], [], []
+    for segment, number in track.pieces:
+        found, fits = case.found(segment, points=False), case.fits(segment)
+        rows = np.flatnonzero(found.tracklet == number)
+        mine = np.flatnonzero(fits.track == track.number)
+        known = dict(zip(fits.frame[mine].tolist(), fits.confidence[mine].tolist(), strict=True))
+        frames.append(found.frame[rows])
+        boxes.append(found.box[rows])
+        trust.append([known.get(int(f), 0.0) for f in found.frame[rows]])
+        sure.append(found.confidence[rows])
+    return Rows(
+        np.concatenate(frames), np.concatenate(boxes), np.concatenate(trust).astype(np.float32)
+    ), np.concatenate(sure)
+
+
+def _decided(case: Case, track: Linked, action: Any) -> Decision:
+    rows, _ = _rows(case, track)
+    return decide(rows, action, total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+
+
+def _proposed(case: Case) -> list[Track]:
+    tracks = []
+    for one in case.linked:
+        rows, sure = _rows(case, one)
+        decision = decide(rows, "swap", total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+        inside = (decision.frames >= one.first) & (decision.frames <= one.last)
+        share = float((decision.done[inside] == SWAPPED).mean())
+        reason = _why_cover(case, one, share)
+        action: Action = "cover" if reason else "swap"
+        tracks.append(Track(
+            one.number, case.people[one.number], one.first, one.last, one.seen, round(one.width, 1),
+            _curve(one, rows.frames, rows.trust if rows.trust.any() else sure), action, reason, action,
+        ))  # fmt: skip
+    return tracks
+
+
+def _why_cover(case: Case, track: Linked, share: float) -> str:
+    if case.model_of(track.number) is None:
+        return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
+    return "" if share >= SWAP_SHARE else "hardly any frame shows the face well enough"
+
+
+def _curve(track: Linked, frames: NDArray[np.int32], values: F32) -> tuple[float, ...]:
+    whole = np.zeros(track.last - track.first + 1)
+    whole[frames - track.first] = values
+    parts = np.array_split(whole, min(PARTS, len(whole)))
+    return tuple(round(float(part.mean()), 3) for part in parts)
+
+
+def _ordered(case: Case, edited: Path | None) -> list[Track]:
+    """The tracks with the user's actions, and donors for those that are swapped."""
+    proposed = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    tracks = proposed
+    if edited is not None:
+        tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
+    options, donors = case.options, {}
+    people = list(dict.fromkeys(t.person for t in tracks if t.action == "swap"))
+    key = KeyFile.open(options.keyfile) if options.keyfile else None
+    if people:
+        donors = _donors(case, people, key)
+    return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
+
+
+def _donors(case: Case, people: Sequence[int], key: KeyFile | None) -> dict[int, str]:
+    options = case.options
+    models = {p: case.model_of(p) for p in people}
+    known = {p: key.recognise(m) for p, m in models.items() if m is not None} if key else {}
+    donors = {p: entry.donor for p, entry in known.items() if entry is not None}
+    rest = [p for p in people if p not in donors]
+    donors |= assign(
+        rest, options.donor, own=options.gallery, seed=options.seed, salt=case.manifest["name"],
+        taken=tuple(donors.values()),
+    )  # fmt: skip
+    for p in rest:
+        model = models[p]
+        if key is not None and model is not None:
+            key.remember("", donors[p], model)
+    return donors
+
+
+def _plan(case: Case) -> dict[str, NDArray[Any]]:
+    """What happens to each face in each frame, by frame."""
+    columns: list[tuple[NDArray[Any], ...]] = []
+    linked = {one.number: one for one in case.linked}
+    for track in case.tracks:
+        d = _decided(case, linked[track.number], track.action)
+        columns.append(
+            (np.full(len(d.frames), track.number), d.frames, d.done, d.boxes, d.growth, d.confidence)
+        )
+    b = _bystanders(case)
+    ones = np.ones(len(b.frames))
+    columns.append((np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, ones, b.scores))
+    joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
+    order = np.argsort(joined[1], kind="stable")
+    names = ("track", "frame", "done", "box", "growth", "confidence")
+    types = (np.int32, np.int32, np.uint8, np.float32, np.float32, np.float32)
+    return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
+
+
+def _bystanders(case: Case) -> Bystanders:
+    found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
+    seen = Bystanders(
+        np.concatenate([f.bystander_frame for f in found]),
+        np.concatenate([f.bystander_box for f in found]),
+        np.concatenate([f.bystander_score for f in found]),
+    )
+    return seen.spread(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+
+
+# -- results --------------------------------------------------------------------------------------------------
+
+
+def _assemble(case: Case, output: Path, force: bool) -> None:
+    options = case.options
+    parts = [case.work.path(f"render.{k}.packets") for k in range(len(case.scan.segments))]
+    with open_source(case.input) as source:
+        assemble(
+            output, source, parts, options.encode, tags=synthetic_tags(), private=not options.keep_metadata,
+            audio=options.audio, force=force,
+        )  # fmt: skip
+
+
+def _report(case: Case, source: Path, output: Path, seconds: float) -> FileReport:
+    renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
+    problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
+    finds = [
+        AuditFind(a["frame"], tuple(a["box"]), a["score"], a["covered"]) for r in renders for a in r["audit"]
+    ]
+    plan = case.plan
+    with open_source(case.input) as media:
+        width, height = media.width, media.height
+    return FileReport(
+        str(source), str(output), case.scan.frames, case.seconds - case.seconds[0], width, height, case.tracks,
+        tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(finds),
+        _counts(plan, case.scan.frames, finds), {**case.options.as_json(), "renderer": renders[0]["renderer"]},
+        tuple(dict.fromkeys(problems)), round(seconds, 3),
+    )  # fmt: skip
+
+
+def _outcome(plan: dict[str, NDArray[Any]], track: int) -> Outcome:
+    mine = np.flatnonzero(plan["track"] == track)
+    boxes = np.round(plan["box"][mine]).astype(np.int32)
+    return Outcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
+
+
+def _counts(plan: dict[str, NDArray[Any]], frames: int, finds: Sequence[AuditFind]) -> dict[str, int]:
+    worst = np.full(frames, -1)
+    for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
+        these = plan["frame"][plan["done"] == code]
+        worst[these] = np.maximum(worst[these], rank)
+    covered = [find.frame for find in finds]
+    worst[covered] = np.maximum(worst[covered], 1)
+    names = ("without face", "swapped", "covered", "left")
+    return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
+
+
+def _pictures(case: Case, kind: str) -> dict[int, list[NDArray[np.uint8]]]:
+    """The tracks' pictures, in the order of time."""
+    pictures: dict[int, list[NDArray[np.uint8]]] = {track.number: [] for track in case.linked}
+    for k in range(len(case.scan.segments)):
+        for name, picture in case.work.load_arrays(f"{kind}.{k}.npz").items():
+            pictures[int(name.split(".")[0])].append(picture)
+    return pictures
+
+
+def _write_review(case: Case, output: Path) -> None:
+    tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    write_tracks(
+        beside(output, ".tracks.json"), tracks, input_name=case.manifest["name"],
+        fingerprint=case.manifest["fingerprint"], frames=case.scan.frames, seconds=case.seconds,
+    )  # fmt: skip
+    save_picture(beside(output, ".tracks.jpg"), contact_sheet(_pictures(case, "pictures"), tracks))
+
+
+def _write_report(case: Case, report: FileReport, output: Path) -> None:
+    write_report(beside(output, ".report.json"), report)
+    write_page(beside(output, ".report.html"), report, _pictures(case, "output"))
