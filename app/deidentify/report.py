@@ -154,6 +154,7 @@ def _head(report: FileReport) -> dict[str, Any]:
         "run": {**_run(), "wall_seconds": round(report.wall_seconds, 3)},
         "input": report.input,
         "output": report.output,
+        "sha256": report.digest,
         "outcome": outcome(report),
         "sentence": verdict(report),
         "frames": report.frames,

@@ -97,6 +97,7 @@ class FileReport:
     settings : what was asked for, as JSON holds it.
     problems : sentences about what was survived in the input.
     wall_seconds : time of the work.
+    digest : SHA-256 of the output file in hexadecimal digits, so that a signed report is of this file; "" for a folder.
     """
 
     input: str
@@ -112,3 +113,4 @@ class FileReport:
     settings: dict[str, Any] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     wall_seconds: float = 0.0
+    digest: str = ""
