@@ -71,4 +71,4 @@ def _shape(rectangle: F64, size: tuple[int, int]) -> F32:
     points = np.round((centre + half * unit) * 16).astype(np.int32)
     alpha = np.zeros(size, np.uint8)
     cv2.fillPoly(alpha, [points], 255, lineType=cv2.LINE_AA, shift=4)
-    return np.asarray(alpha, np.float32) / 255
+    return alpha.astype(np.float32) / np.float32(255)

@@ -29,10 +29,14 @@ Picture = NDArray[np.uint8]
 
 LOWEST = 0.15  # score of a box from which it supports a face that is followed
 POSSIBLE = 0.2  # score from which a box may be a bystander's face
+LIKELY = 0.45  # score from which it needs little likeness
 SURE = 0.75  # score from which it is one whatever it looks like
-DOUBT = 1.0  # 4 score + likeness / 2 from which it is one when it is seen again near by
-CLEAR = 2.0  # from which it is one also when it is seen once only
-AGAIN = 5  # frames within which it must be seen again
+LIKE, VERY_LIKE = (
+    -1.0,
+    3.0,
+)  # likeness from which likely and possible faces are covered where they are seen again twice
+CLEAR = 3.0  # likeness beyond these from which they need not be seen again
+AGAIN = 6  # frames within which it must be seen again
 START = 0.5  # confidence of the points from which a face is followed
 FOLLOW = 0.15  # confidence from which it still is
 SAME = 0.3  # overlap of a followed face with the box of its own
@@ -219,9 +223,9 @@ class Chaser:
             if face is not None and face.confidence >= START:
                 self._start(seen, face)
                 continue
-            value = CLEAR if score >= SURE else 4 * score + self._landmarker.likeness(seen.rgb, box) / 2
-            if value >= DOUBT:
-                self._bystanders.append(Glimpse(seen.index, box, score, value >= CLEAR))
+            like = self._landmarker.likeness(seen.rgb, box) - (LIKE if score >= LIKELY else VERY_LIKE)
+            if score >= SURE or like >= 0:
+                self._bystanders.append(Glimpse(seen.index, box, score, score >= SURE or like >= CLEAR))
 
     def _start(self, seen: Seen, face: Face) -> None:
         row = _row(face)
@@ -328,12 +332,12 @@ def _holds_centre(box: F32, other: F32) -> bool:
 
 
 def _seen_again(glimpses: list[Glimpse]) -> list[Glimpse]:
-    """The clear ones, and the others that are seen again near by and soon."""
+    """The clear ones, and the others that are seen again twice, near by and soon."""
     kept = []
     for n, one in enumerate(glimpses):
         around = glimpses[max(0, n - 200) : n + 200]
         near = (o for o in around if 0 < abs(o.index - one.index) <= AGAIN)
-        if one.clear or any(overlap(o.box, one.box) > 0.2 for o in near):
+        if one.clear or sum(overlap(o.box, one.box) > 0.2 for o in near) >= 2:
             kept.append(one)
     return kept
 
