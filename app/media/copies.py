@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import av
 import av.error
@@ -18,6 +18,8 @@ from app.media.source import VideoSource
 
 if TYPE_CHECKING:
     from app.media.reader import AnyPacket
+
+Audio = Literal["keep", "drop", "mask"]
 
 # What a container or encoder writes about itself; it would be wrong in the copy.
 _STALE = frozenset(
@@ -48,11 +50,17 @@ def fresh_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
 
 
 def muxer_options(format_name: str, keys: Mapping[str, str], time_base: Fraction) -> dict[str, str]:
-    """Options of the output container that make it keep every metadata key and the exact start time."""
+    """Options of the output container that make it keep every metadata key and the exact start time.
+
+    `bitexact` leaves out what differs from run to run, such as random numbers, and the library's version.
+    """
+    exact = {"fflags": "+bitexact"}
     if format_name not in _ROTATING - {"matroska"}:
-        return {}
+        return exact
     ticks = time_base.denominator
-    options = {"movie_timescale": str(ticks * max(1000 // ticks, 1))}  # unit of edit lists, 1 ms by default
+    options = exact | {
+        "movie_timescale": str(ticks * max(1000 // ticks, 1))
+    }  # unit of edit lists, 1 ms by default
     return options if _MOV_KEYS.issuperset(keys) else options | {"movflags": "+use_metadata_tags"}
 
 
@@ -70,15 +78,18 @@ class StreamCopies:
     """The copied streams of one output; `mux` takes the source's packets to them.
 
     private : whether data streams, attachments and stream metadata are left out.
+    audio : whether the sound is copied.
     """
 
-    def __init__(self, output: OutputContainer, source: VideoSource, *, private: bool) -> None:
+    def __init__(
+        self, output: OutputContainer, source: VideoSource, *, private: bool, audio: Audio = "keep"
+    ) -> None:
         self._output = output
         self._problems = source.problems
         self._streams: dict[int, Stream] = {}
         self._last_dts: dict[int, int] = {}
         for stream in source.container.streams:
-            if stream.index != source.stream.index:
+            if stream.index != source.stream.index and (stream.type != "audio" or audio == "keep"):
                 self._add(stream, source, private)
 
     def _add(self, stream: Stream, source: VideoSource, private: bool) -> None:

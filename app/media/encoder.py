@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 from dataclasses import dataclass
 
 import av
@@ -18,6 +19,8 @@ _X26X_PRESETS = (
 _ALWAYS_LOSSLESS = frozenset({"ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo"})
 _QSCALE = frozenset({"mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "msmpeg4v2", "msmpeg4", "h263", "flv"})
 _EVEN_ONLY = frozenset({"libx264", "libx265", "h264_nvenc", "hevc_nvenc", "libopenh264", "libsvtav1"})
+# The rate control of x264 165 differs from run to run with AVX-512, and from machine to machine with the instructions.
+_SAME_EVERYWHERE = "asm=sse2fast,sse4.2"
 _DEFAULT_PRESET = "veryfast"
 # Kept from the most chroma to the least, after the picture's own format.
 _FALLBACKS = {
@@ -60,11 +63,14 @@ def available_encoders() -> str:
     return ", ".join(name for name in _SUGGESTED if name in av.codecs_available)
 
 
-def encoder_settings(options: EncodeOptions) -> dict[str, str]:
-    """The encoder's own options for a choice of crf, preset and lossless."""
+def encoder_settings(options: EncodeOptions, threads: int = 0) -> dict[str, str]:
+    """The encoder's own options for a choice of crf, preset and lossless.
+
+    threads : a fixed number, for the same bytes on any machine, or 0 for what suits this one.
+    """
     name = options.encoder
     if name in _X26X:
-        return _x26x_settings(options)
+        return _x26x_settings(options, threads)
     if options.lossless:
         return _lossless_settings(name)
     if name in _ALWAYS_LOSSLESS:
@@ -84,18 +90,19 @@ def encoder_settings(options: EncodeOptions) -> dict[str, str]:
     return {"crf": str(options.crf), **own}
 
 
-def _x26x_settings(options: EncodeOptions) -> dict[str, str]:
+def _x26x_settings(options: EncodeOptions, threads: int) -> dict[str, str]:
     if options.preset not in _X26X_PRESETS:
         raise MediaError(f"Preset {options.preset!r} is unknown: use one of {', '.join(_X26X_PRESETS)}.")
     if options.crf > 51 and not options.lossless:
         raise MediaError(f"The crf of {options.encoder} must be from 0 (best) to 51, got {options.crf}.")
     settings = {"preset": options.preset}
-    quiet = {"x265-params": "log-level=none"} if options.encoder == "libx265" else {}
-    if not options.lossless:
-        return settings | quiet | {"crf": str(options.crf)}
     if options.encoder == "libx265":
-        return settings | {"x265-params": "lossless=1:log-level=none"}
-    return settings | {"qp": "0"}
+        pools = f":pools={threads}" if threads else ""
+        settings["x265-params"] = "log-level=none" + pools + (":lossless=1" if options.lossless else "")
+        return settings if options.lossless else settings | {"crf": str(options.crf)}
+    if threads and platform.machine().lower() in ("x86_64", "amd64"):
+        settings["x264-params"] = _SAME_EVERYWHERE
+    return settings | ({"qp": "0"} if options.lossless else {"crf": str(options.crf)})
 
 
 def _lossless_settings(name: str) -> dict[str, str]:

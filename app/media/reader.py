@@ -119,6 +119,10 @@ class Reader:
             if stream.index != self.stream.index:
                 stream.discard = av.stream.Discard.all
 
+    def only_others(self) -> None:
+        """Leave the video's packets in the file."""
+        self.stream.discard = av.stream.Discard.all
+
     def start_at(self, pts: int, dts: int, first: av.VideoFrame) -> None:
         """Begin with the keyframe of those times instead of the first picture, which gives size and format.
 

@@ -10,7 +10,6 @@ import os
 import shutil
 import threading
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -18,17 +17,15 @@ from typing import TYPE_CHECKING, Self
 
 import av
 import av.error
-from av.codec.context import Flags
-from av.video.frame import PictureType
 from av.video.stream import VideoStream
 
-from app.media.copies import StreamCopies, can_rotate, fresh_metadata, keeps_times, muxer_options
-from app.media.encoder import EncodeOptions, available_encoders, encoder_settings, find_encoder
+from app.media.copies import Audio, StreamCopies, can_rotate, fresh_metadata, keeps_times, muxer_options
+from app.media.encoder import EncodeOptions, available_encoders
+from app.media.encoding import Encoding, encoding_for
 from app.media.errors import MediaError
 from app.media.frame import Frame
 from app.media.images import encode_image, is_lossy, looks_like_image
 from app.media.source import ImageSource, Source, VideoSource
-from app.media.target import target_for
 
 if TYPE_CHECKING:
     from app.media.reader import AnyPacket
@@ -43,8 +40,10 @@ class Sink:
     """An output that exists under its name only when it is complete.
 
     Use by `with`: a clean exit finishes and renames, an exception removes NAME.part.
-    frames : number written so far.
+    frames : number written so far.   needs_frames : whether it is a mistake to write none.
     """
+
+    needs_frames = True
 
     def __init__(self, path: Path, *, force: bool) -> None:
         self.path = path
@@ -73,9 +72,9 @@ class Sink:
     ) -> None:
         try:
             if kind is None and not self._closed:
-                if self.frames == 0:
+                if self.needs_frames and self.frames == 0:
                     raise MediaError(f"{self.path} was not written: no frame came from the input.")
-                with _as_media_error(self.path):
+                with as_media_error(self.path):
                     self._finish()
                 self._closed = True
         finally:
@@ -111,21 +110,16 @@ class Sink:
         os.replace(self._part, self.path)
 
 
-class VideoSink(Sink):
-    """Encodes the pictures and copies the source's other streams."""
+class VideoOutput(Sink):
+    """A video file that is being written: one encoded stream, and copies of the source's other streams."""
 
     def __init__(
-        self, path: Path, source: Source, options: EncodeOptions, *, force: bool = False,
-        tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
+        self, path: Path, source: Source, encoding: Encoding, *, force: bool, tags: Mapping[str, str],
+        private: bool, audio: Audio,
     ) -> None:  # fmt: skip
         super().__init__(path, force=force)
         self._lock = threading.Lock()
-        self._last: Fraction | None = None
-        codec = find_encoder(options.encoder)
-        options = replace(options, encoder=codec.name)  # "h264" finds libx264
-        self._options = options
-        self._target = target_for(source, codec, options, size)
-        settings = encoder_settings(options)
+        self._encoding = encoding
         format_name = _container_of(path)
         self._check_rotation(format_name)
         metadata = _metadata(source, tags, private)
@@ -136,81 +130,42 @@ class VideoSink(Sink):
                 container_options=muxer_options(format_name, metadata, source.time_base),
             )  # fmt: skip
             self._output.metadata.update(metadata)
-            self._stream = self._add_video(source, settings)
-            self._note_changes(source)
+            self._stream = self._add_video(source)
             if isinstance(source, VideoSource):
-                self._add_copies(source, private)
+                self._copies = StreamCopies(self._output, source, private=private, audio=audio)
+                if not private:
+                    self._output.set_chapters(source.container.chapters())
             self._start()
         except BaseException:
             self.abort()
             raise
 
-    # -- setting up ---------------------------------------------------------------------------------------
-
     def _check_rotation(self, format_name: str) -> None:
-        if (
-            self._target.display_matrix
-            and not self._target.orientation.is_identity
-            and not can_rotate(format_name)
-        ):
+        target = self._encoding.target
+        if target.display_matrix and not target.orientation.is_identity and not can_rotate(format_name):
             raise MediaError(
                 f"{self.path.name} cannot keep the picture's rotation: write to .mp4, .mov or .mkv."
             )
 
-    def _add_video(self, source: Source, settings: dict[str, str]) -> VideoStream:
-        target = self._target
-        if isinstance(source, VideoSource) and source.interlaced and "x26" in self._options.encoder:
-            settings = {"flags": "+ildct+ilme", **settings}
+    def _add_video(self, source: Source) -> VideoStream:
+        encoding = self._encoding
         try:
-            stream = self._output.add_stream(self._options.encoder, source.frame_rate, settings)
+            stream = self._output.add_stream(encoding.encoder, encoding.rate, encoding.settings)
         except ValueError as error:
             raise MediaError(
-                f"{self.path.name} cannot hold video from encoder {self._options.encoder!r}: "
+                f"{self.path.name} cannot hold video from encoder {encoding.encoder!r}: "
                 "use --encoder libx264 with .mp4 or .mkv, or libvpx-vp9 with .webm."
             ) from error
         assert isinstance(stream, VideoStream)
-        stream.width, stream.height = target.coded
-        stream.pix_fmt = target.fmt
-        context = stream.codec_context
-        context.time_base = source.time_base
-        context.thread_type = "AUTO"  # whole frames where the encoder can: slices cost bits
-        context.flags |= Flags.frame_duration
-        context.color_range, context.colorspace = target.span, target.matrix
-        context.color_primaries, context.color_trc = target.primaries, target.transfer
-        if target.aspect:
-            context.sample_aspect_ratio = target.aspect
-        if target.display_matrix:
-            stream.set_display_matrix(target.display_matrix)
+        encoding.configure(stream.codec_context)
+        if encoding.target.display_matrix:
+            stream.set_display_matrix(encoding.target.display_matrix)
         if isinstance(source, VideoSource):
-            self._inherit(stream, source)
+            stream.disposition = source.stream.disposition
+            language = source.stream.metadata.get("language")
+            if language:
+                stream.metadata["language"] = language
         return stream
-
-    def _inherit(self, stream: VideoStream, source: VideoSource) -> None:
-        stream.disposition = source.stream.disposition
-        language = source.stream.metadata.get("language")
-        if language:
-            stream.metadata["language"] = language
-        if source.interlaced:
-            stream.codec_context.field_order = source.stream.codec_context.field_order
-
-    def _note_changes(self, source: Source) -> None:
-        target = self._target
-        if target.coded != target.size:
-            source.problems.note(
-                f"The picture was grown from {target.size[0]} x {target.size[1]} to {target.coded[0]} x "
-                f"{target.coded[1]}, as {self._options.encoder} needs even sizes."
-            )
-        native = source.first_picture.format.name if isinstance(source, VideoSource) else target.fmt
-        if native.replace("yuvj", "yuv") != target.fmt.replace("yuvj", "yuv"):
-            source.problems.note(
-                f"Pictures were encoded as {target.fmt}, as {self._options.encoder} has no {native}."
-            )
-
-    def _add_copies(self, source: VideoSource, private: bool) -> None:
-        self._copies = StreamCopies(self._output, source, private=private)
-        if not private:
-            self._output.set_chapters(source.container.chapters())
-        source.send_packets_to(self._copy)
 
     def _start(self) -> None:
         """Open the encoder and write the header, so that what they refuse is known before any work."""
@@ -218,14 +173,12 @@ class VideoSink(Sink):
             self._output.start_encoding()
         except (av.error.FFmpegError, ValueError) as error:
             raise MediaError(
-                f"Encoder {self._options.encoder!r} or {self.path.name} refuses these settings "
+                f"Encoder {self._encoding.encoder!r} or {self.path.name} refuses these settings "
                 f"({_reason(error)}): use one of {available_encoders()} and .mp4 or .mkv."
             ) from error
 
-    # -- writing ------------------------------------------------------------------------------------------
-
     def _copy(self, packet: AnyPacket) -> None:
-        with self._lock, _as_media_error(self.path):
+        with self._lock, as_media_error(self.path):
             self._copies.mux(packet)
 
     def _mux(self, packets: Iterable[AnyPacket]) -> None:
@@ -233,20 +186,7 @@ class VideoSink(Sink):
             for packet in packets:
                 self._output.mux_one(packet)
 
-    def write(self, frame: Frame) -> None:
-        time = frame.pts * frame.time_base
-        if self._last is not None and time <= self._last:
-            raise ValueError(f"frame times must ascend, got {time} s after {self._last} s")
-        self._last = time
-        with _as_media_error(self.path):
-            picture = self._target.picture(frame)
-            picture.pict_type = PictureType.NONE  # the encoder decides, not the input's encoder
-            picture.pts, picture.time_base = frame.pts, frame.time_base
-            self._mux(self._stream.encode(picture))
-        self.frames += 1
-
     def _finish(self) -> None:
-        self._mux(self._stream.encode(None))
         self._output.close()
         self._publish()
 
@@ -254,6 +194,38 @@ class VideoSink(Sink):
         with contextlib.suppress(AttributeError, av.error.FFmpegError, OSError, ValueError):
             self._output.close()
         super()._discard()
+
+
+class VideoSink(VideoOutput):
+    """Encodes the pictures and copies the source's other streams."""
+
+    def __init__(
+        self, path: Path, source: Source, options: EncodeOptions, *, force: bool = False,
+        tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
+    ) -> None:  # fmt: skip
+        encoding = encoding_for(source, options, size)
+        super().__init__(path, source, encoding, force=force, tags=tags, private=private, audio="keep")
+        self._last: Fraction | None = None
+        if isinstance(source, VideoSource):
+            source.send_packets_to(self._copy)
+
+    def write(self, frame: Frame) -> None:
+        self._last = later_time(frame, self._last)
+        with as_media_error(self.path):
+            self._mux(self._stream.encode(self._encoding.picture(frame)))
+        self.frames += 1
+
+    def _finish(self) -> None:
+        self._mux(self._stream.encode(None))
+        super()._finish()
+
+
+def later_time(frame: Frame, last: Fraction | None) -> Fraction:
+    """The frame's time, seconds, which must exceed the last one's."""
+    time = frame.pts * frame.time_base
+    if last is not None and time <= last:
+        raise ValueError(f"frame times must ascend, got {time} s after {last} s")
+    return time
 
 
 class ImageSink(Sink):
@@ -268,7 +240,7 @@ class ImageSink(Sink):
         if self.frames:
             raise MediaError(f"{self.path} holds one image but more came: write to a folder or a video.")
         data = encode_image(frame.rgb(), frame.alpha, self.path.suffix, self._tags)
-        with _as_media_error(self.path):
+        with as_media_error(self.path):
             self._part.write_bytes(data)
         self.frames = 1
 
@@ -290,7 +262,7 @@ class FolderSink(Sink):
     def write(self, frame: Frame) -> None:
         name = frame.name or f"frame_{self.frames:06d}.png"
         data = encode_image(frame.rgb(), frame.alpha, Path(name).suffix, self._tags)
-        with _as_media_error(self.path):
+        with as_media_error(self.path):
             (self._part / name).write_bytes(data)
         self.frames += 1
 
@@ -318,7 +290,7 @@ def open_sink(
     Raises MediaError for a user's mistake; nothing is then left behind.
     """
     path = Path(path)
-    _check_free(path, source, force)
+    check_free(path, source, force)
     if looks_like_image(path) and not path.is_dir():
         _check_image(path, source, options)
         return ImageSink(path, force=force, tags=tags)
@@ -328,7 +300,8 @@ def open_sink(
     return VideoSink(path, source, options, force=force, tags=tags, size=size, private=private)
 
 
-def _check_free(path: Path, source: Source, force: bool) -> None:
+def check_free(path: Path, source: Source, force: bool) -> None:
+    """Raise MediaError when the output would replace something that it must not."""
     if path.exists() and source.path.exists() and path.samefile(source.path):
         raise MediaError(f"{path} is the input itself: choose another name for the output.")
     if path.is_dir() and source.kind != "images":
@@ -373,7 +346,7 @@ def _metadata(source: Source, tags: Mapping[str, str], private: bool) -> dict[st
 
 
 @contextlib.contextmanager
-def _as_media_error(path: Path) -> Iterator[None]:
+def as_media_error(path: Path) -> Iterator[None]:
     """A full disk, a lost drive or a refusing encoder, as one sentence."""
     try:
         yield

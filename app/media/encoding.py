@@ -1,0 +1,99 @@
+"""How the pictures of one source are encoded: an encoder, its settings and what it is fed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import av
+from av.codec.context import Flags
+from av.video.codeccontext import VideoCodecContext
+from av.video.frame import PictureType
+
+from app.media.encoder import EncodeOptions, encoder_settings, find_encoder
+from app.media.frame import Frame
+from app.media.source import Source, VideoSource
+from app.media.target import Target, target_for
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """An encoder with all that it must be told.
+
+    codec : FFmpeg's name of the coded format.   encoder, settings : FFmpeg's name of the encoder, its own options.
+    target : its pictures.   rate : average frames a second.   time_base : unit of pts, seconds.
+    field_order : of interlaced pictures, as FFmpeg numbers it, or None.
+    threads : of the encoder; 0 for as many as suit the machine, on which the bytes then depend.
+    """
+
+    codec: str
+    encoder: str
+    settings: dict[str, str]
+    target: Target
+    rate: Fraction
+    time_base: Fraction
+    field_order: int | None
+    threads: int
+
+    def configure(self, context: VideoCodecContext) -> None:
+        """Set an encoder's context up, all but its own options."""
+        target = self.target
+        context.width, context.height = target.coded
+        context.pix_fmt = target.fmt
+        context.framerate, context.time_base = self.rate, self.time_base
+        context.thread_type = "AUTO"  # whole frames where it can: slices cost bits
+        if self.threads:
+            context.thread_count = self.threads
+        context.flags |= Flags.frame_duration
+        context.color_range, context.colorspace = target.span, target.matrix
+        context.color_primaries, context.color_trc = target.primaries, target.transfer
+        if target.aspect:
+            context.sample_aspect_ratio = target.aspect
+        if self.field_order is not None:
+            context.field_order = self.field_order
+
+    def picture(self, frame: Frame) -> av.VideoFrame:
+        """The frame as the encoder wants it."""
+        picture = self.target.picture(frame)
+        picture.pict_type = PictureType.NONE  # the encoder decides, not the input's encoder
+        picture.pts, picture.time_base = frame.pts, frame.time_base
+        return picture
+
+
+def encoding_for(
+    source: Source, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0
+) -> Encoding:
+    """How a source is encoded; what the encoder cannot keep is noted in the source's problems.
+
+    size : (width, height) of the frames when they are not the source's own.
+    """
+    codec = find_encoder(options.encoder)
+    options = replace(options, encoder=codec.name)  # "h264" finds libx264
+    target = target_for(source, codec, options, size)
+    settings = encoder_settings(options, threads)
+    interlaced = isinstance(source, VideoSource) and source.interlaced
+    if interlaced and "x26" in codec.name:
+        settings = {"flags": "+ildct+ilme", **settings}
+    order = source.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
+    _note_changes(source, target, codec.name)
+    return Encoding(
+        codec.canonical_name,
+        codec.name,
+        settings,
+        target,
+        source.frame_rate,
+        source.time_base,
+        order,
+        threads,
+    )
+
+
+def _note_changes(source: Source, target: Target, encoder: str) -> None:
+    if target.coded != target.size:
+        source.problems.note(
+            f"The picture was grown from {target.size[0]} x {target.size[1]} to {target.coded[0]} x "
+            f"{target.coded[1]}, as {encoder} needs even sizes."
+        )
+    native = source.first_picture.format.name if isinstance(source, VideoSource) else target.fmt
+    if native.replace("yuvj", "yuv") != target.fmt.replace("yuvj", "yuv"):
+        source.problems.note(f"Pictures were encoded as {target.fmt}, as {encoder} has no {native}.")

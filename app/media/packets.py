@@ -1,0 +1,287 @@
+"""Encoded pieces of a video, and the whole that is put together from them.
+
+A piece is a file of packets: their payloads one after the other, then a JSON index, its length (8 bytes, little-endian)
+and a mark.  It depends on its frames and the encoder alone, not on the machine.
+"""
+
+from __future__ import annotations
+
+import base64
+import heapq
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import av
+import numpy as np
+from av.codec.context import Flags
+from av.packet import Packet
+from av.video.codeccontext import VideoCodecContext
+from numpy.typing import NDArray
+
+from app.media.copies import Audio
+from app.media.encoder import EncodeOptions
+from app.media.encoding import Encoding, encoding_for
+from app.media.errors import MediaError
+from app.media.frame import NATIVE_FORMATS, Frame
+from app.media.orientation import Orientation
+from app.media.reader import Reader, nearest_format, reformat
+from app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
+from app.media.source import Source, VideoSource
+
+if TYPE_CHECKING:
+    from app.media.reader import AnyPacket
+
+THREADS = 4  # of every encoder: the bytes of some depend on the number
+_MARK = b"GUISEPK1"
+_DECODERS = {"av1": "libdav1d"}  # where FFmpeg's own needs special hardware
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One packet: its bytes in the file, its time and duration in units of time_base, and its frame's index."""
+
+    size: int
+    pts: int
+    duration: int
+    key: bool
+    index: int
+
+
+class PacketSink(Sink):
+    """Encodes consecutive frames of a source to a piece, which begins with a keyframe and refers to no other piece.
+
+    It may be empty, as all of a damaged stretch may be lost.  An existing file is replaced.  There are no pieces of
+    images or folders of images: use `open_sink` where the output is one.
+    """
+
+    needs_frames = False
+
+    def __init__(self, path: Path, source: Source, options: EncodeOptions) -> None:
+        super().__init__(path, force=True)
+        self._encoding = encoding_for(source, options, threads=THREADS)
+        self._context = _encoder(self._encoding)
+        self._last: Fraction | None = None
+        self._entries: list[_Entry] = []
+        self._indices: dict[int, int] = {}
+        self._claim()
+        self._file = open(self._part, "wb")  # noqa: SIM115
+
+    def write(self, frame: Frame) -> None:
+        self._last = later_time(frame, self._last)
+        self._indices[frame.pts] = frame.index
+        with as_media_error(self.path):
+            self._store(self._context.encode(self._encoding.picture(frame)))
+        self.frames += 1
+
+    def _store(self, packets: Sequence[AnyPacket]) -> None:
+        for packet in packets:
+            assert packet.pts is not None
+            self._file.write(bytes(packet))
+            index = self._indices.pop(packet.pts)
+            entry = _Entry(packet.size, packet.pts, packet.duration or 0, packet.is_keyframe, index)
+            self._entries.append(entry)
+
+    def _finish(self) -> None:
+        if self.frames:
+            self._store(self._context.encode(None))
+        text = json.dumps(self._header()).encode()
+        self._file.write(text + len(text).to_bytes(8, "little") + _MARK)
+        self._file.close()
+        self._publish()
+
+    def _header(self) -> dict[str, Any]:
+        target, context = self._encoding.target, self._context
+        return {
+            "codec": self._encoding.codec,
+            "extradata": base64.b64encode(context.extradata or b"").decode(),
+            "size": target.coded,
+            "format": target.fmt,
+            "bits": context.bits_per_coded_sample,
+            "colour": [target.span, target.matrix, target.primaries, target.transfer],
+            "orientation": asdict(target.orientation),
+            "time_base": str(self._encoding.time_base),
+            "packets": [[*asdict(entry).values()] for entry in self._entries],
+        }
+
+    def _discard(self) -> None:
+        self._file.close()
+        super()._discard()
+
+
+def _encoder(encoding: Encoding) -> VideoCodecContext:
+    """An open encoder, as a stream of a file would have it."""
+    context = av.CodecContext.create(encoding.encoder, "w")
+    assert isinstance(context, VideoCodecContext)
+    context.options = dict(encoding.settings)
+    encoding.configure(context)
+    context.flags |= Flags.global_header
+    try:
+        context.open()
+    except (av.error.FFmpegError, ValueError) as error:
+        raise MediaError(f"Encoder {encoding.encoder!r} refuses these settings: use libx264.") from error
+    return context
+
+
+class _Piece:
+    """A piece that was written: its index, and its payloads one by one."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with path.open("rb") as file:
+            self.header = _read_header(file, path)
+        self.entries = [_Entry(*entry) for entry in self.header["packets"]]
+        self.extradata = base64.b64decode(self.header["extradata"])
+        self.time_base = Fraction(self.header["time_base"])
+
+    def packets(self) -> Iterator[AnyPacket]:
+        """The packets in decoding order, without dts."""
+        with self.path.open("rb") as file:
+            for entry in self.entries:
+                packet: AnyPacket = Packet(file.read(entry.size))
+                packet.pts, packet.duration, packet.time_base = entry.pts, entry.duration, self.time_base
+                packet.is_keyframe = bool(entry.key)
+                yield packet
+
+
+def _read_header(file: BinaryIO, path: Path) -> dict[str, Any]:
+    tail = len(_MARK) + 8
+    end = file.seek(0, 2)
+    file.seek(max(end - tail, 0))
+    length, mark = int.from_bytes(file.read(8), "little"), file.read()
+    if mark != _MARK or length > end - tail:
+        raise MediaError(f"{path} is not a complete piece of a video: delete it and run again.")
+    file.seek(end - tail - length)
+    header: dict[str, Any] = json.loads(file.read(length))
+    return header
+
+
+def read_packets(path: Path) -> Iterator[Frame]:
+    """The frames of a piece, decoded, with the times and indices that they were written with."""
+    piece = _Piece(path)
+    context = _decoder(piece)
+    orientation = Orientation(**piece.header["orientation"])
+    entries = {entry.pts: entry for entry in piece.entries}
+    for packet in chain(piece.packets(), [None]):
+        for picture in context.decode(packet):
+            assert picture.pts is not None
+            entry = entries[picture.pts]
+            picture.duration = entry.duration
+            yield Frame(
+                _native(picture), pts=entry.pts, time_base=piece.time_base, index=entry.index,
+                orientation=orientation,
+            )  # fmt: skip
+
+
+def _decoder(piece: _Piece) -> VideoCodecContext:
+    """A decoder that knows what is only written outside the packets."""
+    codec = piece.header["codec"]
+    context = av.CodecContext.create(_DECODERS.get(codec, codec), "r")
+    assert isinstance(context, VideoCodecContext)
+    context.extradata = piece.extradata or None
+    context.width, context.height = piece.header["size"]
+    context.pix_fmt = piece.header["format"]
+    context.bits_per_coded_sample = piece.header["bits"]
+    context.color_range, context.colorspace, context.color_primaries, context.color_trc = piece.header[
+        "colour"
+    ]
+    context.thread_type = "AUTO"
+    return context
+
+
+def _native(picture: av.VideoFrame) -> av.VideoFrame:
+    if picture.format.name in NATIVE_FORMATS:
+        return picture
+    return reformat(picture, picture.width, picture.height, nearest_format(picture))
+
+
+def assemble(
+    output: Path, source: Source, parts: Sequence[Path], options: EncodeOptions, *, tags: Mapping[str, str],
+    private: bool, audio: Audio = "keep", force: bool = False,
+) -> None:  # fmt: skip
+    """Write the video that the pieces of a source make up, in order, with copies of the source's other streams.
+
+    The options must be those of the pieces; the others are as for `open_sink`.   audio : what becomes of the sound.
+    The result is the same bytes each time.  Raises MediaError for a user's mistake; nothing is then left behind.
+    """
+    check_free(output, source, force)
+    pieces = [_Piece(part) for part in parts]
+    encoding = encoding_for(source, options, threads=THREADS)
+    with _Assembly(output, source, encoding, force=force, tags=tags, private=private, audio=audio) as whole:
+        whole.mux(source, [piece for piece in pieces if piece.entries])
+
+
+class _Assembly(VideoOutput):
+    """A video whose encoded stream comes in pieces."""
+
+    def mux(self, source: Source, pieces: Sequence[_Piece]) -> None:
+        """Write the packets of all streams, in the order of their time."""
+        streams = [self._timed(pieces)]
+        if isinstance(source, VideoSource):
+            streams.append(_timed_others(source))
+        for _, is_video, packet in heapq.merge(*streams, key=lambda item: item[0]):
+            if is_video:
+                packet.stream = self._stream
+                with as_media_error(self.path):
+                    self._mux([packet])
+                self.frames += 1
+            else:
+                self._copy(packet)
+
+    def _timed(self, pieces: Sequence[_Piece]) -> Iterator[_Timed]:
+        """The pieces' packets with the decoding times that suit all of them, and where they are due, seconds."""
+        decoding = iter(
+            decoding_times(np.array([e.pts for p in pieces for e in p.entries], np.int64)).tolist()
+        )
+        inline = not self._stream.codec_context.flags & Flags.global_header
+        for piece in pieces:
+            for packet in piece.packets():
+                if inline and packet.is_keyframe and piece.extradata:
+                    packet = _with_headers(packet, piece.extradata)
+                packet.dts = next(decoding)
+                yield packet.dts * piece.time_base, True, packet
+
+
+_Timed = tuple[Fraction, bool, "AnyPacket"]
+
+
+def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
+    """A keyframe's packet with the headers in it, as containers want it that have no place of their own for them."""
+    whole: AnyPacket = Packet(headers + bytes(packet))
+    whole.pts, whole.duration, whole.time_base = packet.pts, packet.duration, packet.time_base
+    whole.is_keyframe = True
+    return whole
+
+
+def _timed_others(source: VideoSource) -> Iterator[_Timed]:
+    """The packets of the other streams with where they are due, seconds; one without a time follows the last."""
+    reader = Reader(source.path, source.problems)
+    time = Fraction(-(2**62))
+    try:
+        reader.only_others()
+        for packet in reader.packets():
+            if packet.stream is reader.stream or not (packet.size or packet.dts is not None):
+                continue
+            if packet.dts is not None:
+                time = packet.dts * Fraction(packet.time_base)
+            yield time, False, packet
+    finally:
+        reader.close()
+
+
+def decoding_times(pts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Ascending dts (n,) for packets in decoding order, none after its pts (n,), all units of one time base.
+
+    They are the sorted pts, as many places late as the most that a picture waits for others.
+
+    >>> decoding_times(np.array([0, 40, 10, 20, 30])).tolist()
+    [-10, 0, 10, 20, 30]
+    """
+    shown = np.sort(pts)
+    depth = int((np.arange(len(pts)) - np.searchsorted(shown, pts)).max(initial=0))
+    early = shown[:depth] - (shown[depth] - shown[0]) if depth else shown[:0]
+    return np.concatenate([early, shown[: len(pts) - depth]])
