@@ -12,7 +12,7 @@ OURS = {"aam", "app", "render"}
 MAY_IMPORT = {
     "aam": {"aam", "numpy", "scipy", "cv2", "skimage", "onnxruntime", "safetensors"},
     "render": {"render", "numpy", "cv2", "moderngl"},
-    "app": OURS | {"numpy", "scipy", "cv2", "av", "typer", "rich", "distributed"},
+    "app": OURS | {"numpy", "scipy", "cv2", "av", "typer", "rich", "distributed", "fsspec"},
 }
 # A heavy or optional library -> the modules (files or folders) that may import it.
 OWNERS = {
@@ -22,6 +22,7 @@ OWNERS = {
     "moderngl": {"render"},
     "av": {"app/media"},
     "distributed": {"app/deidentify/cluster.py"},
+    "fsspec": {"app/deidentify/remote.py"},
 }
 
 
