@@ -46,7 +46,7 @@ COUNTS = {
     "swapped": "every face swapped",
     "covered": "a face covered",
     "left": "a face left as it is, as you said",
-    "without face": "no face",
+    "without face": "no face found",
 }
 VOICE = {
     "keep": "the voice: the sound is that of the input",
@@ -67,7 +67,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         tag("p", visible(name), class_="name"),
         *_headline(outcome(report), verdict(report)),
         _facts(report),
-        *_counts(report),
+        *_counts(report.counts),
         *_tracks(report, thumbnails),
         *_audit(report),
         *_settings(report),
@@ -87,15 +87,17 @@ def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
         "Some faces covered": [e for e in entries if e.code == SOME_COVERED],
         "All faces swapped": [e for e in entries if e.code == ALL_SWAPPED],
     }
-    counts = ", ".join(f"{title.lower()}: {len(group)}" for title, group in groups.items())
+    said = ", ".join(f"{title.lower()}: {len(group):,}" for title, group in groups.items())
+    frames = {name: sum(entry.counts.get(name, 0) for entry in entries) for name in COUNTS}
     body = tag(
         "main",
         tag("h1", "De-identification report"),
         tag("p", f"{len(entries):,} file{'' if len(entries) == 1 else 's'}", class_="name"),
-        tag("p", f"{counts.capitalize()}. Made with Guise {version()}, {_today()}."),
+        tag("p", f"{said.capitalize()}. Made with Guise {version()}, {_today()}."),
+        *_counts(frames),
         *(_group(title, group, path.parent) for title, group in groups.items() if group),
     )
-    page = document("De-identification report", body, STYLE)
+    page = document("De-identification report", join(patterns(), body), STYLE)
     write_whole(path, lambda part: part.write_text(page, encoding="utf-8"))
 
 
@@ -120,19 +122,21 @@ def _facts(report: FileReport) -> Html:
     )
 
 
-def _counts(report: FileReport) -> Iterator[Html]:
+def _counts(counts: Mapping[str, int]) -> Iterator[Html]:
     yield tag("h2", "Frames")
-    shares = [(name, report.counts.get(name, 0)) for name in COUNTS]
+    shares = [(name, counts.get(name, 0)) for name in COUNTS]
     total = max(sum(n for _, n in shares), 1)
-    said = ", ".join(f"{COUNTS[name]}: {n} frames" for name, n in shares)
-    yield bar([(name if name in DONE else "ground", n) for name, n in shares], said)
+    said = ", ".join(f"{COUNTS[name]}: {n:,} frames" for name, n in shares)
+    yield bar([(_fill(name), n) for name, n in shares], said)
     rows = [
-        (join(key(name if name in DONE else "ground"), COUNTS[name]), f"{n:,}", f"{100 * n / total:.1f} %")
-        for name, n in shares
+        (join(key(_fill(name)), COUNTS[name]), f"{n:,}", f"{100 * n / total:.1f} %") for name, n in shares
     ]
-    yield _table(
-        ("Frames with", "Number", "Share"), rows, "Each frame counts once, by its least hidden face.", 2
-    )
+    yield _table("Frames", ("Frames with", "Number", "Share"), (None, "number", "number"), rows)
+    yield tag("p", "Each frame counts once, by its least hidden face.", class_="dim")
+
+
+def _fill(name: str) -> str:
+    return name if name in DONE else "ground"
 
 
 # -- tracks ---------------------------------------------------------------------------------------------------
@@ -163,23 +167,22 @@ def _tracks(report: FileReport, thumbnails: Mapping[int, Sequence[Picture]]) -> 
 
 def _about(track: Track, report: FileReport) -> str:
     first, last = (clock(float(report.seconds[frame])) for frame in (track.first, track.last))
-    what = {"swap": "swapped", "cover": "covered", "leave": "left as it is, as you said"}[track.action]
-    why = f" ({track.reason})" if track.action == "cover" and track.reason else ""
-    donor = f", shown as {printable(track.donor)}" if track.action == "swap" and track.donor else ""
     seen = f"{first} to {last}, seen in {track.seen:,} frames, {track.width:.0f} pixels wide"
-    return f"Person {track.person}, {seen}. To be {what}{why}{donor}."
+    donor = f", with the face of {printable(track.donor)}" if track.donor else ""
+    why = f", because {printable(track.reason)}" if track.reason and track.action == track.proposed else ""
+    return f"Person {track.person}, {seen}. To do: {track.action}{donor}{why}."
 
 
 def _card(
     title: str, about: str, one: Outcome, report: FileReport, thumbnails: Sequence[Picture]
 ) -> Html:  # fmt: skip
     counts = [(done, int((one.done == code).sum())) for code, done in enumerate(DONE)]
-    said = ", ".join(f"{WORDS[done]}: {n:,}" for done, n in counts if n)
+    done = ", ".join(f"{WORDS[name]} {n:,} times" for name, n in counts if n)
     return tag(
         "section",
-        tag("h3", title),
-        tag("p", about, f" Frames {said}." if said else None, class_="facts"),
-        timeline(one, report, f"{title} over the video. {said}"),
+        tag("h3", title, ": " if done else None, done),
+        tag("p", about, class_="facts"),
+        timeline(one, report, f"{title} over the video: {done}"),
         _thumbs(title, thumbnails),
         _spans(one, report),
         class_="card",
@@ -222,7 +225,8 @@ def _spans(one: Outcome, report: FileReport) -> Html | None:
         return None
     head = ("What", "From", "To", "First frame", "Last frame")
     title = f"{len(rows):,} span{'' if len(rows) == 1 else 's'} of frames"
-    return tag("details", tag("summary", title), _table(head, rows, "", 4))
+    shown, more = _most(rows)
+    return tag("details", tag("summary", title), _table(title, head, (None, *["number"] * 4), shown), more)
 
 
 # -- the rest -------------------------------------------------------------------------------------------------
@@ -245,7 +249,9 @@ def _audit(report: FileReport) -> Iterator[Html]:
         )
         for find in sorted(report.audit, key=lambda f: (f.covered, f.frame))
     ]  # fmt: skip
-    yield _table(("Frame", "Time", "Box, pixels", "Score", "What was done"), rows, "", 0)
+    shown, more = _most(rows)
+    yield _table("Finds", ("Frame", "Time", "Box, pixels", "Score", "What was done"), (None,) * 5, shown)
+    yield more or join()
 
 
 def _settings(report: FileReport) -> Iterator[Html]:
@@ -292,7 +298,7 @@ def _sign() -> Iterator[Html]:
 
 
 def _group(title: str, entries: Sequence[BatchEntry], folder: Path) -> Html:
-    head = ("File", "What happened", *("Swapped", "Covered", "Left", "No face"))
+    head = ("File", "What happened", "Swapped", "Covered", "Left", "No face")
     rows = [
         (
             _linked(entry, folder), printable(entry.sentence),
@@ -300,8 +306,8 @@ def _group(title: str, entries: Sequence[BatchEntry], folder: Path) -> Html:
         )
         for entry in entries
     ]  # fmt: skip
-    note = "Frames by their least hidden face."
-    return join(tag("h2", f"{title}: {len(entries):,}"), _table(head, rows, note, 4, most=len(rows)))
+    words = f"{title}: {len(entries):,}"
+    return join(tag("h2", words), _table(words, head, ("text", "text", *["number"] * 4), rows))
 
 
 def _linked(entry: BatchEntry, folder: Path) -> Html:
@@ -323,25 +329,21 @@ def _pairs(*pairs: tuple[str, Html | str | None]) -> Html:
 
 
 def _table(
-    head: Sequence[str], rows: Sequence[Sequence[object]], caption: str, numbers: int, most: int = ROWS
-) -> Html:
-    """A table, of `most` rows, whose last `numbers` columns are numbers."""
-    first = len(head) - numbers
-    kinds = [None if n < first else "number" for n in range(len(head))]
+    label: str, head: Sequence[str], kinds: Sequence[str | None], rows: Sequence[Sequence[object]]
+) -> Html:  # fmt: skip
+    """A table that can be moved aside where it is too wide.   label : what it is.   kinds : of the columns' cells."""
     titles = (tag("th", title, scope="col", class_=kind) for title, kind in zip(head, kinds, strict=True))
     body = (
-        tag("tr", *(tag("td", cell, class_=k) for cell, k in zip(row, kinds, strict=True)))
-        for row in rows[:most]
+        tag("tr", *(tag("td", cell, class_=k) for cell, k in zip(row, kinds, strict=True))) for row in rows
     )
-    more = f"{len(rows) - most:,} more are in the JSON report." if len(rows) > most else None
-    table = tag(
-        "table",
-        tag("caption", caption) if caption else None,
-        tag("thead", tag("tr", *titles)),
-        tag("tbody", *body),
-    )
-    scroll = tag("div", table, class_="scroll", tabindex=0, role="region", aria_label=caption or "table")
-    return join(scroll, tag("p", more, class_="dim") if more else None)
+    table = tag("table", tag("thead", tag("tr", *titles)), tag("tbody", *body))
+    return tag("div", table, class_="scroll", tabindex=0, role="region", aria_label=label)
+
+
+def _most(rows: Sequence[Sequence[object]]) -> tuple[Sequence[Sequence[object]], Html | None]:
+    """The first ROWS, and where the others are."""
+    more = f"{len(rows) - ROWS:,} more are in the JSON report."
+    return rows[:ROWS], tag("p", more, class_="dim") if len(rows) > ROWS else None
 
 
 def _today() -> str:

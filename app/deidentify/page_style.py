@@ -21,17 +21,18 @@ body {
   margin: 0; background: var(--paper); color: var(--ink);
   font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", sans-serif;
 }
-main { max-width: 62rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; overflow-wrap: anywhere; }
+main { max-width: 62rem; margin: 0 auto; padding: 1.5rem 1rem 4rem; overflow-wrap: break-word; }
 h1 { font-size: 1rem; font-weight: 600; color: var(--dim); margin: 0; }
 h2 { font-size: 1.25rem; margin: 2.5rem 0 .75rem; }
 h3 { font-size: 1.05rem; margin: 0; }
 p { margin: .5rem 0; }
+.name, dd { overflow-wrap: anywhere; }
 .name { font-size: 1.6rem; font-weight: 650; line-height: 1.25; margin: .15rem 0 1rem; }
 .verdict { border-left: .4rem solid; padding: .75rem 1rem; background: var(--card); border-radius: .3rem; }
 .verdict strong { display: block; font-size: 1.3rem; line-height: 1.3; }
 .verdict p { margin: .25rem 0 0; color: var(--ink); }
 .good { color: var(--good); } .fair { color: var(--fair); } .bad { color: var(--bad); }
-.dim, figcaption, caption { color: var(--dim); }
+.dim { color: var(--dim); }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .25rem 1.25rem; margin: 1rem 0; }
 dt { color: var(--dim); } dd { margin: 0; }
 code { font: .85em ui-monospace, "SF Mono", Consolas, monospace; }
@@ -39,11 +40,10 @@ code { font: .85em ui-monospace, "SF Mono", Consolas, monospace; }
 .facts { color: var(--dim); margin: .15rem 0 .75rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-caption { text-align: left; padding-bottom: .35rem; }
 th, td { text-align: left; padding: .35rem .9rem .35rem 0; border-bottom: 1px solid var(--rule); vertical-align: top; }
 thead th { color: var(--dim); font-weight: 500; }
-tbody th { font-weight: 500; }
 td.number, th.number { text-align: right; white-space: nowrap; }
+td.text { min-width: 10rem; max-width: 24rem; overflow-wrap: anywhere; }
 figure { margin: 0; }
 svg { display: block; width: 100%; }
 svg.key { display: inline-block; width: 1.6rem; height: 1rem; vertical-align: -.15rem; margin-right: .45rem; }

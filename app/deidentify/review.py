@@ -135,6 +135,8 @@ def _loaded(path: Path) -> Any:
         raise DeidentifyError(
             f"{path} is not JSON at {where}: {error.msg}; look for a lost comma or quote"
         ) from None
+    except UnicodeDecodeError:
+        raise DeidentifyError(f"{path} is not UTF-8 text: save it as such") from None
     except (ValueError, RecursionError) as error:
         raise DeidentifyError(f"{path} cannot be understood: {error}") from None
 
