@@ -1,0 +1,157 @@
+"""Faces of a segment, on the sample people: all frames, both directions of time, and nobody where there is nobody."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from clips import empty_scene
+from made_up import SAMPLES
+
+from aam.landmarks import interocular
+from app.deidentify.detect import Chaser, Glimpse, Seen, _seen_again, detect_faces
+from app.deidentify.fit import place
+from app.deidentify.smooth import smooth
+from app.media import Frame, open_source
+
+
+def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:
+    with open_source(SAMPLES / person / clip) as source:
+        return [frame for frame, _ in zip(source, range(count), strict=False)]
+
+
+def truth(person: str, count: int = 30) -> np.ndarray:
+    return np.load(SAMPLES / person / "talk2.npz")["landmarks"][:count]
+
+
+@pytest.mark.parametrize("person", ["p01", "p02", "p06"])
+def test_a_person_is_one_tracklet_in_every_frame(person: str) -> None:
+    found = detect_faces(some(person))
+    assert found.frame.tolist() == list(range(30))
+    assert set(found.tracklet.tolist()) == {0}
+    off = np.linalg.norm(found.points - truth(person), axis=-1)[:, 17:68].mean(1) / interocular(truth(person))
+    assert off.max() < 0.08
+    assert len(found.cuts) == 0
+
+
+def test_a_face_that_is_found_late_is_followed_back_to_its_first_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from aam.landmarks.detector import FaceDetector
+
+    plain = FaceDetector.detect_scored
+    calls: Iterator[int] = iter(range(1000))
+
+    def late(self: FaceDetector, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        boxes, scores = plain(self, image)
+        return (boxes, scores) if next(calls) >= 12 else (boxes[:0], scores[:0])
+
+    monkeypatch.setattr(FaceDetector, "detect_scored", late)
+    assert detect_faces(some("p01", count=20)).frame.tolist() == list(range(20))
+
+
+def test_a_cut_ends_a_tracklet_and_begins_another() -> None:
+    frames = some("p01", count=10) + some("p02", count=10)
+    for index, frame in enumerate(frames):
+        frame.index = index
+    found = detect_faces(frames)
+    assert found.cuts.tolist() == [10]
+    assert found.frame[found.tracklet == 0].tolist() == list(range(10))
+    assert found.frame[found.tracklet == 1].tolist() == list(range(10, 20))
+
+
+def test_an_empty_scene_holds_nobody(tmp_path: object) -> None:
+    with open_source(empty_scene(tmp_path / "empty.mp4")) as source:  # type: ignore[operator]
+        found = detect_faces(source)
+    assert len(found.frame) == 0
+    assert len(found.bystander_frame) == 0
+
+
+def test_no_frames_are_no_faces() -> None:
+    assert len(detect_faces([]).frame) == 0
+
+
+def test_a_doubtful_glimpse_counts_when_it_is_seen_again_twice() -> None:
+    box = np.array([0, 0, 20, 20], np.float32)
+    seen = [Glimpse(i, box, 0.5, clear=False) for i in (3, 5, 7, 30)]
+    assert [g.index for g in _seen_again(seen)] == [3, 5, 7]
+    assert len(_seen_again([Glimpse(1, box, 0.9, clear=True)])) == 1
+
+
+def test_of_two_followers_of_one_face_one_stays() -> None:
+    chaser = Chaser(_Same())  # type: ignore[arg-type]
+    rgb = np.zeros((100, 100, 3), np.uint8)
+    small = np.zeros((18, 32), np.uint8)
+    for index in range(6):
+        boxes = np.array([[10, 10, 50, 50], [60, 10, 99, 50]], np.float32)[: 2 if index == 0 else 1]
+        chaser.step(Seen(index, rgb, boxes, np.full(len(boxes), 0.9, np.float32), small))
+    found = chaser.found()
+    assert (found.frame[found.tracklet == 0]).tolist() == list(range(6))
+    assert len(found.frame) <= 8
+
+
+class _Same:
+    """A landmarker that takes every face to the first one's place."""
+
+    def points_in_box(self, rgb: np.ndarray, box: np.ndarray) -> object:
+        return _face(box)
+
+    def refine(self, rgb: np.ndarray, previous: object) -> object:
+        return _face(np.array([10, 10, 50, 50]) if previous.box[0] < 40 else np.array([20, 10, 60, 50]))  # type: ignore[attr-defined]
+
+    def likeness(self, rgb: np.ndarray, box: np.ndarray) -> float:
+        return -10.0
+
+
+def _face(box: np.ndarray) -> object:
+    from aam.landmarks import Face
+    from aam.reference import ReferenceFrame
+
+    points = ReferenceFrame.canonical(48).points
+    low, high = points[:68].min(0), points[:68].max(0)
+    scaled = (points - low) / (high - low) * (box[2:] - box[:2]) + box[:2]
+    return Face.around(scaled, 0.9)
+
+
+# -- placing and smoothing -------------------------------------------------------------------------------------
+
+
+def test_a_person_is_trusted_on_their_own_face_and_not_on_another_one(p01) -> None:  # type: ignore[no-untyped-def]
+    own, other = some("p01", count=1)[0], some("p02", count=1)[0]
+    there = place(p01.tracker, own.luma, truth("p01", 1)[0].astype(float), 1.0)
+    elsewhere = place(p01.tracker, other.luma, truth("p02", 1)[0].astype(float), 1.0)
+    assert there.confidence > 0.5
+    assert elsewhere.confidence < 0.5
+    assert np.linalg.norm(there.shape - truth("p01", 1)[0], axis=1).mean() < 0.05 * interocular(
+        truth("p01", 1)[0]
+    )
+
+
+def test_a_hidden_half_of_the_face_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
+    frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
+    luma = frame.luma.copy()
+    x0, x1 = int(points[:, 0].min()), int(points[:, 0].max())
+    luma[int(points[33, 1]) : int(points[8, 1]) + 5, x0:x1] = 60
+    assert place(p01.tracker, luma, points, 1.0).confidence < 0.5
+
+
+def test_an_unsure_landmarker_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
+    frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
+    assert place(p01.tracker, frame.luma, points, 0.2).confidence < 0.5
+
+
+def test_smoothing_takes_tremble_out_and_keeps_what_moves_in_its_place() -> None:
+    rng = np.random.default_rng(0)
+    still = truth("p01", 1)[0].astype(float)
+    frames = np.arange(60)
+    noisy = still + rng.normal(size=(60, 81, 2)) * 0.15
+    calm = smooth(frames, noisy, [])
+    assert np.abs(np.diff(calm, axis=0)).mean() < 0.3 * np.abs(np.diff(noisy, axis=0)).mean()
+    step = still + 20.0 * (frames >= 30)[:, None, None]
+    np.testing.assert_allclose(smooth(frames, step, [])[[25, 35]], step[[25, 35]], atol=1.0)
+
+
+def test_smoothing_does_not_reach_over_gaps_and_cuts() -> None:
+    still = truth("p01", 1)[0].astype(float)
+    shapes = np.stack([still] * 10 + [still + 40] * 10)
+    for frames, cuts in ((np.r_[:10, 20:30], []), (np.arange(20), [10])):
+        np.testing.assert_allclose(smooth(frames, shapes, cuts), shapes, atol=1e-9)
