@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aam.model import Identity
 from app.deidentify.detect import Found
@@ -70,9 +71,9 @@ class Case:
         return float(1 / (np.median(steps) * self.scan.time_base)) if len(steps) else 30.0
 
     @cached_property
-    def seconds(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """(frames,) time of each frame."""
-        return np.asarray(self.scan.pts * float(self.scan.time_base), np.float64)
+    def times(self) -> NDArray[np.float64]:
+        """(frames,) time of each frame after the first, seconds."""
+        return np.asarray((self.scan.pts - self.scan.pts[:1]) * float(self.scan.time_base), np.float64)
 
     def found(self, segment: int, *, points: bool = True) -> Found:
         """The faces of a segment; without their points, which are most of it, (0, 81, 2) stands for them."""
@@ -116,7 +117,7 @@ class Case:
         return tuple(track_from(entry) for entry in self.work.load_json("tracks.json"))
 
     @cached_property
-    def plan(self) -> dict[str, np.ndarray[Any, Any]]:
+    def plan(self) -> dict[str, NDArray[Any]]:
         """What happens to each face: track, frame, done, box, growth, confidence, by frame."""
         return self.work.load_arrays("plan.npz")
 

@@ -19,16 +19,16 @@ from app.deidentify.link import Piece, link
 from app.deidentify.options import DeidentifyError, Options
 from app.deidentify.page import write_page
 from app.deidentify.people import why_not
+from app.deidentify.pieces import publish
 from app.deidentify.report import write_report
-from app.deidentify.review import contact_sheet, read_tracks, write_tracks
+from app.deidentify.review import read_tracks, write_tracks
+from app.deidentify.sheet import contact_sheet
 from app.deidentify.stages import Job, result_of
 from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
 from app.deidentify.work import MANIFEST, Work
 from app.donors import KeyFile, assign
 from app.media import open_source
-from app.media.packets import assemble
 from app.media.segments import scan
-from app.outputs import synthetic_tags
 from app.pictures import save_picture
 from app.run import Progress, Say
 from app.version import version
@@ -85,7 +85,7 @@ def deidentify_file(
     edited = tracks or beside(output, ".tracks.json")
     steps.plan(edited if edited.exists() else None)
     steps.render()
-    _assemble(steps.case, output, force)
+    publish(steps.case, output, force=force)
     report = _report(steps.case, source, output, time.perf_counter() - start)
     _write_report(steps.case, report, output)
     work.remove()
@@ -116,6 +116,7 @@ def _opened(source: Path, output: Path, options: Options, *, resume: bool, force
     manifest = {
         "format": "guise-work", "version": 1, "guise": version(), "input": str(source.absolute()),
         "fingerprint": fingerprint(source), "options": options.as_json(), "name": source.name,
+        "output": output.name,
     }  # fmt: skip
     if work.has(MANIFEST) and resume:
         if work.load_json(MANIFEST) != manifest:
@@ -264,6 +265,7 @@ def _proposed(case: Case) -> list[Track]:
         tracks.append(Track(
             one.number, case.people[one.number], one.first, one.last, one.seen, round(one.width, 1),
             _curve(one, rows.frames, rows.trust if rows.trust.any() else sure), action, reason, action,
+            can_swap=case.model_of(one.number) is not None,
         ))  # fmt: skip
     return tracks
 
@@ -344,16 +346,6 @@ def _bystanders(case: Case) -> Bystanders:
 # -- results --------------------------------------------------------------------------------------------------
 
 
-def _assemble(case: Case, output: Path, force: bool) -> None:
-    options = case.options
-    parts = [case.work.path(f"render.{k}.packets") for k in range(len(case.scan.segments))]
-    with open_source(case.input) as source:
-        assemble(
-            output, source, parts, options.encode, tags=synthetic_tags(), private=not options.keep_metadata,
-            audio=options.audio, force=force,
-        )  # fmt: skip
-
-
 def _report(case: Case, source: Path, output: Path, seconds: float) -> FileReport:
     renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
     problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
@@ -364,11 +356,19 @@ def _report(case: Case, source: Path, output: Path, seconds: float) -> FileRepor
     with open_source(case.input) as media:
         width, height = media.width, media.height
     return FileReport(
-        str(source), str(output), case.scan.frames, case.seconds - case.seconds[0], width, height, case.tracks,
+        str(source), str(output), case.scan.frames, case.times, width, height, case.tracks,
         tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(finds),
         _counts(plan, case.scan.frames, finds), {**case.options.as_json(), "renderer": renders[0]["renderer"]},
-        tuple(dict.fromkeys(problems)), round(seconds, 3),
+        tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output),
     )  # fmt: skip
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file, "" for a folder."""
+    if path.is_dir():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _outcome(plan: dict[str, NDArray[Any]], track: int) -> Outcome:
@@ -401,9 +401,11 @@ def _write_review(case: Case, output: Path) -> None:
     tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
     write_tracks(
         beside(output, ".tracks.json"), tracks, input_name=case.manifest["name"],
-        fingerprint=case.manifest["fingerprint"], frames=case.scan.frames, seconds=case.seconds,
+        fingerprint=case.manifest["fingerprint"], frames=case.scan.frames, seconds=case.times,
     )  # fmt: skip
-    save_picture(beside(output, ".tracks.jpg"), contact_sheet(_pictures(case, "pictures"), tracks))
+    save_picture(
+        beside(output, ".tracks.jpg"), contact_sheet(_pictures(case, "pictures"), tracks, case.times)
+    )
 
 
 def _write_report(case: Case, report: FileReport, output: Path) -> None:

@@ -20,10 +20,10 @@ from app.deidentify.cover import region
 from app.deidentify.detect import detect_faces
 from app.deidentify.fit import Fits, Placed, place
 from app.deidentify.people import enrol
+from app.deidentify.pieces import open_piece, read_piece
 from app.deidentify.render import AGAIN, Artist, Find, audit, entries_of, with_finds
 from app.deidentify.work import Work
-from app.media import Frame, open_source, process
-from app.media.packets import PacketSink, read_packets
+from app.media import Frame, Sink, open_source, process
 from app.media.reader import Problems
 from app.media.segments import read_frames
 from app.outputs import write_whole
@@ -114,21 +114,20 @@ def picture(frame: Frame, box: NDArray[np.floating]) -> NDArray[np.uint8]:
 def render(case: Case, segment: int) -> None:
     """Swap and cover, encode, look again; and pictures of the result."""
     (first, last), piece = case.span(segment), case.scan.segments[segment]
-    part = case.work.path(f"render.{segment}.packets")
     entries = entries_of(case.plan, piece.first, last)
     covered: list[Find] = []
     with Artist(case, segment, entries) as artist, open_source(case.input) as source:
         for attempt in range(1 + AGAIN):
             artist.entries = with_finds(entries, covered, first, last)
             frames = _Frames(case, piece.first, last)
-            with PacketSink(part, source, case.options.encode) as sink:
+            with open_piece(case, source, segment) as sink:
                 process(frames, _From(sink, first), artist.draw)
-            finds = list(audit(_numbered(case, part), artist))
+            finds = list(audit(read_piece(case, segment), artist))
             if not finds or attempt == AGAIN:
                 break
             covered += finds
         renderer = artist.renderer
-        pictures = _output_pictures(case, segment, artist, part)
+        pictures = _output_pictures(case, segment, artist)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     told = [_told(find, True) for find in covered] + [_told(find, False) for find in finds]
     case.work.save_json(f"render.{segment}.json", {"audit": told, "renderer": renderer})
@@ -139,25 +138,18 @@ def _told(find: Find, covered: bool) -> dict[str, Any]:
     return {"frame": find.frame, "box": box, "score": round(find.score, 3), "covered": covered}
 
 
-def _output_pictures(case: Case, segment: int, artist: Artist, part: Path) -> dict[str, NDArray[np.uint8]]:
+def _output_pictures(case: Case, segment: int, artist: Artist) -> dict[str, NDArray[np.uint8]]:
     """Pictures of the tracks as they are in the output."""
     wanted = {frame: track.number for track in case.linked for frame in track.shown[:SHOWN]}
     first, last = case.span(segment)
     if not any(first <= frame < last for frame in wanted):
         return {}
     pictures = {}
-    for frame in _numbered(case, part):
+    for frame in read_piece(case, segment):
         for entry in artist.entries.get(frame.index, []):
             if wanted.get(frame.index) == entry.track:
                 pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box)
     return pictures
-
-
-def _numbered(case: Case, part: Path) -> Iterator[Frame]:
-    """The encoded frames, counted as in the input."""
-    for frame in read_packets(part):
-        frame.index = int(np.searchsorted(case.scan.pts, frame.pts))
-        yield frame
 
 
 class _Frames:
@@ -174,7 +166,7 @@ class _Frames:
 class _From:
     """A sink that begins with a frame: those before it only warm up."""
 
-    def __init__(self, sink: PacketSink, first: int) -> None:
+    def __init__(self, sink: Sink, first: int) -> None:
         self._sink, self._first = sink, first
 
     def write(self, frame: Frame) -> None:
