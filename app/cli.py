@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli_measure import measure
 from app.cli_options import (
     Alpha,
     BoxDetectorSpec,
@@ -344,6 +345,9 @@ def bench(
     rows = [[t.renderer, t.stage, f"{t.median:.2f}", f"{t.p95:.2f}"] for t in timings]
     console.grid(f"{clip.name}: milliseconds a frame", ["renderer", "stage", "median", "95 %"], rows)
     console.result({"clip": str(clip), "milliseconds": [t.as_json() for t in timings]})
+
+
+app.command()(measure)
 
 
 def _settings(

@@ -5,13 +5,20 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
 
+from app.console import printable
+
 USER_MISTAKE = 2
 FAULT = 1
 INTERRUPTED = 130
+
+
+class Interrupted(Exception):
+    """Work that the user stopped; the sentence says what is left of it."""
 
 
 def report(error: BaseException) -> int:
@@ -19,19 +26,28 @@ def report(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         print("error: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
+    trace(error)
     sentence, code = explain(error)
-    if code == FAULT and os.environ.get("GUISE_DEBUG") == "1":
-        traceback.print_exception(error)
     print(f"error: {sentence}", file=sys.stderr)
     return code
+
+
+def trace(error: BaseException) -> None:
+    """Show where a fault of Guise came from, if GUISE_DEBUG=1 asks for it."""
+    if os.environ.get("GUISE_DEBUG") == "1" and explain(error)[1] == FAULT:
+        traceback.print_exception(error)
 
 
 def explain(error: BaseException) -> tuple[str, int]:
     """One sentence for an exception, and the exit code that goes with it."""
     if hasattr(error, "format_message"):  # a mistake on the command line, as typer puts it
         return _one_line(error.format_message()), USER_MISTAKE
+    if isinstance(error, Interrupted):
+        return str(error), INTERRUPTED
     if isinstance(error, user_mistakes()):
         return _one_line(str(error)), USER_MISTAKE
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return "there is no space left on the disk: make room, or write to another", USER_MISTAKE
     if isinstance(error, OSError) and error.filename is not None:
         return _one_line(f"{error.filename}: {error.strerror or error}"), USER_MISTAKE
     if isinstance(error, MemoryError):
@@ -46,17 +62,20 @@ def user_mistakes() -> tuple[type[Exception], ...]:
     from aam.landmarks import LandmarkError
     from aam.model import ModelError
     from aam.training import TrainingError
+    from app.deidentify.options import DeidentifyError
     from app.enrol import EnrolError
+    from app.measure.faces import MeasureError
     from app.media import MediaError
     from app.outputs import OutputError
+    from app.recogniser import RecogniserError
     from app.run import SwapError
     from render import RendererError
 
     return (
         MediaError, LandmarkError, ModelError, TrainingError, EnrolError, RendererError, ReferenceMismatchError,
-        OutputError, SwapError,
+        OutputError, SwapError, MeasureError, RecogniserError, DeidentifyError,
     )  # fmt: skip
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())
+    return printable(" ".join(text.split()))

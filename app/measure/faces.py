@@ -1,0 +1,120 @@
+"""Faces of a video, frame by frame, and the same faces in another video of the same frames.
+
+Landmarks (n, 81, 2) pixels, x right, y down, pixel centres at integers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.landmarks import Face, Landmarker, load_annotations, overlap, tight_box
+from aam.landmarks.tracking import MultiFollower
+from app.media import Frame, Source
+
+F32 = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+SAME = 0.3  # overlap of boxes from which a face of the output is the one of the original
+
+
+class MeasureError(ValueError):
+    """A measurement that cannot be done; one sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A face through a video: (n,) frames, ascending, and its landmarks (n, 81, 2) in them."""
+
+    frames: Ints
+    points: F32
+
+
+class Finder:
+    """Finds and follows all faces, frame by frame.
+
+    landmarker : Landmarker.   video : whether frames follow each other; else faces are found anew in each picture.
+    """
+
+    def __init__(self, landmarker: Landmarker, *, video: bool) -> None:
+        self._landmarker = landmarker
+        self._follower = MultiFollower(landmarker) if video else None
+
+    def __call__(self, frame: Frame) -> dict[int, Face]:
+        """The faces of the next frame by their numbers; in pictures each face has a number of its own."""
+        if self._follower is not None:
+            return self._follower.step(frame.rgb())
+        found = [face for face in self._landmarker.detect(frame.rgb()) if face.confidence >= 0.5]
+        return dict(enumerate(found))
+
+
+class Collected:
+    """Landmarks by the number of a face, as they come."""
+
+    def __init__(self) -> None:
+        self._frames: dict[int, list[int]] = {}
+        self._points: dict[int, list[NDArray[Any]]] = {}
+
+    def add(self, number: int, frame: int, points: NDArray[Any]) -> None:
+        """A face in a frame."""
+        self._frames.setdefault(number, []).append(frame)
+        self._points.setdefault(number, []).append(np.asarray(points, np.float32))
+
+    def of(self, number: int) -> Seen:
+        """One face; it may have been seen nowhere."""
+        frames, points = self._frames.get(number, []), self._points.get(number, [])
+        return Seen(np.array(frames, np.int32), np.array(points, np.float32).reshape(-1, 81, 2))
+
+    def seen(self) -> list[Seen]:
+        """All faces, those seen in most frames first."""
+        return sorted(map(self.of, self._frames), key=lambda face: -len(face.frames))
+
+
+def faces_in(source: Source, landmarker: Landmarker, tell: Callable[[int], None]) -> list[Seen]:
+    """The faces of a video; MeasureError without any.   tell : called with the number of frames that are done."""
+    find, found = Finder(landmarker, video=source.kind == "video"), Collected()
+    for frame in source:
+        for number, face in find(frame).items():
+            found.add(number, frame.index, face.points)
+        tell(frame.index + 1)
+    faces = found.seen()
+    if not faces:
+        raise MeasureError(
+            f"no face found in {source.name}: give a video that shows a face, or its landmarks with --landmarks"
+        )
+    return faces
+
+
+def faces_of_file(path: Path, frames: int) -> list[Seen]:
+    """The face that a file of landmarks tells of; LandmarkError unless the file is for so many frames."""
+    known = load_annotations(path).require_frames(frames)
+    index = np.flatnonzero(known.present).astype(np.int32)
+    return [Seen(index, known.points[index])]
+
+
+class At:
+    """The known faces by frame."""
+
+    def __init__(self, faces: Sequence[Seen]) -> None:
+        self._rows: dict[int, list[tuple[int, F32]]] = {}
+        for number, face in enumerate(faces):
+            for frame, points in zip(face.frames.tolist(), face.points, strict=True):
+                self._rows.setdefault(frame, []).append((number, points))
+
+    def __getitem__(self, frame: int) -> list[tuple[int, F32]]:
+        """(number, landmarks (81, 2)) of each face in a frame."""
+        return self._rows.get(frame, [])
+
+
+def matched(known: list[tuple[int, F32]], found: dict[int, Face]) -> Iterator[tuple[int, F32]]:
+    """For each known face (number, landmarks) the found one that lies there: (number, its landmarks)."""
+    for number, points in known:
+        box = tight_box(points)
+        best = max(found.values(), key=lambda face: overlap(face.box, box), default=None)
+        if best is not None and overlap(best.box, box) >= SAME:
+            yield number, best.points

@@ -1,0 +1,382 @@
+"""A measurement from files to figures.
+
+The faces are located in the original, and the same places are looked at in the outputs, so that no privacy figure
+depends on whether the output's faces can be found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.landmarks import Landmarker, open_landmarker
+from app.donors import open_donor
+from app.measure.curves import expression
+from app.measure.faces import At, Collected, Finder, MeasureError, Seen, faces_in, faces_of_file, matched
+from app.measure.figures import (
+    Drawn,
+    Files,
+    OutputFigures,
+    PersonFound,
+    Privacy,
+    Result,
+    Utility,
+    together,
+)
+from app.measure.pair import Timing, Untouched, compare_sounds, require_alike, side_by_side
+from app.measure.people import Gallery, Known, embedded, joined, open_gallery
+from app.measure.privacy import Scores, accepted, equal_error_rate, rank, rank_one, template
+from app.measure.reported import Reported, read_report
+from app.media import open_source
+from app.recogniser import Recogniser
+from app.run import Progress, Say, mute, silent
+from app.threads import one_thread
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be measured.
+
+    Parameters
+    ----------
+    original, outputs : videos, images or folders of images; the outputs show the same frames.
+    landmarker : spec of what finds the faces, "builtin" by default.
+    landmarks : of the original, instead of finding them.
+    recogniser : TOML card of a face recogniser; without one only utility is measured.
+    gallery : folder of other people.   donors : specs.   reports : of outputs, by `guise deidentify`.
+    """
+
+    original: Path
+    outputs: Sequence[Path]
+    landmarker: str = "builtin"
+    landmarks: Path | None = None
+    recogniser: Path | None = None
+    gallery: Path | None = None
+    donors: Sequence[str] = ()
+    reports: Sequence[Path] = field(default=())
+
+
+def measure(request: Request, *, progress: Progress = silent, say: Say = mute) -> Result:
+    """Measure outputs against their original.
+
+    Raises
+    ------
+    MeasureError, RecogniserError, LandmarkError, MediaError, ModelError
+        For a user's mistake.
+    """
+    recogniser = Recogniser(request.recogniser) if request.recogniser else None
+    if recogniser is None and (request.gallery or request.donors):
+        raise MeasureError(
+            "--gallery and --donor are compared by a face recogniser: give one with --recogniser"
+        )
+    landmarker = open_landmarker(request.landmarker)
+    reports = _reports(request)
+    timing = Timing.of(request.original)
+    timings = [Timing.of(output) for output in request.outputs]
+    for one in timings:
+        require_alike(timing, one)
+    with one_thread():
+        return _Measurement(request, landmarker, recogniser, timing, timings, reports, progress, say).result()
+
+
+def _reports(request: Request) -> dict[Path, Reported]:
+    """The report of each output that has one."""
+    found: dict[Path, Reported] = {}
+    for path in request.reports:
+        report = read_report(path)
+        own = [o for o in request.outputs if o.name == report.output] or list(request.outputs)
+        if len(own) != 1:
+            raise MeasureError(f"{path} is the report of {report.output}, which is not among the outputs")
+        found[own[0]] = report
+    return found
+
+
+class _Measurement:
+    """The work of a request whose inputs have been checked."""
+
+    def __init__(
+        self, request: Request, landmarker: Landmarker, recogniser: Recogniser | None, timing: Timing,
+        timings: list[Timing], reports: dict[Path, Reported], progress: Progress, say: Say,
+    ) -> None:  # fmt: skip
+        self._request, self._landmarker, self._recogniser = request, landmarker, recogniser
+        self._timing, self._timings, self._reports = timing, timings, reports
+        self._progress, self._tell = progress, say
+        self._notes: list[str] = []
+        self._seconds = np.array([float(t - timing.times[0]) for t in timing.times])
+
+    def result(self) -> Result:
+        """All figures."""
+        independent = self._landmarker.name.partition("@")[0] != "builtin"
+        if not independent:
+            self._say(
+                "expression is measured by the built-in landmarker, from which Guise also makes its swaps: "
+                "give another one with --landmarker"
+            )
+        faces = self._faces()
+        judge = None if self._recogniser is None else self._judge(faces, self._recogniser)
+        people = faces if judge is None else judge.faces
+        if judge is None:
+            self._say("privacy is not measured without a face recogniser: give one with --recogniser")
+        outputs = tuple(
+            self._output(path, timing, people, judge)
+            for path, timing in zip(self._request.outputs, self._timings, strict=True)
+        )
+        return Result(
+            original=self._timing.name,
+            frames=len(self._timing.times),
+            seconds=float(self._timing.times[-1] - self._timing.times[0] + self._timing.step),
+            faces=tuple(len(face.frames) for face in people),
+            landmarker=self._landmarker.name,
+            independent=independent,
+            recogniser=self._recogniser.name if self._recogniser else None,
+            gallery=judge.facts() if judge else {},
+            impostors=Scores.of(judge.gallery.impostors) if judge else None,
+            outputs=outputs,
+            notes=tuple(self._notes),
+        )
+
+    def _say(self, text: str) -> None:
+        self._notes.append(text)
+        self._tell(text)
+
+    def _faces(self) -> list[Seen]:
+        """The faces of the original."""
+        total = len(self._timing.times)
+        if self._request.landmarks is not None:
+            return faces_of_file(self._request.landmarks, total)
+        with open_source(self._request.original) as source:
+            return faces_in(source, self._landmarker, lambda done: self._progress("faces", done / total))
+
+    def _judge(self, faces: list[Seen], recogniser: Recogniser) -> Judge:
+        """Who is in the original and in the gallery."""
+        folder = self._request.gallery
+        known = open_gallery(folder, self._landmarker, recogniser, self._say) if folder else []
+        gallery = Gallery.of(known)
+        with open_source(self._request.original) as source:
+            embeddings = embedded(source, faces, recogniser)
+        groups = joined(faces, embeddings, gallery.limit)
+        own = [_joined_face(group, faces, embeddings) for group in groups]
+        for _, rows in own:
+            gallery = gallery.without(template(_finite(rows)), self._say)
+        judge = Judge(recogniser, gallery, own, _donors(self._request, self._reports, recogniser, self._say))
+        if gallery.limit is None:
+            self._say(
+                "there is no false-accept rate without at least two other people: give them with --gallery"
+            )
+        elif not gallery.limit.enough:
+            self._say(
+                f"{gallery.limit.pairs} pairs of the gallery are too few for a false-accept rate of "
+                f"{gallery.limit.rate:g}, which needs {round(1 / gallery.limit.rate)}: the "
+                f"threshold is their largest score"
+            )
+        return judge
+
+    def _output(
+        self, path: Path, timing: Timing, faces: Sequence[Seen], judge: Judge | None
+    ) -> OutputFigures:
+        report = self._reports.get(path)
+        pairs, untouched = self._compared(path, faces)
+        utilities = [
+            Utility.of(before, after.points, after.frames, len(face.frames))
+            for face, (before, after) in zip(faces, pairs, strict=True)
+        ]
+        states = [report.states(face) for face in faces] if report else None
+        scores = judge.scores(path) if judge else []
+        drawn = self._drawn(faces, pairs, scores, states)
+        return OutputFigures(
+            name=timing.name,
+            privacy=judge.privacy(scores, states) if judge else None,
+            utility=together(utilities, [len(face.frames) for face in faces]),
+            people=tuple(utilities),
+            files=self._files(path, timing, untouched.psnr),
+            drawn=drawn,
+        )
+
+    def _compared(self, path: Path, faces: Sequence[Seen]) -> tuple[list[tuple[F32, Seen]], Untouched]:
+        """For each face its landmarks before, and after, in the frames in which it is found in the output too."""
+        at, untouched = At(faces), Untouched()
+        before, after = Collected(), Collected()
+        find: Finder | None = None
+        total = len(self._timing.times)
+        for own, other in side_by_side(self._request.original, path):
+            find = find or Finder(self._landmarker, video=total > 1)
+            known = at[own.index]
+            places = dict(known)
+            for number, points in matched(known, find(other)):
+                before.add(number, own.index, places[number])
+                after.add(number, own.index, points)
+            untouched.add(own, other, list(places.values()))
+            self._progress(path.name, (own.index + 1) / total)
+        return [(before.of(i).points, after.of(i)) for i in range(len(faces))], untouched
+
+    def _files(self, path: Path, timing: Timing, psnr: float) -> Files:
+        own, other = self._timing.times, timing.times
+        apart = max(abs((b - other[0]) - (a - own[0])) for a, b in zip(own, other, strict=True))
+        return Files(own == other, float(apart), compare_sounds(self._request.original, path), psnr)
+
+    def _drawn(
+        self, faces: Sequence[Seen], pairs: list[tuple[F32, Seen]], scores: list[Compared],
+        states: list[NDArray[np.str_]] | None,
+    ) -> Drawn:  # fmt: skip
+        """The curves of the person that is seen most."""
+        most = int(np.argmax([len(face.frames) for face in faces]))
+        before, after = pairs[most]
+        return Drawn(
+            self._seconds[after.frames], expression(before), expression(after.points),
+            self._seconds[faces[most].frames],
+            scores[most].own if scores else np.full(len(faces[most].frames), np.nan),
+            states[most] if states else None,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A person's faces in an output: (n,) scores with the person, (n, people) with all, and embeddings (n, d)."""
+
+    own: F64
+    every: F64
+    embeddings: F32
+
+
+class Judge:
+    """Compares faces with the people of the original, of the gallery, and with donors.
+
+    own : for each person of the original the face and its embeddings (n, d).
+    """
+
+    def __init__(
+        self, recogniser: Recogniser, gallery: Gallery, own: list[tuple[Seen, F32]], donors: list[Known]
+    ) -> None:
+        self._recogniser, self.gallery, self._donors = recogniser, gallery, donors
+        self.faces = [face for face, _ in own]
+        self._original = [rows for _, rows in own]
+        # Every second frame makes the template; those between are the reference of what the same person scores.
+        self._own = [template(_finite(rows[::2])) for rows in self._original]
+        self._templates = np.stack([*self._own, *(one.template for one in gallery.people)])
+
+    def facts(self) -> dict[str, Any]:
+        """About the gallery."""
+        limit = self.gallery.limit
+        return {
+            "people": len(self._templates),
+            "pictures": sum(len(one.embeddings) for one in self.gallery.people),
+            "impostor_pairs": len(self.gallery.impostors),
+            "false_accept_rate": limit and limit.rate,
+            "threshold": limit and limit.score,
+            "enough_pairs": limit is not None and limit.enough,
+        }
+
+    def scores(self, path: Path) -> list[Compared]:
+        """Each person's scores in a video."""
+        with open_source(path) as source:
+            return [
+                self._compared(number, rows)
+                for number, rows in enumerate(embedded(source, self.faces, self._recogniser))
+            ]
+
+    def _compared(self, number: int, rows: F32) -> Compared:
+        every = rows.astype(np.float64) @ self._templates.T
+        return Compared(every[:, number], every, rows)
+
+    def privacy(self, scores: list[Compared], states: list[NDArray[np.str_]] | None) -> Privacy:
+        """The figures of an output."""
+        before = [self._compared(number, rows[1::2]) for number, rows in enumerate(self._original)]
+        changed, unchanged = _pooled(scores), _pooled(before)
+        nearest = [self._nearest(one) for one in scores]
+        return Privacy(
+            to_source=Scores.of(changed),
+            unswapped=Scores.of(unchanged),
+            to_donor=self._to_donors(scores, nearest),
+            unswapped_to_donor=self._to_donors(before, nearest),
+            rank_one=_rank_one(scores),
+            unswapped_rank_one=_rank_one(before),
+            chance=1 / len(self._templates),
+            verification=self._accepted(changed),
+            unswapped_verification=self._accepted(unchanged),
+            equal_error_rate=equal_error_rate(changed, self.gallery.impostors),
+            unswapped_equal_error_rate=equal_error_rate(unchanged, self.gallery.impostors),
+            by_state=_by_state(scores, states),
+            people=tuple(
+                self._found(i, one, near) for i, (one, near) in enumerate(zip(scores, nearest, strict=True))
+            ),
+        )
+
+    def _accepted(self, scores: F64) -> float:
+        return float("nan") if self.gallery.limit is None else accepted(scores, self.gallery.limit)
+
+    def _nearest(self, one: Compared) -> Known | None:
+        """The donor that a person's changed face is most like."""
+        mean = template(_finite(one.embeddings)) if np.isfinite(one.own).any() else None
+        if mean is None:
+            return None
+        return max(self._donors, key=lambda donor: float(donor.template @ mean), default=None)
+
+    def _to_donors(self, scores: list[Compared], donors: list[Known | None]) -> Scores | None:
+        parts = [
+            _finite(one.embeddings) @ donor.template
+            for one, donor in zip(scores, donors, strict=True)
+            if donor is not None
+        ]
+        return Scores.of(np.concatenate(parts)) if parts else None
+
+    def _found(self, number: int, one: Compared, donor: Known | None) -> PersonFound:
+        rows = _finite(one.embeddings)
+        every = self._templates @ template(rows) if len(rows) else np.full(len(self._templates), -1.0)
+        return PersonFound(
+            number + 1, len(rows), float(every[number]), rank(every, number), len(every), donor.name if donor else ""
+        )  # fmt: skip
+
+
+def _finite(rows: NDArray[Any]) -> F32:
+    """The rows (n, d) without those that are NaN."""
+    return np.asarray(rows[np.isfinite(rows).all(1)], np.float32)
+
+
+def _pooled(scores: list[Compared]) -> F64:
+    """All scores with the own person that there are."""
+    values = np.concatenate([one.own for one in scores])
+    return np.asarray(values[np.isfinite(values)], np.float64)
+
+
+def _rank_one(scores: list[Compared]) -> float:
+    known = [np.isfinite(one.own) for one in scores]
+    own = np.concatenate([np.full(int(k.sum()), i) for i, k in enumerate(known)])
+    return rank_one(np.concatenate([one.every[k] for one, k in zip(scores, known, strict=True)]), own)
+
+
+def _by_state(scores: list[Compared], states: list[NDArray[np.str_]] | None) -> dict[str, Scores]:
+    if states is None:
+        return {}
+    told, values = np.concatenate(states), np.concatenate([one.own for one in scores])
+    parts = {str(s): Scores.of(values[(told == s) & np.isfinite(values)]) for s in np.unique(told)}
+    return {state: part for state, part in parts.items() if part is not None}
+
+
+def _joined_face(group: list[int], faces: list[Seen], embeddings: list[F32]) -> tuple[Seen, F32]:
+    """Several tracks of one person as one face, in the order of time."""
+    frames = np.concatenate([faces[k].frames for k in group])
+    order = np.argsort(frames, kind="stable")
+    points = np.concatenate([faces[k].points for k in group])[order]
+    return Seen(frames[order], points), np.concatenate([embeddings[k] for k in group])[order]
+
+
+def _donors(request: Request, reports: dict[Path, Reported], recogniser: Recogniser, say: Say) -> list[Known]:
+    """The donors that were named, and those of the reports."""
+    specs = dict.fromkeys([*request.donors, *(d for report in reports.values() for d in report.donors)])
+    known = []
+    for spec in specs:
+        still = open_donor(spec).still
+        vector = recogniser(still.picture, still.shape)
+        if vector is None:
+            say(f"the recogniser says nothing about the donor {spec}")
+        else:
+            known.append(Known(spec, vector[None]))
+    return known

@@ -1,0 +1,119 @@
+"""The figures as a table for people: a column for each output."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+from app.measure.curves import ANGLES, CURVES
+from app.measure.figures import OutputFigures, Privacy, Result
+from app.measure.privacy import Scores
+
+FACTS = "what"
+NONE = "-"
+
+_Cell = Callable[[OutputFigures], str]
+_PrivateCell = Callable[[Privacy], str]
+
+
+def rows_of(result: Result) -> list[list[str]]:
+    """Rows of cells: what, then a cell for each output."""
+    cells = [*(_private(result) if result.recogniser else ()), *_useful(), *_files()]
+    return [[name, *(cell(one) for one in result.outputs)] for name, cell in cells]
+
+
+def _private(result: Result) -> Iterator[tuple[str, _Cell]]:
+    for name, cell in _PRIVATE:
+        yield name, _of_privacy(cell)
+    rate, limit = result.gallery["false_accept_rate"], result.gallery["threshold"]
+    if rate is not None:
+        yield (
+            f"verified at false accepts of {rate:.1%} (similarity > {limit:.2f})",
+            _of_privacy(lambda p: f"{share(p.verification)} (unswapped {share(p.unswapped_verification)})"),
+        )
+        yield "equal error rate (50 %: tells nothing)", _of_privacy(lambda p: share(p.equal_error_rate))
+    for state in dict.fromkeys(s for one in result.outputs if one.privacy for s in one.privacy.by_state):
+        yield f"similarity to source, {state}", _of_privacy(_in_state(state))
+
+
+def _in_state(state: str) -> _PrivateCell:
+    return lambda p: _scores(p.by_state.get(state))
+
+
+def _of_privacy(cell: _PrivateCell) -> _Cell:
+    return lambda one: NONE if one.privacy is None else cell(one.privacy)
+
+
+_PRIVATE: tuple[tuple[str, _PrivateCell], ...] = (
+    ("similarity to source: mean, 99th percentile", lambda p: _scores(p.to_source)),
+    ("the same, unswapped", lambda p: _scores(p.unswapped)),
+    ("similarity to donor (unswapped)", lambda p: f"{_mean(p.to_donor)} ({_mean(p.unswapped_to_donor)})"),
+    ("re-identified, rank 1 (unswapped; chance)", lambda p: f"{share(p.rank_one)} ({share(p.unswapped_rank_one)}; "
+     f"{share(p.chance)})"),
+    ("rank of each person over all frames", lambda p: ", ".join(f"{x.rank} of {x.of}" for x in p.people)),
+)  # fmt: skip
+
+
+def _useful() -> Iterator[tuple[str, _Cell]]:
+    yield "faces found in both", lambda one: share(one.utility.found)
+    yield "expression kept, mean correlation", lambda one: number(one.utility.expression)
+    for name in CURVES:
+        yield f"  {name}", _curve(name)
+    yield "landmark error, motion only (% of eye distance)", _landmarks
+    for name in ANGLES:
+        yield f"{name} error, motion only (degrees)", _angle(name)
+    yield "jitter, times the original's", lambda one: number(one.utility.jitter_ratio)
+
+
+def _curve(name: str) -> _Cell:
+    return lambda one: number(one.utility.correlation[name])
+
+
+def _angle(name: str) -> _Cell:
+    return lambda one: (
+        f"{number(one.utility.pose_error[name])}, {number(one.utility.pose_motion_error[name])}"
+    )
+
+
+def _landmarks(one: OutputFigures) -> str:
+    return f"{number(one.utility.landmark_error)}, {number(one.utility.motion_error)}"
+
+
+def _files() -> Iterator[tuple[str, _Cell]]:
+    yield "time stamps", _times
+    yield "sound", lambda one: ", ".join(s.state for s in one.files.sound) or "none"
+    yield "picture outside the faces (PSNR, dB)", lambda one: _psnr(one.files.untouched_psnr)
+
+
+def number(value: float) -> str:
+    """Two decimals.
+
+    >>> number(0.123), number(float("nan"))
+    ('0.12', '-')
+    """
+    return f"{value:.2f}" if math.isfinite(value) else NONE
+
+
+def share(value: float) -> str:
+    """A share as percent.
+
+    >>> share(0.1234)
+    '12.3 %'
+    """
+    return f"{100 * value:.1f} %" if math.isfinite(value) else NONE
+
+
+def _scores(scores: Scores | None) -> str:
+    return NONE if scores is None else f"{scores.mean:.2f}, {scores.p99:.2f}"
+
+
+def _mean(scores: Scores | None) -> str:
+    return NONE if scores is None else f"{scores.mean:.2f}"
+
+
+def _times(one: OutputFigures) -> str:
+    return "identical" if one.files.times_identical else f"within {1000 * one.files.time_error:.1f} ms"
+
+
+def _psnr(value: float) -> str:
+    return "identical" if math.isinf(value) and value > 0 else number(value)

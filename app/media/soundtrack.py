@@ -1,0 +1,42 @@
+"""The sound of a file in short, to tell whether a copy has the same."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.media.images import looks_like_image
+from app.media.reader import open_container
+
+
+@dataclass(frozen=True)
+class Sound:
+    """A sound stream: codec, the SHA-256 of its packets' bytes, and its length in seconds."""
+
+    codec: str
+    digest: str
+    seconds: float
+
+
+def sounds(path: Path) -> tuple[Sound, ...]:
+    """The sound streams of a video, in order; a picture or a folder has none.
+
+    Raises MediaError when the file cannot be read.
+    """
+    if path.is_dir() or looks_like_image(path):
+        return ()
+    with open_container(path) as container:
+        streams = list(container.streams.audio)
+        digests = {s.index: hashlib.sha256() for s in streams}
+        ticks = dict.fromkeys(digests, 0)
+        for packet in container.demux(streams) if streams else ():
+            if packet.size:  # the last ones are empty: they would flush decoders
+                digests[packet.stream_index].update(bytes(packet))
+                ticks[packet.stream_index] += packet.duration or 0
+        return tuple(
+            Sound(
+                s.codec_context.name, digests[s.index].hexdigest(), float(ticks[s.index] * (s.time_base or 0))
+            )
+            for s in streams
+        )
