@@ -12,7 +12,7 @@ OURS = {"aam", "app", "render"}
 MAY_IMPORT = {
     "aam": {"aam", "numpy", "scipy", "cv2", "skimage", "onnxruntime", "safetensors"},
     "render": {"render", "numpy", "cv2", "moderngl"},
-    "app": OURS | {"numpy", "scipy", "cv2", "av", "typer", "rich", "distributed", "fsspec"},
+    "app": OURS | {"numpy", "scipy", "cv2", "av", "typer", "rich", "matplotlib", "distributed", "fsspec"},
 }
 # A heavy or optional library -> the modules (files or folders) that may import it.
 OWNERS = {
@@ -21,6 +21,7 @@ OWNERS = {
     "safetensors": {"aam/model.py"},
     "moderngl": {"render"},
     "av": {"app/media"},
+    "matplotlib": {"app/measure/plot.py"},
     "distributed": {"app/deidentify/cluster.py"},
     "fsspec": {"app/deidentify/remote.py"},
 }
