@@ -77,7 +77,7 @@ def can_rotate(format_name: str) -> bool:
 class StreamCopies:
     """The copied streams of one output; `mux` takes the source's packets to them.
 
-    private : whether data streams, attachments and stream metadata are left out.
+    private : whether all but sound is left out, and what is written about it except its language.
     audio : whether the sound is copied.
     """
 
@@ -95,11 +95,11 @@ class StreamCopies:
     def _add(self, stream: Stream, source: VideoSource, private: bool) -> None:
         reason = _why_dropped(stream, source, private)
         if reason is None:
-            reason = self._try_template(stream)
+            reason = self._try_template(stream, private)
         if reason:
             self._problems.note(f"{_title(stream)} was left out: {reason}.")
 
-    def _try_template(self, stream: Stream) -> str | None:
+    def _try_template(self, stream: Stream, private: bool) -> str | None:
         """Add the output stream; returns why it had to be left out."""
         try:
             copy = self._output.add_stream_from_template(stream, opaque=True)
@@ -110,7 +110,9 @@ class StreamCopies:
         if isinstance(copy, AudioStream) and copy.layout.name in _UNNAMED_LAYOUTS:
             copy.codec_context.layout = _UNNAMED_LAYOUTS[copy.layout.name]  # MP4 wants a name for it
         copy.disposition = stream.disposition
-        copy.metadata.update(fresh_metadata(stream.metadata))
+        copy.metadata.update(_private_metadata(stream) if private else fresh_metadata(stream.metadata))
+        if private and stream.name == "vorbis":
+            copy.codec_context.extradata = without_vorbis_comments(stream.codec_context.extradata or b"")
         self._streams[stream.index] = copy
         return None
 
@@ -144,6 +146,8 @@ def _why_dropped(stream: Stream, source: VideoSource, private: bool) -> str | No
     """Why a stream must not be copied: '' to say nothing, None to copy it."""
     if isinstance(stream, av.video.stream.VideoStream):
         return "a cover may show the face" if is_still(stream) else "only the first video is processed"
+    if private and stream.type == "subtitle":
+        return "it may name people or, as in drones' videos, places"
     if stream.type in ("audio", "subtitle"):
         return "its codec is unknown" if stream.codec_context is None else None
     if stream.name == "bin_data" and source.container.chapters():
@@ -151,6 +155,26 @@ def _why_dropped(stream: Stream, source: VideoSource, private: bool) -> str | No
     if private:
         return "it may identify people"
     return None
+
+
+def _private_metadata(stream: Stream) -> dict[str, str]:
+    """What is said about a stream and identifies nobody."""
+    language = stream.metadata.get("language")
+    return {"language": language} if language else {}
+
+
+def without_vorbis_comments(headers: bytes) -> bytes:
+    """The three headers of a Vorbis stream, Xiph-laced, with an empty second one (Vorbis I, 5.2)."""
+    sizes, at = [], 1
+    for _ in range(headers[0]):
+        end = at
+        while headers[end] == 255:
+            end += 1
+        sizes.append(255 * (end - at) + headers[end])
+        at = end + 1
+    first, setup = headers[at : at + sizes[0]], headers[at + sum(sizes) :]
+    comment = b"\x03vorbis" + bytes(8) + b"\x01"
+    return bytes([2, len(first), len(comment)]) + first + comment + setup
 
 
 def _title(stream: Stream) -> str:
