@@ -84,8 +84,8 @@ def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
     """Write the page of a batch: the failures first, with links to the reports of the files."""
     groups = {
         "Failed": [e for e in entries if e.code not in (ALL_SWAPPED, SOME_COVERED)],
-        "Some faces covered": [e for e in entries if e.code == SOME_COVERED],
-        "All faces swapped": [e for e in entries if e.code == ALL_SWAPPED],
+        "Done, with faces covered": [e for e in entries if e.code == SOME_COVERED],
+        "Done": [e for e in entries if e.code == ALL_SWAPPED],
     }
     said = ", ".join(f"{title.lower()}: {len(group):,}" for title, group in groups.items())
     frames = {name: sum(entry.counts.get(name, 0) for entry in entries) for name in COUNTS}
@@ -337,7 +337,7 @@ def _table(
         tag("tr", *(tag("td", cell, class_=k) for cell, k in zip(row, kinds, strict=True))) for row in rows
     )
     table = tag("table", tag("thead", tag("tr", *titles)), tag("tbody", *body))
-    return tag("div", table, class_="scroll", tabindex=0, role="region", aria_label=label)
+    return tag("div", table, class_="scroll", tabindex=0, role="group", aria_label=label)
 
 
 def _most(rows: Sequence[Sequence[object]]) -> tuple[Sequence[Sequence[object]], Html | None]:

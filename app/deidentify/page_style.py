@@ -27,7 +27,7 @@ h2 { font-size: 1.25rem; margin: 2.5rem 0 .75rem; }
 h3 { font-size: 1.05rem; margin: 0; }
 p { margin: .5rem 0; }
 .name, dd { overflow-wrap: anywhere; }
-.name { font-size: 1.6rem; font-weight: 650; line-height: 1.25; margin: .15rem 0 1rem; }
+.name { font-size: 1.6rem; font-weight: 600; line-height: 1.25; margin: .15rem 0 1rem; }
 .verdict { border-left: .4rem solid; padding: .75rem 1rem; background: var(--card); border-radius: .3rem; }
 .verdict strong { display: block; font-size: 1.3rem; line-height: 1.3; }
 .verdict p { margin: .25rem 0 0; color: var(--ink); }
