@@ -83,7 +83,9 @@ def deidentify_file(
         )
         return None
     edited = tracks or beside(output, ".tracks.json")
-    steps.plan(edited if edited.exists() else None)
+    if edited.exists() or tracks:
+        say(f"{source.name}: what is to be done is taken from {edited.name}")
+    steps.plan(edited if edited.exists() or tracks else None)
     steps.render()
     publish(steps.case, output, force=force)
     report = _report(steps.case, source, output, time.perf_counter() - start)

@@ -1,4 +1,4 @@
-"""The output while it is made: a piece for each segment of a video, or the pictures themselves, and the whole of them."""
+"""The output while it is made: a piece for each segment of a video, or the pictures themselves; and the whole."""
 
 from __future__ import annotations
 
@@ -39,8 +39,10 @@ def read_piece(case: Case, segment: int) -> Iterator[Frame]:
 
 
 def publish(case: Case, output: Path, *, force: bool) -> None:
-    """Put the pieces together, sign the whole if that is wished, and give it its name."""
+    """Put the pieces together, sign the whole if that is wished, and give it its name; once is enough."""
     options = case.options
+    if case.work.has("published.json") and not _made(case).exists():
+        return
     with open_source(case.input) as source:
         check_free(output, source, force)
         if isinstance(source, VideoSource):
@@ -53,6 +55,7 @@ def publish(case: Case, output: Path, *, force: bool) -> None:
         from app.media.provenance import sign
 
         sign(_made(case), options.certificate, options.key)
+    case.work.save_json("published.json", True)
     if output.is_dir():
         shutil.rmtree(output)  # a folder of pictures of an earlier run, and --force, or an empty one
     os.replace(_made(case), output)

@@ -78,8 +78,8 @@ def fit(case: Case, segment: int) -> None:
     wanted: dict[int, list[tuple[Linked, int]]] = {}
     for track in case.linked:
         for number in (n for s, n in track.pieces if s == segment):
-            for row in np.flatnonzero(found.tracklet == number):
-                wanted.setdefault(int(found.frame[row]), []).append((track, int(row)))
+            for at in np.flatnonzero(found.tracklet == number).tolist():
+                wanted.setdefault(int(found.frame[at]), []).append((track, at))
     rows: list[tuple[int, int, Placed]] = []
     pictures: dict[str, NDArray[np.uint8]] = {}
     if wanted:
@@ -105,7 +105,7 @@ def picture(frame: Frame, box: NDArray[np.floating]) -> NDArray[np.uint8]:
     left, top, w, h = frame.align_roi(low[0], low[1], low[0] + side, low[1] + side)
     if w and h:
         rgb = frame.rgb_roi(left, top, w, h)[max(0, low[1] - top) :, max(0, low[0] - left) :]
-        y, x = (max(0, start - corner) for start, corner in ((top, low[1]), (left, low[0])))
+        y, x = max(0, top - low[1]), max(0, left - low[0])
         rgb = rgb[: side - y, : side - x]
         canvas[y : y + rgb.shape[0], x : x + rgb.shape[1]] = rgb
     return np.asarray(cv2.resize(canvas, (THUMB, THUMB), interpolation=cv2.INTER_AREA), np.uint8)
