@@ -15,6 +15,10 @@ from app.media.frame import Frame
 from app.media.source import Source, VideoSource
 from app.media.target import Target, target_for
 
+_CAPTIONING = frozenset(
+    {"libx264", "libx264rgb", "mpeg2video"}
+)  # encoders that write captions unless told not to
+
 
 @dataclass(frozen=True)
 class Encoding:
@@ -61,16 +65,20 @@ class Encoding:
 
 
 def encoding_for(
-    source: Source, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0
-) -> Encoding:
+    source: Source, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
+    captions: bool = True,
+) -> Encoding:  # fmt: skip
     """How a source is encoded; what the encoder cannot keep is noted in the source's problems.
 
     size : (width, height) of the frames when they are not the source's own.
+    captions : whether closed captions inside the pictures are passed on, by encoders that can.
     """
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
     target = target_for(source, codec, options, size)
     settings = encoder_settings(options, threads)
+    if not captions and codec.name in _CAPTIONING:
+        settings = settings | {"a53cc": "0"}
     interlaced = isinstance(source, VideoSource) and source.interlaced
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}

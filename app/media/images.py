@@ -10,6 +10,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from xml.sax.saxutils import escape, quoteattr
 
 import cv2
 import numpy as np
@@ -22,6 +23,14 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 _JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
 _JPEG_QUALITY = 95
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
+
+_XMP = (
+    '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
+    '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"><rdf:Description rdf:about="" '
+    'xmlns:Iptc4xmpExt="http://iptc.org/std/Iptc4xmpExt/2008-02-29/" xmlns:dc="http://purl.org/dc/elements/1.1/" '
+    "Iptc4xmpExt:DigitalSourceType={kind}><dc:description><rdf:Alt><rdf:li xml:lang='x-default'>{description}"
+    '</rdf:li></rdf:Alt></dc:description></rdf:Description></rdf:RDF></x:xmpmeta><?xpacket end="r"?>'
+)
 
 Image = NDArray[np.uint8]
 
@@ -70,9 +79,13 @@ def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str
     if alpha is not None and suffix not in _JPEG_SUFFIXES:
         channels.append(alpha)
     settings = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if suffix in _JPEG_SUFFIXES else []
+    picture = cv2.merge(channels)
     if suffix == ".webp":
         settings = [cv2.IMWRITE_WEBP_QUALITY, 101]  # above 100 is lossless
-    done, data = cv2.imencode(suffix, cv2.merge(channels), settings)
+        kinds, blocks = ([cv2.IMAGE_METADATA_XMP], [np.frombuffer(xmp(tags), np.uint8)]) if tags else ([], [])
+        done, data = cv2.imencodeWithMetadata(suffix, picture, kinds, blocks, settings)
+    else:
+        done, data = cv2.imencode(suffix, picture, settings)
     if not done:
         raise MediaError(
             f"An image of {rgb.shape[1]} x {rgb.shape[0]} cannot be written as {suffix}: use .png."
@@ -85,14 +98,30 @@ def is_lossy(suffix: str) -> bool:
     return suffix.lower() in _JPEG_SUFFIXES
 
 
+def xmp(tags: Mapping[str, str]) -> bytes:
+    """The tags as an XMP packet: IPTC's source type, and all others as one description.
+
+    >>> b"digitalsourcetype/x" in xmp({"digital_source_type": "http://cv.iptc.org/newscodes/digitalsourcetype/x"})
+    True
+    """
+    others = "; ".join(value for key, value in tags.items() if key != "digital_source_type")
+    kind = quoteattr(tags.get("digital_source_type", ""))
+    return _XMP.format(kind=kind, description=escape(others)).encode()
+
+
 def _with_tags(data: bytes, suffix: str, tags: Mapping[str, str]) -> bytes:
-    """The file with each tag in it, as PNG iTXt chunks or JPEG comments; other formats stay as they are."""
+    """The file with the tags in it, as PNG iTXt chunks, or JPEG comments and XMP; other formats stay as they are."""
+    if not tags:
+        return data
     if suffix == ".png":
         chunks = b"".join(_png_text(key, value) for key, value in tags.items())
+        chunks += _png_text("XML:com.adobe.xmp", xmp(tags).decode())
         return data[:_PNG_HEADER] + chunks + data[_PNG_HEADER:]
     if suffix in _JPEG_SUFFIXES:
-        comments = b"".join(_jpeg_comment(f"{key}: {value}") for key, value in tags.items())
-        return data[:2] + comments + data[2:]
+        segments = b"".join(_jpeg_segment(0xFE, f"{key}: {value}".encode()) for key, value in tags.items())
+        segments += _jpeg_segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp(tags))
+        end = 4 + int.from_bytes(data[4:6], "big")  # of the JFIF segment, which comes first
+        return data[:end] + segments + data[end:]
     return data
 
 
@@ -102,7 +131,7 @@ def _png_text(key: str, value: str) -> bytes:
     return struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
 
 
-def _jpeg_comment(text: str) -> bytes:
-    """One COM segment; its length field holds at most 65,533 bytes of text."""
-    body = text.encode()[:65533]
-    return b"\xff\xfe" + struct.pack(">H", len(body) + 2) + body
+def _jpeg_segment(mark: int, body: bytes) -> bytes:
+    """One segment of a JPEG file; its length field holds at most 65,533 bytes of body."""
+    body = body[:65533]
+    return bytes([0xFF, mark]) + struct.pack(">H", len(body) + 2) + body

@@ -55,15 +55,15 @@ class _Entry:
 class PacketSink(Sink):
     """Encodes consecutive frames of a source to a piece, which begins with a keyframe and refers to no other piece.
 
-    It may be empty, as all of a damaged stretch may be lost.  An existing file is replaced.  There are no pieces of
-    images or folders of images: use `open_sink` where the output is one.
+    It may be empty, as all of a damaged stretch may be lost.  Closed captions are left out.  An existing file is
+    replaced.  There are no pieces of images or folders of images: use `open_sink` where the output is one.
     """
 
     needs_frames = False
 
     def __init__(self, path: Path, source: Source, options: EncodeOptions) -> None:
         super().__init__(path, force=True)
-        self._encoding = encoding_for(source, options, threads=THREADS)
+        self._encoding = encoding_for(source, options, threads=THREADS, captions=False)
         self._context = _encoder(self._encoding)
         self._last: Fraction | None = None
         self._entries: list[_Entry] = []
@@ -210,7 +210,7 @@ def assemble(
     """
     check_free(output, source, force)
     pieces = [_Piece(part) for part in parts]
-    encoding = encoding_for(source, options, threads=THREADS)
+    encoding = encoding_for(source, options, threads=THREADS, captions=False)
     with _Assembly(output, source, encoding, force=force, tags=tags, private=private, audio=audio) as whole:
         whole.mux(source, [piece for piece in pieces if piece.entries])
 

@@ -203,7 +203,7 @@ class VideoSink(VideoOutput):
         self, path: Path, source: Source, options: EncodeOptions, *, force: bool = False,
         tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
     ) -> None:  # fmt: skip
-        encoding = encoding_for(source, options, size)
+        encoding = encoding_for(source, options, size, captions=not private)
         super().__init__(path, source, encoding, force=force, tags=tags, private=private, audio="keep")
         self._last: Fraction | None = None
         if isinstance(source, VideoSource):
@@ -286,7 +286,8 @@ def open_sink(
 
     force : replace an existing output.   tags : metadata to add.
     size : (width, height) of the frames when they are not the source's own; they are then taken as shown.
-    private : leave out the input's metadata, chapters, data streams and attachments.
+    private : of the input's other streams keep the sound alone, without its names, and leave out all metadata,
+        chapters and closed captions.
     Raises MediaError for a user's mistake; nothing is then left behind.
     """
     path = Path(path)
