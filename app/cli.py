@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli_deidentify import deidentify
 from app.cli_measure import measure
 from app.cli_options import (
     Alpha,
@@ -347,6 +348,7 @@ def bench(
     console.result({"clip": str(clip), "milliseconds": [t.as_json() for t in timings]})
 
 
+app.command()(deidentify)
 app.command()(measure)
 
 

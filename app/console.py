@@ -8,12 +8,14 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
 
 Advance = Callable[[float], None]
 
@@ -44,6 +46,10 @@ class Console:
         if not self.quiet and text not in self._said:
             self._said.add(text)
             self._print(text, sys.stderr)
+
+    def error(self, text: str) -> None:
+        """What went wrong with a part of the work, on stderr."""
+        self._print(f"error: {text}", sys.stderr)
 
     def table(self, title: str, rows: Mapping[str, object]) -> None:
         """Names and values in two columns."""
@@ -98,10 +104,24 @@ class Console:
         finally:
             self._bars = None
 
+    def show_bars(self) -> Progress | None:
+        """Bars for `Board`, until `hide_bars`; None where they would not be seen."""
+        if self._shows_bars():
+            self._bars = _make_bars()
+            self._bars.start()
+        return self._bars
+
+    def hide_bars(self) -> None:
+        """Take the bars away."""
+        if self._bars is not None:
+            self._bars.stop()
+            self._bars = None
+
     def _shows_bars(self) -> bool:
         return not (self.quiet or self.json) and sys.stderr.isatty()
 
     def _print(self, text: str, stream: Any) -> None:
+        text = printable(text)
         if self._bars is not None:
             self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
@@ -142,6 +162,66 @@ class Stages:
 
     def __exit__(self, *problem: object) -> None:
         self._bar.close()
+
+
+class Board:
+    """Progress bars of several files at a time: one for all, and one for each file with the stage that it is in.
+
+    total : how many files there are; a single one has its own bar only.
+    """
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console, self._total = console, total
+        self._lock = threading.Lock()
+        self._tasks: dict[str, TaskID] = {}
+        self._drawn = 0.0
+
+    def __enter__(self) -> Board:
+        self._bars = self._console.show_bars()
+        if self._total > 1 and self._bars is not None:
+            self._all = self._bars.add_task(f"0 of {self._total} files", total=self._total)
+        return self
+
+    def show(self, name: str, stage: str, share: float) -> None:
+        """A file has done `share` of a stage."""
+        with self._lock:
+            if self._bars is None:
+                return
+            if name not in self._tasks:
+                self._tasks[name] = self._bars.add_task("", total=1.0)
+            said = stage if self._total == 1 else f"{PurePath(name).name}: {stage}"
+            said = printable(said).replace("[", r"\[")  # rich's markup
+            self._bars.update(self._tasks[name], description=said, completed=share)
+            self._draw()
+
+    def finished(self, name: str, count: int) -> None:
+        """A file is done, as the `count`-th."""
+        with self._lock:
+            if self._bars is None:
+                return
+            if name in self._tasks:
+                self._bars.remove_task(self._tasks.pop(name))
+            if self._total > 1:
+                self._bars.update(self._all, description=f"{count} of {self._total} files", completed=count)
+            self._draw()
+
+    def _draw(self) -> None:
+        now = time.monotonic()
+        if self._bars is not None and now - self._drawn > _REFRESH:
+            self._drawn = now
+            self._bars.refresh()
+
+    def __exit__(self, *problem: object) -> None:
+        self._console.hide_bars()
+
+
+def printable(text: str) -> str:
+    """The text with what is no sign to be seen, such as a terminal's commands in a file's name, written out.
+
+    >>> printable("a\\x1b[2J b.mp4")
+    'a\\\\x1b[2J b.mp4'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _nothing(share: float) -> None:

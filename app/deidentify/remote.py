@@ -77,6 +77,13 @@ def exists(url: str) -> bool:
         return bool(files.exists(path))
 
 
+def read(url: str) -> bytes:
+    """What is in a small file."""
+    files, path = _open(url)
+    with _Sentence(url):
+        return bytes(files.cat_file(path))
+
+
 def fetch(url: str, path: Path) -> None:
     """Copy a file here."""
     files, place = _open(url)

@@ -1,0 +1,186 @@
+"""Many files: each on its own, several at a time where the engine can; a bad one does not stop the others."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from app.deidentify import remote
+from app.deidentify.engines import Engine
+from app.deidentify.inputs import Pair, is_there
+from app.deidentify.job import beside, deidentify_file
+from app.deidentify.options import Options
+from app.deidentify.page import write_batch_page
+from app.deidentify.report import ALL_SWAPPED, FAILED, SOME_COVERED, BatchEntry, outcome, verdict, write_batch
+from app.failures import explain, trace
+from app.run import Progress
+
+COPYING = "copying"
+SUMMARY = "deidentify-%Y%m%d-%H%M%S"
+
+
+class Watch(Protocol):
+    """Whoever is told how far a batch is; from several threads at once."""
+
+    def file(self, name: str) -> Progress:
+        """A file has begun: what is to be called with its stage and the share of it that is done."""
+
+    def note(self, text: str) -> None:
+        """Something to know."""
+
+    def finished(self, entry: BatchEntry) -> None:
+        """A file is done, or has failed."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """How all files are done.
+
+    Parameters
+    ----------
+    options : what is asked for.   engine : who does it.
+    resume, force, review, tracks : as in `deidentify_file`; with `resume`, files with an output are left as they are.
+    """
+
+    options: Options
+    engine: Engine
+    resume: bool = False
+    force: bool = False
+    review: bool = False
+    tracks: Path | None = None
+
+    def at_once(self, files: int) -> int:
+        """How many files are done at the same time: one, where each may change the key file for the next."""
+        return 1 if self.options.keyfile else max(1, min(files, self.engine.workers))
+
+
+def run_batch(pairs: Sequence[Pair], run: Run, watch: Watch) -> list[BatchEntry]:
+    """De-identify all files; what became of each, in their order.
+
+    An interruption ends the jobs at once and comes through; finished files stay.
+    """
+
+    def one(pair: Pair) -> BatchEntry:
+        entry = _attempt(pair, run, watch)
+        watch.finished(entry)
+        return entry
+
+    count = run.at_once(len(pairs))
+    if count == 1:
+        return [one(pair) for pair in pairs]
+    with ThreadPoolExecutor(count, "guise-file") as files:
+        try:
+            return list(files.map(one, pairs))
+        except BaseException:
+            files.shutdown(wait=False, cancel_futures=True)
+            run.engine.close()
+            raise
+
+
+def exit_code(entries: Sequence[BatchEntry]) -> int:
+    """1 when a file has failed, else 3 when a face was covered, else 0."""
+    codes = {entry.code for entry in entries}
+    if codes <= {ALL_SWAPPED, SOME_COVERED}:
+        return max(codes, default=ALL_SWAPPED)
+    return FAILED
+
+
+def write_summary(folder: Path, entries: Sequence[BatchEntry]) -> Path:
+    """Write what became of all files as JSON and as a page, whose path is returned."""
+    name = time.strftime(SUMMARY)
+    write_batch(folder / f"{name}.report.json", entries)
+    page = folder / f"{name}.report.html"
+    write_batch_page(page, entries)
+    return page
+
+
+def _attempt(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
+    try:
+        return _done_before(pair) if run.resume and _is_done(pair) else _one(pair, run, watch)
+    except Exception as error:
+        trace(error)
+        sentence, _ = explain(error)
+        return BatchEntry(pair.name, None, FAILED, _in_the_users_words(sentence, pair), {})
+
+
+def _in_the_users_words(sentence: str, pair: Pair) -> str:
+    """The sentence with the names that the user gave, and with that of the input in any case."""
+    for path, name in ((pair.output, pair.shown_output), (pair.source, pair.name)):
+        sentence = sentence.replace(str(path), name)
+    return sentence if Path(pair.name).name in sentence else f"{pair.name}: {sentence}"
+
+
+def _one(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
+    """Copy the input here when it is elsewhere, de-identify it, copy the output there, and clear up."""
+    progress = watch.file(pair.name)
+    if pair.put:
+        _make_private(pair.output.parent)
+    pair.output.parent.mkdir(parents=True, exist_ok=True)
+    if pair.fetch and not (run.resume and pair.source.exists()):
+        progress(COPYING, 0.0)
+        _make_private(pair.source.parent)
+        remote.fetch(pair.fetch, pair.source)
+    report = deidentify_file(
+        pair.source, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
+        tracks=run.tracks, progress=progress, say=watch.note,
+    )  # fmt: skip
+    if report is None:  # stopped for a review
+        return BatchEntry(pair.name, None, ALL_SWAPPED, "The tracks are ready to be reviewed.", {})
+    if pair.put:
+        progress(COPYING, 0.0)
+        _send(pair)
+    if pair.fetch:
+        _clear(pair.source.parent)
+    return BatchEntry(pair.name, pair.shown_output, outcome(report), verdict(report), report.counts)
+
+
+def _is_done(pair: Pair) -> bool:
+    """Whether the output is there, and its reports are, too."""
+    return is_there(pair) and not pair.output.with_name(pair.output.name + ".work").exists()
+
+
+def _done_before(pair: Pair) -> BatchEntry:
+    """What an earlier run has told of a file in its report."""
+    told = _report_of(pair)
+    if told is None:
+        return BatchEntry(
+            pair.name, pair.shown_output, ALL_SWAPPED, "It was there already, without a report.", {}
+        )
+    return BatchEntry(pair.name, pair.shown_output, told["outcome"], told["sentence"], told["counts"])
+
+
+def _report_of(pair: Pair) -> dict[str, Any] | None:
+    path = beside(pair.output, ".report.json")
+    url = remote.join(remote.folder_of(pair.put), path.name) if pair.put else ""
+    if not (remote.exists(url) if url else path.exists()):
+        return None
+    told: dict[str, Any] = json.loads(remote.read(url) if url else path.read_bytes())
+    return told
+
+
+def _send(pair: Pair) -> None:
+    """Copy the output and its reports to where they belong, the output last: where it is, all is."""
+    made = sorted(pair.output.parent.iterdir(), key=lambda path: path == pair.output)
+    for path in made:
+        remote.put(path, remote.join(remote.folder_of(pair.put), path.name))
+    _clear(pair.output.parent)
+
+
+def _make_private(folder: Path) -> None:
+    """Make a folder that only its owner can read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+
+
+def _clear(folder: Path) -> None:
+    """Delete a copy, and the folder of copies when it was the last."""
+    shutil.rmtree(folder)
+    with contextlib.suppress(OSError):
+        folder.parent.rmdir()

@@ -1,0 +1,46 @@
+"""What a user asks for, looked at before any work: paths made absolute, and wrong values refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from app.deidentify.options import DeidentifyError, Options
+from app.donors import MEAN, SUFFIX, assign, open_donor, parts
+from app.media.encoder import encoder_settings, find_encoder
+from render import GLMissing, RendererError, probe_gl
+
+
+def checked(options: Options) -> Options:
+    """The same options with absolute paths, as workers have another current folder.
+
+    Raises
+    ------
+    MediaError, ModelError, RendererError, DeidentifyError
+        When something in them does not exist or cannot be used; one sentence.
+    """
+    find_encoder(options.encode.encoder)
+    encoder_settings(options.encode)
+    if options.renderer == "gl" and isinstance(found := probe_gl(), GLMissing):
+        raise RendererError(found.reason)
+    options = replace(
+        options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
+        keyfile=options.keyfile and options.keyfile.absolute(), key=_existing(options.key, "key"),
+        certificate=_existing(options.certificate, "certificate"),
+    )  # fmt: skip
+    chosen = assign([0], options.donor, own=options.gallery, seed=options.seed, salt="")[0]
+    for donor in {*parts(chosen), *map(str, options.gallery)}:
+        open_donor(donor)
+    return options
+
+
+def _absolute(donor: str) -> str:
+    """The spec of a donor with absolute paths in it."""
+    found = [str(Path(part).absolute()) if part.endswith(SUFFIX) else part for part in parts(donor)]
+    return MEAN * donor.startswith(MEAN) + "+".join(found)
+
+
+def _existing(path: Path | None, what: str) -> Path | None:
+    if path is not None and not path.is_file():
+        raise DeidentifyError(f"there is no {what} {path}: give a PEM file")
+    return path and path.absolute()
