@@ -257,3 +257,11 @@ def test_wrong_arrays_are_refused() -> None:
         Frame.from_rgb(np.zeros((4, 4)))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"yuv must be \(h, w, 3\) uint8"):
         noise_frame("yuv420p").write_roi(0, 0, np.zeros((4, 4), np.uint8))
+
+
+def test_the_whole_picture_is_given_as_a_copy() -> None:
+    frame = Frame.from_rgb(np.zeros((6, 8, 3), np.uint8))
+    before = frame.rgb()
+    frame.write_roi(0, 0, np.full((6, 8, 3), 200, np.uint8))
+    assert before.max() == 0
+    assert frame.rgb().min() == 200

@@ -230,7 +230,7 @@ class Frame:
         """A copy of a rectangle as RGB, (h, w, 3) uint8, full range."""
         self._check(x0, y0, w, h)
         if self._rgb is not None:
-            return np.ascontiguousarray(self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w])
+            return np.array(self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w], order="C")
         return np.asarray(cv2.transform(self.read_roi(x0, y0, w, h), self.colour.to_rgb), np.uint8)
 
     def rgb(self) -> Plane:
