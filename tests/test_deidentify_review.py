@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.deidentify.options import DeidentifyError
-from app.deidentify.review import contact_sheet, read_tracks, write_tracks
-from app.deidentify.sheet import COLOURS, MOST
+from app.deidentify.review import read_tracks, write_tracks
+from app.deidentify.sheet import COLOURS, MOST, contact_sheet
 from app.deidentify.tracks import Track
 
 SECONDS = np.arange(500) / 25
@@ -73,13 +73,14 @@ def test_the_file_says_when_a_track_is_seen_and_how_to_edit(tmp_path: Path) -> N
 def test_edits_are_taken(tmp_path: Path) -> None:
     def edit(value: dict[str, Any]) -> None:
         value["tracks"][0] |= {"action": "cover"}
-        value["tracks"][1] |= {"action": "leave", "name": "Ann", "person": 7}
+        value["tracks"][1] |= {"action": "leave", "name": "Ann"}
+        value["tracks"][2] |= {"person": 3}
         value["tracks"].reverse()
 
     assert read_tracks(edited(tmp_path / "t.json", edit), TRACKS, "abc") == (
         replace(TRACKS[0], action="cover"),
-        replace(TRACKS[1], action="leave", name="Ann", person=7),
-        TRACKS[2],
+        replace(TRACKS[1], action="leave", name="Ann"),
+        replace(TRACKS[2], person=3),
     )
 
 
@@ -126,14 +127,14 @@ MISTAKES: list[tuple[Callable[[dict[str, Any]], object], str]] = [
         lambda v: v["tracks"][1].update(action="swap", can_swap=True),
         "track 2: can_swap is not to be edited: put it back",
     ),
-    (lambda v: v["tracks"][0].update(person=0), "track 1: person is 0, and must be a whole number from 1"),
+    (lambda v: v["tracks"][0].update(person=0), "track 1: person is 0, and must be the number of a track"),
     (
         lambda v: v["tracks"][0].update(person=True),
-        "track 1: person is true, and must be a whole number from 1",
+        "track 1: person is true, and must be a whole number",
     ),
     (
         lambda v: v["tracks"][0].update(person=1.5),
-        "track 1: person is 1.5, and must be a whole number from 1",
+        "track 1: person is 1.5, and must be a whole number",
     ),
     (lambda v: v["tracks"][0].update(name=None), "track 1: name is null, and must be text in quotes"),
     (lambda v: v["tracks"][0].update(donor=5), "track 1: donor is 5, and must be text in quotes"),

@@ -6,7 +6,7 @@ What cannot be understood in an edited file is refused, never guessed: a face co
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,22 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.deidentify.options import DeidentifyError
-from app.deidentify.sheet import contact_sheet
 from app.deidentify.tracks import ACTIONS, Track
 from app.outputs import write_whole
-
-__all__ = ["contact_sheet", "read_tracks", "write_tracks"]
 
 FORMAT = "guise-tracks"
 VERSION = 1
 EDITABLE = ("action", "donor", "name", "person")
 HOW_TO_EDIT = (
     "A track is one face, followed through the video; the sheet of pictures beside this file shows each. Change here "
-    "what is to be done, then run the same command again with this file.",
+    "what is to be done, then run the same command again with --resume instead of --review.",
     'action: "swap" shows another face, "cover" hides the face, "leave" leaves it as it is, for all to recognise. '
     "A face can be swapped only where can_swap is true; reason says why Guise would not.",
-    "person: tracks with the same number are the same person and get the same donor. Give two tracks one number "
-    "when they are one person, or a new number when they are not.",
+    "person: tracks with the same number are the same person and get the same donor; it is the number of one of the "
+    "tracks. Give two tracks one number when they are one person, or a track its own number when it is another one.",
     'donor: whose face is shown, for all tracks of the person; "" lets Guise choose.',
     "name: what you call the person, for yourself; it is in no report.",
     "Nothing else is to be changed. Faces that are no track here are covered.",
@@ -82,7 +79,7 @@ def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[
             )
         if number in edited:
             raise DeidentifyError(f"{path}: track {number} is there twice: delete one of the two")
-        edited[number] = _edited(path, known[number], row)
+        edited[number] = _edited(path, known[number], row, known)
     missing = [number for number in known if number not in edited]
     if missing:
         raise DeidentifyError(
@@ -172,8 +169,8 @@ def _rows(path: Path, value: Any, fingerprint: str) -> list[Any]:
     return list(value["tracks"])
 
 
-def _edited(path: Path, track: Track, row: dict[str, Any]) -> Track:
-    """A track with the user's values."""
+def _edited(path: Path, track: Track, row: dict[str, Any], known: Container[int]) -> Track:
+    """A track with the user's values.   known : numbers of all tracks."""
     where, fixed = f"{path}: track {track.number}", _row(track)
     for key in row:
         if key not in fixed and key != "seconds":
@@ -191,6 +188,8 @@ def _edited(path: Path, track: Track, row: dict[str, Any]) -> Track:
     for key, fits, wanted in _WANTED:
         if not fits(row[key]):
             raise DeidentifyError(f"{where}: {key} is {_said(row[key])}, and must be {wanted}")
+    if row["person"] not in known:
+        raise DeidentifyError(f"{where}: person is {row['person']}, and must be the number of a track")
     if row["action"] == "swap" and not _can_swap(track):
         why = f" ({track.reason})" if track.reason else ""
         raise DeidentifyError(
@@ -205,7 +204,7 @@ def _is_text(value: Any) -> bool:
 
 _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("action", lambda v: v in ACTIONS, "one of " + ", ".join(ACTIONS)),
-    ("person", lambda v: type(v) is int and v > 0, "a whole number from 1"),
+    ("person", lambda v: type(v) is int, "a whole number"),
     ("donor", _is_text, 'text in quotes, "" for any'),
     ("name", _is_text, 'text in quotes, "" for none'),
 )
