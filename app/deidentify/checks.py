@@ -23,15 +23,14 @@ def checked(options: Options) -> Options:
     encoder_settings(options.encode)
     if options.renderer == "gl" and isinstance(found := probe_gl(), GLMissing):
         raise RendererError(found.reason)
-    options = replace(
-        options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
-        keyfile=options.keyfile and options.keyfile.absolute(), key=_existing(options.key, "key"),
-        certificate=_existing(options.certificate, "certificate"),
-    )  # fmt: skip
     chosen = assign([0], options.donor, own=options.gallery, seed=options.seed, salt="")[0]
     for donor in {*parts(chosen), *map(str, options.gallery)}:
         open_donor(donor)
-    return options
+    return replace(
+        options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
+        keyfile=_in_folder(options.keyfile), certificate=_existing(options.certificate, "certificate"),
+        key=_existing(options.key, "key"),
+    )  # fmt: skip
 
 
 def _absolute(donor: str) -> str:
@@ -43,4 +42,12 @@ def _absolute(donor: str) -> str:
 def _existing(path: Path | None, what: str) -> Path | None:
     if path is not None and not path.is_file():
         raise DeidentifyError(f"there is no {what} {path}: give a PEM file")
+    return path and path.absolute()
+
+
+def _in_folder(path: Path | None) -> Path | None:
+    if path is not None and not path.parent.is_dir():
+        raise DeidentifyError(
+            f"the key file {path} cannot be written, there is no folder {path.parent}: make it"
+        )
     return path and path.absolute()

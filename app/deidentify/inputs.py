@@ -152,7 +152,7 @@ def _find_in(folder: Path, recursive: bool, notes: list[str]) -> list[_Found]:
     """The inputs in a folder, which may be one itself."""
     skipped: Counter[str] = Counter()
     found = [_Found(path.absolute(), below) for path, below in _walk(folder, PurePath(), recursive, skipped)]
-    notes += _skipped(short(folder.absolute()), skipped)
+    notes += _skipped(str(folder), skipped)
     if not found:
         hint = "" if recursive or not skipped["subfolders"] else "; use --recursive for its subfolders"
         raise InputError(f"the folder {folder} holds no video or image that is to be de-identified{hint}")
