@@ -27,8 +27,9 @@ from app.deidentify.stages import Job, result_of
 from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
 from app.deidentify.work import MANIFEST, Work
 from app.donors import KeyFile, assign
-from app.media import open_source
+from app.media import open_sink, open_source
 from app.media.segments import scan
+from app.media.sink import check_free
 from app.pictures import save_picture
 from app.run import Progress, Say
 from app.version import version
@@ -112,9 +113,9 @@ def fingerprint(path: Path) -> str:
 
 def _opened(source: Path, output: Path, options: Options, *, resume: bool, force: bool) -> Work:
     """The work folder, with the manifest of this very run in it."""
-    with open_source(source):
-        pass  # what cannot be read is said before anything is made
     work = Work(output.with_name(output.name + ".work"))
+    if not (resume and work.has("published.json")):
+        _require_possible(source, output, options, force)
     manifest = {
         "format": "guise-work", "version": 1, "guise": version(), "input": str(source.absolute()),
         "fingerprint": fingerprint(source), "options": options.as_json(), "name": source.name,
@@ -134,6 +135,14 @@ def _opened(source: Path, output: Path, options: Options, *, resume: bool, force
     work.create()
     work.save_json(MANIFEST, manifest)
     return work
+
+
+def _require_possible(source: Path, output: Path, options: Options, force: bool) -> None:
+    """Raise what reading the input or writing the output would raise, before any work is done."""
+    with open_source(source) as media:
+        check_free(output, media, force)
+        probe = output.with_name(f"probe-{output.name}")
+        open_sink(probe, media, options.encode, force=True, private=not options.keep_metadata).abort()
 
 
 class _Steps:

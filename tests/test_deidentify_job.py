@@ -1,0 +1,254 @@
+"""A file from input to output: every face is another one or covered, and a run that was stopped ends the same."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from clips import cut, empty_scene, pictures, tags
+from made_up import SAMPLES
+
+from aam.landmarks.detector import FaceDetector
+from app.deidentify import job as module
+from app.deidentify.job import deidentify_file
+from app.deidentify.options import DeidentifyError, Options
+from app.deidentify.stages import Job, perform
+from app.deidentify.tracks import FileReport
+from app.media import EncodeOptions, MediaError
+
+LOSSLESS = Options(encode=EncodeOptions(lossless=True, preset="ultrafast"))
+QUICK = Options(encode=EncodeOptions(preset="ultrafast"))
+FRAMES = 60
+
+
+class Here:
+    """Does jobs at once; may be told to die before the n-th."""
+
+    def __init__(self, die_at: int | None = None) -> None:
+        self.jobs: list[Job] = []
+        self._die_at = die_at
+
+    def run(self, jobs: Sequence[Job], done: Callable[[Job], None]) -> None:
+        for job in jobs:
+            if len(self.jobs) == self._die_at:
+                raise KeyboardInterrupt
+            perform(job)
+            self.jobs.append(job)
+            done(job)
+
+
+def run(source: Path, output: Path, options: Options = QUICK, **more: object) -> FileReport | None:
+    engine = more.pop("engine", None) or Here()
+    return deidentify_file(
+        source, output, options, engine, progress=lambda stage, share: None, say=lambda text: None, **more
+    )  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return cut("p02", tmp_path_factory.mktemp("clip") / "talk.mp4", FRAMES)
+
+
+@pytest.fixture(scope="module")
+def done(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FileReport]:
+    output = tmp_path_factory.mktemp("done") / "out.mp4"
+    report = run(clip, output, LOSSLESS)
+    assert report is not None
+    return output, report
+
+
+def test_the_face_is_swapped_in_every_frame_and_the_rest_stays(
+    clip: Path, done: tuple[Path, FileReport]
+) -> None:
+    output, report = done
+    assert report.counts == {"without face": 0, "swapped": FRAMES, "covered": 0, "left": 0}
+    truth = np.load(SAMPLES / "p02" / "talk2.npz")["landmarks"]
+    for i, (before, after) in enumerate(zip(pictures(clip), pictures(output), strict=True)):
+        (x0, y0), (x1, y1) = truth[i, 17:68].min(0).astype(int), truth[i, 17:68].max(0).astype(int)
+        change = np.abs(after.astype(int) - before.astype(int))
+        assert change[y0:y1, x0:x1].mean() > 5
+        far = np.ones(change.shape, bool)
+        far[max(0, y0 - 90) : y1 + 60, max(0, x0 - 60) : x1 + 60] = False
+        assert change[far].max() == 0
+
+
+def test_sound_and_times_are_the_input_s(clip: Path, done: tuple[Path, FileReport]) -> None:
+    sound, times = [], []
+    for path in (clip, done[0]):
+        with av.open(str(path)) as container:
+            packets = [(p.stream.type, p.pts, bytes(p)) for p in container.demux() if p.size]
+            sound.append([(pts, data) for kind, pts, data in packets if kind == "audio"])
+        with av.open(str(path)) as container:
+            times.append([float(f.time) for f in container.decode(video=0)])
+    assert sound[0] == sound[1]
+    assert times[0] == times[1]
+
+
+def test_the_output_says_that_it_is_synthetic_and_nothing_of_the_input(done: tuple[Path, FileReport]) -> None:
+    found = tags(done[0])
+    assert "Guise" in found["comment"]
+    assert found["digital_source_type"].endswith("compositeWithTrainedAlgorithmicMedia")
+
+
+def test_reports_lie_beside_the_output_and_the_work_folder_is_gone(done: tuple[Path, FileReport]) -> None:
+    output, report = done
+    assert sorted(p.name for p in output.parent.iterdir()) == [
+        "out.mp4",
+        "out.report.html",
+        "out.report.json",
+    ]
+    told = json.loads(output.with_name("out.report.json").read_text())
+    assert told["counts"] == report.counts
+
+
+def test_an_interrupted_run_goes_on_and_ends_with_the_same_bytes(clip: Path, tmp_path: Path) -> None:
+    whole = tmp_path / "whole.mp4"
+    run(clip, whole)
+    for die_at in range(4):
+        output = tmp_path / f"stopped{die_at}.mp4"
+        with pytest.raises(KeyboardInterrupt):
+            run(clip, output, engine=Here(die_at))
+        assert not output.exists()
+        rest = Here()
+        run(clip, output, engine=rest, resume=True)
+        assert len(rest.jobs) == 4 - die_at
+        assert output.read_bytes() == whole.read_bytes()
+
+
+def test_what_was_left_is_not_taken_for_another_run(clip: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.mp4"
+    with pytest.raises(KeyboardInterrupt):
+        run(clip, output, engine=Here(0))
+    with pytest.raises(DeidentifyError, match="--resume"):
+        run(clip, output)
+    with pytest.raises(DeidentifyError, match="other options"):
+        run(clip, output, replace(QUICK, cover="blur"), resume=True)
+    assert run(clip, output, replace(QUICK, cover="blur"), force=True) is not None
+
+
+def test_an_output_that_is_there_is_not_replaced(clip: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.mp4"
+    output.write_bytes(b"mine")
+    with pytest.raises(MediaError, match="--force"):
+        run(clip, output)
+    assert output.read_bytes() == b"mine"
+    assert not output.with_name("out.mp4.work").exists()
+
+
+def test_a_review_stops_before_the_output_and_its_edits_are_followed(clip: Path, tmp_path: Path) -> None:
+    output, tracks = tmp_path / "out.mp4", tmp_path / "out.tracks.json"
+    assert run(clip, output, review=True) is None
+    assert not output.exists()
+    assert (tmp_path / "out.tracks.jpg").stat().st_size > 5000
+    edited = json.loads(tracks.read_text())
+    assert [t["action"] for t in edited["tracks"]] == ["swap"]
+    edited["tracks"][0]["action"] = "cover"
+    tracks.write_text(json.dumps(edited))
+    later = Here()
+    report = run(clip, output, engine=later, resume=True)
+    assert {job.stage for job in later.jobs} == {"render"}
+    assert report is not None
+    assert report.counts["covered"] == FRAMES
+    detector = FaceDetector(min_score=0.5)
+    grey = [detector.detect(np.repeat(p[..., None], 3, axis=2)) for p in pictures(output)[::10]]
+    assert all(len(boxes) == 0 for boxes in grey)
+
+
+def test_a_face_left_by_the_user_is_untouched(clip: Path, tmp_path: Path) -> None:
+    output, tracks = tmp_path / "out.mp4", tmp_path / "out.tracks.json"
+    run(clip, output, LOSSLESS, review=True)
+    tracks.write_text(tracks.read_text().replace('"action": "swap"', '"action": "leave"'))
+    report = run(clip, output, LOSSLESS, resume=True)
+    assert report is not None
+    assert report.counts["left"] == FRAMES
+    for before, after in zip(pictures(clip), pictures(output), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_a_face_that_the_first_look_missed_is_covered_after_the_last(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from app.deidentify import stages
+
+    blind = lambda frames: stages_detect([])  # noqa: E731
+    stages_detect = stages.detect_faces
+    monkeypatch.setattr(stages, "detect_faces", blind)
+    report = run(clip, tmp_path / "out.mp4")
+    assert report is not None
+    assert len(report.tracks) == 0
+    assert len({find.frame for find in report.audit if find.covered}) > 0
+    assert not any(not find.covered for find in report.audit)
+    detector = FaceDetector(min_score=0.5)
+    for picture in pictures(tmp_path / "out.mp4")[::10]:
+        assert len(detector.detect(np.repeat(picture[..., None], 3, axis=2))) == 0
+
+
+def test_without_faces_everything_stays(tmp_path: Path) -> None:
+    source = empty_scene(tmp_path / "empty.mp4", 12)
+    report = run(source, tmp_path / "out.mp4", LOSSLESS)
+    assert report is not None
+    assert report.counts == {"without face": 12, "swapped": 0, "covered": 0, "left": 0}
+
+
+def test_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
+    from app.media import open_source
+    from app.pictures import save_picture
+
+    with open_source(clip) as source:
+        rgb = next(iter(source)).rgb()
+    save_picture(tmp_path / "one.png", rgb)
+    report = run(tmp_path / "one.png", tmp_path / "out.png")
+    assert report is not None
+    assert report.counts["covered"] == 1
+    with open_source(tmp_path / "out.png") as made:
+        assert len(FaceDetector(min_score=0.5).detect(next(iter(made)).rgb())) == 0
+
+
+def test_a_folder_of_pictures_gives_a_folder_of_pictures(clip: Path, tmp_path: Path) -> None:
+    from app.media import open_source
+    from app.pictures import save_picture
+
+    folder = tmp_path / "in"
+    folder.mkdir()
+    with open_source(clip) as source:
+        for frame, name in zip(source, "abc", strict=False):
+            save_picture(folder / f"{name}.png", frame.rgb())
+    assert run(folder, tmp_path / "out") is not None
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["a.png", "b.png", "c.png"]
+
+
+def test_a_run_that_was_killed_after_the_output_was_named_still_writes_its_report(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "out.mp4"
+
+    def killed(*args: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "_write_report", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run(clip, output)
+    made = output.read_bytes()
+    run(clip, output, resume=True)
+    assert output.read_bytes() == made
+    assert output.with_name("out.report.json").exists()
+    assert not output.with_name("out.mp4.work").exists()
+
+
+def test_an_input_that_vanishes_can_come_back(clip: Path, tmp_path: Path) -> None:
+    source, output = tmp_path / "in.mp4", tmp_path / "out.mp4"
+    shutil.copy(clip, source)
+    with pytest.raises(KeyboardInterrupt):
+        run(source, output, engine=Here(1))
+    source.unlink()
+    with pytest.raises(MediaError, match="does not exist"):
+        run(source, output, resume=True)
+    shutil.copy(clip, source)
+    assert run(source, output, resume=True) is not None
