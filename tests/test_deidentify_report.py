@@ -38,6 +38,7 @@ ROOT = Path(__file__).parents[1]
 SCHEMA = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))
 SWAPPED, COVERED, LEFT = range(3)
 HOSTILE = "\"'><script>alert(1)</script>\u202e\n</style>\udcff&amp;.mp4"
+SECRET = "mean:p01+/secret/a.guise"
 RED = np.full((90, 60, 3), (250, 10, 10), np.uint8)
 
 
@@ -89,7 +90,7 @@ def report() -> FileReport:
         outcome_of(2, [2] * 10, first=20),
         outcome_of(BYSTANDERS, [1] * 4, frames=[5, 5, 6, 9]),
         audit=(AuditFind(31, (1, 2, 30, 40), 0.75, True),),
-        settings={"donor": "auto", "audio": "keep", "keyfile": "/secret/place/key.json", "gallery": []},
+        settings={"donor": SECRET, "audio": "keep", "keyfile": "/secret/place/key.json", "gallery": []},
         problems=("A frame was damaged.",),
         wall_seconds=2.5,
         digest="0" * 64,
@@ -360,7 +361,8 @@ def test_thumbnails_are_in_the_page(tmp_path: Path, report: FileReport) -> None:
 def test_the_page_names_the_file_its_digest_and_problems_but_no_folder_or_person(
     tmp_path: Path, report: FileReport
 ) -> None:
-    page = page_of(tmp_path / "p.html", report)
+    tracks = tuple(replace(track, donor=SECRET) for track in report.tracks)
+    page = page_of(tmp_path / "p.html", replace(report, tracks=tracks))
     for word in (
         "out.mp4",
         "in.mp4",
@@ -371,6 +373,7 @@ def test_the_page_names_the_file_its_digest_and_problems_but_no_folder_or_person
         "Signature",
     ):
         assert word in page.text()
+    assert page.text().count("mean:p01+a.guise") == 3
     for word in ("dir/", "secret", "Ann of the user"):
         assert word not in page.source
     write_report(tmp_path / "r.json", report)
