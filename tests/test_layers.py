@@ -12,7 +12,20 @@ OURS = {"aam", "app", "render"}
 MAY_IMPORT = {
     "aam": {"aam", "numpy", "scipy", "cv2", "skimage", "onnxruntime", "safetensors"},
     "render": {"render", "numpy", "cv2", "moderngl"},
-    "app": OURS | {"numpy", "scipy", "cv2", "av", "typer", "rich", "matplotlib", "distributed", "fsspec"},
+    "app": OURS
+    | {
+        "numpy",
+        "scipy",
+        "cv2",
+        "av",
+        "typer",
+        "rich",
+        "matplotlib",
+        "distributed",
+        "fsspec",
+        "c2pa",
+        "cryptography",
+    },
 }
 # A heavy or optional library -> the modules (files or folders) that may import it.
 OWNERS = {
@@ -21,6 +34,8 @@ OWNERS = {
     "safetensors": {"aam/model.py"},
     "moderngl": {"render"},
     "av": {"app/media"},
+    "c2pa": {"app/media/provenance.py"},
+    "cryptography": {"app/media/provenance.py"},
     "matplotlib": {"app/measure/plot.py"},
     "distributed": {"app/deidentify/cluster.py"},
     "fsspec": {"app/deidentify/remote.py"},
