@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from aam.recognition import same_person
 from numpy.typing import NDArray
 
 from app.deidentify.case import Case, Linked, track_from, track_json
@@ -26,7 +25,7 @@ from app.deidentify.sheet import contact_sheet
 from app.deidentify.stages import Job, result_of
 from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
 from app.deidentify.work import MANIFEST, Work
-from app.donors import KeyFile, assign
+from app.donors import assign
 from app.media import open_sink, open_source
 from app.media.segments import scan
 from app.media.sink import check_free
@@ -234,6 +233,8 @@ def _people(case: Case) -> dict[str, int]:
 
 
 def _same(case: Case, track: Linked, model: Any) -> bool:
+    from aam.recognition import same_person
+
     other = case.enrolled(track.number)
     return other is not None and same_person(other, model)
 
@@ -302,13 +303,17 @@ def _ordered(case: Case, edited: Path | None) -> list[Track]:
         tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
     options, donors = case.options, {}
     people = list(dict.fromkeys(t.person for t in tracks if t.action == "swap"))
-    key = KeyFile.open(options.keyfile) if options.keyfile else None
+    key = None
+    if options.keyfile:
+        from app.donors import KeyFile
+
+        key = KeyFile.open(options.keyfile)
     if people:
         donors = _donors(case, people, key)
     return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
 
 
-def _donors(case: Case, people: Sequence[int], key: KeyFile | None) -> dict[int, str]:
+def _donors(case: Case, people: Sequence[int], key: Any) -> dict[int, str]:
     options = case.options
     models = {p: case.model_of(p) for p in people}
     known = {p: key.recognise(m) for p, m in models.items() if m is not None} if key else {}
