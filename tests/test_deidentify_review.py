@@ -244,12 +244,15 @@ def test_the_curve_is_higher_for_more_confidence() -> None:
     assert more == pytest.approx(2 * some, rel=0.15)
 
 
-def test_long_words_are_cut_off_before_the_pictures() -> None:
+def test_long_words_are_cut_off_at_the_end_of_their_line() -> None:
     track = replace(TRACKS[0], name="x" * 500, reason="y" * 500)
     plain, wordy = (contact_sheet({1: [RED]}, [t], SECONDS) for t in (TRACKS[0], track))
     assert not np.array_equal(plain, wordy)
     red = (plain == (255, 0, 0)).all(axis=2)
     np.testing.assert_array_equal(plain[:, red.any(0)], wordy[:, red.any(0)])
+    changed = (plain != wordy).any(axis=2)[40:]  # of the card
+    assert changed[:55].any()
+    assert not changed[56:].any()
 
 
 def test_of_too_many_tracks_the_longest_are_shown() -> None:

@@ -21,8 +21,8 @@ def tag(name: str, /, *children: object, **attributes: object) -> Html:
 
     An underscore at the end of an attribute's name is dropped, others become hyphens; None leaves it out.
 
-    >>> tag("p", "a < b", tag("b", 1), class_="note", data_of=2)
-    '<p class="note" data-of="2">a &lt; b<b>1</b></p>'
+    >>> tag("p", "a < b", tag("b", 1), class_="no'te", data_of=2)
+    '<p class="no&#x27;te" data-of="2">a &lt; b<b>1</b></p>'
     """
     said = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{_escaped(value)}"'
