@@ -12,6 +12,7 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
+from app.media.audio import MaskedAudio, named_layout
 from app.media.errors import MediaError
 from app.media.reader import is_still
 from app.media.source import VideoSource
@@ -34,7 +35,6 @@ _MOV_KEYS = frozenset(
         "creation_time",
     }
 )  # fmt: skip
-_UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
 # Containers that hold variable frame rate and arbitrary other streams.
 _CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
@@ -78,7 +78,7 @@ class StreamCopies:
     """The copied streams of one output; `mux` takes the source's packets to them.
 
     private : whether all but sound is left out, and what is written about it except its language.
-    audio : whether the sound is copied.
+    audio : whether the sound is copied, left out, or encoded again with the voices masked.
     """
 
     def __init__(
@@ -87,14 +87,17 @@ class StreamCopies:
         self._output = output
         self._problems = source.problems
         self._streams: dict[int, Stream] = {}
+        self._masks: dict[int, MaskedAudio] = {}
         self._last_dts: dict[int, int] = {}
         for stream in source.container.streams:
-            if stream.index != source.stream.index and (stream.type != "audio" or audio == "keep"):
-                self._add(stream, source, private)
+            if stream.index != source.stream.index and (stream.type != "audio" or audio != "drop"):
+                self._add(stream, source, private, audio == "mask")
 
-    def _add(self, stream: Stream, source: VideoSource, private: bool) -> None:
+    def _add(self, stream: Stream, source: VideoSource, private: bool, mask: bool) -> None:
         reason = _why_dropped(stream, source, private)
-        if reason is None:
+        if reason is None and mask and isinstance(stream, AudioStream):
+            self._add_masked(stream, private)
+        elif reason is None:
             reason = self._try_template(stream, private)
         if reason:
             self._problems.note(f"{_title(stream)} was left out: {reason}.")
@@ -107,17 +110,32 @@ class StreamCopies:
             if stream.type in ("audio", "subtitle") and stream.codec_context is not None:
                 raise MediaError(_refusal(stream, self._output)) from error
             return "the output container cannot hold it"
-        if isinstance(copy, AudioStream) and copy.layout.name in _UNNAMED_LAYOUTS:
-            copy.codec_context.layout = _UNNAMED_LAYOUTS[copy.layout.name]  # MP4 wants a name for it
+        if isinstance(copy, AudioStream) and copy.layout.name != named_layout(copy.layout.name):
+            copy.codec_context.layout = named_layout(copy.layout.name)
         copy.disposition = stream.disposition
-        copy.metadata.update(_private_metadata(stream) if private else fresh_metadata(stream.metadata))
+        copy.metadata.update(_metadata(stream, private))
         if private and stream.name == "vorbis":
             copy.codec_context.extradata = without_vorbis_comments(stream.codec_context.extradata or b"")
         self._streams[stream.index] = copy
         return None
 
+    def _add_masked(self, stream: AudioStream, private: bool) -> None:
+        mask = self._masks[stream.index] = MaskedAudio(stream, self._output, self._problems)
+        mask.stream.disposition = stream.disposition
+        mask.stream.metadata.update(_metadata(stream, private))
+
+    def finish(self) -> None:
+        """Write what is still to come of masked sound."""
+        for mask in self._masks.values():
+            for packet in mask.finish():
+                self._output.mux_one(packet)
+
     def mux(self, packet: AnyPacket) -> None:
         """Write a packet of the source, its time stamps unchanged where the output allows them."""
+        if packet.stream_index in self._masks:
+            for masked in self._masks[packet.stream_index].feed(packet):
+                self._output.mux_one(masked)
+            return
         target = self._streams.get(packet.stream_index)
         if target is None:
             return
@@ -157,8 +175,10 @@ def _why_dropped(stream: Stream, source: VideoSource, private: bool) -> str | No
     return None
 
 
-def _private_metadata(stream: Stream) -> dict[str, str]:
-    """What is said about a stream and identifies nobody."""
+def _metadata(stream: Stream, private: bool) -> dict[str, str]:
+    """What is said about a stream; if private, nothing that identifies anybody."""
+    if not private:
+        return fresh_metadata(stream.metadata)
     language = stream.metadata.get("language")
     return {"language": language} if language else {}
 

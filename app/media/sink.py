@@ -120,6 +120,7 @@ class VideoOutput(Sink):
         super().__init__(path, force=force)
         self._lock = threading.Lock()
         self._encoding = encoding
+        self._copies: StreamCopies | None = None
         format_name = _container_of(path)
         self._check_rotation(format_name)
         metadata = _metadata(source, tags, private)
@@ -178,6 +179,7 @@ class VideoOutput(Sink):
             ) from error
 
     def _copy(self, packet: AnyPacket) -> None:
+        assert self._copies is not None
         with self._lock, as_media_error(self.path):
             self._copies.mux(packet)
 
@@ -187,6 +189,8 @@ class VideoOutput(Sink):
                 self._output.mux_one(packet)
 
     def _finish(self) -> None:
+        if self._copies is not None:
+            self._copies.finish()
         self._output.close()
         self._publish()
 
