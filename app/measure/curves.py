@@ -24,7 +24,7 @@ STILL = 0.005  # standard deviation of a curve below which it did not move
 # Points that move with the skull, and where they lie in inter-ocular distances from the middle between the outer eye
 # corners, x right, y down, z away: means over the clips of seven rendered people.
 SKULL = (36, 39, 42, 45, 27, 28, 29, 30, 31, 32, 33, 34, 35)
-_SKULL_3D = np.array(
+SKULL_3D = np.array(
     [
         [-0.500, 0.000, 0.000], [-0.221, 0.025, -0.039], [0.221, 0.025, -0.039], [0.500, 0.000, 0.000],
         [0.000, 0.020, -0.175], [0.000, 0.142, -0.232], [0.000, 0.299, -0.336], [0.000, 0.458, -0.399],
@@ -90,7 +90,7 @@ def correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
 def pose(points: NDArray[Any]) -> F64:
     """(n, 3) yaw, pitch and roll, degrees, of landmarks (n, 81, 2), by scaled orthography from the SKULL points."""
     seen = np.asarray(points, np.float64)[:, SKULL]
-    known = _SKULL_3D - _SKULL_3D.mean(0)
+    known = SKULL_3D - SKULL_3D.mean(0)
     affine = np.einsum("nkd,ka->nda", seen - seen.mean(1, keepdims=True), np.linalg.pinv(known).T)
     u, _, vt = np.linalg.svd(affine, full_matrices=False)
     right, down = np.moveaxis(u @ vt, 1, 0)  # first two rows of the rotation

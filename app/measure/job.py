@@ -162,7 +162,7 @@ class _Measurement:
         gallery = Gallery.of(known)
         with open_source(self._request.original) as source:
             embeddings = embedded(source, faces, recogniser)
-        groups = joined(faces, embeddings, gallery.limit)
+        groups = joined(faces, embeddings, gallery.same)
         own = [_joined_face(group, faces, embeddings) for group in groups]
         for _, rows in own:
             gallery = gallery.without(template(_finite(rows)), self._say)

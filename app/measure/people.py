@@ -110,11 +110,16 @@ class Gallery:
         impostors = impostor_scores(people) if len(people) > 1 else np.zeros(0)
         return cls(tuple(people), impostors, threshold(impostors) if len(impostors) else None)
 
+    @property
+    def same(self) -> Threshold | None:
+        """The threshold, if there are enough people for it."""
+        return self.limit if self.limit and self.limit.enough else None
+
     def without(self, own: F64, say: Say) -> Gallery:
         """The gallery without those who look like a person of the original with template `own` (d,)."""
-        if self.limit is None:
+        if self.same is None:
             return self
-        same = [one for one in self.people if float(one.template @ own) > self.limit.score]
+        same = [one for one in self.people if float(one.template @ own) > self.same.score]
         for one in same:
             say(f"{one.name} of the gallery is taken for a person of the original")
         rest = tuple(one for one in self.people if one not in same)

@@ -12,6 +12,7 @@ import numpy as np
 from app.measure.curves import CURVES
 from app.measure.figures import OutputFigures, Result
 from app.measure.privacy import BINS, Scores
+from app.measure.table import number
 from app.outputs import OutputError, write_whole
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 # Colours that colour-blind people tell apart (Okabe and Ito 2008); donors are dashed.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 GREY, BLACK = "#999999", "#000000"
-WIDTH, ROW = 11.0, 1.35  # inches
+WIDTH, ROW = 13.0, 1.2  # inches
 
 
 def require_plots(path: Path) -> None:
@@ -66,7 +67,7 @@ def _histograms(axis: Axes, result: Result) -> None:
         rate = result.gallery["false_accept_rate"]
         axis.axvline(limit, color=GREY, linestyle=":", label=f"false accepts {rate:.1%}")
     axis.set(xlim=(-0.5, 1.0), xlabel=f"similarity (cosine, {result.recogniser})", ylabel="share of faces")
-    axis.legend(fontsize=8, frameon=False)
+    _beside(axis)
 
 
 def _histogram(
@@ -82,7 +83,7 @@ def _histogram(
 
 
 def _timeline(axis: Axes, result: Result) -> None:
-    """Similarity to the source over time, of the person seen most; covered frames are marked below."""
+    """Similarity to the source over time, of the person seen most; frames that were not swapped are marked below."""
     for place, (one, colour) in enumerate(_coloured(result)):
         drawn = one.drawn
         axis.plot(drawn.similarity_seconds, drawn.similarity, color=colour, linewidth=1, label=one.name)
@@ -92,20 +93,23 @@ def _timeline(axis: Axes, result: Result) -> None:
     if result.gallery.get("threshold") is not None:
         axis.axhline(result.gallery["threshold"], color=GREY, linestyle=":")
     axis.set(ylim=(-0.5, 1.05), xlim=(0, result.seconds), ylabel="similarity\nto source")
+    _beside(axis)
 
 
 def _curves(axis: Axes, result: Result, name: str) -> None:
     """A curve of the person seen most, in the original and in the outputs."""
-    first = result.outputs[0].drawn
+    first, own = result.outputs[0].drawn, result.faces.index(max(result.faces))
     axis.plot(first.seconds, first.before[name], color=BLACK, linewidth=1.4, label="original")
     for one, colour in _coloured(result):
-        kept = one.people[result.faces.index(max(result.faces))].correlation[name]
-        text = (
-            f"{one.name}: r = {kept:.2f}" if np.isfinite(kept) else f"{one.name}: r unknown, it hardly moves"
-        )
+        text = f"r = {number(one.people[own].correlation[name])}"
         axis.plot(one.drawn.seconds, one.drawn.after[name], color=colour, linewidth=1, label=text)
     axis.set(xlim=(0, result.seconds), ylabel=name.replace(" ", "\n"))
-    axis.legend(fontsize=7, frameon=False, loc="upper right", ncols=1 + len(result.outputs))
+    _beside(axis)
+
+
+def _beside(axis: Axes) -> None:
+    """The legend, to the right of the axis."""
+    axis.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.05), borderaxespad=0.5)
 
 
 def _coloured(result: Result) -> list[tuple[OutputFigures, str]]:
