@@ -90,7 +90,14 @@ def report() -> FileReport:
         outcome_of(2, [2] * 10, first=20),
         outcome_of(BYSTANDERS, [1] * 4, frames=[5, 5, 6, 9]),
         audit=(AuditFind(31, (1, 2, 30, 40), 0.75, True),),
-        settings={"donor": SECRET, "audio": "keep", "keyfile": "/secret/place/key.json", "gallery": []},
+        settings={
+            "donor": SECRET,
+            "audio": "keep",
+            "keyfile": "/secret/place/key.json",
+            "gallery": ["/secret/b.guise"],
+            "encode": {"crf": 20, "lossless": False},
+            "renderer": "GL: card/SSE2",
+        },
         problems=("A frame was damaged.",),
         wall_seconds=2.5,
         digest="0" * 64,
@@ -374,6 +381,8 @@ def test_the_page_names_the_file_its_digest_and_problems_but_no_folder_or_person
     ):
         assert word in page.text()
     assert page.text().count("mean:p01+a.guise") == 3
+    settings = ("mean:p01+a.guise", "b.guise", "Encode crf20", "Encode losslessno", "GL: card/SSE2")
+    assert all(value in page.text() for value in settings)
     for word in ("dir/", "secret", "Ann of the user"):
         assert word not in page.source
     write_report(tmp_path / "r.json", report)

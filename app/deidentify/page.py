@@ -49,6 +49,7 @@ COUNTS = {
     "left": "a face left as it is, as you said",
     "without face": "no face found",
 }
+FILES = {"donor", "gallery", "keyfile", "certificate", "key"}  # settings
 VOICE = {
     "keep": "the voice: the sound is that of the input",
     "mask": "the voice: it is changed, which may be undone, and its rhythm and words are the same",
@@ -261,19 +262,19 @@ def _settings(report: FileReport) -> Iterator[Html]:
 
 
 def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, Html]]:
-    """Names and values to show; of a file its name alone."""
+    """Names and values to show."""
     for name, value in settings.items():
         if isinstance(value, Mapping):
             yield from ((f"{name} {inner}", shown) for inner, shown in _flat(value))
         elif value not in (None, "", []):
             values = value if isinstance(value, list) else [value]
-            yield name, join(*(join(", " if n else None, _setting(v)) for n, v in enumerate(values)))
+            yield name, visible(", ".join(_setting(name, v) for v in values))
 
 
-def _setting(value: Any) -> Html:
+def _setting(name: str, value: Any) -> str:
     if isinstance(value, bool):
-        return join("yes" if value else "no")
-    return visible(_bare(value) if isinstance(value, str) else str(value))
+        return "yes" if value else "no"
+    return _bare(value) if name in FILES else str(value)
 
 
 def _bare(spec: str) -> str:
