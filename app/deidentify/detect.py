@@ -31,9 +31,9 @@ LOWEST = 0.15  # score of a box from which it supports a face that is followed
 POSSIBLE = 0.2  # score from which a box may be a bystander's face
 SURE = 0.75  # score from which it is one whatever it looks like
 SMALL_FACE = 64  # pixels, up to which scores are lower
-LIKELY = {True: 0.35, False: 0.45}  # score from which a small, or a large, one needs little likeness
-LIKE = {True: -2.0, False: -1.0}  # that likeness
-VERY_LIKE = {True: 1.0, False: 3.0}  # and the likeness that it needs below
+LIKELY = 0.4  # score from which it needs little likeness
+LIKE = -1.0  # that likeness
+VERY_LIKE = {True: 1.0, False: 3.0}  # and what a small, or a large, one needs below
 CLEAR = 3.0  # likeness beyond these from which it need not be seen again, twice
 AGAIN = 6  # frames within which it must be seen again
 START = 0.5  # confidence of the points from which a face is followed
@@ -222,9 +222,8 @@ class Chaser:
             if face is not None and face.confidence >= START:
                 self._start(seen, face)
                 continue
-            small = float((box[2:] - box[:2]).max()) <= SMALL_FACE
-            needed = LIKE[small] if score >= LIKELY[small] else VERY_LIKE[small]
-            like = self._landmarker.likeness(seen.rgb, box) - needed
+            small = bool((box[2:] - box[:2] <= SMALL_FACE).all())
+            like = self._landmarker.likeness(seen.rgb, box) - (LIKE if score >= LIKELY else VERY_LIKE[small])
             if score >= SURE or like >= 0:
                 self._bystanders.append(Glimpse(seen.index, box, score, score >= SURE or like >= CLEAR))
 
