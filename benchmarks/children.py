@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,17 +28,20 @@ class Ran:
     samples: tuple[tuple[float, float], ...] = ()
 
 
-def ran(command: Sequence[str | Path], sample_every: float | None = None) -> Ran:
+def ran(
+    command: Sequence[str | Path], sample_every: float | None = None, *, allowed: Collection[int] = (0,)
+) -> Ran:
     """Run a command to its end.
 
     Parameters
     ----------
     sample_every : seconds between samples of its resident memory; None takes none.
+    allowed : exit codes that are no failure.
 
     Raises
     ------
     CommandError
-        When it does not exit with 0.
+        When it exits with another code.
     """
     samples: list[tuple[float, float]] = []
     start = time.perf_counter()
@@ -59,7 +62,7 @@ def ran(command: Sequence[str | Path], sample_every: float | None = None) -> Ran
     process.returncode = os.waitstatus_to_exitcode(status)
     assert process.stderr is not None
     with process.stderr as words:
-        if process.returncode:
+        if process.returncode not in allowed:
             raise CommandError(
                 f"{Path(str(command[0])).name} failed: {words.read().decode(errors='replace')[-400:]}"
             )

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import common
-from benchmarks.children import GUISE, CommandError, ran
+from benchmarks.children import ran
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.changes import ENOUGH, Share, Truth, shares
+from benchmarks.deidentify.guise import LOSSLESS, deidentified
 
 BEST = '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"]}'
 
@@ -24,22 +24,6 @@ def clips(shared: Path) -> dict[Path, list[Truth]]:
         v: [Truth.load(f) for f in sorted(folder.glob(f"{v.stem}*.npz"))]
         for v in sorted(folder.glob("*.mp4"))
     }
-
-
-def guise(video: Path, output: Path) -> dict[str, int]:
-    """De-identify with default options, losslessly; returns the counts of the report."""
-    command = [*GUISE, "deidentify", video, "-o", output, "--lossless", "--preset", "ultrafast", "--quiet"]
-    ran_or_covered(command)
-    return dict(json.loads(output.with_name(f"{output.stem}.report.json").read_text())["counts"])
-
-
-def ran_or_covered(command: list[object]) -> None:
-    """Run; some frames only covered is no failure (exit code 3)."""
-    import subprocess
-
-    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 3):
-        raise CommandError(done.stderr[-400:])
 
 
 def deface(python: Path, video: Path, output: Path) -> None:
@@ -69,7 +53,7 @@ def measure(options: argparse.Namespace) -> Report:
             continue
         with tempfile.TemporaryDirectory() as folder:
             output = Path(folder) / "out.mkv"
-            counted = guise(video, output)
+            counted = deidentified(video, output, *LOSSLESS)["counts"]
             ours = [s for truth in truths for s in shares(video, output, truth)]
             counts.append((video.stem, *counted.values()))
             rows.append(row(video.stem, "guise", ours))

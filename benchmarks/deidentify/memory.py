@@ -1,0 +1,65 @@
+"""Memory of a de-identification over a long video of 1920 x 1080: a real clip enlarged and repeated.
+
+Resident memory is sampled.  It is flat when the median over the last third of the second half of the run, in which it
+renders, is no more than 5 % over that of the first, and when a run three times as long has the same peak.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import common
+from benchmarks.children import Ran, ffmpeg, looped, ran
+from benchmarks.common import Criterion, Report, Table
+from benchmarks.deidentify.guise import done, guise_command
+
+CLIP = "room_s18"
+EVERY = 0.5  # seconds
+
+
+def third(run: Ran, number: int) -> float:
+    """Median MB in a third (0-2) of the second half of a run, in which it renders."""
+    low, high = (run.seconds * (0.5 + (number + k) / 6) for k in (0, 1))
+    inside = [mb for at, mb in run.samples if low <= at < high]
+    return float(np.median(inside)) if inside else float("nan")
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """One long run, and one of a third of its length."""
+    video = options.shared / "data" / "real" / f"{CLIP}.mp4"
+    minutes = 0.5 if options.quick else options.minutes
+    runs = {}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        large = folder / "large.mp4"
+        ran(ffmpeg("-i", video, "-vf", "scale=1920:1080", "-preset", "ultrafast", "-crf", "23", "-an", large))
+        for length in (minutes / 3, minutes):
+            clip = looped(large, 60 * length, folder / f"long{length:g}.mp4")
+            output = folder / f"out{length:g}.mp4"
+            runs[length] = done(guise_command(clip, output, "--preset", "ultrafast"), EVERY)
+            output.unlink()
+            common.say(f"{length:g} minutes: {runs[length].peak_mb:.0f} MB, {runs[length].seconds:.0f} s")
+    rows = [
+        (f"{length:.3g} min", r.peak_mb, *(third(r, k) for k in range(3)), r.seconds)
+        for length, r in runs.items()
+    ]
+    short, long = runs.values()
+    return Report(
+        "deidentify.memory", f"De-identification: memory over {minutes:g} minutes of 1080p",
+        [
+            Criterion("peak", max(r.peak_mb for r in runs.values()), "<=", 700.0, "MB"),
+            Criterion("rendering: last third over the first", third(long, 2) / third(long, 0), "<=", 1.05),
+            Criterion("peak over that of a third of the length", long.peak_mb / short.peak_mb, "<=", 1.1),
+        ],
+        [Table("Resident memory", ("run", "peak, MB", "first third, MB", "second", "last", "seconds"), rows)],
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = common.arguments(__doc__)
+    parser.add_argument("--minutes", type=float, default=30.0, help="length of the long run")
+    common.run(measure, parser)
