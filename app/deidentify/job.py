@@ -414,14 +414,16 @@ def _pictures(case: Case, kind: str) -> dict[int, list[NDArray[np.uint8]]]:
 
 
 def _write_review(case: Case, output: Path) -> None:
+    """The tracks to edit and their pictures, readable by their owner only, as they show faces of the input."""
     tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    table, sheet = beside(output, ".tracks.json"), beside(output, ".tracks.jpg")
     write_tracks(
-        beside(output, ".tracks.json"), tracks, input_name=case.manifest["name"],
-        fingerprint=case.manifest["fingerprint"], frames=case.scan.frames, seconds=case.times,
+        table, tracks, input_name=case.manifest["name"], fingerprint=case.manifest["fingerprint"],
+        frames=case.scan.frames, seconds=case.times,
     )  # fmt: skip
-    save_picture(
-        beside(output, ".tracks.jpg"), contact_sheet(_pictures(case, "pictures"), tracks, case.times)
-    )
+    save_picture(sheet, contact_sheet(_pictures(case, "pictures"), tracks, case.times))
+    for path in (table, sheet):
+        path.chmod(0o600)
 
 
 def _write_report(case: Case, report: FileReport, output: Path) -> None:
