@@ -1,0 +1,61 @@
+"""The audit's notion of a known face, covers of its finds, and pictures of tracks."""
+
+import numpy as np
+
+from app.deidentify.decide import COVERED, SWAPPED
+from app.deidentify.options import Options
+from app.deidentify.render import AUDIT_REACH, Entry, Find, _inside, entries_of, with_finds
+from app.deidentify.stages import THUMB, picture
+from app.media import EncodeOptions, Frame
+
+BOX = np.array([10, 20, 50, 70], np.float32)
+
+
+def plan(**columns: list[float]) -> dict[str, np.ndarray]:
+    count = len(columns["frame"])
+    return {
+        "frame": np.array(columns["frame"]), "track": np.array(columns["track"]),
+        "done": np.array(columns["done"]), "box": np.repeat(BOX[None], count, axis=0),
+        "growth": np.ones(count, np.float32),
+    }  # fmt: skip
+
+
+def test_a_segment_gets_the_entries_of_its_frames_only() -> None:
+    made = entries_of(
+        plan(frame=[1, 5, 5, 9], track=[1, 1, 2, 1], done=[SWAPPED, COVERED, COVERED, SWAPPED]), 2, 9
+    )
+    assert sorted(made) == [5]
+    assert [e.track for e in made[5]] == [1, 2]
+
+
+def test_a_find_is_covered_in_the_frames_about_it_and_changes_nothing_else() -> None:
+    entries = {3: [Entry(1, SWAPPED, BOX, 1.0)]}
+    more = with_finds(entries, [Find(4, BOX + 100, 0.9)], 2, 6)
+    assert sorted(more) == [2, 3, 4, 5]
+    assert [e.done for e in more[3]] == [SWAPPED, COVERED]
+    assert len(entries[3]) == 1
+    assert len(with_finds({}, [Find(50, BOX, 0.9)], 0, 100)) == 2 * AUDIT_REACH + 1
+
+
+def test_a_box_about_a_known_face_is_that_face() -> None:
+    assert _inside(BOX, BOX + 5)
+    assert _inside(BOX, np.array([25, 40, 30, 50]))
+    assert not _inside(BOX, BOX + 60)
+
+
+def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
+    rgb = np.full((100, 120, 3), 200, np.uint8)
+    made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32))
+    assert made.shape == (THUMB, THUMB, 3)
+    assert made[0, 0].max() == 0
+    assert made[-1, -1].min() == 200
+
+
+def test_options_survive_the_manifest() -> None:
+    from pathlib import Path
+
+    options = Options(
+        donor="mean:2", gallery=(Path("a.guise"), Path("b.guise")), cover="blur", seed=3, keyfile=Path("k"), audio="drop",
+        encode=EncodeOptions(crf=30),
+    )  # fmt: skip
+    assert Options.from_json(options.as_json()) == options
