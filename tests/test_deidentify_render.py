@@ -55,7 +55,7 @@ def test_options_survive_the_manifest() -> None:
     from pathlib import Path
 
     options = Options(
-        donor="mean:2", gallery=(Path("a.guise"), Path("b.guise")), cover="blur", seed=3, keyfile=Path("k"), audio="drop",
-        encode=EncodeOptions(crf=30),
+        donor="mean:2", gallery=(Path("a.guise"), Path("b.guise")), cover="blur", seed=3, keyfile=Path("k"),
+        audio="drop", encode=EncodeOptions(crf=30),
     )  # fmt: skip
     assert Options.from_json(options.as_json()) == options
