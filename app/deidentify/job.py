@@ -26,7 +26,7 @@ from app.deidentify.stages import Job, result_of
 from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
 from app.deidentify.work import MANIFEST, Work
 from app.donors import assign
-from app.media import open_sink, open_source
+from app.media import MediaError, open_sink, open_source
 from app.media.segments import scan
 from app.media.sink import check_free
 from app.pictures import save_picture
@@ -141,7 +141,10 @@ def _require_possible(source: Path, output: Path, options: Options, force: bool)
     with open_source(source) as media:
         check_free(output, media, force)
         probe = output.with_name(f"probe-{output.name}")
-        open_sink(probe, media, options.encode, force=True, private=not options.keep_metadata).abort()
+        try:
+            open_sink(probe, media, options.encode, force=True, private=not options.keep_metadata).abort()
+        except MediaError as error:
+            raise MediaError(str(error).replace(probe.name, output.name)) from error
 
 
 class _Steps:
