@@ -296,6 +296,16 @@ def test_metadata_chapters_languages_and_tags_are_kept(tmp_path: Path) -> None:
         assert result.chapters() == []
 
 
+@pytest.mark.parametrize(
+    "name", ["in:side.mp4", "http:x.mp4", "two\nlines and spaces.mp4", "100%d.mp4", "-x.mp4"]
+)
+def test_any_name_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    clip, out = make_clip(tmp_path / "plain.mp4").rename(name), Path(f"out{name}")
+    run(clip, out)
+    assert video_times(out.absolute()) == video_times(clip.absolute())
+
+
 # -- pixel formats and sizes ---------------------------------------------------------------------------
 
 

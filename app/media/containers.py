@@ -29,7 +29,7 @@ def suffix_for(path: Path, encoder: str) -> str:
 def _copied_streams(path: Path) -> Iterator[list[Stream]]:
     """The streams that are copied from a file; none of one that cannot be read, of which others tell."""
     try:
-        source = av.open(str(path), "r", metadata_errors="surrogateescape")
+        source = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
     except (av.error.FFmpegError, OSError):
         yield []
         return

@@ -56,7 +56,8 @@ class Problems(list[str]):
 def open_container(path: Path) -> InputContainer:
     """Open a media file, or say in one sentence why it is not one."""
     try:
-        container = av.open(str(path), "r", metadata_errors="surrogateescape")
+        # absolute, as FFmpeg takes what stands before a colon for a protocol
+        container = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
     except PermissionError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
     except (av.error.FFmpegError, OSError) as error:

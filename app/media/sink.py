@@ -127,7 +127,7 @@ class VideoOutput(Sink):
         self._claim()
         try:
             self._output = av.open(
-                str(self._part), "w", format=format_name, metadata_errors="surrogateescape",
+                str(self._part.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
                 container_options=muxer_options(format_name, metadata, source.time_base),
             )  # fmt: skip
             self._output.metadata.update(metadata)
