@@ -169,12 +169,13 @@ def deidentify(
 
     console = Console(quiet=quiet, json=json)
     certificate, key = c2pa or (None, None)
-    options = checked(Options(
+    options = Options(
         donor, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label, certificate,
         key, EncodeOptions(encoder, crf, preset, lossless), renderer.value,
-    ))  # fmt: skip
+    )  # fmt: skip
     plan = make_plan(inputs, output, work, lambda path: suffix_for(path, encoder), recursive=recursive)
     _check_tracks(tracks, review, plan.pairs)
+    options = checked(options, [pair.output for pair in plan.pairs])
     for note in plan.notes:
         console.note(note)
     require_possible(plan.pairs, force=force, resume=resume)

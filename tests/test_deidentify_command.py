@@ -10,7 +10,7 @@ from models import model_file
 from test_deidentify_batch import report_of
 
 from app.cli import main
-from app.deidentify import batch
+from app.deidentify import batch, checks
 from app.deidentify.job import beside
 from app.deidentify.options import Options
 from app.deidentify.report import write_report
@@ -127,8 +127,12 @@ def test_json_is_one_object(
 
 
 def test_every_option_arrives(
-    capsys: pytest.CaptureFixture[str], here: Path, asked: list[dict[str, Any]]
+    capsys: pytest.CaptureFixture[str],
+    here: Path,
+    asked: list[dict[str, Any]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(checks, "check_signing", lambda output, certificate, key: None)
     make("a.mp4", "cert.pem", "key.pem", "a.tracks.json")
     (here / "p01.guise").symlink_to(model_file("p01"))
     arguments = [
@@ -208,6 +212,7 @@ def test_an_interruption_tells_how_to_go_on(
         (["a.mp4", "--gallery", "a.mp4"], None),
         (["a.mp4", "--c2pa", "cert.pem", "key.pem"], "there is no certificate cert.pem: give a PEM file"),
         (["a.mp4", "--c2pa", "cert.pem"], None),
+        (["a.mp4", "--c2pa", "a.mp4", "b.mp4"], None),
         (
             ["a.mp4", "--keyfile", "nowhere/people.json"],
             "the key file nowhere/people.json cannot be written, there is no folder nowhere: make it",

@@ -128,14 +128,13 @@ def test_one_output_may_be_named(here: Path) -> None:
 
 
 def test_a_container_that_cannot_hold_the_result_changes(here: Path) -> None:
-    make(here, "in/a.avi", "in/a.mp4", "in/a.mov", "in/bare")
+    make(here, "in/a.avi", "in/b.mp4", "in/bare")
     made = plan(
         "in", "in/bare", suffix_for=lambda path: path.suffix if path.suffix in (".mp4", ".mov") else ".mkv"
     )
     assert told(made) == [
         ("in/a.avi", "in/a.avi_deidentified.mkv"),
-        ("in/a.mov", "in/a_deidentified.mov"),
-        ("in/a.mp4", "in/a_deidentified.mp4"),
+        ("in/b.mp4", "in/b_deidentified.mp4"),
         ("in/bare", "in/bare_deidentified.mkv"),
     ]
     assert made.notes == [
@@ -143,6 +142,23 @@ def test_a_container_that_cannot_hold_the_result_changes(here: Path) -> None:
         "in/a.avi: written as .mkv, as .avi cannot hold the result",
         "in/bare: written as .mkv",
     ]
+
+
+def test_outputs_never_share_their_reports(here: Path) -> None:
+    make(here, "in/a.jpg", "in/a.mov", "in/a/1.png", "in/a/2.png", "in/b.mov")
+    assert told(plan("in", recursive=True)) == [
+        ("in/a.jpg", "in/a.jpg_deidentified.jpg"),
+        ("in/a.mov", "in/a.mov_deidentified.mov"),
+        ("in/b.mov", "in/b_deidentified.mov"),
+        ("in/a", "in/a_deidentified"),
+    ]
+    make(here, "in/b_deidentified.report.json")
+    with pytest.raises(InputError) as caught:
+        require_possible(plan("in/b.mov").pairs, force=False, resume=False)
+    assert str(caught.value) == (
+        "in/b_deidentified.report.json exists, without its output: use --force to replace it, or -o"
+    )
+    require_possible(plan("in/b.mov").pairs, force=False, resume=True)
 
 
 @pytest.mark.parametrize(
@@ -319,6 +335,12 @@ def test_a_url_that_leads_nowhere_is_one_sentence(bucket: str, url: str, sentenc
     with pytest.raises((InputError, RemoteError)) as caught:
         plan(url)
     assert str(caught.value).startswith(sentence)
+
+
+def test_a_clip_of_images_is_not_written_to_a_url(bucket: str, here: Path) -> None:
+    make(here, "frames/1.png", "frames/2.png")
+    with pytest.raises(InputError, match="frames is a clip of images, which cannot be written to a URL"):
+        plan("frames", output=f"{bucket}/out/")
 
 
 def test_an_output_behind_a_url_is_not_overwritten(bucket: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
+import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -67,9 +68,12 @@ def run_batch(pairs: Sequence[Pair], run: Run, watch: Watch) -> list[BatchEntry]
     An interruption ends the jobs at once and comes through; finished files stay.
     """
 
+    stopped = threading.Event()
+
     def one(pair: Pair) -> BatchEntry:
         entry = _attempt(pair, run, watch)
-        watch.finished(entry)
+        if not stopped.is_set():
+            watch.finished(entry)
         return entry
 
     count = run.at_once(len(pairs))
@@ -79,6 +83,7 @@ def run_batch(pairs: Sequence[Pair], run: Run, watch: Watch) -> list[BatchEntry]
         try:
             return list(files.map(one, pairs))
         except BaseException:
+            stopped.set()
             files.shutdown(wait=False, cancel_futures=True)
             run.engine.close()
             raise

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from app.deidentify.options import DeidentifyError, Options
 from app.donors import MEAN, SUFFIX, assign, open_donor, parts
 from app.media.encoder import encoder_settings, find_encoder
+from app.media.provenance import check_signing
 from render import GLMissing, RendererError, probe_gl
 
 
-def checked(options: Options) -> Options:
+def checked(options: Options, outputs: Iterable[Path]) -> Options:
     """The same options with absolute paths, as workers have another current folder.
+
+    outputs : what is to be written.
 
     Raises
     ------
@@ -26,11 +30,15 @@ def checked(options: Options) -> Options:
     chosen = assign([0], options.donor, own=options.gallery, seed=options.seed, salt="")[0]
     for donor in {*parts(chosen), *map(str, options.gallery)}:
         open_donor(donor)
-    return replace(
+    options = replace(
         options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
         keyfile=_in_folder(options.keyfile), certificate=_existing(options.certificate, "certificate"),
         key=_existing(options.key, "key"),
     )  # fmt: skip
+    if options.certificate and options.key:
+        for output in {output.suffix: output for output in outputs}.values():
+            check_signing(output, options.certificate, options.key)
+    return options
 
 
 def _absolute(donor: str) -> str:

@@ -100,9 +100,8 @@ def make_plan(
     found = [one for text in inputs for one in _find(text, recursive, plan.notes)]
     found = list({_identity(one.place): one for one in reversed(found)}.values())[::-1]
     target = _Target(output, single=len(found) == 1 and _is_file(inputs, found[0]))
-    for one in found:
-        plan.pairs.append(_pair(one, target, work, suffix_for))
-        plan.notes += _renamed(plan.pairs[-1])
+    plan.pairs += _apart([_Namer(one, target, work, suffix_for) for one in found])
+    plan.notes += [note for pair in plan.pairs for note in _renamed(pair)]
     _require_apart(plan.pairs)
     return plan
 
@@ -115,6 +114,9 @@ def require_possible(pairs: Sequence[Pair], *, force: bool, resume: bool) -> Non
         raise InputError(
             f"{there[0].shown_output} exists{more}: use --force to replace, --resume to do only the rest, or -o"
         )
+    reports = [pair.output.with_suffix(".report.json") for pair in pairs]
+    if not (force or resume) and (report := next(filter(Path.exists, reports), None)):
+        raise InputError(f"{short(report)} exists, without its output: use --force to replace it, or -o")
     for folder in dict.fromkeys(_nearest_folder(pair.output) for pair in pairs):
         if not os.access(folder, os.W_OK):
             raise InputError(f"the folder {short(folder)} cannot be written to: choose another with -o")
@@ -275,30 +277,50 @@ def _is_file(inputs: Sequence[str], one: _Found) -> bool:
     )
 
 
-def _pair(one: _Found, target: _Target, work: Path, suffix_for: Callable[[Path], str]) -> Pair:
-    there = one.place if isinstance(one.place, str) else ""
-    source = _copy_of(there, work) if there else Path(one.place)
-    if target.file:
-        output = target.file
-    elif target.folder or there:
-        folder = target.folder or remote.folder_of(there)
-        below = one.below if target.folder else PurePath()
-        output = remote.join(folder, str(below / _output_name(source, suffix_for)))
-    else:
-        output = str(source.with_name(_output_name(source, suffix_for)))
-    name = there or short(source)
-    if remote.is_url(output):
-        return Pair(source, _copy_of(output, work), name, there, output)
-    return Pair(source, Path(os.path.abspath(output)), name, there)
+class _Namer:
+    """Names the output of an input."""
+
+    def __init__(self, one: _Found, target: _Target, work: Path, suffix_for: Callable[[Path], str]) -> None:
+        self._url = one.place if isinstance(one.place, str) else ""
+        self._source = _copy_of(self._url, work) if self._url else Path(one.place)
+        self._below, self._target, self._work = one.below, target, work
+        image = self._source.is_dir() or looks_like_image(self._source)
+        self._suffix = self._source.suffix if image else suffix_for(self._source)
+
+    def pair(self, *, whole: bool = False) -> Pair:
+        """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""
+        output = self._target.file or self._output(whole or self._suffix != self._source.suffix)
+        name = self._url or short(self._source)
+        if not remote.is_url(output):
+            return Pair(self._source, Path(os.path.abspath(output)), name, self._url)
+        if self._source.is_dir():
+            raise InputError(
+                f"{name} is a clip of images, which cannot be written to a URL: give a folder here with -o"
+            )
+        return Pair(self._source, _copy_of(output, self._work), name, self._url, output)
+
+    def _output(self, whole: bool) -> str:
+        folder = self._source.is_dir()
+        stem = self._source.name if whole or folder else self._source.stem
+        name = stem + MARK + ("" if folder else self._suffix)
+        if self._target.folder:
+            return remote.join(self._target.folder, str(self._below / name))
+        return (
+            remote.join(remote.folder_of(self._url), name) if self._url else str(self._source.with_name(name))
+        )
 
 
-def _output_name(source: Path, suffix_for: Callable[[Path], str]) -> str:
-    """The input's name with the mark in it; with all of its old suffix when the container changes."""
-    if source.is_dir():
-        return source.name + MARK
-    suffix = source.suffix if looks_like_image(source) else suffix_for(source)
-    stem = source.stem if suffix == source.suffix else source.name
-    return stem + MARK + suffix
+def _apart(namers: Sequence[_Namer]) -> list[Pair]:
+    """The pairs; outputs that differ in their suffix alone get the whole names of their inputs, as do their reports."""
+    pairs = [namer.pair() for namer in namers]
+    names = Counter(_report_name(pair) for pair in {pair.shown_output: pair for pair in pairs}.values())
+    return [
+        n.pair(whole=True) if names[_report_name(p)] > 1 else p for n, p in zip(namers, pairs, strict=True)
+    ]
+
+
+def _report_name(pair: Pair) -> str:
+    return str(PurePath(pair.put or pair.output).with_suffix(".report.json"))
 
 
 def _copy_of(url: str, work: Path) -> Path:
