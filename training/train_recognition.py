@@ -1,0 +1,74 @@
+"""Trains what tells people apart (aam/data/recognition.npz) on rendered people who do not exist.
+
+    python -m training.train_recognition --parts PARTS
+
+PARTS is what render_people.py wrote.  The within-class covariance holds light, expression, pose and the landmarks'
+slips, the between-class covariance what differs from person to person.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.appearance import sample_texture
+from aam.recognition import RESOLUTION, features
+from aam.reference import ReferenceFrame
+from training.data import load_parts
+
+OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"
+SLIP = 0.012  # standard deviation of the landmarks' errors, inter-ocular distances
+MOST_YAW = 45.0  # degrees
+MODES, DIRECTIONS = 300, 64  # of the features before, and of the signature
+RIDGE = 0.1  # share of the mean within-class variance added to all directions
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+def observed(folder: Path) -> tuple[F32, NDArray[np.intp]]:
+    """Features (n, m) of all pictures of the people that are trained with, and the person (n,) of each."""
+    frame, rng = ReferenceFrame.canonical(RESOLUTION), np.random.default_rng(0)
+    pictures = load_parts(folder, held_out=False)
+    textures, people = [], []
+    for image, points, person in zip(pictures.images, pictures.points, pictures.person, strict=True):
+        shape = points.astype(np.float64)
+        if abs(frame.yaw(frame.align(shape))) > MOST_YAW:
+            continue
+        size = np.linalg.norm(shape[45] - shape[36])
+        textures.append(sample_texture(image, shape + rng.normal(0, SLIP * size, shape.shape), frame))
+        people.append(person)
+    return features(np.stack(textures)), np.unique(people, return_inverse=True)[1]
+
+
+def discriminant(values: F32, person: NDArray[np.intp]) -> tuple[F64, F64]:
+    """Mean (m,) of the features (n, m) and the projection (m, 64) onto the discriminants."""
+    mean = values.mean(0, dtype=np.float64)
+    centred = values - mean
+    modes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1][:, :MODES]
+    reduced = centred @ modes
+    counts = np.bincount(person)
+    means = np.stack([np.bincount(person, column) for column in reduced.T], 1) / counts[:, None]
+    rest = reduced - means[person]
+    within = rest.T @ rest / (len(rest) - len(counts))
+    spread, turn = np.linalg.eigh(within + RIDGE * np.trace(within) / MODES * np.eye(MODES))
+    whiten = turn / np.sqrt(spread)
+    between = np.linalg.eigh(whiten.T @ np.cov(means.T) @ whiten)[1][:, ::-1][:, :DIRECTIONS]
+    return mean, modes @ whiten @ between
+
+
+def main() -> None:
+    """Train and write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--parts", type=Path, required=True, help="folder of rendered parts")
+    values, person = observed(parser.parse_args().parts)
+    mean, projection = discriminant(values, person)
+    np.savez(OUTPUT, mean=mean.astype(np.float16), projection=projection.astype(np.float16))
+    print(f"{len(values)} pictures of {person.max() + 1} people, {OUTPUT.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
