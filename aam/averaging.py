@@ -75,7 +75,8 @@ def _tracker(identities: Sequence[Identity]) -> Tracker:
     """A tracker that looks at no pixel and corrects nothing, with the mean shapes."""
     trackers = [identity.tracker for identity in identities]
     quality = np.mean([(t.quality.error, t.quality.good, t.quality.bad) for t in trackers], axis=0)
-    empty = Components(*(np.zeros(size, np.float32) for size in (0, (0, 0), 0)), 0.0)
+    nothing = np.zeros(0, np.float32)
+    empty = Components(nothing, np.zeros((0, 0), np.float32), nothing, 0.0)
     return Tracker(
         average_components([t.shapes for t in trackers]),
         (),

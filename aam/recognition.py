@@ -29,6 +29,7 @@ from aam.reference import MARGIN, ReferenceFrame, remap_points
 F32 = NDArray[np.float32]
 
 RESOLUTION = 32  # grid pixels across the face
+DIRECTIONS = 64  # values of a signature
 SAME = 0.80  # likeness from which two enrolments are of one person
 BLUR = 0.44  # small pixels, standard deviation, against aliasing
 DARK = 16.0  # grey levels added before the logarithm

@@ -2,23 +2,37 @@
 
 A donor is told by its spec: ``p03``, a person of the gallery that ships with Guise; ``NAME.guise``, a model of the
 user's own; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.
+
+A key file remembers people and their donors, so that a person keeps a donor from video to video.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
+import os
+import secrets
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from importlib import resources
 from itertools import count, repeat
 from math import comb
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from aam.averaging import average
 from aam.model import Identity, ModelError
+from aam.recognition import DIRECTIONS, SAME, likeness, signature
+from app.outputs import write_whole
 
 MEAN = "mean:"
 SUFFIX = ".guise"
+KEY_FORMAT, KEY_VERSION = "guise-key", 1
 
 
 class DonorError(ModelError):
@@ -142,3 +156,139 @@ def _subsets(names: Sequence[str], size: int, seed: int, salt: str) -> Iterator[
 
 def _digest(*values: object) -> bytes:
     return hashlib.sha256(repr(values).encode()).digest()
+
+
+@dataclass(frozen=True)
+class Known:
+    """A person of a key file: name, spec of the donor, signature (64,) of the face."""
+
+    name: str
+    donor: str
+    signature: tuple[float, ...]
+
+
+class KeyFile:
+    """People and their donors, so that a person gets the same donor in every video.
+
+    The file holds biometric data (by which a person can be looked for in other pictures), and it links outputs to
+    people: whoever has it can undo a part of what de-identification did.  It is readable by its owner only; keep it
+    apart from the outputs and delete it when it has served.  Its secret seed takes the place of a public one, so that
+    nobody without the file can tell who would have got which donor.
+
+    Every change reads the file anew and writes it whole, while no other process may.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.seed, self.people = _read_key(path)
+
+    @classmethod
+    def open(cls, path: Path) -> KeyFile:
+        """Read a key file, which is made if there is none.
+
+        Raises DonorError when it is damaged or is something else.
+        """
+        with _alone(path):
+            if not path.exists():
+                _write_key(path, secrets.randbits(64), ())
+            return cls(path)
+
+    def recognise(self, identity: Identity) -> Known | None:
+        """The person of the file who is most like an enrolled person, if they are one; see `aam.recognition`."""
+        return self._like(signature(identity))
+
+    def remember(self, name: str, donor: str, identity: Identity) -> Known:
+        """Add a person; if another process has done so in the meantime, what it has remembered stays.
+
+        name : "" for the next number.
+        """
+        with _alone(self.path):
+            return self._remembered(name, donor, signature(identity))
+
+    def assign(
+        self, people: Mapping[int, Identity | None], donor: str, *, own: Sequence[Path] = (), salt: str
+    ) -> dict[int, str]:  # fmt: skip
+        """As `app.donors.assign`: known people keep their donors, the others get donors that nobody here has yet.
+
+        people : the model of each person of a video, or None; those with a model are remembered.
+        """
+        faces = {person: signature(model) for person, model in people.items() if model is not None}
+        with _alone(self.path):
+            self.seed, self.people = _read_key(self.path)
+            found = {person: self._like(face) for person, face in faces.items()}
+            known = {person: entry.donor for person, entry in found.items() if entry is not None}
+            taken = {entry.donor for entry in self.people}
+            donors = assign(list(people), donor, own=own, seed=self.seed, salt=salt, known=known, taken=taken)
+            for person in faces.keys() - known.keys():
+                self._remembered("", donors[person], faces[person])
+        return donors
+
+    def _like(self, face: NDArray[np.float32]) -> Known | None:
+        best = max(self.people, key=lambda entry: _likeness(entry, face), default=None)
+        return best if best is not None and _likeness(best, face) >= SAME else None
+
+    def _remembered(self, name: str, donor: str, face: NDArray[np.float32]) -> Known:
+        self.seed, self.people = _read_key(self.path)
+        known = self._like(face)
+        if known is None:
+            values = tuple(round(float(v), 5) for v in face)
+            known = Known(name or f"person {len(self.people) + 1}", donor, values)
+            self.people = (*self.people, known)
+            _write_key(self.path, self.seed, self.people)
+        return known
+
+
+def _likeness(entry: Known, face: NDArray[np.float32]) -> float:
+    return likeness(np.array(entry.signature, np.float32), face)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold the lock on the folder of a key file, which nothing else takes."""
+    import fcntl
+
+    folder = os.open(path.absolute().parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _write_key(path: Path, seed: int, people: Sequence[Known]) -> None:
+    entries = [asdict(person) for person in people]
+    text = json.dumps({"format": KEY_FORMAT, "version": KEY_VERSION, "seed": seed, "people": entries})
+
+    def write(part: Path) -> None:
+        part.unlink(missing_ok=True)
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+
+    write_whole(path, write)
+
+
+def _read_key(path: Path) -> tuple[int, tuple[Known, ...]]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        form, version = content["format"], content["version"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise DonorError(
+            f"{path} is no key file or is damaged: take a copy of it, or another name"
+        ) from error
+    if (form, version) != (KEY_FORMAT, KEY_VERSION):
+        raise DonorError(
+            f"{path} is {form} of version {version}, expected {KEY_FORMAT} of version {KEY_VERSION}: use another name"
+        )
+    try:
+        return int(content["seed"]), tuple(_known(entry) for entry in content["people"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise DonorError(f"{path} is damaged ({error}): take a copy of it, or another name") from error
+
+
+def _known(entry: dict[str, Any]) -> Known:
+    face = tuple(float(value) for value in entry["signature"])
+    if len(face) != DIRECTIONS or not np.isfinite(face).all():
+        raise ValueError(f"a signature of {len(face)} values instead of {DIRECTIONS}")
+    return Known(str(entry["name"]), str(entry["donor"]), face)

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aam.appearance import sample_texture
-from aam.recognition import RESOLUTION, features
+from aam.recognition import DIRECTIONS, RESOLUTION, features
 from aam.reference import ReferenceFrame
 from training.data import load_parts
 
 OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"
 SLIP = 0.012  # standard deviation of the landmarks' errors, inter-ocular distances
 MOST_YAW = 45.0  # degrees
-MODES, DIRECTIONS = 300, 64  # of the features before, and of the signature
+MODES = 300  # of the features, before
 RIDGE = 0.1  # share of the mean within-class variance added to all directions
 
 F32 = NDArray[np.float32]

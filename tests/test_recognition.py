@@ -1,0 +1,86 @@
+"""Signatures: the same for one person under other light, different for others."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from models import SMALL as OPTIONS
+from models import model_file
+
+from aam.appearance import SHAPE
+from aam.landmarks import open_landmarker
+from aam.mask import core_mask
+from aam.model import Identity
+from aam.recognition import DIRECTIONS, SAME, features, likeness, same_person, signature, signature_of
+from aam.reference import ReferenceFrame
+from app.donors import gallery, open_donor
+from app.enrol import LandmarkSource, enrol
+
+SAMPLES = Path(__file__).parents[1] / "sample_videos"
+SMALL = ReferenceFrame.canonical(32)
+
+
+def lit(identity: Identity, change) -> Identity:
+    """The same model with another mean texture (n, 3)."""
+    parts = identity.appearance.components
+    mean = parts.mean.copy()
+    mean[SHAPE:] = change(mean[SHAPE:].reshape(-1, 3)).ravel()
+    return replace(identity, appearance=replace(identity.appearance, components=replace(parts, mean=mean)))
+
+
+def test_a_signature_has_length_one() -> None:
+    found = signature(open_donor("p01"))
+    assert found.shape == (DIRECTIONS,)
+    assert found.dtype == np.float32
+    assert float(found @ found) == pytest.approx(1, abs=1e-5)
+    assert likeness(found, found) == pytest.approx(1, abs=1e-5)
+
+
+def test_stronger_light_changes_next_to_nothing() -> None:
+    person = open_donor("p06")
+    assert likeness(signature(person), signature(lit(person, lambda rgb: 0.8 * rgb))) > 0.98
+
+
+def test_light_from_a_side_is_forgiven() -> None:
+    person = open_donor("p06")
+    across = (person.frame.pixels % person.frame.size[1]) / person.frame.size[1]
+    changed = lit(person, lambda rgb: rgb * (0.6 + 0.4 * across[:, None]))
+    assert same_person(person, changed)
+
+
+def test_hair_and_outline_do_not_count() -> None:
+    texture = np.random.default_rng(0).uniform(40, 200, (len(SMALL.pixels), 3)).astype(np.float32)
+    other = texture.copy()
+    other[~core_mask(SMALL)[SMALL.mask]] = 0
+    np.testing.assert_array_equal(signature_of(texture), signature_of(other))
+
+
+def test_features_hold_no_plane() -> None:
+    texture = np.random.default_rng(0).uniform(40, 200, (2, len(SMALL.pixels), 3)).astype(np.float32)
+    found = features(texture)
+    places = np.column_stack(np.divmod(SMALL.pixels, SMALL.size[1]))[core_mask(SMALL)[SMALL.mask]]
+    np.testing.assert_allclose(found.mean(-1), 0, atol=1e-5)
+    np.testing.assert_allclose(found @ (places - places.mean(0)), 0, atol=1e-2)
+
+
+@pytest.mark.parametrize("person", ["p01", "p02", "p06"])
+def test_a_person_is_the_same_in_another_clip(person: str) -> None:
+    second = enrol(
+        [SAMPLES / person / "talk2.mp4"], LandmarkSource(), name="second",
+        options=OPTIONS,
+    )  # fmt: skip
+    assert same_person(Identity.load(model_file(person)), second)
+
+
+def test_the_donors_are_all_different() -> None:
+    found = np.stack([signature(open_donor(name)) for name in gallery()])
+    likenesses = (found @ found.T)[~np.eye(len(found), dtype=bool)]
+    assert likenesses.max() < SAME
+
+
+def test_the_resolution_of_a_model_does_not_matter() -> None:
+    found = LandmarkSource(landmarker=open_landmarker("builtin"))
+    small = enrol([SAMPLES / "p01" / "talk2.mp4"], found, name="small", options=OPTIONS)
+    assert small.frame.resolution < open_donor("p01").frame.resolution
+    assert same_person(small, open_donor("p01"))
