@@ -94,7 +94,10 @@ class Reader:
     """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
 
     on_packet : called with each packet of every other stream, in file order.
+    damaged : whether a picture so far was lost or patched up; with several threads chance plays a part in that.
     """
+
+    damaged = False
 
     def __init__(self, path: Path, problems: Problems) -> None:
         self.container = open_container(path)
@@ -119,6 +122,10 @@ class Reader:
         for stream in self.container.streams:
             if stream.index != self.stream.index:
                 stream.discard = av.stream.Discard.all
+
+    def use_one_thread(self) -> None:
+        """Decode slowly, and the same each time however damaged the file is."""
+        self.stream.codec_context.thread_count = 1
 
     def only_others(self) -> None:
         """Leave the video's packets in the file."""
@@ -216,6 +223,7 @@ class Reader:
         except EOFError:
             return
         except av.error.FFmpegError as error:
+            self.damaged = True
             self.problems.note(
                 f"A damaged video packet at {self._clock(packet.pts)} was skipped ({_reason(error)})."
             )
@@ -224,6 +232,7 @@ class Reader:
             if self._start is not None and (picture.pts or 0) < self._start:
                 continue  # it refers to pictures before the keyframe that decoding began with
             if picture.is_corrupt:
+                self.damaged = True
                 self.problems.note(
                     f"The picture at {self._clock(picture.pts)} is damaged in the input and was patched up."
                 )

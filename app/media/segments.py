@@ -6,6 +6,7 @@ the frames, the whole file is one segment.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -168,42 +169,73 @@ def read_frames(
 
 
 def _window(source: Source, scan: Scan, first: int, last: int) -> Iterator[Frame]:
-    """From the keyframe before where that works, else from the start of the file."""
-    following = first
+    """From the keyframe before where that works, with one thread where the file is damaged, else from the start."""
     key = int(np.searchsorted(scan.keyframes, first, "right")) - 1
-    if isinstance(source, VideoSource) and scan.keyframes[key] > 0:
-        for frame in _from_keyframe(source, scan, key):
+    following = first
+    for number, careful in [(key, False), (key, True), (0, True)]:
+        attempt = _Attempt(source, scan, number, careful=careful)
+        for frame in attempt:
             if frame.index >= last:
                 return
-            if frame.index >= first:
+            if frame.index >= following:
                 following = frame.index + 1
                 yield frame
-    for frame in _numbered(iter(source), scan, source.problems):
-        if frame.index >= last:
+        if not attempt.gave_up:
             return
-        if frame.index >= following:
-            yield frame
 
 
-def _from_keyframe(source: VideoSource, scan: Scan, key: int) -> Iterator[Frame]:
-    """The frames from a keyframe to the end; it stops short when they do not come as they would in a whole pass.
+class _Attempt:
+    """The frames from a keyframe to the end, decoded in one way.
 
-    From the next keyframe on they cannot differ any more.
+    gave_up : whether it stopped since they are not surely what a pass from the start with one thread would give.
     """
-    expected = int(scan.keyframes[key])
-    sure = int(scan.keyframes[key + 1]) if key + 1 < len(scan.keyframes) else scan.frames
-    pts, dts = int(scan.pts[expected]), int(scan.dts[key])
-    problems = Problems()
-    try:
-        for frame in _numbered(source.frames_from(pts, dts, problems), scan, problems):
+
+    gave_up = False
+
+    def __init__(self, source: Source, scan: Scan, key: int, *, careful: bool) -> None:
+        self._source, self._scan = source, scan
+        self._first = int(scan.keyframes[key])
+        self._dts = int(scan.dts[key])
+        # From the next keyframe on decoding cannot depend any more on where it began.
+        following = int(scan.keyframes[key + 1]) if key + 1 < len(scan.keyframes) else scan.frames
+        self._unsure_until = following if key > 0 else 0
+        self._careful = careful
+
+    def __iter__(self) -> Iterator[Frame]:
+        if not isinstance(self._source, VideoSource):
+            yield from self._source
+            return
+        problems = Problems()
+        try:
+            yield from self._decode(self._source, problems)
+        finally:
+            if not self.gave_up:
+                self._source.problems.add(problems)
+
+    def _decode(self, source: VideoSource, problems: Problems) -> Iterator[Frame]:
+        reader = source.open_reader(problems)
+        if self._careful:
+            reader.use_one_thread()
+        if self._first > 0:
+            reader.start_at(int(self._scan.pts[self._first]), self._dts, source.first_picture)
+        held: deque[Frame] = deque()  # what comes before a picture may refer to it, and be damaged with it
+        expected = self._first
+        for frame in _numbered(source.frames_of(reader), self._scan, problems):
             corrupt = frame.video_frame is not None and frame.video_frame.is_corrupt
-            if expected < sure and (frame.index != expected or corrupt):
-                problems.clear()
+            strange = expected < self._unsure_until and (frame.index != expected or corrupt)
+            if strange or self._gives_up(reader):
+                self.gave_up = True
                 return
-            yield frame
             expected = frame.index + 1
-    finally:
-        source.problems.add(problems)
+            held.append(frame)
+            if len(held) > reader.stream.codec_context.reorder_depth:
+                yield held.popleft()
+        self.gave_up = self._gives_up(reader)
+        if not self.gave_up:
+            yield from held
+
+    def _gives_up(self, reader: Reader) -> bool:
+        return reader.damaged and not self._careful
 
 
 def _numbered(frames: Iterator[Frame], scan: Scan, problems: Problems) -> Iterator[Frame]:

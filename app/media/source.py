@@ -5,7 +5,7 @@ Pictures come as `Frame`s in display orientation with integer time stamps.  Ever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -151,16 +151,16 @@ class VideoSource(Source):
 
     def __iter__(self) -> Iterator[Frame]:
         listener, self._listener = self._listener, None
-        return self._frames(self._pictures(listener or _ignore))
+        return self.frames_of(self._pictures(listener or _ignore))
 
-    def frames_from(self, pts: int, dts: int, problems: Problems) -> Iterator[Frame]:
-        """The frames from a keyframe with those times on, or none when it is not found; indices count from 0."""
+    def open_reader(self, problems: Problems) -> Reader:
+        """Another pass over the file, which closes with the source."""
         reader = Reader(self.path, problems)
         self._others.append(reader)
-        reader.start_at(pts, dts, self.first_picture)
-        return self._frames(iter(reader))
+        return reader
 
-    def _frames(self, pictures: Iterator[av.VideoFrame]) -> Iterator[Frame]:
+    def frames_of(self, pictures: Iterable[av.VideoFrame]) -> Iterator[Frame]:
+        """The pictures of a reader as frames, counted from 0."""
         for index, picture in enumerate(pictures):
             assert picture.pts is not None
             yield Frame(
@@ -182,8 +182,7 @@ class VideoSource(Source):
         yield from rest
 
     def _again(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
-        reader = Reader(self.path, self.problems)
-        self._others.append(reader)
+        reader = self.open_reader(self.problems)
         reader.on_packet = listener
         yield from reader
 
