@@ -65,6 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     from app.failures import INTERRUPTED, report
 
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when NumPy is imported; why: app.threads
+    os.environ.setdefault(
+        "OPENCV_LOG_LEVEL", "SILENT"
+    )  # what it would say of a broken image is an error's sentence
     arguments = list(sys.argv[1:] if argv is None else argv)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)

@@ -111,8 +111,10 @@ def _attempt(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
         return _done_before(pair) if run.resume and _is_done(pair) else _one(pair, run, watch)
     except Exception as error:
         trace(error)
-        sentence, _ = explain(error)
-        return BatchEntry(pair.name, None, FAILED, _in_the_users_words(sentence, pair), {})
+        sentence = _in_the_users_words(explain(error)[0], pair)
+        if _work_of(pair).exists() and "--resume" not in sentence:
+            sentence = f"{sentence.rstrip('.')}; what is done is kept for --resume"
+        return BatchEntry(pair.name, None, FAILED, sentence, {})
 
 
 def _in_the_users_words(sentence: str, pair: Pair) -> str:
@@ -148,7 +150,11 @@ def _one(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
 
 def _is_done(pair: Pair) -> bool:
     """Whether the output is there, and its reports are, too."""
-    return is_there(pair) and not pair.output.with_name(pair.output.name + ".work").exists()
+    return is_there(pair) and not _work_of(pair).exists()
+
+
+def _work_of(pair: Pair) -> Path:
+    return pair.output.with_name(pair.output.name + ".work")
 
 
 def _done_before(pair: Pair) -> BatchEntry:
