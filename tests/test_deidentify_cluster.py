@@ -1,6 +1,9 @@
 """The Dask engine with a real scheduler and workers: jobs survive their workers, and errors are sentences."""
 
 import os
+import re
+import shlex
+import shutil
 import signal
 import socket
 import subprocess
@@ -11,9 +14,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from clips import empty_scene
 from engine_jobs import act
 from test_deidentify_engines import finished, jobs, wait_until
 
+from app.cli import main
 from app.deidentify.engines import EngineError, open_engine
 from app.media import MediaError
 
@@ -41,8 +46,12 @@ def started(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     try:
         yield process
     finally:
-        process.kill()
-        process.wait()
+        process.terminate()  # a nanny takes its worker with it
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def free_port() -> int:
@@ -202,6 +211,51 @@ def test_a_worker_that_does_not_see_the_folder_is_a_sentence(tmp_path: Path) -> 
     error = attempt_there(jobs(tmp_path / "elsewhere")[0], act, versions())
     assert isinstance(error, EngineError)
     assert "under the same path" in str(error)
+
+
+@pytest.fixture
+def bucket() -> Iterator[None]:
+    """A film behind a URL."""
+    fsspec = pytest.importorskip("fsspec", reason="the cluster extra is not installed")
+    memory = fsspec.filesystem("memory")
+    memory.store.clear()
+    memory.pipe_file("/films/in/x/c.mp4", empty_scene(Path("c.mp4")).read_bytes())
+    yield
+    memory.store.clear()
+
+
+def test_the_commands_of_the_page_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    """As they stand there, but for the scheduler's address, and with fsspec's memory as the object storage."""
+    monkeypatch.chdir(tmp_path)
+    request.getfixturevalue("bucket")
+    for name in ("videos/a.mp4", "videos/x/b.mp4"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        empty_scene(Path(name))
+    port = str(free_port())
+    changes = {"10.0.0.5": "127.0.0.1", "8786": port, "s3://": "memory://", "--nworkers 4": "--nworkers 1"}
+    page = (TESTS.parent / "docs" / "cluster.md").read_text(encoding="utf-8")
+    for old, new in changes.items():
+        assert old in page
+        page = page.replace(old, new)
+    lines = [
+        line for block in re.findall(r"^```sh\n(.*?)^```", page, re.M | re.S) for line in block.splitlines()
+    ]
+    dask = [shlex.split(line)[1:] for line in lines if line.startswith("dask ")]
+    commands = [shlex.split(line)[1:] for line in lines if line.startswith("guise ")]
+    assert [len(dask), len(commands)] == [2, 5]
+    with started(*dask[0], "--no-dashboard"), started(*dask[1], "--no-dashboard"):
+        wait_for_workers(f"tcp://127.0.0.1:{port}", 1)
+        outputs = []
+        for command in commands:
+            if "--resume" not in command:
+                shutil.rmtree("out", ignore_errors=True)
+            assert main([*command, "-q"]) == 0, command
+            outputs.append({str(f): f.read_bytes() for f in Path("out").rglob("*.mp4")})
+    assert set(outputs[0]) == {"out/a_deidentified.mp4", "out/x/b_deidentified.mp4"}
+    assert outputs[0] == outputs[1] == outputs[2]
+    assert set(outputs[4]) - set(outputs[3]) == {"out/x/c_deidentified.mp4"}
 
 
 def test_the_versions_are_those_of_what_computes() -> None:
