@@ -49,12 +49,14 @@ class Options:
     renderer : "auto", "gl" or "cpu".
     palette : "symmetric" or "least-squares" scale of the colour similarity.
     outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
+    beyond : face widths by which jaw and forehead are then drawn beyond it, to hide the rim of the face too.
     """
 
     alpha: float = DEFAULT_ALPHA
     renderer: Renderer = "auto"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
     outline: float = 0.7
+    beyond: float = 0.0
 
 
 Outcome = Literal["swapped", "held", "lost"]
@@ -143,6 +145,7 @@ class Painter:
         self._texels = estimator.texels
         self._detail = target.detail
         self._pull = options.outline * outline_pull(self.frame)
+        self._beyond = options.beyond * outward(self.frame)
         self._compositors: dict[bool, Compositor] = {}
         self._grid = np.zeros(self.frame.size, np.uint32)
         self._zeros = np.zeros((3, 0), np.float32)
@@ -163,8 +166,9 @@ class Painter:
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
         """The face's shape (81, 2) on the grid, carried to the head by its rigid landmarks; and the zoom."""
         a, b, tx, ty = align_planar(shape, head, RIGID_WEIGHTS)
-        mesh = shape @ np.array([[a, b], [-b, a]]) + (tx, ty)
-        return mesh + self._pull @ (head - mesh), math.hypot(a, b)
+        turn = np.array([[a, b], [-b, a]])
+        mesh = shape @ turn + (tx, ty)
+        return mesh + self._pull @ (head - mesh) + self._beyond @ turn, math.hypot(a, b)
 
     def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh."""
@@ -242,6 +246,15 @@ def shown_mask(source: NDArray[np.bool_], frame: ReferenceFrame) -> NDArray[np.b
     inside = cv2.distanceTransform(np.pad(frame.mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     below = np.arange(frame.size[0])[:, None] >= frame.points[[19, 24], 1].mean()
     return np.asarray(frame.mask & (source | (below & (inside > RIM * frame.resolution))))
+
+
+def outward(frame: ReferenceFrame) -> F64:
+    """(81, 2) grid pixels: the way out of the face by its width for the points of the outline; 0 for the others."""
+    outline = np.r_[:17, 68:POINTS]
+    away = frame.points[outline] - frame.points[27:36].mean(0)
+    ways = np.zeros((POINTS, 2))
+    ways[outline] = frame.resolution * away / np.linalg.norm(away, axis=1, keepdims=True)
+    return ways
 
 
 def outline_pull(frame: ReferenceFrame) -> F64:

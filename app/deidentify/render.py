@@ -31,6 +31,7 @@ from app.media import Frame
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
+BEYOND = 0.05  # face widths by which a swap reaches beyond the face's outline
 AUDIT_SCORE = 0.5  # of the detector, from which the audit takes a box for a face if
 AUDIT_LIKE = 0.0  # it also looks like one to the landmarker
 AGAIN = 2  # times that a segment is made anew at most
@@ -108,7 +109,7 @@ class Artist:
                 person,
                 open_donor(track.donor),
                 None,
-                EngineOptions(alpha=options.alpha, renderer=options.renderer),
+                EngineOptions(alpha=options.alpha, renderer=options.renderer, beyond=BEYOND),
             )
             self._engines[track.number] = engine
             self.renderer = engine.painter.renderer
