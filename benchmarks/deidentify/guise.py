@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.children import GUISE, Ran, ran
 
-LOSSLESS = ("--lossless", "--preset", "ultrafast")
+WITHOUT_LOSS = ("--lossless", "--preset", "ultrafast")
 SOME_COVERED = 3
 
 
