@@ -173,7 +173,7 @@ class Board:
     def __init__(self, console: Console, total: int) -> None:
         self._console, self._total = console, total
         self._lock = threading.Lock()
-        self._tasks: dict[str, TaskID] = {}
+        self._tasks: dict[str, tuple[TaskID, str]] = {}
         self._drawn = 0.0
 
     def __enter__(self) -> Board:
@@ -187,11 +187,15 @@ class Board:
         with self._lock:
             if self._bars is None:
                 return
-            if name not in self._tasks:
-                self._tasks[name] = self._bars.add_task("", total=1.0)
+            task, before = self._tasks.get(name, (None, ""))
             said = stage if self._total == 1 else f"{PurePath(name).name}: {stage}"
             said = printable(said).replace("[", r"\[")  # rich's markup
-            self._bars.update(self._tasks[name], description=said, completed=share)
+            if task is None:
+                task = self._bars.add_task(said, total=1.0)
+            elif stage != before:
+                self._bars.reset(task, description=said)  # its time begins anew
+            self._tasks[name] = task, stage
+            self._bars.update(task, completed=share)
             self._draw()
 
     def finished(self, name: str, count: int) -> None:
@@ -200,7 +204,7 @@ class Board:
             if self._bars is None:
                 return
             if name in self._tasks:
-                self._bars.remove_task(self._tasks.pop(name))
+                self._bars.remove_task(self._tasks.pop(name)[0])
             if self._total > 1:
                 self._bars.update(self._all, description=f"{count} of {self._total} files", completed=count)
             self._draw()
