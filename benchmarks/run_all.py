@@ -41,8 +41,12 @@ LANDMARKS = (
     "landmarks.false_faces",
     "landmarks.calibration",
 )
-ALL = (*NAMES, *LANDMARKS)
-WITH_PEERS = ("tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed")
+DEIDENTIFY = ("deidentify.identity", "deidentify.expression")
+ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY)
+WITH_PEERS = (
+    "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
+    "deidentify.expression",
+)  # fmt: skip
 WITH_PARTS = ("landmarks.rendered", "landmarks.calibration")
 
 

@@ -1,0 +1,63 @@
+"""The benchmarks of privacy and expression: who is who, and figures of made-up scores."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import SAMPLES
+
+from app.measure.curves import CURVES
+from app.measure.job import Compared
+from benchmarks.deidentify import expression, identity
+
+
+def scores(every: list[list[float]], embeddings: list[list[float]]) -> Compared:
+    values = np.array(every)
+    return Compared(values[:, 0], values, np.array(embeddings, np.float32))
+
+
+def test_clips_of_one_person_have_one_name() -> None:
+    real, rendered = Path("data/real"), Path("synthetic/people/p03")
+    assert identity.person_of(real / "address_o1.mp4") == identity.person_of(real / "address_o3.mp4")
+    assert identity.person_of(real / "talk_r1.mp4") != identity.person_of(real / "talk_r2.mp4")
+    assert identity.person_of(rendered / "talk2.mp4") == "rendered p03"
+
+
+def test_a_rendered_person_gets_another_face_than_the_own() -> None:
+    words = identity.others_than("rendered p03")
+    assert len(words) == 2 * (len(identity.gallery()) - 1)
+    assert all(Path(word).is_file() for word in words[1::2])
+    assert not any(word.endswith("p03.guise") for word in words)
+    assert identity.others_than("talk_r1") == []
+
+
+def test_ranks_are_told_among_all_and_among_real_people() -> None:
+    """The first column is the source, the second a donor: best of all, and no real person."""
+    after = scores([[0.3, 0.8, 0.1], [0.2, 0.9, 0.4]], [[1, 0, 0], [1, 0, 0.1]])
+    own = np.array([[1, 0, 0], [0.6, 0.8, 0]], np.float32)
+    templates = [np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0])]
+    found = identity.outcome(Path("a.mp4"), [{"donor": "x/p03.guise"}], after, own, [0, 2], templates)
+    assert found.ranks == (0, 0.5)
+    assert (found.place, found.of, found.donor) == (1, 2, "p03")
+    assert found.unswapped == pytest.approx([0.6])
+
+
+def test_criteria_are_over_real_clips_with_the_same_weight() -> None:
+    def clip(name: str, values: list[float]) -> identity.Outcome:
+        return identity.Outcome(Path(name), "p01", np.array(values), np.ones(2), (0.0, 0.0), 2, 3)
+
+    clips = [clip("real/a.mp4", [0.1] * 50), clip("real/b.mp4", [0.4]), clip("people/p01/talk2.mp4", [0.9])]
+    rank, mean, p99 = identity.summary(clips, 100).criteria
+    assert (rank.measured, rank.target) == (0, 3)
+    assert mean.measured == pytest.approx(0.25)
+    assert p99.measured == pytest.approx(0.4)
+
+
+def test_kept_expression_is_over_the_frames_that_both_have() -> None:
+    face = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][60:120].astype(float)
+    after = face.copy()
+    after[:15] = np.nan
+    correlations, found = expression.kept(face, after)
+    assert found == 0.75
+    assert set(correlations) == set(CURVES)
+    assert correlations["mouth opening"] == pytest.approx(1)
