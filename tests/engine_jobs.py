@@ -41,6 +41,10 @@ def act(job: Job) -> None:
     if job.stage == "endless":
         (folder / f"{job.index}.begun").write_text(str(os.getpid()))
         time.sleep(600)
+    if job.stage == "alone":
+        os.close(os.open(folder / "inside", os.O_CREAT | os.O_EXCL))
+        time.sleep(0.3)
+        (folder / "inside").unlink()
     if job.stage == "environment":
         (folder / "threads").write_text(os.environ["OPENBLAS_NUM_THREADS"])
     write(job)

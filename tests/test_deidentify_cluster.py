@@ -213,6 +213,25 @@ def test_a_worker_that_does_not_see_the_folder_is_a_sentence(tmp_path: Path) -> 
     assert "under the same path" in str(error)
 
 
+def test_a_job_that_is_done_twice_is_not_done_at_the_same_time(address: str, tmp_path: Path) -> None:
+    """As when a command was killed and is resumed while the workers still do its jobs."""
+    caught: list[Exception] = []
+
+    def command() -> None:
+        try:
+            with DaskEngine(address, act) as engine:
+                engine.run(jobs(tmp_path, "alone", 1), lambda job: None)
+        except Exception as error:
+            caught.append(error)
+
+    commands = [threading.Thread(target=command) for _ in range(4)]
+    for one in commands:
+        one.start()
+    for one in commands:
+        one.join()
+    assert caught == []
+
+
 @pytest.fixture
 def bucket() -> Iterator[None]:
     """A film behind a URL."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from models import model_file
+from test_cli_startup import modules_after
 from test_deidentify_batch import report_of
 
 from app.cli import main
@@ -277,3 +278,8 @@ def test_the_file_with_the_summary_is_not_an_input(
     assert code == 0
     assert len(asked) == 2
     assert err == ".: skipped 6 of an earlier run\n"
+
+
+def test_help_imports_no_heavy_library(here: Path) -> None:
+    loaded = modules_after("from app.cli import main; main(['deidentify', '--help'])", here)
+    assert loaded.isdisjoint({"numpy", "cv2", "av", "scipy", "onnxruntime", "distributed", "fsspec"})

@@ -5,6 +5,7 @@ All machines must see the input and the work folder under the same path, and hav
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import warnings
@@ -133,8 +134,22 @@ def attempt_there(job: Job, work: Perform, theirs: dict[str, str]) -> Exception 
             f"the worker on {node()} sees no folder {job.work}: write to a file system that every machine has under "
             "the same path"
         )
-    with _ONE:  # a worker with several threads does one job at a time, too
+    with _ONE, _alone(job):  # a worker with several threads does one job at a time, too
         return attempt(job, work)
+
+
+@contextlib.contextmanager
+def _alone(job: Job) -> Iterator[None]:
+    """Wait for whoever else does this job: a worker that was taken for lost, or one of a command that was stopped.
+
+    The system takes the lock away from a process that ends; where it has no locks for that file system, nobody waits.
+    """
+    with (Path(job.work) / f"{job.stage}.{job.index}.lock").open("w") as file:
+        with contextlib.suppress(OSError, ImportError):
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 @cache
