@@ -110,7 +110,7 @@ def test_reports_lie_beside_the_output_and_the_work_folder_is_gone(done: tuple[P
 def test_an_interrupted_run_goes_on_and_ends_with_the_same_bytes(clip: Path, tmp_path: Path) -> None:
     whole = tmp_path / "whole.mp4"
     run(clip, whole)
-    for die_at in range(4):
+    for die_at in (1, 3):
         output = tmp_path / f"stopped{die_at}.mp4"
         with pytest.raises(KeyboardInterrupt):
             run(clip, output, engine=Here(die_at))
@@ -187,6 +187,48 @@ def test_a_face_that_the_first_look_missed_is_covered_after_the_last(
     detector = FaceDetector(min_score=0.5)
     for picture in pictures(tmp_path / "out.mp4")[::10]:
         assert len(detector.detect(np.repeat(picture[..., None], 3, axis=2))) == 0
+
+
+def joined(path: Path, *pieces: tuple[str, int]) -> Path:
+    """A clip of pieces, each the first frames of a sample person's, or of an empty room."""
+    from fractions import Fraction
+
+    from app.media import open_source
+
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", 30, {"crf": "12", "preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv420p"
+        index = 0
+        for person, count in pieces:
+            rgbs = [np.full((480, 640, 3), 90, np.uint8)] * count
+            if person:
+                with open_source(SAMPLES / person / "talk2.mp4") as source:
+                    rgbs = [frame.rgb() for frame, _ in zip(source, range(count), strict=False)]
+            for rgb in rgbs:
+                frame = av.VideoFrame.from_ndarray(rgb, "rgb24")
+                frame.pts, frame.time_base = index, Fraction(1, 30)
+                index += 1
+                out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    return path
+
+
+def test_who_leaves_and_returns_keeps_the_donor_and_another_person_gets_another(tmp_path: Path) -> None:
+    clip = joined(tmp_path / "in.mp4", ("p02", 40), ("", 60), ("p02", 40), ("p06", 40))
+    report = run(clip, tmp_path / "out.mp4", replace(QUICK, keyfile=tmp_path / "people.key"))
+    assert report is not None
+    assert [(t.first, t.last) for t in report.tracks] == [(0, 39), (100, 139), (140, 179)]
+    assert [t.person for t in report.tracks] == [1, 1, 3]
+    first, again, other = (t.donor for t in report.tracks)
+    assert first == again != other
+    assert report.counts["without face"] > 20
+    later = run(
+        joined(tmp_path / "later.mp4", ("p06", 60)),
+        tmp_path / "out2.mp4",
+        replace(QUICK, keyfile=tmp_path / "people.key"),
+    )
+    assert later is not None
+    assert later.tracks[0].donor == other
 
 
 def test_without_faces_everything_stays(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.recognition import same_person
 from app.deidentify.case import Case, Linked, track_from, track_json
 from app.deidentify.decide import COVERED, LEFT, SWAPPED, Bystanders, Decision, Rows, decide
 from app.deidentify.link import Piece, link
@@ -25,7 +26,7 @@ from app.deidentify.sheet import contact_sheet
 from app.deidentify.stages import Job, result_of
 from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
 from app.deidentify.work import MANIFEST, Work
-from app.donors import assign
+from app.donors import KeyFile, assign
 from app.media import MediaError, open_sink, open_source
 from app.media.segments import scan
 from app.media.sink import check_free
@@ -236,8 +237,6 @@ def _people(case: Case) -> dict[str, int]:
 
 
 def _same(case: Case, track: Linked, model: Any) -> bool:
-    from aam.recognition import same_person
-
     other = case.enrolled(track.number)
     return other is not None and same_person(other, model)
 
@@ -304,33 +303,19 @@ def _ordered(case: Case, edited: Path | None) -> list[Track]:
     tracks = proposed
     if edited is not None:
         tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
-    options, donors = case.options, {}
-    people = list(dict.fromkeys(t.person for t in tracks if t.action == "swap"))
-    key = None
-    if options.keyfile:
-        from app.donors import KeyFile
-
-        key = KeyFile.open(options.keyfile)
-    if people:
-        donors = _donors(case, people, key)
+    donors = _donors(
+        case, list(dict.fromkeys(t.person for t in tracks if t.action == "swap" and not t.donor))
+    )
     return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
 
 
-def _donors(case: Case, people: Sequence[int], key: Any) -> dict[int, str]:
-    options = case.options
-    models = {p: case.model_of(p) for p in people}
-    known = {p: key.recognise(m) for p, m in models.items() if m is not None} if key else {}
-    donors = {p: entry.donor for p, entry in known.items() if entry is not None}
-    rest = [p for p in people if p not in donors]
-    donors |= assign(
-        rest, options.donor, own=options.gallery, seed=options.seed, salt=case.manifest["name"],
-        taken=tuple(donors.values()),
-    )  # fmt: skip
-    for p in rest:
-        model = models[p]
-        if key is not None and model is not None:
-            key.remember("", donors[p], model)
-    return donors
+def _donors(case: Case, people: Sequence[int]) -> dict[int, str]:
+    """Whose face each person gets; with a key file, the one that they have had before."""
+    options, salt = case.options, case.manifest["name"]
+    if options.keyfile is None:
+        return assign(people, options.donor, own=options.gallery, seed=options.seed, salt=salt)
+    models = {person: case.model_of(person) for person in people}
+    return KeyFile.open(options.keyfile).assign(models, options.donor, own=options.gallery, salt=salt)
 
 
 def _plan(case: Case) -> dict[str, NDArray[Any]]:
