@@ -18,6 +18,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +31,9 @@ from aam.training import LUMA, TrainingOptions
 from app.enrol import LandmarkSource, enrol
 from app.version import version
 
-GALLERY = Path(__file__).parents[1] / "app" / "gallery"
+ROOT = Path(__file__).parents[1]
+GALLERY, PICTURE = ROOT / "app" / "gallery", ROOT / "docs" / "images" / "gallery.jpg"
+SIDE = 160  # pixels of a portrait
 OPTIONS = TrainingOptions(max_modes=10)
 TAKES = ("talk.mp4", "talk2.mp4")
 LIFT = (0.007, 0.016, 0.024, 0.028, 0.032)  # of the brow's points, from the outer end, inter-ocular distances
@@ -67,14 +70,26 @@ def calm_eyes(texture: NDArray[np.float32], frame: ReferenceFrame) -> NDArray[np
     return np.asarray(texture * ratio[:, None], np.float32)
 
 
+def portrait(person: Identity) -> NDArray[np.uint8]:
+    """The still (SIDE, SIDE, 3), cut around the face."""
+    picture, shape = person.still.picture, person.still.shape
+    centre, reach = shape.mean(0), 0.75 * np.ptp(shape[:, 1])
+    x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
+    x1, y1 = np.ceil(centre + reach).astype(int)
+    return np.asarray(cv2.resize(picture[y0:y1, x0:x1], (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.uint8)
+
+
 def main() -> None:
-    """Write the gallery."""
+    """Write the gallery and its picture."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--people", type=Path, required=True, help="folder of the people's clips")
     GALLERY.mkdir(exist_ok=True)
+    portraits = []
     for folder in sorted(parser.parse_args().people.glob("p0*")):
-        size = donor(folder).save(GALLERY / f"{folder.name}.guise")
-        print(folder.name, f"{size / 1e6:.2f} MB")
+        person = donor(folder)
+        portraits.append(portrait(person))
+        print(person.name, f"{person.save(GALLERY / f'{person.name}.guise') / 1e6:.2f} MB")
+    cv2.imwrite(str(PICTURE), np.hstack(portraits)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 
 if __name__ == "__main__":
