@@ -19,6 +19,7 @@ from app.measure.curves import CURVES
 from app.measure.pair import Timing, require_alike
 from app.measure.reported import UNTOLD, read_report
 from app.measure.table import FACTS, rows_of
+from app.pictures import save_picture
 
 FRAMES = 24
 FACE = (190, 60, 430, 400)  # x0 y0 x1 y1, pixels: holds the sample person's face in all frames
@@ -282,3 +283,21 @@ def test_times_may_be_rounded_but_not_by_half_a_frame() -> None:
     late = (*times[:50], times[50] + Fraction(1, 59), *times[51:])
     with pytest.raises(MeasureError, match=r"frame 50 of c must be at 1\.667 s as in a, got 1\.684 s"):
         require_alike(original, Timing("c", late, 64, 48))
+
+
+def test_pictures_of_a_folder_show_a_person_each(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for person in ("p01", "p02"):
+        with av.open(str(SAMPLES / person / "talk.mp4")) as reader:
+            rgb = next(reader.decode(video=0)).to_ndarray(format="rgb24")
+            save_picture(folder / f"{person}.png", rgb)
+    result = measure(Request(folder, [folder], recogniser=recogniser(tmp_path)))
+    assert result.faces == (1, 1)
+    (figures,) = result.outputs
+    assert figures.utility.found == 1
+    assert math.isnan(figures.utility.expression)
+    assert figures.privacy is not None
+    assert [person.rank for person in figures.privacy.people] == [1, 1]
+    assert figures.privacy.unswapped is None
+    assert {row[0]: row[1] for row in rows_of(result)}["rank of each person over all frames"] == "1, 1 of 2"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -44,13 +45,14 @@ class Finder:
     def __init__(self, landmarker: Landmarker, *, video: bool) -> None:
         self._landmarker = landmarker
         self._follower = MultiFollower(landmarker) if video else None
+        self._numbers = count()
 
     def __call__(self, frame: Frame) -> dict[int, Face]:
-        """The faces of the next frame by their numbers; in pictures each face has a number of its own."""
+        """The faces of the next frame by their numbers; in pictures each face has its own, which comes but once."""
         if self._follower is not None:
             return self._follower.step(frame.rgb())
         found = [face for face in self._landmarker.detect(frame.rgb()) if face.confidence >= 0.5]
-        return dict(enumerate(found))
+        return {next(self._numbers): face for face in found}
 
 
 class Collected:

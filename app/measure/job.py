@@ -204,10 +204,8 @@ class _Measurement:
         """For each face its landmarks before, and after, in the frames in which it is found in the output too."""
         at, untouched = At(faces), Untouched()
         before, after = Collected(), Collected()
-        find: Finder | None = None
-        total = len(self._timing.times)
+        find, total = Finder(self._landmarker, video=self._timing.video), len(self._timing.times)
         for own, other in side_by_side(self._request.original, path):
-            find = find or Finder(self._landmarker, video=total > 1)
             known = at[own.index]
             places = dict(known)
             for number, points in matched(known, find(other)):

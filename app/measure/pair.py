@@ -29,20 +29,26 @@ SAFETY = (
 class Timing:
     """When the frames of a video are shown, and its size.
 
-    times : seconds.   width, height : pixels, as shown.
+    times : seconds.   width, height : pixels, as shown.   video : whether the frames follow each other.
     """
 
     name: str
     times: tuple[Fraction, ...]
     width: int
     height: int
+    video: bool = True
 
     @classmethod
     def of(cls, path: Path) -> Timing:
         """By decoding the video once."""
         with open_source(path) as source:
             size = source.width, source.height
-            return cls(source.name, tuple(frame.pts * frame.time_base for frame in source), *size)
+            return cls(
+                source.name,
+                tuple(frame.pts * frame.time_base for frame in source),
+                *size,
+                source.kind == "video",
+            )
 
     @property
     def step(self) -> Fraction:

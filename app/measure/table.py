@@ -11,6 +11,7 @@ from app.measure.privacy import Scores
 
 FACTS = "what"
 NONE = "-"
+MOST_PLACES = 4
 
 _Cell = Callable[[OutputFigures], str]
 _PrivateCell = Callable[[Privacy], str]
@@ -44,13 +45,20 @@ def _of_privacy(cell: _PrivateCell) -> _Cell:
     return lambda one: NONE if one.privacy is None else cell(one.privacy)
 
 
+def _places(privacy: Privacy) -> str:
+    """The rank of each person; of many people the first ones, who are found again soonest."""
+    places = sorted(one.rank for one in privacy.people)
+    told = ", ".join(map(str, places[:MOST_PLACES])) + (" .." if len(places) > MOST_PLACES else "")
+    return f"{told} of {privacy.people[0].of}"
+
+
 _PRIVATE: tuple[tuple[str, _PrivateCell], ...] = (
     ("similarity to source: mean, 99th percentile", lambda p: _scores(p.to_source)),
     ("the same, unswapped", lambda p: _scores(p.unswapped)),
     ("similarity to donor (unswapped)", lambda p: f"{_mean(p.to_donor)} ({_mean(p.unswapped_to_donor)})"),
     ("re-identified, rank 1 (unswapped; chance)", lambda p: f"{share(p.rank_one)} ({share(p.unswapped_rank_one)}; "
      f"{share(p.chance)})"),
-    ("rank of each person over all frames", lambda p: ", ".join(f"{x.rank} of {x.of}" for x in p.people)),
+    ("rank of each person over all frames", _places),
 )  # fmt: skip
 
 
