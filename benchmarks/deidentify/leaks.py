@@ -1,7 +1,7 @@
 """Leaked frames: true faces of the hard synthetic clips that are not swapped or covered; `deface` beside it.
 
-A frame is leaked when less than 90 % of the box of the points of a face that can be seen was changed.  Beside it stands that
-of all 68 points, of which some lie under hair, and the share of the pixels of the face instead of its box.
+A frame is leaked when less than 90 % of the box of the points of a face that can be seen was changed.  Beside it stand
+that of all 68 points, some of which lie under hair, and the share of the face's pixels instead of its box.
 """
 
 from __future__ import annotations
