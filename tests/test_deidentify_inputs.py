@@ -321,6 +321,15 @@ def test_a_pattern_behind_a_url(bucket: str, here: Path) -> None:
     assert [pair.shown_output for pair in made.pairs] == ["out/x/b_deidentified.mov"]
 
 
+def test_the_web_only_gives(here: Path) -> None:
+    pytest.importorskip("aiohttp", reason="the cluster extra is not installed")
+    url = "https://films.example/a%20b.mp4?key=1"
+    (pair,) = plan(url, output="out/").pairs
+    assert (pair.fetch, pair.output) == (url, here / "out/a b_deidentified.mp4")
+    with pytest.raises(InputError, match=r"a b_deidentified\.mp4 cannot be written to: give a folder here"):
+        plan(url)
+
+
 @pytest.mark.parametrize(
     ("url", "sentence"),
     [

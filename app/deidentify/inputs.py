@@ -293,6 +293,10 @@ class _Namer:
         name = self._url or short(self._source)
         if not remote.is_url(output):
             return Pair(self._source, Path(os.path.abspath(output)), name, self._url)
+        if not remote.is_writable(output):
+            raise InputError(
+                f"{output} cannot be written to: give a folder here, or one at s3:// or gs://, with -o"
+            )
         if self._source.is_dir():
             raise InputError(
                 f"{name} is a clip of images, which cannot be written to a URL: give a folder here with -o"

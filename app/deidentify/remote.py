@@ -28,6 +28,11 @@ def is_url(text: str) -> bool:
     return _URL.match(text) is not None
 
 
+def is_writable(url: str) -> bool:
+    """Whether files can be put there; the web only gives."""
+    return not url.startswith(_WEB)
+
+
 def is_pattern(text: str) -> bool:
     """Whether a URL stands for several; in one of the web a question mark begins a query."""
     return not text.startswith(_WEB) and _PATTERN.search(text) is not None
