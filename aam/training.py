@@ -53,6 +53,8 @@ class TrainingOptions:
     resolution : texture grid pixels across the face; models that are mixed need the same.
     retain : share of appearance variance (float) or number of modes (int) to keep.
     max_modes : never more appearance modes than this.
+    even_light : take from each frame the smooth part by which its light differs from the others', so that a change of
+        light is no mode of the face: for clips in which the light changes.
     tracker : TrackerOptions.
     """
 
@@ -60,6 +62,7 @@ class TrainingOptions:
     resolution: int = DEFAULT_RESOLUTION
     retain: float | int = 0.98
     max_modes: int = 40
+    even_light: bool = False
     tracker: TrackerOptions = field(default_factory=TrackerOptions)
 
 
@@ -189,6 +192,8 @@ def train_identity(
             f"only {len(training)} of the chosen frames show the whole face; use another clip"
         )
     textures = np.stack([o.texture for o in training])
+    if options.even_light:
+        textures = in_even_light(textures, frame)
     mask = learn_mask(textures, frame)
     appearance = _appearance(training, textures, mask, observations, choice, frame, options)
     progress(0.2)
@@ -241,6 +246,25 @@ def _appearance(
     neutral = rest_weights(shapes, frame).astype(np.float32) @ raw
     neutral[SHAPE:] = _bare(neutral[SHAPE:].reshape(-1, 3), mask, frame).ravel()
     return AppearanceModel(frame, components, neutral, mask)
+
+
+def in_even_light(textures: F32, frame: ReferenceFrame) -> F32:
+    """Textures (t, n, 3) as if all were taken in the mean light.
+
+    Light is a gain and a quadratic in the place on the grid, for each channel, fitted to the skin.
+    """
+    ys, xs = np.divmod(frame.pixels, frame.size[1])
+    x = (xs - frame.size[1] / 2) / frame.resolution
+    y = (ys - frame.size[0] / 2) / frame.resolution
+    skin = skin_mask(frame)[frame.mask]
+    mean = textures.mean(0)
+    out = np.empty_like(textures)
+    for channel in range(3):
+        columns = np.stack([mean[:, channel] / 128, np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+        solve = np.linalg.pinv(columns[skin])
+        for texture, even in zip(textures[..., channel], out[..., channel], strict=True):
+            even[:] = texture - columns @ (solve @ (texture - mean[:, channel])[skin])
+    return out
 
 
 def _bare(texture: F32, mask: NDArray[np.bool_], frame: ReferenceFrame) -> F32:

@@ -29,7 +29,7 @@ from app.threads import one_thread
 
 F64 = NDArray[np.float64]
 
-TRAINING = TrainingOptions(frames=48)
+TRAINING = TrainingOptions(frames=48, even_light=True)
 SEGMENTS = 5
 CLEAR = 0.95  # confidence of landmarks to train on, where enough frames have it; else
 SURE = 0.5
