@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Sequence
@@ -180,7 +179,7 @@ def deidentify(
         console.note(note)
     require_possible(plan.pairs, force=force, resume=resume)
     with open_engine(engine, workers) as opened:
-        return _run(console, plan.pairs, Run(options, opened, resume, force, review, tracks), output)
+        return _run(console, plan.pairs, Run(options, opened, resume, force, review, tracks))
 
 
 def _check_tracks(tracks: Path | None, review: bool, pairs: Sequence[Pair]) -> None:
@@ -192,7 +191,7 @@ def _check_tracks(tracks: Path | None, review: bool, pairs: Sequence[Pair]) -> N
         )
 
 
-def _run(console: Console, pairs: Sequence[Pair], run: Run, output: str | None) -> int:
+def _run(console: Console, pairs: Sequence[Pair], run: Run) -> int:
     from app.deidentify.batch import exit_code, run_batch
     from app.failures import Interrupted
 
@@ -208,22 +207,17 @@ def _run(console: Console, pairs: Sequence[Pair], run: Run, output: str | None) 
         "files": [vars(entry) for entry in entries],
     }
     if len(entries) > 1 and not run.review:
-        facts["report"] = _summarise(console, entries, pairs, output)
+        facts["report"] = _summarise(console, entries, pairs)
     console.result(facts)
     return exit_code(entries)
 
 
-def _summarise(
-    console: Console, entries: Sequence[BatchEntry], pairs: Sequence[Pair], output: str | None
-) -> str:
+def _summarise(console: Console, entries: Sequence[BatchEntry], pairs: Sequence[Pair]) -> str:
     """Say and write what became of all files."""
     from app.deidentify.batch import write_summary
-    from app.deidentify.inputs import short
     from app.deidentify.report import ALL_SWAPPED, SOME_COVERED
 
-    local = [str(pair.output.parent) for pair in pairs if not pair.put]
-    folder = Path(os.path.commonpath(local)) if local else Path.cwd()
-    page = short(write_summary(folder, entries))
+    page = write_summary(pairs, entries)
     codes = [entry.code for entry in entries]
     swapped, covered = codes.count(ALL_SWAPPED), codes.count(SOME_COVERED)
     failed = len(codes) - swapped - covered

@@ -199,12 +199,13 @@ def test_the_summary_names_every_file(here: Path) -> None:
         BatchEntry("a.mp4", "a_deidentified.mp4", 0, "Fine.", {"swapped": 3}),
         BatchEntry("b", None, 1, "No.", {}),
     ]
-    page = write_summary(here, entries)
+    make("c.mp4", "d.mp4")
+    page = here / write_summary(pairs_of("c.mp4", "d.mp4", output="."), entries)
+    assert page.parent == here
     assert "a.mp4" in page.read_text()
     told = json.loads(page.with_suffix(".json").read_text())
     assert (told["files"], told["failed"]) == (2, 1)
-    make("c.mp4")
-    assert [pair.name for pair in pairs_of(".")] == ["c.mp4"]
+    assert [pair.name for pair in pairs_of(".")] == ["c.mp4", "d.mp4"]
 
 
 # -- elsewhere --------------------------------------------------------------------------------------------------
@@ -237,6 +238,14 @@ def test_files_elsewhere_come_and_go(here: Path, done: list[Any], bucket: Any) -
     )
     assert again == entries
     assert done == []
+
+
+def test_the_summary_goes_where_the_outputs_go(here: Path, bucket: Any) -> None:
+    entries = [BatchEntry("a.mp4", "a_deidentified.mp4", 0, "Fine.", {})] * 2
+    page = write_summary(pairs_of("memory://films", output="memory://out/"), entries)
+    assert page.startswith("memory://out/deidentify-")
+    assert b"a.mp4" in bucket.cat_file(page.removeprefix("memory:/"))
+    assert list(here.iterdir()) == []
 
 
 def test_a_file_elsewhere_that_fails_is_kept_here_and_resumed(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
+import tempfile
 import threading
 import time
 from collections.abc import Sequence
@@ -15,7 +17,7 @@ from typing import Any, Protocol
 
 from app.deidentify import remote
 from app.deidentify.engines import Engine
-from app.deidentify.inputs import Pair, is_there
+from app.deidentify.inputs import Pair, is_there, short
 from app.deidentify.job import beside, deidentify_file
 from app.deidentify.options import Options
 from app.deidentify.page import write_batch_page
@@ -97,9 +99,21 @@ def exit_code(entries: Sequence[BatchEntry]) -> int:
     return FAILED
 
 
-def write_summary(folder: Path, entries: Sequence[BatchEntry]) -> Path:
-    """Write what became of all files as JSON and as a page, whose path is returned."""
+def write_summary(pairs: Sequence[Pair], entries: Sequence[BatchEntry]) -> str:
+    """Write what became of all files, as JSON and as a page, into the folder that holds all outputs; names the page."""
     name = time.strftime(SUMMARY)
+    local = [str(pair.output.parent) for pair in pairs if not pair.put]
+    if local:
+        return short(_write_summary(Path(os.path.commonpath(local)), name, entries))
+    folder = remote.common_folder([pair.put for pair in pairs])
+    with tempfile.TemporaryDirectory() as here:
+        page = _write_summary(Path(here), name, entries)
+        for path in (page, page.with_suffix(".json")):
+            remote.put(path, remote.join(folder, path.name))
+    return remote.join(folder, page.name)
+
+
+def _write_summary(folder: Path, name: str, entries: Sequence[BatchEntry]) -> Path:
     write_batch(folder / f"{name}.report.json", entries)
     page = folder / f"{name}.report.html"
     write_batch_page(page, entries)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -56,6 +57,18 @@ def join(folder: str, name: str) -> str:
 def folder_of(url: str) -> str:
     """The URL of the folder that a file is in."""
     return url.rstrip("/").rsplit("/", 1)[0]
+
+
+def common_folder(urls: Sequence[str]) -> str:
+    """The URL of the folder that all files are in or below; that of the first when there is none.
+
+    >>> common_folder(["s3://films/out/x/a.mp4", "s3://films/out/b.mp4"])
+    's3://films/out'
+    """
+    folder = first = folder_of(urls[0])
+    while not all(url.startswith(folder + "/") for url in urls):
+        folder = folder_of(folder)
+    return folder if is_url(folder) else first
 
 
 def files_at(url: str, *, recursive: bool) -> list[tuple[str, str]]:
