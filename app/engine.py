@@ -37,6 +37,11 @@ FINE = 1.15  # face on screen wider than this many texture grids: detail is adde
 
 RIM = 0.09  # face widths from the hull in which the source's hair stays
 REACH = 0.11  # face widths over which the inner points follow the outline
+OUTLINE = np.r_[:17, 68:POINTS]  # jaw and forehead
+
+APART = 0.13  # share of the way from the nose's root to the temple by which a disguise moves an eye and its brow out
+RAISED = 0.07  # share of the way from the nose's root to the hair by which it moves the brows up
+WIDER = 0.12  # share by which it enlarges the mouth
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,8 @@ class Options:
     palette : "symmetric" or "least-squares" scale of the colour similarity.
     outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
     beyond : face widths by which jaw and forehead are then drawn beyond it, to hide the rim of the face too.
+    disguise : draw the features in other proportions, see `proportions`, and over all within the outline, so that what
+        the head in the picture still tells (hair, ears, neck) is recognised less.
     """
 
     alpha: float = DEFAULT_ALPHA
@@ -57,6 +64,7 @@ class Options:
     palette: Literal["symmetric", "least-squares"] = "symmetric"
     outline: float = 0.7
     beyond: float = 0.0
+    disguise: bool = False
 
 
 Outcome = Literal["swapped", "held", "lost"]
@@ -139,11 +147,12 @@ class Painter:
         self, source: Identity, target: Identity, estimator: ParameterEstimator, options: Options
     ) -> None:
         self.options, self.frame = options, target.frame
-        mask = shown_mask(source.appearance.mask, self.frame)
+        mask = self.frame.mask if options.disguise else shown_mask(source.appearance.mask, self.frame)
         self._alpha = feather(mask, FEATHER * self.frame.resolution)
         self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
         self._texels = estimator.texels
         self._detail = target.detail
+        self._features = proportions(self.frame) if options.disguise else np.eye(POINTS)
         self._pull = options.outline * outline_pull(self.frame)
         self._beyond = options.beyond * outward(self.frame)
         self._compositors: dict[bool, Compositor] = {}
@@ -167,7 +176,7 @@ class Painter:
         """The face's shape (81, 2) on the grid, carried to the head by its rigid landmarks; and the zoom."""
         a, b, tx, ty = align_planar(shape, head, RIGID_WEIGHTS)
         turn = np.array([[a, b], [-b, a]])
-        mesh = shape @ turn + (tx, ty)
+        mesh = self._features @ (shape @ turn + (tx, ty))
         return mesh + self._pull @ (head - mesh) + self._beyond @ turn, math.hypot(a, b)
 
     def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
@@ -250,10 +259,9 @@ def shown_mask(source: NDArray[np.bool_], frame: ReferenceFrame) -> NDArray[np.b
 
 def outward(frame: ReferenceFrame) -> F64:
     """(81, 2) grid pixels: the way out of the face by its width for the points of the outline; 0 for the others."""
-    outline = np.r_[:17, 68:POINTS]
-    away = frame.points[outline] - frame.points[27:36].mean(0)
+    away = frame.points[OUTLINE] - frame.points[27:36].mean(0)
     ways = np.zeros((POINTS, 2))
-    ways[outline] = frame.resolution * away / np.linalg.norm(away, axis=1, keepdims=True)
+    ways[OUTLINE] = frame.resolution * away / np.linalg.norm(away, axis=1, keepdims=True)
     return ways
 
 
@@ -263,13 +271,35 @@ def outline_pull(frame: ReferenceFrame) -> F64:
     Jaw and forehead follow in full, so that the face is as wide as the head and no second chin shows; inner points
     follow the outline near them, less the farther they are, so that no brow reaches past a turned head.
     """
-    outline = np.r_[:17, 68:POINTS]
-    distance = np.linalg.norm(frame.points[:, None] - frame.points[outline], axis=2) / (
-        REACH * frame.resolution
-    )
-    near = np.exp(-((distance * 1.5) ** 2))
-    share = np.exp(-(distance.min(1) ** 2))[:, None]
+    near = np.exp(-((_to_outline(frame) * 1.5) ** 2))
     pull = np.zeros((POINTS, POINTS))
-    pull[:, outline] = share * near / near.sum(1, keepdims=True)
-    pull[outline] = np.eye(POINTS)[outline]
+    pull[:, OUTLINE] = _bound(frame) * near / near.sum(1, keepdims=True)
+    pull[OUTLINE] = np.eye(POINTS)[OUTLINE]
     return pull
+
+
+def proportions(frame: ReferenceFrame) -> F64:
+    """(81, 81) weights that take a face's points to those of a face with other proportions and the same outline.
+
+    Eyes and brows lie farther apart, the brows higher, and the mouth is larger.  Every move is a share of a way along
+    the face itself, so that place, size and turn in the picture do not matter and the far side of a turned head moves
+    as little as it is wide.
+    """
+    points = np.eye(POINTS)
+    moves = np.zeros_like(points)
+    for side, temple in ((np.r_[17:22, 36:42], 0), (np.r_[22:27, 42:48], 16)):
+        moves[side] = APART * (points[temple] - points[27])
+    moves[17:27] += RAISED * (points[74] - points[27])
+    moves[48:68] = WIDER * (points[48:68] - points[48:68].mean(0))
+    return np.asarray(points + (1 - _bound(frame)) * moves)
+
+
+def _bound(frame: ReferenceFrame) -> F64:
+    """(81, 1) share in [0, 1] by which each point is bound to the outline: 1 on it, less the farther it is."""
+    return np.asarray(np.exp(-(_to_outline(frame).min(1) ** 2))[:, None])
+
+
+def _to_outline(frame: ReferenceFrame) -> F64:
+    """(81, 30) distances of the points from those of the outline, in REACH."""
+    away = np.linalg.norm(frame.points[:, None] - frame.points[OUTLINE], axis=2)
+    return np.asarray(away / (REACH * frame.resolution))

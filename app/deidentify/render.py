@@ -109,7 +109,7 @@ class Artist:
                 person,
                 open_donor(track.donor),
                 None,
-                EngineOptions(alpha=options.alpha, renderer=options.renderer, beyond=BEYOND),
+                EngineOptions(alpha=options.alpha, renderer=options.renderer, beyond=BEYOND, disguise=True),
             )
             self._engines[track.number] = engine
             self.renderer = engine.painter.renderer

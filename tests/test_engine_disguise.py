@@ -1,0 +1,98 @@
+"""A disguise: other proportions within the same outline, over everything that lies there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up import SAMPLES
+from models import model_file
+from numpy.typing import NDArray
+
+from aam.landmarks.schemes import MIRROR
+from aam.model import Identity
+from aam.reference import POINTS, ReferenceFrame
+from app.engine import OUTLINE, Engine, Options, proportions
+from app.media import open_source
+
+FRAME = ReferenceFrame.canonical(160)
+EYES = np.r_[36:48]
+
+
+def _areas(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed areas (t,) of the mesh's triangles, twice."""
+    a, b, c = (points[FRAME.triangles[:, k]] for k in range(3))
+    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+
+
+def _apart(points: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(points[42:48].mean(0) - points[36:42].mean(0)))
+
+
+def _brows(points: NDArray[np.float64]) -> float:
+    """Height of the brows over the eyes."""
+    return float(points[EYES, 1].mean() - points[17:27, 1].mean())
+
+
+def test_eyes_lie_farther_apart_brows_higher_and_the_mouth_is_larger() -> None:
+    before, after = FRAME.points, proportions(FRAME) @ FRAME.points
+    assert _apart(after) > 1.05 * _apart(before)
+    assert _brows(after) > 1.05 * _brows(before)
+    assert np.ptp(after[48:68], axis=0) == pytest.approx(1.1 * np.ptp(before[48:68], axis=0), rel=0.03)
+
+
+def test_outline_and_nose_stay() -> None:
+    still = np.r_[OUTLINE, 27:36]
+    np.testing.assert_allclose((proportions(FRAME) @ FRAME.points)[still], FRAME.points[still], atol=1e-9)
+
+
+def test_both_sides_change_alike() -> None:
+    moved = proportions(FRAME) @ FRAME.points - FRAME.points
+    np.testing.assert_allclose(moved[list(MIRROR)] * [-1, 1], moved, atol=0.01 * FRAME.resolution)
+
+
+def test_place_size_and_turn_in_the_picture_do_not_matter() -> None:
+    turn = 1.7 * np.array([[np.cos(0.4), np.sin(0.4)], [-np.sin(0.4), np.cos(0.4)]])
+    first = proportions(FRAME) @ (FRAME.points @ turn + (300, -20))
+    np.testing.assert_allclose(first, (proportions(FRAME) @ FRAME.points) @ turn + (300, -20), atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [-35, 0, 35])
+def test_no_triangle_that_can_be_seen_turns_over(yaw: float) -> None:
+    head = FRAME.points + yaw * FRAME.yaw_mode
+    before, after = _areas(head), _areas(proportions(FRAME) @ head)
+    large = np.abs(before) > 0.1 * np.abs(_areas(FRAME.points))
+    assert (np.sign(after[large]) == np.sign(before[large])).all()
+
+
+@pytest.fixture(scope="module")
+def p01() -> Identity:
+    return Identity.load(model_file("p01"))
+
+
+def _swapped(source: Identity, options: Options) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+    """What a swap by p06 changes in a frame of the source (h, w, 3), and the mesh (81, 2)."""
+    shape = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"][0].astype(np.float64)
+    with open_source(SAMPLES / "p01" / "talk2.mp4") as clip:
+        frame = next(iter(clip))
+        before = frame.rgb().astype(int)
+        with Engine(source, Identity.load(model_file("p06")), None, options) as engine:
+            mesh = engine.draw(frame, shape)
+        return frame.rgb() - before, mesh
+
+
+def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
+    _, plain = _swapped(p01, Options(renderer="cpu"))
+    _, disguised = _swapped(p01, Options(renderer="cpu", disguise=True))
+    assert plain.shape == disguised.shape == (POINTS, 2)
+    np.testing.assert_allclose(disguised[OUTLINE], plain[OUTLINE])
+    assert 1.05 < _apart(disguised) / _apart(plain) < 1.3
+
+
+@pytest.mark.parametrize("disguise", [False, True])
+def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, disguise: bool) -> None:
+    mask = p01.appearance.mask.copy()
+    mask[: int(p01.frame.points[[19, 24], 1].mean())] = False  # as if a fringe hung down to the brows
+    fringed = replace(p01, appearance=replace(p01.appearance, mask=mask))
+    changes, mesh = _swapped(fringed, Options(renderer="cpu", disguise=disguise))
+    x, y = np.round((mesh[74] + mesh[27]) / 2).astype(int)  # between brows and hair
+    assert np.abs(changes[y - 4 : y, x - 3 : x + 4]).any() == disguise
