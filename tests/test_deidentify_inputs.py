@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from app.deidentify import remote
 from app.deidentify.inputs import InputError, Pair, Plan, make_plan, require_possible
 from app.deidentify.remote import RemoteError
 
@@ -326,6 +327,7 @@ def test_the_web_only_gives(here: Path) -> None:
     url = "https://films.example/a%20b.mp4?key=1"
     (pair,) = plan(url, output="out/").pairs
     assert (pair.fetch, pair.output) == (url, here / "out/a b_deidentified.mp4")
+    assert pair.name == "https://films.example/a%20b.mp4"
     with pytest.raises(InputError, match=r"a b_deidentified\.mp4 cannot be written to: give a folder here"):
         plan(url)
 
@@ -338,6 +340,7 @@ def test_the_web_only_gives(here: Path) -> None:
             "memory://films/no.mp4 holds no video or image that is to be de-identified",
         ),
         ("gopher://x/a.mp4", "gopher://x/a.mp4 cannot be opened"),
+        ("gs://x/a.mp4", "gs://x/a.mp4 needs one more package: pip install gcsfs"),
     ],
 )
 def test_a_url_that_leads_nowhere_is_one_sentence(bucket: str, url: str, sentence: str) -> None:
@@ -350,6 +353,14 @@ def test_a_clip_of_images_is_not_written_to_a_url(bucket: str, here: Path) -> No
     make(here, "frames/1.png", "frames/2.png")
     with pytest.raises(InputError, match="frames is a clip of images, which cannot be written to a URL"):
         plan("frames", output=f"{bucket}/out/")
+
+
+def test_a_key_in_an_address_is_not_told(here: Path) -> None:
+    pytest.importorskip("aiohttp", reason="the cluster extra is not installed")
+    with pytest.raises(RemoteError) as caught:
+        remote.fetch("http://127.0.0.1:1/a.mp4?key=secret", here / "a.mp4")
+    assert str(caught.value).startswith("http://127.0.0.1:1/a.mp4 cannot be read or written")
+    assert "secret" not in str(caught.value)
 
 
 def test_an_output_behind_a_url_is_not_overwritten(bucket: str) -> None:

@@ -290,7 +290,7 @@ class _Namer:
     def pair(self, *, whole: bool = False) -> Pair:
         """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""
         output = self._target.file or self._output(whole or self._suffix != self._source.suffix)
-        name = self._url or short(self._source)
+        name = remote.shown(self._url) or short(self._source)
         if not remote.is_url(output):
             return Pair(self._source, Path(os.path.abspath(output)), name, self._url)
         if not remote.is_writable(output):

@@ -49,6 +49,15 @@ def name_of(url: str) -> str:
     return path.rstrip("/").rsplit("/", 1)[-1]
 
 
+def shown(url: str) -> str:
+    """The URL for people and reports, without the query, which may be a key.
+
+    >>> shown("https://films.org/a.mp4?signature=secret")
+    'https://films.org/a.mp4'
+    """
+    return url.split("?")[0] if url.startswith(_WEB) else url
+
+
 def join(folder: str, name: str) -> str:
     """The URL of a file in a folder."""
     return f"{folder.rstrip('/')}/{name}"
@@ -122,16 +131,16 @@ def _open(url: str) -> tuple[Any, str]:
     try:
         import fsspec
     except ImportError as error:
-        raise RemoteError(f"{url} needs more packages: pip install guise[cluster]") from error
-    scheme = url.split("://")[0]
+        raise RemoteError(f"{shown(url)} needs more packages: pip install guise[cluster]") from error
     try:
         return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
     except ImportError as error:
-        hint = str(error).split(" ")[-1] if "nstall" in str(error) else "its fsspec package"
-        raise RemoteError(f"{url} needs one more package for {scheme}://: pip install {hint}") from error
+        told = re.search(r"nstall (\S+)", str(error))
+        package = told[1] if told else "its package of fsspec"
+        raise RemoteError(f"{shown(url)} needs one more package: pip install {package}") from error
     except Exception as error:
         raise RemoteError(
-            f"{url} cannot be opened ({_short(error)}): give a path, s3://, gs:// or https://"
+            f"{shown(url)} cannot be opened ({_short(error)}): give a path, s3://, gs:// or https://"
         ) from error
 
 
@@ -144,17 +153,17 @@ class _Sentence:
     def __enter__(self) -> None: ...
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        url = shown(self._url)
         if isinstance(error, FileNotFoundError):
-            raise RemoteError(
-                f"there is no {self._url}: give a file, a folder or a pattern that exists"
-            ) from error
+            raise RemoteError(f"there is no {url}: give a file, a folder or a pattern that exists") from error
         if isinstance(error, OSError) and error.filename is not None and not is_url(str(error.filename)):
             return  # a full disk here
         if isinstance(error, Exception):
+            said = _short(error).replace(self._url, url)
             raise RemoteError(
-                f"{self._url} cannot be read or written ({_short(error)}): check the address and your credentials"
+                f"{url} cannot be read or written ({said}): check the address and your credentials"
             ) from error
 
 
 def _short(error: Exception) -> str:
-    return str(error).split("\n")[0][:200] or type(error).__name__
+    return str(error).split("\n")[0] or type(error).__name__
