@@ -36,6 +36,8 @@ Picture = NDArray[np.uint8]
 
 FEWEST = 12  # frames below which no useful model comes out
 STILLS = 3  # frames averaged into the neutral face
+DARK = 8.0  # grey levels that do not count as light
+GAIN = (0.25, 4.0)  # range of the ratio of two lights
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 
@@ -251,20 +253,20 @@ def _appearance(
 def in_even_light(textures: F32, frame: ReferenceFrame) -> F32:
     """Textures (t, n, 3) as if all were taken in the mean light.
 
-    Light is a gain and a quadratic in the place on the grid, for each channel, fitted to the skin.
+    Light scales what it falls on; for each channel it is a quadratic in the place on the grid, fitted to the skin.
     """
     ys, xs = np.divmod(frame.pixels, frame.size[1])
     x = (xs - frame.size[1] / 2) / frame.resolution
     y = (ys - frame.size[0] / 2) / frame.resolution
     skin = skin_mask(frame)[frame.mask]
-    mean = textures.mean(0)
-    out = np.empty_like(textures)
-    for channel in range(3):
-        columns = np.stack([mean[:, channel] / 128, np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-        solve = np.linalg.pinv(columns[skin])
-        for texture, even in zip(textures[..., channel], out[..., channel], strict=True):
-            even[:] = texture - columns @ (solve @ (texture - mean[:, channel])[skin])
-    return out
+    fields = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    solve = np.linalg.pinv(fields[skin])
+    mean = fields @ (solve @ textures[:, skin].mean(0))
+    even = np.empty_like(textures)
+    for texture, out in zip(textures, even, strict=True):
+        light = fields @ (solve @ texture[skin])
+        out[:] = texture * np.clip((mean + DARK) / np.maximum(light + DARK, 1), *GAIN)
+    return even
 
 
 def _bare(texture: F32, mask: NDArray[np.bool_], frame: ReferenceFrame) -> F32:

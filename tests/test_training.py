@@ -8,6 +8,7 @@ from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aam.appearance import openness
+from aam.mask import soft_parts
 from aam.model import Identity
 from aam.reference import ReferenceFrame
 from aam.similarity import Failed
@@ -18,6 +19,7 @@ from aam.training import (
     TrainingOptions,
     choose_frames,
     held_out_error,
+    in_even_light,
     observe,
     train_identity,
 )
@@ -179,3 +181,24 @@ def test_detail_is_what_the_grid_is_too_coarse_for(p01: Identity) -> None:
     assert p01.detail[face].std() > 0.5
     assert blurred[face].std() < 0.25 * p01.detail[face].std()
     assert_allclose(p01.detail[face].mean(), 0, atol=0.2)
+
+
+def test_in_even_light_a_face_is_the_same_under_any_light() -> None:
+    frame = ReferenceFrame.canonical(48)
+    rng = np.random.default_rng(0)
+    face = rng.uniform(60, 160, (len(frame.pixels), 3)).astype(np.float32)
+    face += 25 * np.sin(frame.pixels / 7)[:, None].astype(np.float32)
+    across = (frame.pixels % frame.size[1] / frame.size[1])[:, None]
+    lights = [np.ones_like(across), np.full_like(across, 0.5), 0.6 + 0.8 * across, 1.3 - 0.7 * across]
+    lit = np.stack([face * light for light in lights]).astype(np.float32)
+    even = in_even_light(lit, frame)
+    assert even.std(0).mean() < 0.15 * lit.std(0).mean()
+
+
+def test_even_light_leaves_what_light_cannot_do() -> None:
+    frame = ReferenceFrame.canonical(48)
+    face = np.full((2, len(frame.pixels), 3), 120, np.float32)
+    mouth = soft_parts(frame, (slice(60, 68),), 0.0)[frame.mask] > 0.5
+    face[1, mouth] = 30
+    even = in_even_light(face, frame)
+    np.testing.assert_allclose(even[1, mouth] - even[0, mouth], -90, atol=3)
