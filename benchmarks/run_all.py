@@ -28,6 +28,7 @@ NAMES = (
     "identity",
     "enrolment",
     "self_calibration",
+    "recognition",
     "memory",
 )
 LANDMARKS = (

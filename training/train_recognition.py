@@ -1,9 +1,13 @@
 """Trains what tells people apart (aam/data/recognition.npz) on rendered people who do not exist.
 
-    python -m training.train_recognition --parts PARTS
+    python -m training.train_recognition --parts PARTS --photographs DIR
 
 PARTS is what render_people.py wrote.  The within-class covariance holds light, expression, pose and the landmarks'
 slips, the between-class covariance what differs from person to person.
+
+DIR holds photographs of real people (Face Research Lab London Set, CC BY 4.0; those of evaluation_only.txt are not
+read).  Real faces have a part in common that rendered ones lack, by which all would seem alike: signatures are taken
+about a mean halfway between the two kinds, which serves both.
 """
 
 from __future__ import annotations
@@ -11,13 +15,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from aam.appearance import sample_texture
+from aam.landmarks import open_landmarker
 from aam.recognition import DIRECTIONS, RESOLUTION, features
 from aam.reference import ReferenceFrame
-from training.data import load_parts
+from training.data import load_parts, london_people
 
 OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"
 SLIP = 0.012  # standard deviation of the landmarks' errors, inter-ocular distances
@@ -44,10 +50,21 @@ def observed(folder: Path) -> tuple[F32, NDArray[np.intp]]:
     return features(np.stack(textures)), np.unique(people, return_inverse=True)[1]
 
 
-def discriminant(values: F32, person: NDArray[np.intp]) -> tuple[F64, F64]:
-    """Mean (m,) of the features (n, m) and the projection (m, 64) onto the discriminants."""
-    mean = values.mean(0, dtype=np.float64)
-    centred = values - mean
+def photographed(folder: Path) -> F32:
+    """Features (n, m) of real people, neutral and smiling."""
+    frame, landmarker = ReferenceFrame.canonical(RESOLUTION), open_landmarker("builtin")
+    textures = []
+    for person in london_people(folder):
+        for look in ("neutral", "smile"):
+            picture = np.ascontiguousarray(cv2.imread(str(folder / f"{person}_{look}.jpg"))[..., ::-1])
+            faces = landmarker.detect(np.asarray(picture, np.uint8))
+            textures += [sample_texture(picture, f.points.astype(np.float64), frame) for f in faces[:1]]
+    return features(np.stack(textures))
+
+
+def discriminant(values: F32, person: NDArray[np.intp]) -> F64:
+    """The projection (m, 64) of features (n, m) onto the discriminants."""
+    centred = values - values.mean(0, dtype=np.float64)
     modes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1][:, :MODES]
     reduced = centred @ modes
     counts = np.bincount(person)
@@ -57,17 +74,25 @@ def discriminant(values: F32, person: NDArray[np.intp]) -> tuple[F64, F64]:
     spread, turn = np.linalg.eigh(within + RIDGE * np.trace(within) / MODES * np.eye(MODES))
     whiten = turn / np.sqrt(spread)
     between = np.linalg.eigh(whiten.T @ np.cov(means.T) @ whiten)[1][:, ::-1][:, :DIRECTIONS]
-    return mean, modes @ whiten @ between
+    return np.asarray(modes @ whiten @ between)
 
 
 def main() -> None:
     """Train and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--parts", type=Path, required=True, help="folder of rendered parts")
-    values, person = observed(parser.parse_args().parts)
-    mean, projection = discriminant(values, person)
+    parser.add_argument(
+        "--photographs", type=Path, required=True, help="folder of photographs of real people"
+    )
+    options = parser.parse_args()
+    values, person = observed(options.parts)
+    real = photographed(options.photographs)
+    mean = (values.mean(0, dtype=np.float64) + real.mean(0, dtype=np.float64)) / 2
+    projection = discriminant(values, person)
     np.savez(OUTPUT, mean=mean.astype(np.float16), projection=projection.astype(np.float16))
-    print(f"{len(values)} pictures of {person.max() + 1} people, {OUTPUT.stat().st_size / 1e3:.0f} kB")
+    print(
+        f"{len(values)} pictures of {person.max() + 1} people, {len(real)} photographs, {OUTPUT.stat().st_size} bytes"
+    )
 
 
 if __name__ == "__main__":
