@@ -262,8 +262,10 @@ def test_a_file_elsewhere_that_fails_is_kept_here_and_resumed(
     assert entry.code == 1
     assert pair.source.parent.stat().st_mode & 0o777 == 0o700
     bucket.rm_file("/films/a.mp4")
+    done.clear()
     (entry,) = run_batch([pair], replace(RUN, resume=True), Watched())
-    assert entry.code == 0
+    assert (entry.code, entry.output) == (0, "memory://out/a_deidentified.mp4")
+    assert done == []
     assert bucket.cat_file("/out/a_deidentified.mp4") == b"mlif"
     assert list(here.iterdir()) == []
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from app.deidentify import remote
 from app.deidentify.engines import Engine
@@ -125,22 +125,49 @@ def _attempt(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
         return _done_before(pair) if run.resume and _is_done(pair) else _one(pair, run, watch)
     except Exception as error:
         trace(error)
-        sentence = _in_the_users_words(explain(error)[0], pair)
-        if _work_of(pair).exists() and "--resume" not in sentence:
-            sentence = f"{sentence.rstrip('.')}; what is done is kept for --resume"
-        return BatchEntry(pair.name, None, FAILED, sentence, {})
+        return BatchEntry(pair.name, None, FAILED, _why_failed(error, pair), {})
 
 
-def _in_the_users_words(sentence: str, pair: Pair) -> str:
-    """The sentence with the names that the user gave, and with that of the input in any case."""
+def _why_failed(error: Exception, pair: Pair) -> str:
+    """A sentence with the input's name in it, which also says when the work can be resumed."""
+    sentence = _with_names(explain(error)[0], pair)
+    if Path(pair.name).name not in sentence:
+        sentence = f"{pair.name}: {sentence}"
+    if _work_of(pair).exists() and "--resume" not in sentence and "--force" not in sentence:
+        sentence = f"{sentence.rstrip('.')}; what is done is kept for --resume"
+    return sentence
+
+
+def _with_names(text: str, pair: Pair) -> str:
+    """A text with the names that the user knows."""
     for path, name in ((pair.output, pair.shown_output), (pair.source, pair.name)):
-        sentence = sentence.replace(str(path), name)
-    return sentence if Path(pair.name).name in sentence else f"{pair.name}: {sentence}"
+        text = text.replace(str(path), name)
+    return text.replace(f"{Path.cwd()}{os.sep}", "")
 
 
 def _one(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
     """Copy the input here when it is elsewhere, de-identify it, copy the output there, and clear up."""
     progress = watch.file(pair.name)
+    entry = _made_before(pair) if run.resume and pair.put else None
+    if entry is None:
+        _prepare(pair, run, progress)
+        report = deidentify_file(
+            pair.source, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
+            tracks=run.tracks, progress=progress, say=lambda text: watch.note(_with_names(text, pair)),
+        )  # fmt: skip
+        if report is None:  # stopped for a review
+            return BatchEntry(pair.name, None, ALL_SWAPPED, "The tracks are ready to be reviewed.", {})
+        entry = BatchEntry(pair.name, pair.shown_output, outcome(report), verdict(report), report.counts)
+    if pair.put:
+        progress(COPYING, 0.0)
+        _send(pair)
+    if pair.fetch:
+        _clear(pair.source.parent)
+    return entry
+
+
+def _prepare(pair: Pair, run: Run, progress: Progress) -> None:
+    """Make the folders, and copy the input here when it is elsewhere."""
     if pair.put:
         _make_private(pair.output.parent)
     pair.output.parent.mkdir(parents=True, exist_ok=True)
@@ -148,18 +175,6 @@ def _one(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
         progress(COPYING, 0.0)
         _make_private(pair.source.parent)
         remote.fetch(pair.fetch, pair.source)
-    report = deidentify_file(
-        pair.source, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
-        tracks=run.tracks, progress=progress, say=watch.note,
-    )  # fmt: skip
-    if report is None:  # stopped for a review
-        return BatchEntry(pair.name, None, ALL_SWAPPED, "The tracks are ready to be reviewed.", {})
-    if pair.put:
-        progress(COPYING, 0.0)
-        _send(pair)
-    if pair.fetch:
-        _clear(pair.source.parent)
-    return BatchEntry(pair.name, pair.shown_output, outcome(report), verdict(report), report.counts)
 
 
 def _is_done(pair: Pair) -> bool:
@@ -173,21 +188,26 @@ def _work_of(pair: Pair) -> Path:
 
 def _done_before(pair: Pair) -> BatchEntry:
     """What an earlier run has told of a file in its report."""
-    told = _report_of(pair)
-    if told is None:
-        return BatchEntry(
-            pair.name, pair.shown_output, ALL_SWAPPED, "It was there already, without a report.", {}
-        )
-    return BatchEntry(pair.name, pair.shown_output, told["outcome"], told["sentence"], told["counts"])
-
-
-def _report_of(pair: Pair) -> dict[str, Any] | None:
     path = beside(pair.output, ".report.json")
-    url = remote.join(remote.folder_of(pair.put), path.name) if pair.put else ""
-    if not (remote.exists(url) if url else path.exists()):
-        return None
-    told: dict[str, Any] = json.loads(remote.read(url) if url else path.read_bytes())
-    return told
+    if not pair.put:
+        return _retold(pair, path.read_bytes() if path.exists() else None)
+    url = remote.join(remote.folder_of(pair.put), path.name)
+    return _retold(pair, remote.read(url) if remote.exists(url) else None)
+
+
+def _made_before(pair: Pair) -> BatchEntry | None:
+    """What an earlier run has told of an output that has only to be copied to its URL, if there is one."""
+    path = beside(pair.output, ".report.json")
+    made = pair.output.exists() and path.exists() and not _work_of(pair).exists()
+    return _retold(pair, path.read_bytes()) if made else None
+
+
+def _retold(pair: Pair, report: bytes | None) -> BatchEntry:
+    if report is None:
+        said = "It was there already, without a report."
+        return BatchEntry(pair.name, pair.shown_output, ALL_SWAPPED, said, {})
+    told = json.loads(report)
+    return BatchEntry(pair.name, pair.shown_output, told["outcome"], told["sentence"], told["counts"])
 
 
 def _send(pair: Pair) -> None:
