@@ -214,6 +214,8 @@ def test_an_interruption_tells_how_to_go_on(
         (["a.mp4", "--c2pa", "cert.pem", "key.pem"], "there is no certificate cert.pem: give a PEM file"),
         (["a.mp4", "--c2pa", "cert.pem"], None),
         (["a.mp4", "--c2pa", "a.mp4", "b.mp4"], None),
+        (["a.mp4", "--keyfile", "a.tracks.json"], None),
+        (["a.mp4", "--keyfile", "."], None),
         (
             ["a.mp4", "--keyfile", "nowhere/people.json"],
             "the key file nowhere/people.json cannot be written, there is no folder nowhere: make it",

@@ -226,6 +226,6 @@ def _make_private(folder: Path) -> None:
 
 def _clear(folder: Path) -> None:
     """Delete a copy, and the folder of copies when it was the last."""
-    shutil.rmtree(folder)
+    shutil.rmtree(folder, ignore_errors=True)
     with contextlib.suppress(OSError):
         folder.parent.rmdir()

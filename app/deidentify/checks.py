@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.deidentify.options import DeidentifyError, Options
-from app.donors import MEAN, SUFFIX, assign, open_donor, parts
+from app.donors import MEAN, SUFFIX, KeyFile, assign, open_donor, parts
 from app.media.encoder import encoder_settings, find_encoder
 from app.media.provenance import check_signing
 from render import GLMissing, RendererError, probe_gl
@@ -32,7 +32,7 @@ def checked(options: Options, outputs: Iterable[Path]) -> Options:
         open_donor(donor)
     options = replace(
         options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
-        keyfile=_in_folder(options.keyfile), certificate=_existing(options.certificate, "certificate"),
+        keyfile=_key_file(options.keyfile), certificate=_existing(options.certificate, "certificate"),
         key=_existing(options.key, "key"),
     )  # fmt: skip
     if options.certificate and options.key:
@@ -53,9 +53,13 @@ def _existing(path: Path | None, what: str) -> Path | None:
     return path and path.absolute()
 
 
-def _in_folder(path: Path | None) -> Path | None:
-    if path is not None and not path.parent.is_dir():
+def _key_file(path: Path | None) -> Path | None:
+    if path is None:
+        return None
+    if not path.parent.is_dir():
         raise DeidentifyError(
             f"the key file {path} cannot be written, there is no folder {path.parent}: make it"
         )
-    return path and path.absolute()
+    if path.exists():
+        KeyFile.open(path)
+    return path.absolute()
