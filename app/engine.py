@@ -39,9 +39,9 @@ RIM = 0.09  # face widths from the hull in which the source's hair stays
 REACH = 0.11  # face widths over which the inner points follow the outline
 OUTLINE = np.r_[:17, 68:POINTS]  # jaw and forehead
 
-APART = 0.13  # share of the way from the nose's root to the temple by which a disguise moves an eye and its brow out
-RAISED = 0.07  # share of the way from the nose's root to the hair by which it moves the brows up
-WIDER = 0.12  # share by which it enlarges the mouth
+APART = 0.09  # share of the way from the nose's root to the temple by which a disguise moves an eye and its brow out
+RAISED = 0.05  # share of the way from the nose's root to the hair by which it moves the brows up
+WIDER = 0.06  # share by which it enlarges the mouth
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ QUADRATIC = 6  # leading fields
 TINT = 0.4  # share of colour that the slopes of the light keep
 MEMORY = 0.72  # share that stays from update to update
 EVERY = 2  # frames to an update: light changes slowly
+JUMP = 10.0  # grey levels; a change of light by more is no noise and is followed at once
 PRIOR = 1.0  # pull of the rotation towards none
 CONTRAST = (0.9, 1.5)  # range of the scale
 GAIN = (0.5, 2.0)  # range of the ratio of the fields
@@ -81,6 +82,7 @@ class Palette:
         keep = 0.0 if self._fresh else MEMORY
         own, there = _toned(self._solve @ face[self._fitted]), _toned(self._solve @ seen[self._fitted])
         there[QUADRATIC:] = _grey(there[QUADRATIC:]) + own[QUADRATIC:] - _grey(own[QUADRATIC:])
+        keep *= float(np.exp(-(((there[0] - self._there[0]).mean() / JUMP) ** 2)))
         self._own = keep * self._own + (1 - keep) * own
         self._there = keep * self._there + (1 - keep) * there
         own, there = self._at_shown @ self._own, self._at_shown @ self._there
