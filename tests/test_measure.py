@@ -16,10 +16,15 @@ from aam.landmarks import load_annotations
 from app.cli import main
 from app.measure import MeasureError, Request, measure
 from app.measure.curves import CURVES
+from app.measure.faces import Seen
+from app.measure.job import Judge
 from app.measure.pair import Timing, require_alike
+from app.measure.people import Gallery, embedded
 from app.measure.reported import UNTOLD, read_report
 from app.measure.table import FACTS, rows_of
+from app.media import open_source
 from app.pictures import save_picture
+from app.recogniser import Recogniser
 
 FRAMES = 24
 FACE = (190, 60, 430, 400)  # x0 y0 x1 y1, pixels: holds the sample person's face in all frames
@@ -301,3 +306,20 @@ def test_pictures_of_a_folder_show_a_person_each(tmp_path: Path) -> None:
     assert [person.rank for person in figures.privacy.people] == [1, 1]
     assert figures.privacy.unswapped is None
     assert {row[0]: row[1] for row in rows_of(result)}["rank of each person over all frames"] == "1, 1 of 2"
+
+
+def test_the_higher_score_of_both_places_counts(folder: Path) -> None:
+    """Looked at beside the face, the original scores little; where its faces are found, it is itself."""
+    original, truth = folder / "original.mp4", np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:FRAMES]
+    face = Seen(np.arange(FRAMES, dtype=np.int32), truth.astype(np.float32))
+    beside = Seen(face.frames, face.points + 60)
+    nowhere = Seen(np.zeros(0, np.int32), np.zeros((0, 81, 2), np.float32))
+    half = Seen(face.frames[::2], face.points[::2])
+    recognise = Recogniser(folder / "card.toml")
+    with open_source(original) as source:
+        rows = embedded(source, [face], recognise)[0]
+    judge = Judge(recognise, Gallery.of([]), [(beside, rows)], [])
+    missed, some = (judge.scores(original, [again])[0].own for again in (nowhere, half))
+    assert (some[::2] > missed[::2] + 0.1).all()
+    assert some[::2].mean() > 0.9
+    assert np.array_equal(some[1::2], missed[1::2])

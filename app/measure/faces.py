@@ -113,6 +113,17 @@ class At:
         return self._rows.get(frame, [])
 
 
+def seen_again(source: Source, faces: Sequence[Seen], landmarker: Landmarker) -> list[Seen]:
+    """The known faces as they are found in a video, each frame searched on its own."""
+    at, found = At(faces), Collected()
+    for frame in source:
+        if known := at[frame.index]:
+            every = dict(enumerate(landmarker.detect(frame.rgb())))
+            for number, points in matched(known, every):
+                found.add(number, frame.index, points)
+    return [found.of(number) for number in range(len(faces))]
+
+
 def matched(known: list[tuple[int, F32]], found: dict[int, Face]) -> Iterator[tuple[int, F32]]:
     """For each known face (number, landmarks) the found one that lies there: (number, its landmarks)."""
     for number, points in known:

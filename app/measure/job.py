@@ -1,7 +1,8 @@
 """A measurement from files to figures.
 
 The faces are located in the original, and the same places are looked at in the outputs, so that no privacy figure
-depends on whether the output's faces can be found.
+depends on whether the output's faces can be found.  Where one is found, it is looked at by its own landmarks too, as
+somebody would who has the output alone, and the higher score counts.
 """
 
 from __future__ import annotations
@@ -189,7 +190,7 @@ class _Measurement:
             for face, (before, after) in zip(faces, pairs, strict=True)
         ]
         states = [report.states(face) for face in faces] if report else None
-        scores = judge.scores(path) if judge else []
+        scores = judge.scores(path, [after for _, after in pairs]) if judge else []
         drawn = self._drawn(faces, pairs, scores, states)
         return OutputFigures(
             name=timing.name,
@@ -272,13 +273,29 @@ class Judge:
             "enough_pairs": limit is not None and limit.enough,
         }
 
-    def scores(self, path: Path) -> list[Compared]:
-        """Each person's scores in a video."""
+    def scores(self, path: Path, again: Sequence[Seen]) -> list[Compared]:
+        """Each person's scores in a video: at the places of the original, or, where it scores more, where it is found.
+
+        again : for each person the face as it is found in the video, in some of the original's frames.
+        """
         with open_source(path) as source:
-            return [
-                self._compared(number, rows)
-                for number, rows in enumerate(embedded(source, self.faces, self._recogniser))
-            ]
+            at_place = embedded(source, self.faces, self._recogniser)
+        with open_source(path) as source:
+            as_found = embedded(source, again, self._recogniser)
+        return [self._worse(i, at_place[i], again[i].frames, as_found[i]) for i in range(len(self.faces))]
+
+    def _worse(self, number: int, rows: F32, frames: NDArray[np.int32], found: F32) -> Compared:
+        """The scores of a person's faces (n, d); where the one `found` in a frame scores higher, that counts."""
+        first, second = self._compared(number, rows), self._compared(number, found)
+        index = np.searchsorted(self.faces[number].frames, frames)
+        higher = (second.own > first.own[index]) | np.isnan(first.own[index])
+        for old, new in (
+            (first.own, second.own),
+            (first.every, second.every),
+            (first.embeddings, second.embeddings),
+        ):
+            old[index[higher]] = new[higher]
+        return first
 
     def _compared(self, number: int, rows: F32) -> Compared:
         every = rows.astype(np.float64) @ self._templates.T

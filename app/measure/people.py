@@ -138,7 +138,7 @@ def embedded(source: Source, faces: Sequence[Seen], recogniser: Recogniser) -> l
             assert rgb is not None
             vector = recogniser(rgb, points)
             found[number].append(nothing if vector is None else vector)
-    return [np.stack(rows) for rows in found]
+    return [np.array(rows, np.float32).reshape(-1, recogniser.dimension) for rows in found]
 
 
 def joined(faces: Sequence[Seen], embeddings: Sequence[F32], limit: Threshold | None) -> list[list[int]]:

@@ -5,6 +5,8 @@ the data: those of the real clips, of the pairs, and the rendered ones, among wh
 is told by every second sampled frame of the original.  As the donors are the best match of every swapped face, rank 1
 is told without rendered people too, which is the harder question: who of the real people is it?
 
+Faces are looked at by the landmarks of the original and by those that are found in the output; the higher score counts.
+
 The criteria are over the real clips.  Rendered people are in the table, each with another donor than themselves: to the
 recogniser they look alike before anything is swapped, and none of them can be harmed.
 """
@@ -23,7 +25,7 @@ import numpy as np
 import app
 from aam.landmarks import open_landmarker
 from app.donors import gallery
-from app.measure.faces import Seen
+from app.measure.faces import Seen, seen_again
 from app.measure.job import Compared, Judge
 from app.measure.people import Gallery, Known, embedded, embeddings_of
 from app.measure.privacy import rank, rank_one, template
@@ -113,7 +115,9 @@ def judged(video: Path, people: list[Known], recognise: Recogniser) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / f"{video.parent.name}_{video.name}"
         report = deidentified(video, output.with_suffix(".mp4"), *others_than(person_of(video)))
-        after = judge.scores(output.with_suffix(".mp4"))[0]
+        with open_source(output.with_suffix(".mp4")) as source:
+            again = seen_again(source, [face], open_landmarker("builtin"))
+        after = judge.scores(output.with_suffix(".mp4"), again)[0]
     real = [0, *(i + 1 for i, one in enumerate(others) if not one.name.startswith(RENDERED))]
     return outcome(
         video, report["tracks"], after, own, real, [template(own[::2]), *(o.template for o in others)]
