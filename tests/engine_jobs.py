@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -10,10 +11,11 @@ from app.media import MediaError
 
 
 class Odd(Exception):
-    """An error that cannot be made again from what pickle keeps."""
+    """An error that holds what cannot be sent to another process."""
 
-    def __init__(self, one: str, two: str) -> None:
-        super().__init__(one + two)
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.lock = threading.Lock()
 
 
 def write(job: Job) -> None:
@@ -27,7 +29,7 @@ def act(job: Job) -> None:
     if job.stage == "bad" and job.index == 2:
         raise MediaError("clip.mp4 is not a video.")
     if job.stage == "odd":
-        raise Odd("a", "b")
+        raise Odd("ab")
     if job.stage == "slow":
         (folder / f"{job.index}.begun").write_text(str(os.getpid()))
         time.sleep(0.2)
