@@ -54,7 +54,8 @@ class Options:
     renderer : "auto", "gl" or "cpu".
     palette : "symmetric" or "least-squares" scale of the colour similarity.
     outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
-    beyond : face widths by which jaw and forehead are then drawn beyond it, to hide the rim of the face too.
+    jaw, forehead : face widths by which they are then drawn beyond it, the forehead most in its middle, to hide the
+        rim of the face too.
     disguise : draw the features in other proportions, see `proportions`, and over all within the outline, so that what
         the head in the picture still tells (hair, ears, neck) is recognised less.
     """
@@ -63,7 +64,8 @@ class Options:
     renderer: Renderer = "auto"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
     outline: float = 0.7
-    beyond: float = 0.0
+    jaw: float = 0.0
+    forehead: float = 0.0
     disguise: bool = False
 
 
@@ -154,7 +156,7 @@ class Painter:
         self._detail = target.detail
         self._features = proportions(self.frame) if options.disguise else np.eye(POINTS)
         self._pull = options.outline * outline_pull(self.frame)
-        self._beyond = options.beyond * outward(self.frame)
+        self._beyond = outward(self.frame, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
         self._grid = np.zeros(self.frame.size, np.uint32)
         self._zeros = np.zeros((3, 0), np.float32)
@@ -257,11 +259,16 @@ def shown_mask(source: NDArray[np.bool_], frame: ReferenceFrame) -> NDArray[np.b
     return np.asarray(frame.mask & (source | (below & (inside > RIM * frame.resolution))))
 
 
-def outward(frame: ReferenceFrame) -> F64:
-    """(81, 2) grid pixels: the way out of the face by its width for the points of the outline; 0 for the others."""
+def outward(frame: ReferenceFrame, jaw: float, forehead: float) -> F64:
+    """(81, 2) grid pixels: the ways out of the face for the points of its outline; 0 for the others.
+
+    jaw, forehead : face widths; the latter from none at the temples to all in the middle.
+    """
     away = frame.points[OUTLINE] - frame.points[27:36].mean(0)
+    height = np.sqrt(np.sin(np.linspace(0, np.pi, POINTS - 68)).clip(0))
+    reach = frame.resolution * np.concatenate([np.full(17, jaw), forehead * height])
     ways = np.zeros((POINTS, 2))
-    ways[OUTLINE] = frame.resolution * away / np.linalg.norm(away, axis=1, keepdims=True)
+    ways[OUTLINE] = reach[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
     return ways
 
 

@@ -31,7 +31,7 @@ from app.media import Frame
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-BEYOND = 0.05  # face widths by which a swap reaches beyond the face's outline
+JAW, FOREHEAD = 0.035, 0.16  # face widths by which a swap reaches beyond the face's outline
 AUDIT_SCORE = 0.5  # of the detector, from which the audit takes a box for a face if
 AUDIT_LIKE = 0.0  # it also looks like one to the landmarker
 AGAIN = 2  # times that a segment is made anew at most
@@ -109,7 +109,9 @@ class Artist:
                 person,
                 open_donor(track.donor),
                 None,
-                EngineOptions(alpha=options.alpha, renderer=options.renderer, beyond=BEYOND, disguise=True),
+                EngineOptions(
+                    alpha=options.alpha, renderer=options.renderer, jaw=JAW, forehead=FOREHEAD, disguise=True
+                ),
             )
             self._engines[track.number] = engine
             self.renderer = engine.painter.renderer
