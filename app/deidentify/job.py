@@ -353,6 +353,7 @@ def _bystanders(case: Case) -> Bystanders:
 def _report(case: Case, source: Path, output: Path, seconds: float) -> FileReport:
     renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
     problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
+    problems += [p for r in renders for p in r["problems"]] + case.work.load_json("published.json")
     finds = [
         AuditFind(a["frame"], tuple(a["box"]), a["score"], a["covered"]) for r in renders for a in r["audit"]
     ]
@@ -360,11 +361,20 @@ def _report(case: Case, source: Path, output: Path, seconds: float) -> FileRepor
     with open_source(case.input) as media:
         width, height = media.width, media.height
     return FileReport(
-        str(source), str(output), case.scan.frames, case.times, width, height, case.tracks,
+        source.name, output.name, case.scan.frames, case.times, width, height, case.tracks,
         tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(finds),
-        _counts(plan, case.scan.frames, finds), {**case.options.as_json(), "renderer": renders[0]["renderer"]},
+        _counts(plan, case.scan.frames, finds), {**_settings(case.options), "renderer": renders[0]["renderer"]},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output),
     )  # fmt: skip
+
+
+def _settings(options: Options) -> dict[str, Any]:
+    """The options as a report tells them: files by their names, as folders may say who somebody is."""
+    named = {
+        k: v and Path(v).name for k, v in options.as_json().items() if k in ("keyfile", "certificate", "key")
+    }
+    donor = options.donor if options.donor.startswith("mean:") else Path(options.donor).name
+    return options.as_json() | named | {"donor": donor, "gallery": [path.name for path in options.gallery]}
 
 
 def _digest(path: Path) -> str:

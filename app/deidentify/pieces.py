@@ -55,7 +55,7 @@ def publish(case: Case, output: Path, *, force: bool) -> None:
         from app.media.provenance import sign
 
         sign(_made(case), options.certificate, options.key)
-    case.work.save_json("published.json", True)
+    case.work.save_json("published.json", list(source.problems))
     if output.is_dir():
         shutil.rmtree(output)  # a folder of pictures of an earlier run, and --force, or an empty one
     os.replace(_made(case), output)

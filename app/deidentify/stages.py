@@ -126,11 +126,11 @@ def render(case: Case, segment: int) -> None:
             if not finds or attempt == AGAIN:
                 break
             covered += finds
-        renderer = artist.renderer
+        renderer, problems = artist.renderer, list(source.problems)
         pictures = _output_pictures(case, segment, artist)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     told = [_told(find, True) for find in covered] + [_told(find, False) for find in finds]
-    case.work.save_json(f"render.{segment}.json", {"audit": told, "renderer": renderer})
+    case.work.save_json(f"render.{segment}.json", {"audit": told, "renderer": renderer, "problems": problems})
 
 
 def _told(find: Find, covered: bool) -> dict[str, Any]:

@@ -87,7 +87,7 @@ class FileReport:
 
     Parameters
     ----------
-    input, output : names as given.   frames : number written.
+    input, output : names, without their folders.   frames : number written.
     seconds : (frames,) float64, time of each frame.
     width, height : pixels as shown.
     tracks, outcomes : the tracks, and what was done with each and with bystanders.
