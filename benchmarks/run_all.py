@@ -42,11 +42,20 @@ LANDMARKS = (
     "landmarks.false_faces",
     "landmarks.calibration",
 )
-DEIDENTIFY = ("deidentify.identity", "deidentify.expression")
+DEIDENTIFY = (
+    "deidentify.leaks",
+    "deidentify.identity",
+    "deidentify.expression",
+    "deidentify.swapped",
+    "deidentify.speed",
+    "deidentify.memory",
+    "deidentify.resumed",
+    "deidentify.cluster",
+)
 ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
-    "deidentify.expression",
+    "deidentify.leaks", "deidentify.expression", "deidentify.speed",
 )  # fmt: skip
 WITH_PARTS = ("landmarks.rendered", "landmarks.calibration")
 
@@ -62,7 +71,7 @@ def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str
         given += ["--landmarker", options.landmarker]
     if name in WITH_PARTS and options.parts:
         given += ["--parts", str(options.parts)]
-    if name == "memory":
+    if name.endswith("memory"):
         given += ["--minutes", str(options.minutes)]
     if name == "identity":
         given += ["--sheets", str(options.output / "sheets")]

@@ -119,3 +119,22 @@ def test_peers_are_only_given_to_those_that_have_them() -> None:
     for name in run_all.NAMES:
         given = run_all.arguments_of(name, options, Path("x.json"))
         assert ("--peers-python" in given) == (name in run_all.WITH_PEERS)
+
+
+def test_a_face_counts_as_changed_as_far_as_its_box_was() -> None:
+    from benchmarks.deidentify.changes import share
+
+    points = np.array([[x, y] for x in (20, 60) for y in (30, 80)] * 17, float)
+    seen = np.ones(68, bool)
+    changed = np.zeros((120, 120), bool)
+    assert share(0, changed, points, seen).seen == 0
+    changed[25:90, 10:70] = True
+    assert share(0, changed, points, seen).seen == share(0, changed, points, seen).face == 1
+    changed[:, 40:] = False
+    assert 0.4 < share(0, changed, points, seen).seen < 0.6
+
+
+def test_every_benchmark_of_de_identification_runs_with_all() -> None:
+    helpers = {"__init__", "changes", "guise"}
+    scripts = {p.stem for p in (Path(run_all.__file__).parent / "deidentify").glob("*.py")} - helpers
+    assert {f"deidentify.{name}" for name in scripts} == set(run_all.DEIDENTIFY)

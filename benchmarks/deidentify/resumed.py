@@ -21,7 +21,7 @@ from benchmarks.children import ffmpeg, ran
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.guise import done, guise_command
 
-CLIP = Path("data") / "synthetic" / "hard" / "two_people.mp4"
+CLIP = Path("data") / "synthetic" / "hard" / "yaw40.mp4"
 TIMES = 4  # that the clip is repeated: two segments and more
 KILLS = 50
 
