@@ -13,6 +13,9 @@ import cv2
 import numpy as np
 
 from aam.model import Identity
+from app.deidentify.engines import open_engine
+from app.deidentify.job import deidentify_file
+from app.deidentify.options import Options
 from app.demo import FACE, HEAD, run_demo
 from app.media import open_source
 from app.montage import montage
@@ -23,6 +26,7 @@ from app.run import Settings
 ROOT = Path(__file__).parents[1]
 SAMPLES, IMAGES = ROOT / "sample_videos", ROOT / "docs" / "images"
 FRAMES = (51, 77, 153)  # of the clip talk2: different mouths and head turns
+NOBODY = "p07"  # of the gallery
 WIDTH = 280  # pixels, of a frame
 
 
@@ -52,10 +56,15 @@ def main() -> None:
         head, face = (Identity.load(out / "demo" / f"{name}.guise") for name in (HEAD, FACE))
         clip = SAMPLES / HEAD / "talk2.mp4"
         puppet_file(clip, face, out / "puppet.mp4", source=head)
+        deidentify_file(
+            clip, out / "private.mp4", Options(donor=NOBODY), open_engine("local", 1),
+            progress=lambda stage, share: None, say=print,
+        )  # fmt: skip
         rows = [
             captioned(frames(clip), "the video"),
             captioned(frames(Path(report.swap.output)), "guise swap: another face"),
             captioned(frames(out / "puppet.mp4"), "guise puppet: another head"),
+            captioned(frames(out / "private.mp4"), "guise deidentify: nobody's face"),
         ]
         save_picture(IMAGES / "swap.jpg", sheet(rows))
         save_picture(IMAGES / "model.jpg", montage(face, modes=4))
