@@ -135,7 +135,7 @@ def deidentify(
     donor: Donor = "auto",
     gallery: Gallery = None,
     cover: Cover = CoverName.solid,
-    alpha: Alpha = 0.8,
+    alpha: Alpha = 1.0,
     review: Review = False,
     tracks: Tracks = None,
     resume: Resume = False,

@@ -40,7 +40,7 @@ class Options:
     donor: str = "auto"
     gallery: tuple[Path, ...] = ()
     cover: CoverStyle = "solid"
-    alpha: float = 0.8
+    alpha: float = 1.0
     seed: int = 0
     keyfile: Path | None = None
     audio: Audio = "keep"
