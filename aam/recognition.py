@@ -10,9 +10,9 @@ It is biometric data: whoever has it can look for the person in other pictures.
 
 Measured by benchmarks/recognition.py on enrolments of parts of clips, 48 frames, built-in landmarker: of 1778 pairs of
 different people none passes for one; of one person's, 0 of 25 pairs from one clip are missed, and 8 of 27 from two
-clips, all of which hold a clip of a face that looks aside.  The threshold was chosen on these.  Of other people, in single
-photographs, 2 of 1512 pairs pass for one, and 6 of 28, neutral and smiling, are missed; the centring was changed after a
-first look at them.
+clips, all of which hold a clip of a face that looks aside.  The threshold was chosen on these.  Of other people, in
+single photographs, 2 of 1512 pairs pass for one, and 6 of 28, neutral and smiling, are missed; the centring was changed
+after a first look at them.
 """
 
 from __future__ import annotations

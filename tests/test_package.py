@@ -124,7 +124,12 @@ def test_every_dependency_has_a_range() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     everything = [
         *project["dependencies"],
-        *(d for extra in project["optional-dependencies"].values() for d in extra if not d.startswith("guise[")),
+        *(
+            d
+            for extra in project["optional-dependencies"].values()
+            for d in extra
+            if not d.startswith("guise[")
+        ),
     ]
     assert [d for d in everything if not (">=" in d and ",<" in d)] == []
 
