@@ -26,6 +26,7 @@ from app.deidentify.work import Work
 from app.media import Frame, Sink, open_source, process
 from app.media.reader import Problems
 from app.media.segments import read_frames
+from app.memory import given_back
 from app.outputs import write_whole
 from app.threads import one_thread
 
@@ -46,7 +47,7 @@ def perform(job: Job) -> None:
     """Do a job; nothing is done when its result is there already."""
     work = Work(Path(job.work))
     if not work.has(result_of(job.stage, job.index)):
-        with one_thread():
+        with one_thread(), given_back():
             _STAGES[job.stage](Case(work), job.index)
 
 
