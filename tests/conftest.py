@@ -1,6 +1,7 @@
 """Tests marked `egl` need a GL context: without one they are skipped, or fail if GUISE_REQUIRE_EGL=1."""
 
 import os
+import signal
 from functools import cache
 
 import numpy as np
@@ -16,6 +17,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if (
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    ):  # as in a shell's background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "egl: needs an EGL context (GUISE_REQUIRE_EGL=1: fail without one)")
 
 

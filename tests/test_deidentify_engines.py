@@ -178,7 +178,7 @@ def test_no_process_outlives_the_command(tmp_path: Path, number: signal.Signals)
     pids = [int(file.read_text()) for file in tmp_path.glob("*.begun")]
     assert all(map(alive, pids))
     command.send_signal(number)
-    command.communicate()
+    command.communicate(timeout=60)
     wait_until(lambda: not any(map(alive, pids)), 10)
 
 
