@@ -2,6 +2,8 @@
 
 import os
 import signal
+import threading
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -36,6 +38,14 @@ def _why_no_gl() -> str:
 
     found = probe_gl()
     return found.reason if isinstance(found, GLMissing) else ""
+
+
+@pytest.fixture
+def no_thread_left() -> Iterator[None]:
+    """The test must end with no thread more than there were (an earlier test's library may have left some)."""
+    before = set(threading.enumerate())
+    yield
+    assert set(threading.enumerate()) <= before
 
 
 @pytest.fixture(scope="session")
