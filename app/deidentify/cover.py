@@ -49,6 +49,12 @@ def cover(frame: Frame, rectangle: F64, style: CoverStyle) -> tuple[int, int, in
     return x0, y0, x0 + w, y0 + h
 
 
+def cover_all(frame: Frame, style: CoverStyle) -> None:
+    """Cover the whole picture in place."""
+    roi = frame.read_roi(0, 0, frame.width, frame.height)
+    frame.write_roi(0, 0, np.ascontiguousarray(_hidden(frame, roi, style)))
+
+
 def _hidden(frame: Frame, roi: NDArray[np.uint8], style: CoverStyle) -> NDArray[np.uint8]:
     """What is shown instead (h, w, 3), components."""
     if style == "solid":

@@ -65,13 +65,16 @@ def place(tracker: Tracker, luma: NDArray[np.uint8], points: F64, sure: float) -
     shape = points
     if isinstance(fit, Fit) and _distance(fit.shape, points) < AGREE:
         shape = (fit.shape + points) / 2
+    return Placed(shape, min(trust(tracker, luma, shape), _known(sure)))
+
+
+def trust(tracker: Tracker, luma: NDArray[np.uint8], shape: F64) -> float:
+    """Confidence in [0, 1] that the face at a shape (81, 2) in luma (h, w) is the person's, bare, and no profile."""
     look = tracker.likeness(luma, shape)
-    if isinstance(look, Failed):
-        return Placed(shape, 0.0)
-    return Placed(shape, min(_trust(look), _frontal(shape), _known(sure)))
+    return 0.0 if isinstance(look, Failed) else min(_like(look), _frontal(shape))
 
 
-def _trust(look: Likeness) -> float:
+def _like(look: Likeness) -> float:
     strange = 1 / (1 + np.exp((look.hidden - HIDDEN) / HIDDEN_WIDTH))
     return float(min(look.confidence, strange))
 

@@ -1,0 +1,128 @@
+"""What the user chooses while it runs, by keys or by a page.  Safe to use from any thread."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from queue import SimpleQueue
+from typing import Any, Literal
+
+from aam.extrapolation import DEFAULT_ALPHA
+from app.deidentify.options import CoverStyle
+
+Mode = Literal["swap", "puppet", "off"]
+Request = Literal["record", "snapshot", "enrol", "quit"]
+
+ALPHA_STEP = 0.1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the next frame is shown.
+
+    Parameters
+    ----------
+    identity : index into the faces that were given.
+    alpha : share in [0, 1] of expression beyond the face's own that is let through.
+    mode : "swap", "puppet" (the face's own still moves) or "off": the face is covered.
+    mirror : left and right exchanged, as in a mirror.
+    side_by_side : the camera's picture beside the result; it shows the real face.
+    mask, mesh : overlays that show where the face is drawn.
+    readout : frames per second, latency and drops in the picture.
+    help : the keys in the picture.
+    style : of what is covered.
+    uncovered : a frame in which the face cannot be swapped is shown as it is, not covered.
+    """
+
+    identity: int = 0
+    alpha: float = DEFAULT_ALPHA
+    mode: Mode = "swap"
+    mirror: bool = False
+    side_by_side: bool = False
+    mask: bool = False
+    mesh: bool = False
+    readout: bool = False
+    help: bool = False
+    style: CoverStyle = "mosaic"
+    uncovered: bool = False
+
+
+_SWITCHES = {
+    "m": "mirror",
+    "b": "side_by_side",
+    "k": "mask",
+    "l": "mesh",
+    "f": "readout",
+    "h": "help",
+}
+_MODES: dict[str, Mode] = {"s": "swap", "p": "puppet", "o": "off"}
+_REQUESTS: dict[str, Request] = {
+    "r": "record",
+    "c": "snapshot",
+    "e": "enrol",
+    "q": "quit",
+    "escape": "quit",
+}
+KEYS = {
+    "1 to 9": "face",
+    "up, down": "alpha",
+    "s": "swap",
+    "p": "puppet",
+    "o": "off: covered",
+    "m": "mirror",
+    "b": "side by side (shows the real face)",
+    "k": "mask",
+    "l": "mesh",
+    "f": "read-out",
+    "r": "record",
+    "c": "snapshot",
+    "e": "enrol anew",
+    "h": "help",
+    "q": "quit",
+}
+
+
+class Controls:
+    """The current settings, and what else was asked for.
+
+    Parameters
+    ----------
+    identities : how many faces there are to choose from.
+    settings : to begin with.
+
+    Attributes
+    ----------
+    requests : SimpleQueue of Request, in the order of asking.
+    """
+
+    def __init__(self, identities: int = 1, settings: Settings = Settings()) -> None:
+        self.requests: SimpleQueue[Request] = SimpleQueue()
+        self._identities, self._settings = identities, settings
+        self._lock = threading.Lock()
+
+    @property
+    def settings(self) -> Settings:
+        """As they are now."""
+        return self._settings
+
+    def change(self, **changes: Any) -> None:
+        """Change settings by name; alpha is kept in [0, 1], a face that is not there is ignored."""
+        with self._lock:
+            if not 0 <= changes.get("identity", 0) < self._identities:
+                del changes["identity"]
+            new = replace(self._settings, **changes)
+            self._settings = replace(new, alpha=round(min(max(new.alpha, 0.0), 1.0), 3))
+
+    def press(self, key: str) -> None:
+        """A key, by its name in lower case; one that means nothing is ignored."""
+        now = self._settings
+        if key.isdigit() and key != "0":
+            self.change(identity=int(key) - 1)
+        elif key in ("up", "down"):
+            self.change(alpha=now.alpha + (ALPHA_STEP if key == "up" else -ALPHA_STEP))
+        elif key in _SWITCHES:
+            self.change(**{_SWITCHES[key]: not getattr(now, _SWITCHES[key])})
+        elif key in _MODES:
+            self.change(mode=_MODES[key])
+        elif key in _REQUESTS:
+            self.requests.put(_REQUESTS[key])
