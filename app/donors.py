@@ -83,6 +83,15 @@ def parts(spec: str) -> list[str]:
     return found
 
 
+def bare(spec: str) -> str:
+    """A spec without folders, which may tell who made a model.
+
+    >>> bare("/home/ann/mine.guise"), bare("mean:p01+b/c.guise")
+    ('mine.guise', 'mean:p01+c.guise')
+    """
+    return MEAN * spec.startswith(MEAN) + "+".join(Path(part).name for part in parts(spec))
+
+
 def assign(
     people: Sequence[int], donor: str, *, own: Sequence[Path] = (), seed: int, salt: str,
     known: Mapping[int, str] | None = None, taken: Collection[str] = (),

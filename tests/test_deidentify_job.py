@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 
 import av
@@ -124,7 +125,7 @@ def test_an_interrupted_run_goes_on_and_ends_with_the_same_bytes(clip: Path, tmp
 def test_what_was_left_is_not_taken_for_another_run(clip: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.mp4"
     with pytest.raises(KeyboardInterrupt):
-        run(clip, output, engine=Here(0))
+        run(clip, output, engine=Here(3))
     with pytest.raises(DeidentifyError, match="--resume"):
         run(clip, output)
     with pytest.raises(DeidentifyError, match="other options"):
@@ -158,6 +159,29 @@ def test_a_review_stops_before_the_output_and_its_edits_are_followed(clip: Path,
     detector = FaceDetector(min_score=0.5)
     grey = [detector.detect(np.repeat(p[..., None], 3, axis=2)) for p in pictures(output)[::10]]
     assert all(len(boxes) == 0 for boxes in grey)
+
+
+def test_options_may_change_after_a_review(clip: Path, tmp_path: Path) -> None:
+    output, whole = tmp_path / "out.mp4", tmp_path / "whole.mp4"
+    blurred, later = replace(QUICK, cover="blur", audio="drop", donor="p03"), Here()
+    run(clip, output, review=True)
+    run(clip, output, blurred, resume=True, engine=later)
+    assert {job.stage for job in later.jobs} == {"render"}
+    run(clip, whole, blurred)
+    assert output.read_bytes() == whole.read_bytes()
+
+
+def test_reports_call_the_files_as_they_are_told(clip: Path, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.guise"
+    shutil.copy(resources.files("app").joinpath("gallery", "p03.guise"), mine)
+    names = ("holiday.mov", "holiday_deidentified.mp4")
+    report = run(clip, tmp_path / "out.mp4", replace(QUICK, donor=str(mine)), names=names)
+    assert report is not None
+    assert (report.input, report.output) == names
+    text = (tmp_path / "out.report.json").read_text() + (tmp_path / "out.report.html").read_text()
+    assert "mine.guise" in text
+    assert all(name in text for name in names)
+    assert str(tmp_path) not in text, "folders may tell who somebody is"
 
 
 def test_a_face_left_by_the_user_is_untouched(clip: Path, tmp_path: Path) -> None:

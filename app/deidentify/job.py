@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ from app.deidentify.sheet import contact_sheet
 from app.deidentify.stages import Job, result_of
 from app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
 from app.deidentify.work import MANIFEST, Work
-from app.donors import KeyFile, assign
+from app.donors import KeyFile, assign, bare
 from app.media import MediaError, open_sink, open_source
 from app.media.segments import scan
 from app.media.sink import check_free
@@ -55,7 +55,8 @@ def beside(output: Path, suffix: str) -> Path:
 
 def deidentify_file(
     source: Path, output: Path, options: Options, engine: Jobs, *, resume: bool = False, force: bool = False,
-    review: bool = False, tracks: Path | None = None, progress: Progress, say: Say,
+    review: bool = False, tracks: Path | None = None, names: tuple[str, str] | None = None,
+    progress: Progress, say: Say,
 ) -> FileReport | None:  # fmt: skip
     """De-identify a file; None when it stops for a review.
 
@@ -64,9 +65,11 @@ def deidentify_file(
     source : a video, an image or a folder of images.
     output : where the result goes; reports and the work folder lie beside it.
     engine : does the jobs.
-    resume : go on with what an earlier run left.   force : replace outputs and what was left.
+    resume : go on with what an earlier run left; after a review with these options instead of those given there.
+    force : replace outputs and what was left.
     review : stop before anything is changed, and write NAME.tracks.json and NAME.tracks.jpg.
     tracks : the edited NAME.tracks.json.
+    names : what the reports call input and output, if not by their files' names.
 
     Raises
     ------
@@ -89,7 +92,7 @@ def deidentify_file(
     steps.plan(edited if edited.exists() or tracks else None)
     steps.render()
     publish(steps.case, output, force=force)
-    report = _report(steps.case, source, output, time.perf_counter() - start)
+    report = _report(steps.case, names or (source.name, output.name), output, time.perf_counter() - start)
     _write_report(steps.case, report, output)
     work.remove()
     return report
@@ -122,11 +125,8 @@ def _opened(source: Path, output: Path, options: Options, *, resume: bool, force
         "output": output.name,
     }  # fmt: skip
     if work.has(MANIFEST) and resume:
-        if work.load_json(MANIFEST) != manifest:
-            raise DeidentifyError(
-                f"{work.folder} is of a run with another input, other options or another version: give the same, "
-                "or start anew with --force"
-            )
+        _require_same(work, manifest)
+        work.save_json(MANIFEST, manifest)
         return work
     if work.folder.exists() and not force:
         raise DeidentifyError(
@@ -135,6 +135,18 @@ def _opened(source: Path, output: Path, options: Options, *, resume: bool, force
     work.create()
     work.save_json(MANIFEST, manifest)
     return work
+
+
+def _require_same(work: Work, manifest: dict[str, Any]) -> None:
+    """Raise DeidentifyError when what was left is of another run; options count once something was made with them."""
+    left = work.load_json(MANIFEST)
+    if not work.has("tracks.json"):
+        left["options"] = manifest["options"]
+    if left != manifest:
+        raise DeidentifyError(
+            f"{work.folder} is of a run with another input, other options or another version: give the same, "
+            "or start anew with --force"
+        )
 
 
 def _require_possible(source: Path, output: Path, options: Options, force: bool) -> None:
@@ -350,7 +362,7 @@ def _bystanders(case: Case) -> Bystanders:
 # -- results --------------------------------------------------------------------------------------------------
 
 
-def _report(case: Case, source: Path, output: Path, seconds: float) -> FileReport:
+def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) -> FileReport:
     renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
     problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
     problems += [p for r in renders for p in r["problems"]] + case.work.load_json("published.json")
@@ -361,7 +373,7 @@ def _report(case: Case, source: Path, output: Path, seconds: float) -> FileRepor
     with open_source(case.input) as media:
         width, height = media.width, media.height
     return FileReport(
-        source.name, output.name, case.scan.frames, case.times, width, height, case.tracks,
+        *names, case.scan.frames, case.times, width, height, case.tracks,
         tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(finds),
         _counts(plan, case.scan.frames, finds), {**_settings(case.options), "renderer": renders[0]["renderer"]},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output),
@@ -373,8 +385,8 @@ def _settings(options: Options) -> dict[str, Any]:
     named = {
         k: v and Path(v).name for k, v in options.as_json().items() if k in ("keyfile", "certificate", "key")
     }
-    donor = options.donor if options.donor.startswith("mean:") else Path(options.donor).name
-    return options.as_json() | named | {"donor": donor, "gallery": [path.name for path in options.gallery]}
+    gallery = [path.name for path in options.gallery]
+    return options.as_json() | named | {"donor": bare(options.donor), "gallery": gallery}
 
 
 def _digest(path: Path) -> str:
@@ -402,13 +414,13 @@ def _counts(plan: dict[str, NDArray[Any]], frames: int, finds: Sequence[AuditFin
     return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
 
 
-def _pictures(case: Case, kind: str) -> dict[int, list[NDArray[np.uint8]]]:
-    """The tracks' pictures, in the order of time."""
-    pictures: dict[int, list[NDArray[np.uint8]]] = {track.number: [] for track in case.linked}
+def pictures(case: Case, kind: Literal["pictures", "output"]) -> dict[int, list[NDArray[np.uint8]]]:
+    """The tracks' pictures of the input or of the output, in the order of time."""
+    found: dict[int, list[NDArray[np.uint8]]] = {track.number: [] for track in case.linked}
     for k in range(len(case.scan.segments)):
         for name, picture in case.work.load_arrays(f"{kind}.{k}.npz").items():
-            pictures[int(name.split(".")[0])].append(picture)
-    return pictures
+            found[int(name.split(".")[0])].append(picture)
+    return found
 
 
 def _write_review(case: Case, output: Path) -> None:
@@ -419,11 +431,11 @@ def _write_review(case: Case, output: Path) -> None:
         table, tracks, input_name=case.manifest["name"], fingerprint=case.manifest["fingerprint"],
         frames=case.scan.frames, seconds=case.times,
     )  # fmt: skip
-    save_picture(sheet, contact_sheet(_pictures(case, "pictures"), tracks, case.times))
+    save_picture(sheet, contact_sheet(pictures(case, "pictures"), tracks, case.times))
     for path in (table, sheet):
         path.chmod(0o600)
 
 
 def _write_report(case: Case, report: FileReport, output: Path) -> None:
     write_report(beside(output, ".report.json"), report)
-    write_page(beside(output, ".report.html"), report, _pictures(case, "output"))
+    write_page(beside(output, ".report.html"), report, pictures(case, "output"))

@@ -29,7 +29,7 @@ from app.deidentify.report import (
 )  # fmt: skip
 from app.deidentify.timeline import WORDS, bar, key, patterns, timeline, times
 from app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Outcome, Track
-from app.donors import MEAN, parts
+from app.donors import bare
 from app.outputs import write_whole
 from app.pictures import Picture
 from app.version import version
@@ -170,7 +170,7 @@ def _tracks(report: FileReport, thumbnails: Mapping[int, Sequence[Picture]]) -> 
 def _about(track: Track, report: FileReport) -> str:
     first, last = (clock(float(report.seconds[frame])) for frame in (track.first, track.last))
     seen = f"{first} to {last}, seen in {track.seen:,} frames, {track.width:.0f} pixels wide"
-    donor = f", with the face of {printable(_bare(track.donor))}" if track.donor else ""
+    donor = f", with the face of {printable(bare(track.donor))}" if track.donor else ""
     why = f", because {printable(track.reason)}" if track.reason and track.action == track.proposed else ""
     return f"Person {track.person}, {seen}. To do: {track.action}{donor}{why}."
 
@@ -274,13 +274,7 @@ def _flat(settings: Mapping[str, Any]) -> Iterator[tuple[str, Html]]:
 def _setting(name: str, value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return _bare(value) if name in FILES else str(value)
-
-
-def _bare(spec: str) -> str:
-    """A file or donor without folders, which may tell who made it."""
-    names = "+".join(PurePath(part).name for part in parts(spec))
-    return MEAN + names if spec.startswith(MEAN) else names
+    return bare(value) if name in FILES else str(value)
 
 
 def _limits(report: FileReport) -> Iterator[Html]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Outcome, Track
+from app.donors import bare
 from app.outputs import write_whole
 from app.version import version
 
@@ -187,7 +188,7 @@ def _track(track: Track) -> dict[str, Any]:
         "action": track.action,
         "proposed": track.proposed,
         "reason": track.reason,
-        "donor": track.donor,
+        "donor": bare(track.donor),
         "seen": track.seen,
         "width": round(track.width, 1),
     }
