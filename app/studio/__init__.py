@@ -1,0 +1,1 @@
+"""The studio: Guise in the browser, for one person on this computer."""

@@ -1,0 +1,140 @@
+"""Who may talk to the studio: the browser that has the token, from the studio's own pages.
+
+Plain ASGI around everything else, so that no request, upload or websocket goes past it.
+"""
+
+from __future__ import annotations
+
+import secrets
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+HOSTS = ("127.0.0.1", "localhost")
+NO_TOKEN = "This page needs the address, with its token, that guise studio has printed in the terminal."
+WRONG_HOST = (
+    "The studio answers only at 127.0.0.1 and localhost: use the address that guise studio has printed."
+)
+WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
+_OVERHEAD = 1 << 16  # bytes that a form adds to a file
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+        "img-src 'self' data: blob:; media-src 'self' blob:; font-src 'self' data:; worker-src 'self' blob:; "
+        "object-src 'none'; base-uri 'self'; form-action 'self'; frame-ancestors 'none'"
+    ),
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), microphone=(self), geolocation=()",
+    "Referrer-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+
+
+class TooLarge(Exception):
+    """A body above the limit."""
+
+
+class Guard:
+    """Lets through what has the token, comes from the studio's own pages and is not too large.
+
+    Parameters
+    ----------
+    app : what is guarded.
+    token : as in the printed address; it becomes a cookie that no script and no other site can use.
+    cookie : its name, another one for each port, since browsers share cookies between ports.
+    limit : bytes of an upload.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, cookie: str, limit: int) -> None:
+        self.app, self._token, self._cookie, self._limit = app, token, cookie, limit
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        refusal = self._refusal(scope)
+        if refusal is not None:
+            await refusal(scope, receive, _with_headers(send))
+            return
+        await self._pass(scope, receive, _with_headers(send))
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        """What is answered instead of the studio."""
+        headers = Headers(scope=scope)
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if host.rsplit(":", 1)[0] not in HOSTS:
+            return PlainTextResponse(WRONG_HOST, 403)
+        harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
+        if not harmless and origin != f"http://{host}":
+            return PlainTextResponse(WRONG_ORIGIN, 403)
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        if harmless and self._is_token(given):
+            return self._welcome(scope["path"])
+        if not self._is_token(_cookie_of(headers.get("cookie", ""), self._cookie)):
+            return PlainTextResponse(NO_TOKEN, 403)
+        if int(headers.get("content-length") or 0) > self._limit + _OVERHEAD:
+            return PlainTextResponse(too_large(self._limit), 413)
+        return None
+
+    def _is_token(self, given: str) -> bool:
+        return secrets.compare_digest(given.encode(), self._token.encode())
+
+    def _welcome(self, path: str) -> Response:
+        """The cookie, and the same page without the token in its address."""
+        response = RedirectResponse("/" + path.lstrip("/"), 303)
+        response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        return response
+
+    async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let the studio answer, and stop when more is coming than was said."""
+        started, count = False, 0
+
+        async def counted() -> Message:
+            nonlocal count
+            message = await receive()
+            count += len(message.get("body", b"")) if message["type"] == "http.request" else 0
+            if count > self._limit + _OVERHEAD:
+                raise TooLarge
+            return message
+
+        async def noted(message: Message) -> None:
+            nonlocal started
+            started = True
+            await send(message)
+
+        try:
+            await self.app(scope, counted, noted)
+        except TooLarge:
+            if not started:
+                await PlainTextResponse(too_large(self._limit), 413)(scope, receive, send)
+
+
+def too_large(limit: int) -> str:
+    """The sentence about a file above the limit in bytes."""
+    return f"The file is larger than {limit / 1e6:.0f} MB: use a shorter one, or a higher --limit of guise studio."
+
+
+def _cookie_of(text: str, name: str) -> str:
+    """The value of a cookie, "" when there is none."""
+    try:
+        return SimpleCookie(text)[name].value
+    except (CookieError, KeyError):
+        return ""
+
+
+def _with_headers(send: Send) -> Send:
+    """Answers with the headers that keep other sites out."""
+
+    async def sending(message: Message) -> None:
+        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+            headers = MutableHeaders(scope=message)
+            for name, value in _HEADERS.items():
+                headers[name] = value
+        await send(message)
+
+    return sending

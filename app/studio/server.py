@@ -1,0 +1,68 @@
+"""The studio's server: on this computer only, for the browser that has the token."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+
+from app.studio import people
+from app.studio.guard import Guard
+from app.studio.jobs import Jobs
+from app.studio.site import Studio, StudioOptions, serve_files
+from app.studio.store import Store, StudioError
+
+HOST = "127.0.0.1"
+PAGES = (people,)
+
+
+def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
+    """Run the studio until it is interrupted.
+
+    folder : what it keeps.   port : 0 for any.   limit : bytes of an upload.
+    announce : called with the address when browsers may come.
+    Raises StudioError when the folder or the port is not free.
+    """
+    with _listen(port) as listener:
+        store = Store(folder)
+        jobs = Jobs(store)
+        token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
+        site = _site(Studio(store, jobs, StudioOptions(limit)))
+        address = f"http://{HOST}:{port}/?token={token}"
+        announce(address)
+        jobs.open()
+        try:
+            _run(Guard(site, token, f"guise_{port}", limit), listener)
+        finally:
+            jobs.close()
+            store.close()
+
+
+def _listen(port: int) -> socket.socket:
+    try:
+        return socket.create_server((HOST, port))
+    except OSError as error:
+        raise StudioError(f"port {port} is not free: choose another --port") from error
+
+
+def _site(studio: Studio) -> FastAPI:
+    """All pages in one application, which fetches nothing from elsewhere."""
+    site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    serve_files(studio)
+    for module in PAGES:
+        module.register(studio)
+    ui.run_with(site, title="Guise", show_welcome_message=False, language="en-US")
+    return site
+
+
+def _run(site: Guard, listener: socket.socket) -> None:
+    config = uvicorn.Config(site, log_level="warning", access_log=False, timeout_graceful_shutdown=1)
+    try:
+        uvicorn.Server(config).run(sockets=[listener])
+    except KeyboardInterrupt:
+        return

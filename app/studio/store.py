@@ -1,0 +1,251 @@
+"""What the studio keeps: clips, people and jobs, in one folder.
+
+FOLDER/studio.sqlite holds the rows; files lie at FOLDER/clips/ID.mp4, FOLDER/people/ID.guise and FOLDER/jobs/ID/.
+Ids are drawn here; names are the user's own text and never part of a path.  Times are UTC in ISO 8601.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+import threading
+import uuid
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from app.deidentify.inputs import VIDEO_SUFFIXES
+
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
+
+LONGEST_NAME = 80  # characters
+_TABLES = """
+CREATE TABLE IF NOT EXISTS clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT);
+CREATE TABLE IF NOT EXISTS people (id TEXT PRIMARY KEY, name TEXT, created TEXT, clip TEXT);
+CREATE TABLE IF NOT EXISTS jobs (id TEXT PRIMARY KEY, kind TEXT, about TEXT, state TEXT, stage TEXT, share REAL,
+    sentence TEXT, result TEXT, created TEXT);
+CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT);
+"""
+
+
+class StudioError(ValueError):
+    """What the studio cannot do; one sentence."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A video; it is complete when the file at `path` exists."""
+
+    id: str
+    name: str
+    created: str
+    path: Path
+
+
+@dataclass(frozen=True)
+class Person:
+    """A person's model at `path`, and the id of the clip that they were learned from."""
+
+    id: str
+    name: str
+    created: str
+    clip: str | None
+    path: Path
+
+    @property
+    def montage(self) -> Path:
+        """The picture of the model."""
+        return self.path.with_suffix(".png")
+
+
+@dataclass(frozen=True)
+class JobRow:
+    """A piece of work.
+
+    Parameters
+    ----------
+    about : what it was started with.   result : what it gave; both as JSON holds them.
+    share : of the stage, in [0, 1].
+    sentence : why it failed, "" otherwise.
+    """
+
+    id: str
+    kind: str
+    about: dict[str, Any]
+    state: State
+    stage: str
+    share: float
+    sentence: str
+    result: dict[str, Any]
+    created: str
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen."""
+        return self.state in ("done", "failed", "cancelled")
+
+
+class Store:
+    """The studio's folder, which is made if there is none.  Safe to use from any thread.
+
+    Raises StudioError when another studio uses the folder, or it cannot be used.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._lock = threading.Lock()
+        self._base = _open(folder)
+
+    def add_clip(self, name: str, suffix: str) -> Clip:
+        """A place for a clip; the caller writes its file.  StudioError when the suffix is not a video's."""
+        if suffix.lower() not in VIDEO_SUFFIXES:
+            raise StudioError(
+                f"{_clean(name)} is no video that can be read here: use .mp4, .webm, .mov or .mkv"
+            )
+        row = (_new_id(), _clean(name), _now(), suffix.lower())
+        self._run("INSERT INTO clips VALUES (?, ?, ?, ?)", row)
+        return self._clip(row)
+
+    def clips(self) -> list[Clip]:
+        """The complete clips, newest first."""
+        found = map(self._clip, self._run("SELECT * FROM clips ORDER BY rowid DESC"))
+        return [clip for clip in found if clip.path.exists()]
+
+    def clip(self, id: str) -> Clip:
+        """The clip of an id.  StudioError when there is none."""
+        return self._clip(self._one("clips", id, "clip"))
+
+    def remove_clip(self, id: str) -> None:
+        """Forget a clip and delete its file."""
+        self.clip(id).path.unlink(missing_ok=True)
+        self._run("DELETE FROM clips WHERE id = ?", (id,))
+
+    def add_person(self, name: str, clip: str | None) -> Person:
+        """A place for a person; the caller writes the model."""
+        row = (_new_id(), _clean(name), _now(), clip)
+        self._run("INSERT INTO people VALUES (?, ?, ?, ?)", row)
+        return self._person(row)
+
+    def people(self) -> list[Person]:
+        """The people whose model is complete, newest first."""
+        found = map(self._person, self._run("SELECT * FROM people ORDER BY rowid DESC"))
+        return [person for person in found if person.path.exists()]
+
+    def person(self, id: str) -> Person:
+        """The person of an id.  StudioError when there is none."""
+        return self._person(self._one("people", id, "person"))
+
+    def remove_person(self, id: str) -> None:
+        """Forget a person and delete their model."""
+        person = self.person(id)
+        person.path.unlink(missing_ok=True)
+        person.montage.unlink(missing_ok=True)
+        self._run("DELETE FROM people WHERE id = ?", (id,))
+
+    def add_job(self, kind: str, about: dict[str, Any]) -> JobRow:
+        """A job that waits, and its empty folder."""
+        row = (_new_id(), kind, json.dumps(about), "waiting", "", 0.0, "", "{}", _now())
+        self._run("INSERT INTO jobs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
+        return _job(row)
+
+    def jobs(self) -> list[JobRow]:
+        """All jobs, newest first."""
+        return [_job(row) for row in self._run("SELECT * FROM jobs ORDER BY rowid DESC")]
+
+    def job(self, id: str) -> JobRow:
+        """The job of an id.  StudioError when there is none."""
+        return _job(self._one("jobs", id, "job"))
+
+    def change_job(
+        self, id: str, *, state: State, stage: str = "", share: float = 0.0, sentence: str = "",
+        result: dict[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        """Say how far a job is."""
+        self._run(
+            "UPDATE jobs SET state = ?, stage = ?, share = ?, sentence = ?, result = ? WHERE id = ?",
+            (state, stage, share, sentence, json.dumps(result or {}), id),
+        )
+
+    def remove_job(self, id: str) -> None:
+        """Forget a job and delete its folder."""
+        shutil.rmtree(self.folder_of(id), ignore_errors=True)
+        self._run("DELETE FROM jobs WHERE id = ?", (id,))
+
+    def folder_of(self, id: str) -> Path:
+        """Where a job puts its files.  StudioError when there is no such job."""
+        return self.folder / "jobs" / self.job(id).id
+
+    def setting(self, name: str) -> Any:
+        """What was remembered, or None."""
+        rows = self._run("SELECT value FROM settings WHERE name = ?", (name,))
+        return json.loads(rows[0][0]) if rows else None
+
+    def remember(self, name: str, value: Any) -> None:
+        """Keep a setting, a JSON value, for the next time."""
+        self._run("INSERT OR REPLACE INTO settings VALUES (?, ?)", (name, json.dumps(value)))
+
+    def close(self) -> None:
+        """Let others use the folder."""
+        with self._lock:
+            self._base.close()
+
+    def _run(self, statement: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+        with self._lock, self._base:
+            return self._base.execute(statement, values).fetchall()
+
+    def _one(self, table: str, id: str, word: str) -> tuple[Any, ...]:
+        rows = self._run(f"SELECT * FROM {table} WHERE id = ?", (id,))
+        if not rows:
+            raise StudioError(f"this {word} is no longer there: reload the page")
+        return rows[0]
+
+    def _clip(self, row: tuple[Any, ...]) -> Clip:
+        id, name, created, suffix = row
+        return Clip(id, name, created, self.folder / "clips" / f"{id}{suffix}")
+
+    def _person(self, row: tuple[Any, ...]) -> Person:
+        id, name, created, clip = row
+        return Person(id, name, created, clip, self.folder / "people" / f"{id}.guise")
+
+
+def _open(folder: Path) -> sqlite3.Connection:
+    """The base, which no other process can open until it is closed."""
+    try:
+        for name in ("clips", "people", "jobs"):
+            (folder / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+        base = sqlite3.connect(folder / "studio.sqlite", timeout=0.5, check_same_thread=False)
+        base.executescript(
+            f"PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; {_TABLES}"
+        )
+        return base
+    except sqlite3.OperationalError as error:
+        raise StudioError(
+            f"{folder} is used by another studio: close it, or choose another --folder"
+        ) from error
+    except (OSError, sqlite3.DatabaseError) as error:
+        raise StudioError(f"{folder} cannot be used ({error}): choose another --folder") from error
+
+
+def _job(row: tuple[Any, ...]) -> JobRow:
+    id, kind, about, state, stage, share, sentence, result, created = row
+    return JobRow(id, kind, json.loads(about), state, stage, share, sentence, json.loads(result), created)
+
+
+def _new_id() -> str:
+    return uuid.uuid4().hex
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _clean(name: str) -> str:
+    """A name on one line, without what cannot be seen, not too long.
+
+    >>> _clean("a\\nb"), _clean("  ")
+    ('a b', 'unnamed')
+    """
+    seen = "".join(c if c.isprintable() else " " for c in name)
+    return " ".join(seen.split())[:LONGEST_NAME] or "unnamed"
