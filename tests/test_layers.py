@@ -25,6 +25,10 @@ MAY_IMPORT = {
         "fsspec",
         "c2pa",
         "cryptography",
+        "fastapi",
+        "nicegui",
+        "starlette",
+        "uvicorn",
     },
 }
 # A heavy or optional library -> the modules (files or folders) that may import it.
@@ -39,6 +43,10 @@ OWNERS = {
     "matplotlib": {"app/measure/plot.py"},
     "distributed": {"app/deidentify/cluster.py"},
     "fsspec": {"app/deidentify/remote.py"},
+    "nicegui": {"app/studio"},
+    "fastapi": {"app/studio/server.py"},
+    "starlette": {"app/studio"},
+    "uvicorn": {"app/studio/server.py"},
 }
 
 
