@@ -69,11 +69,12 @@ def user_mistakes() -> tuple[type[Exception], ...]:
     from app.outputs import OutputError
     from app.recogniser import RecogniserError
     from app.run import SwapError
+    from app.studio.store import StudioError
     from render import RendererError
 
     return (
         MediaError, LandmarkError, ModelError, TrainingError, EnrolError, RendererError, ReferenceMismatchError,
-        OutputError, SwapError, MeasureError, RecogniserError, DeidentifyError,
+        OutputError, SwapError, MeasureError, RecogniserError, DeidentifyError, StudioError,
     )  # fmt: skip
 
 
