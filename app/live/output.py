@@ -26,6 +26,7 @@ class Shown:
     arrived : time.perf_counter() at which the camera gave it, seconds.
     message : a sentence to show, "" for none.
     ring : share in [0, 1] of the enrolment that is done; None when there is none.
+    recording : it goes into a file that the user asked for.
     original : the picture as it came, with the real face; only while the user asks for it beside the result.
     """
 
@@ -35,6 +36,7 @@ class Shown:
     arrived: float
     message: str = ""
     ring: float | None = None
+    recording: bool = False
     original: Frame | None = None
 
 
