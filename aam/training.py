@@ -36,6 +36,7 @@ Picture = NDArray[np.uint8]
 
 FEWEST = 12  # frames below which no useful model comes out
 STILLS = 3  # frames averaged into the neutral face
+LEAST_INSIDE = 0.6  # share of the points that must lie in the picture
 DARK = 8.0  # grey levels that do not count as light
 GAIN = (0.25, 4.0)  # range of the ratio of two lights
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
@@ -87,6 +88,9 @@ def observe(
     crop = cut(np.asarray(luma, np.uint8), shape, feature_frame)
     if isinstance(crop, Failed):
         return crop
+    inside = ((shape >= 0) & (shape < rgb.shape[1::-1])).all(axis=1).mean()
+    if inside < LEAST_INSIDE:
+        return Failed("most of the face lies outside the picture")
     texture = sample_texture(rgb, shape, frame)
     return Observation(texture, crop, shape, rgb.copy() if keep_picture else None)
 

@@ -94,8 +94,20 @@ def enrol(
     generic = [landmarks.refines(clip) for clip in clips]
     if any(generic):
         shapes, choice = _refined(clips, shapes, generic, choice, progress, say)
-    observations, box = _observe(clips, shapes, choice, options, progress)
-    facts: dict[str, Any] = {"clips": [clip.name for clip in clips], "box_known": box is not None}
+    observations, boxes = _observe(clips, shapes, choice, options, progress)
+    return train(name, observations, choice, options, boxes, [clip.name for clip in clips], progress)
+
+
+def train(
+    name: str, observations: dict[int, Observation], choice: Choice, options: TrainingOptions, boxes: Sequence[F64],
+    clips: Sequence[str], progress: Progress,
+) -> Identity:  # fmt: skip
+    """The model of observed frames, trained on one thread.
+
+    boxes : `box_relation`s of some frames.   clips : names of what the frames are from.   progress : as for `enrol`.
+    """
+    box = np.median(boxes, axis=0) if len(boxes) >= 3 else None
+    facts: dict[str, Any] = {"clips": list(clips), "box_known": box is not None}
     with one_thread():
         return train_identity(
             name,
@@ -200,8 +212,8 @@ def _without(choice: Choice, left_out: NDArray[np.intp]) -> Choice:
 
 def _observe(
     clips: Sequence[Path], shapes: Sequence[F64], choice: Choice, options: TrainingOptions, progress: Progress
-) -> tuple[dict[int, Observation], F64 | None]:
-    """The chosen frames, and how the face lies in the detector's box."""
+) -> tuple[dict[int, Observation], list[F64]]:
+    """The chosen frames, and how the face lies in the detector's box in some of them."""
     frame, wanted = ReferenceFrame.canonical(options.resolution), {int(i) for i in choice.all}
     boxed = {int(i) for i in choice.training[:: max(1, len(choice.training) // BOX_FRAMES)]}
     detector, boxes = LbpDetector(), []
@@ -222,18 +234,17 @@ def _observe(
                         observations[index] = seen
                         progress("frames", len(observations) / len(wanted))
                 if index in boxed:
-                    boxes.append(_box_relation(detector.detect(picture.luma), points[picture.index]))
+                    boxes.append(box_relation(detector.detect(picture.luma), points[picture.index]))
         if count != len(points):
             raise EnrolError(
                 f"the landmarks of {clip} are for {len(points)} frames, the clip has {count}; "
                 "give the landmarks of this very clip"
             )
         base += len(points)
-    known = [b for b in boxes if b is not None]
-    return observations, np.median(known, axis=0) if len(known) >= 3 else None
+    return observations, [b for b in boxes if b is not None]
 
 
-def _box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
+def box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
     """(3,) shape centre minus box centre and face width, in widths of the box that holds the nose."""
     nose, centre = shape[30], shape.mean(0)
     for x0, y0, x1, y1 in boxes.astype(np.float64):
@@ -244,4 +255,4 @@ def _box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
     return None
 
 
-__all__ = ["EnrolError", "LandmarkSource", "TrainingError", "enrol", "landmark_file"]
+__all__ = ["EnrolError", "LandmarkSource", "TrainingError", "box_relation", "enrol", "landmark_file", "train"]
