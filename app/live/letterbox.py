@@ -1,0 +1,27 @@
+"""A picture of any size in a frame of another: whole, as large as it fits, with black around it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+
+def letterboxed(rgb: Picture, width: int, height: int) -> Picture:
+    """The picture (h, w, 3) uint8 as (height, width, 3), its proportions kept.
+
+    >>> letterboxed(np.full((10, 10, 3), 255, np.uint8), 20, 10)[0, :, 0].tolist() == [0] * 5 + [255] * 10 + [0] * 5
+    True
+    """
+    h, w = rgb.shape[:2]
+    if (w, h) == (width, height):
+        return rgb
+    scale = min(width / w, height / h)
+    size = max(round(w * scale), 1), max(round(h * scale), 1)
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    left, top = (width - size[0]) // 2, (height - size[1]) // 2
+    whole = np.zeros((height, width, 3), np.uint8)
+    whole[top : top + size[1], left : left + size[0]] = cv2.resize(rgb, size, interpolation=method)
+    return whole
