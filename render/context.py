@@ -1,11 +1,11 @@
 """The one place where a GL context is made and its errors are looked at.
 
 The context is standalone (no window): EGL where it exists, the system's own off-screen context on Windows
-and macOS. A context belongs to the thread that made it.
+and macOS; or the one of a window, made by a window library. A context belongs to the thread that made it.
 """
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -84,6 +84,36 @@ def create_context() -> moderngl.Context:
         except Exception as error:  # moderngl and its loaders raise bare Exception
             failures.append(f"{name}: {error}")
     raise RendererError(f"no GL context could be made ({'; '.join(failures)}): {INSTALL_HINT}")
+
+
+def window_context(address: Callable[[str], int]) -> moderngl.Context:
+    """The GL context that a window library has made current in this thread, whatever the system made it with.
+
+    address : of a GL function by its name, 0 when there is none.
+
+    Raises
+    ------
+    RendererError
+        When it is older than version 3.3.
+    """
+    settings: dict[str, Any] = {"context": _Loader(address)}
+    try:
+        return _checked(moderngl.create_context(require=MIN_GL_VERSION, **settings))
+    except Exception as error:  # moderngl raises bare Exception
+        raise RendererError(f"the window's GL cannot be used ({error})") from error
+
+
+class _Loader:
+    """What moderngl asks for the addresses of GL functions."""
+
+    def __init__(self, address: Callable[[str], int]) -> None:
+        self.load_opengl_function = address
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *problem: object) -> None: ...
+
+    def release(self) -> None: ...
 
 
 def check(context: moderngl.Context, action: str) -> None:

@@ -1,0 +1,246 @@
+"""A window that shows the live picture; its planes are drawn by GL as they are and never read back.
+
+Colour is converted, the picture turned and fitted into the window by the shader; what is written over it and the mirror
+are in the picture (`app.live.overlay`), so that text stays readable.  Keys go to `Controls.press`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from app.live.controls import Controls
+from app.live.output import Output, Shown
+from app.live.overlay import Overlay, mirrored
+from app.media import Frame
+from app.media.frame import plane_arrays
+from app.media.orientation import AS_STORED, Orientation
+from app.outputs import OutputError
+from render import RendererError
+from render.context import window_context
+
+Plane = NDArray[np.uint8]
+
+KEYS = {"f11": "full screen"}
+LARGEST = 0.9  # of the screen that a new window takes
+INSTEAD = "choose --output FILE, or --headless"
+NO_CHROMA = np.full((1, 1), 128, np.uint8)
+
+_VERTEX = """
+#version 330 core
+uniform bool transposed;
+uniform bvec2 flipped;
+out vec2 place;
+void main() {
+    vec2 shown = vec2(gl_VertexID & 1, gl_VertexID >> 1);
+    gl_Position = vec4(2.0 * shown.x - 1.0, 1.0 - 2.0 * shown.y, 0.0, 1.0);
+    place = mix(shown, 1.0 - shown, flipped);
+    if (transposed) place = place.yx;
+}
+"""
+_FRAGMENT = """
+#version 330 core
+uniform sampler2D planes[3];
+uniform mat4x3 to_rgb;
+in vec2 place;
+out vec4 colour;
+void main() {
+    vec3 stored = vec3(texture(planes[0], place).r, texture(planes[1], place).r, texture(planes[2], place).r);
+    colour = vec4(to_rgb * vec4(stored, 1.0), 1.0);
+}
+"""
+
+
+class Window(Output):
+    """Shows pictures on the desktop; all in the main thread.
+
+    Parameters
+    ----------
+    controls : gets the keys, and tells what is drawn over the picture.
+    overlay : draws it.
+    title : of the window.
+    on_drop : called with a file that the user drops on the window.
+    """
+
+    main_thread = True
+
+    def __init__(
+        self, controls: Controls, overlay: Overlay, *, title: str = "Guise (H shows the keys)",
+        on_drop: Callable[[Path], None] = lambda path: None,
+    ) -> None:  # fmt: skip
+        self._controls, self._overlay, self._title, self._on_drop = controls, overlay, title, on_drop
+        self._glfw: Any = None
+        self._window: Any = None
+        self._pictures: list[Picture] = []
+        self._shown = 0
+
+    def open(self, width: int, height: int, fps: float) -> None:
+        """Open it as large as the pictures, or as the screen lets it be.
+
+        Raises
+        ------
+        OutputError
+            When the extra, a display or a new enough GL is missing.
+        """
+        self._glfw, library = _libraries()
+        self._glfw.ERROR_REPORTING = "raise"
+        try:
+            self._glfw.init()
+            self._window = library.Window(
+                title=self._title, size=_fitting(self._glfw, width, height), vsync=False,
+                context_creation_func=lambda: window_context(self._address),
+            )  # fmt: skip
+        except (self._glfw.GLFWError, RendererError) as error:
+            raise OutputError(f"no window can be opened ({error}): use a desktop, or {INSTEAD}") from error
+        self._glfw.ERROR_REPORTING = "log"  # such as what Wayland does not let a window know
+        self._pictures = [Picture(self._window.ctx) for _ in range(2)]
+        self._listen()
+
+    def show(self, shown: Shown) -> None:
+        """Draw a picture, and the camera's own beside it when the user asks for it."""
+        settings = self._controls.settings
+        frames = [self._overlay.over(shown, settings)]
+        if settings.side_by_side and shown.original is not None:
+            frames.insert(0, mirrored(shown.original) if settings.mirror else shown.original)
+        for picture, frame in zip(self._pictures, frames, strict=False):
+            picture.load(frame)
+        self._shown = len(frames)
+        self._draw()
+
+    def pump(self) -> bool:
+        """Take keys and what else the desktop says; False when the window was closed."""
+        self._glfw.poll_events()
+        return not self._window.is_closing
+
+    def close(self) -> None:
+        """Close it."""
+        if self._glfw is not None:
+            self._glfw.terminate()
+        self._glfw = self._window = None
+
+    def _listen(self) -> None:
+        handle = self._glfw.get_current_context()
+        self._window.exit_key = None
+        self._window.key_event_func = self._key
+        self._glfw.set_window_refresh_callback(handle, lambda _: self._draw())
+        self._glfw.set_drop_callback(handle, lambda _, paths: self._on_drop(Path(paths[0])))
+
+    def _draw(self) -> None:
+        """Draw what was loaded last, side by side, each as large as it fits, on black."""
+        context, (wide, high) = self._window.ctx, self._window.buffer_size
+        context.screen.use()
+        context.clear()
+        for number, picture in enumerate(self._pictures[: self._shown]):
+            room = wide // self._shown
+            context.viewport = fitted(picture.size, (number * room, 0, room, high))
+            picture.draw()
+        context.viewport = (0, 0, wide, high)
+        self._glfw.swap_buffers(self._glfw.get_current_context())
+
+    def _key(self, key: int, action: int, modifiers: Any) -> None:
+        """A key went down, or repeats (only arrows may)."""
+        name = self._name(key)
+        again = action == self._glfw.REPEAT and name in ("up", "down")
+        if (action != self._glfw.PRESS and not again) or modifiers.ctrl or modifiers.alt:
+            return
+        if name == "escape" and self._window.fullscreen:
+            self._window.fullscreen = False
+        elif name:
+            self._controls.press(name)
+
+    def _name(self, key: int) -> str:
+        """What `Controls.press` calls a key: what is written on it, on keyboards of other scripts its place."""
+        glfw = self._glfw
+        others = {glfw.KEY_UP: "up", glfw.KEY_DOWN: "down", glfw.KEY_ESCAPE: "escape"}
+        for first in (glfw.KEY_0, glfw.KEY_KP_0):
+            others |= {first + digit: str(digit) for digit in range(10)}
+        if key in others:
+            return others[key]
+        name = glfw.get_key_name(key, 0) or ""
+        return str(name.lower() if name.isascii() else chr(key).lower())
+
+    def _address(self, name: str) -> int:
+        """Of a GL function, 0 when there is none."""
+        return ctypes.cast(self._glfw.get_proc_address(name), ctypes.c_void_p).value or 0
+
+
+class Picture:
+    """A frame in GL: three textures and what draws them into the viewport.   context : moderngl.Context."""
+
+    def __init__(self, context: Any) -> None:
+        self.size = (1, 1)
+        self._context = context
+        self._program = context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
+        self._program["planes"] = (0, 1, 2)
+        self._quad = context.vertex_array(self._program, [])
+        self._textures = [context.texture((1, 1), 1) for _ in range(3)]
+
+    def load(self, frame: Frame) -> None:
+        """Take a frame's planes, its colour matrix and how it is turned."""
+        self.size = frame.width, frame.height
+        planes, orientation = _planes(frame)
+        for number, plane in enumerate(planes):
+            self._load(number, plane)
+        to_rgb = frame.colour.to_rgb / np.array([1, 1, 1, 255], np.float32)
+        self._program["to_rgb"].write(to_rgb.T.tobytes())
+        self._program["transposed"] = orientation.transpose
+        self._program["flipped"] = (orientation.flip_x, orientation.flip_y)
+
+    def draw(self) -> None:
+        """Fill the viewport."""
+        for number, texture in enumerate(self._textures):
+            texture.use(number)
+        self._quad.render(self._context.TRIANGLE_STRIP, vertices=4)
+
+    def _load(self, number: int, plane: Plane) -> None:
+        size = plane.shape[1], plane.shape[0]
+        if self._textures[number].size != size:
+            self._textures[number].release()
+            self._textures[number] = self._context.texture(size, 1, alignment=1)
+        self._textures[number].write(np.ascontiguousarray(plane), alignment=1)
+
+
+def fitted(size: tuple[int, int], room: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    """The largest rectangle x, y, w, h with the proportions of a size (w, h), in the middle of another.
+
+    >>> fitted((640, 480), (0, 0, 1000, 480))
+    (180, 0, 640, 480)
+    """
+    left, top, wide, high = room
+    factor = min(wide / size[0], high / size[1])
+    w, h = (max(1, round(side * factor)) for side in size)
+    return left + (wide - w) // 2, top + (high - h) // 2, w, h
+
+
+def _planes(frame: Frame) -> tuple[list[Plane], Orientation]:
+    """Three planes of components as stored, and how they are turned to be shown."""
+    if frame.video_frame is None:
+        red, green, blue = (np.asarray(part, np.uint8) for part in cv2.split(frame.rgb()))
+        return [green, blue, red], AS_STORED
+    return [*plane_arrays(frame.video_frame), NO_CHROMA, NO_CHROMA][:3], frame.orientation
+
+
+def _fitting(glfw: Any, width: int, height: int) -> tuple[int, int]:
+    """The size of a new window, at most a share of the screen."""
+    _, _, wide, high = glfw.get_monitor_workarea(glfw.get_primary_monitor())
+    factor = min(1.0, LARGEST * wide / width, LARGEST * high / height)
+    return max(1, round(width * factor)), max(1, round(height * factor))
+
+
+def _libraries() -> tuple[ModuleType, ModuleType]:
+    """The optional libraries, which may be missing."""
+    try:
+        import glfw
+        from moderngl_window.context import glfw as library
+    except ImportError as error:
+        raise OutputError(
+            f'a window needs more packages: pip install "guise[window]", or {INSTEAD}'
+        ) from error
+    return glfw, library
