@@ -24,6 +24,7 @@ from app.deidentify.cover import cover, cover_all, region
 from app.deidentify.fit import trust
 from app.engine import Engine, Options
 from app.live.controls import Settings
+from app.live.letterbox import letterboxed
 from app.live.watch import Watch
 from app.media import Frame
 from app.puppet import Puppet
@@ -31,13 +32,14 @@ from render.closing import Closing
 
 F64 = NDArray[np.float64]
 
-Outcome = Literal["swapped", "covered", "lost", "off", "shown"]
+Outcome = Literal["swapped", "covered", "lost", "off", "shown", "enrolling"]
 
 TRUST = 0.5  # confidence from which a face is drawn
 AROUND = 0.1  # seconds for which it must hold after it did not
 GROWTH = 2.0  # by which the region grows in each second since the face was last seen
 WHOLE = 0.6  # seconds after which the whole picture is covered
 BYSTANDER = 0.5  # seconds for which a face stays covered after it was last seen
+STILL = 0.7  # overlap from which a face is where it was, and the old place is not covered as well
 SAME = 0.2  # overlap from which a detector's box is the person's
 
 
@@ -48,7 +50,7 @@ class Look:
     Parameters
     ----------
     outcome : "swapped" (also a puppet); "covered", the face alone; "lost", the whole picture is covered; "off", covered
-        as the user wished; "shown", left as it was, as the user wished.
+        as the user wished; "shown", left as it was, as the user wished; "enrolling", covered until there is a model.
     mesh : (81, 2) pixels where the face was drawn, or None.
     confidence : in [0, 1] that the face was found.
     covered : number of regions that were covered.
@@ -187,9 +189,12 @@ class Guard:
 
     def _bystanders(self, now: float, boxes: NDArray[np.float32]) -> list[F64]:
         others = [box.astype(np.float64) for box in boxes if not self._belongs(box)]
-        self._others = [(t, box) for t, box in self._others if now - t <= BYSTANDER] + [
-            (now, b) for b in others
+        kept = [
+            (at, box)
+            for at, box in self._others
+            if now - at <= BYSTANDER and not any(overlap(box, other) > STILL for other in others)
         ]
+        self._others = kept + [(now, box) for box in others]
         return [region(box) for _, box in self._others]
 
     def _belongs(self, box: NDArray[np.float32]) -> bool:
@@ -203,9 +208,5 @@ class Guard:
 
 def fill(frame: Frame, rgb: NDArray[np.uint8]) -> None:
     """Show a picture (h, w, 3) instead of the frame's, as large as it fits, on black."""
-    factor = min(frame.width / rgb.shape[1], frame.height / rgb.shape[0])
-    w, h = (max(1, round(side * factor)) for side in rgb.shape[1::-1])
-    canvas = np.zeros((frame.height, frame.width, 3), np.uint8)
-    x, y = (frame.width - w) // 2, (frame.height - h) // 2
-    canvas[y : y + h, x : x + w] = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA)
-    frame.write_roi(0, 0, np.asarray(cv2.transform(canvas, frame.colour.from_rgb), np.uint8))
+    whole = letterboxed(rgb, frame.width, frame.height)
+    frame.write_roi(0, 0, np.asarray(cv2.transform(whole, frame.colour.from_rgb), np.uint8))
