@@ -1,0 +1,165 @@
+"""The studio in a process of its own and Debian's Chromium before it, for tests.
+
+`from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` is a new browser context
+that has come in by the printed address, and its test fails when the browser had something to complain about or asked
+for anything elsewhere.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
+"""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import av
+import pytest
+from made_up import SAMPLES
+
+PATIENCE = 20_000  # milliseconds, until a browser's step has failed
+LIMIT = 50  # MB, of the servers in tests
+CAMERA = SAMPLES / "p01" / "talk.mp4"
+
+
+@dataclass
+class StudioServer:
+    """A running studio.
+
+    address : as printed, with the token.   folder : what it keeps.
+    """
+
+    address: str
+    folder: Path
+    process: "subprocess.Popen[str]"
+
+    @cached_property
+    def token(self) -> str:
+        return parse_qs(urlsplit(self.address).query)["token"][0]
+
+    @cached_property
+    def port(self) -> int:
+        return urlsplit(self.address).port or 80
+
+    @cached_property
+    def cookie(self) -> str:
+        """The header that lets a request in."""
+        return f"guise_{self.port}={self.token}"
+
+    def url(self, path: str = "/") -> str:
+        """An address on it, without the token."""
+        return f"http://127.0.0.1:{self.port}{path}"
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """End it as Ctrl-C does, and return the exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(30)
+
+
+@contextmanager
+def studio(folder: Path, *, limit: int = LIMIT) -> Iterator[StudioServer]:
+    """A studio on a free port."""
+    start = "from app import cli, cli_studio as s; cli.app.command()(s.studio); raise SystemExit(cli.main())"
+    command = [sys.executable, "-c", start, "studio", "--folder", str(folder), "--port", "0", "--no-open"]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        [*command, "--limit", str(limit), "--json"], stdout=subprocess.PIPE, text=True, env=environment,
+        cwd=SAMPLES.parent, start_new_session=True,
+    ) as process:  # fmt: skip
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line, "the studio did not start"
+            yield StudioServer(json.loads(line)["address"], folder, process)
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+
+
+@pytest.fixture(scope="session")
+def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioServer]:
+    """A studio with an empty folder, for all tests of a module."""
+    with studio(tmp_path_factory.mktemp("studio")) as server:
+        yield server
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Chromium without a window, whose camera shows the first sample person's clip again and again."""
+    chromium = _require_chromium()
+    from playwright.sync_api import sync_playwright
+
+    camera = camera_file(tmp_path_factory.mktemp("camera") / "camera.mjpeg")
+    arguments = [
+        "--no-sandbox",
+        "--use-fake-device-for-media-stream",
+        "--use-fake-ui-for-media-stream",
+        f"--use-file-for-fake-video-capture={camera}",
+    ]
+    with sync_playwright() as playwright:
+        chrome = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        yield chrome
+        chrome.close()
+
+
+@pytest.fixture
+def page(studio_server: StudioServer, browser: Any) -> Iterator[Any]:
+    """A new visitor, who has come in by the printed address."""
+    with visit(browser, studio_server) as visitor:
+        yield visitor
+
+
+@contextmanager
+def visit(browser: Any, server: StudioServer, path: str = "/people", **context: Any) -> Iterator[Any]:
+    """A page of a browser context of its own; complaints and requests to elsewhere fail the test at its end.
+
+    A test that makes the browser complain on purpose clears `page.complaints`.
+    """
+    visitor = browser.new_context(**context)
+    page = visitor.new_page()
+    page.set_default_timeout(PATIENCE)
+    complaints: list[str] = []
+    page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda asked: _note_foreign(asked.url, server, complaints))
+    page.complaints = complaints
+    page.goto(server.url(f"{path}?token={server.token}"))
+    yield page
+    visitor.close()
+    assert complaints == []
+
+
+def camera_file(path: Path, clip: Path = CAMERA) -> Path:
+    """A clip as Chromium's fake camera wants it: JPEG pictures one after the other, without sound."""
+    with av.open(str(clip)) as source, av.open(str(path), "w", format="mjpeg") as out:
+        old = source.streams.video[0]
+        new = out.add_stream("mjpeg", old.average_rate, {"qmin": "2", "qmax": "4"})
+        new.width, new.height, new.pix_fmt = old.width, old.height, "yuvj420p"
+        for frame in source.decode(old):
+            picture = frame.reformat(format="yuvj420p")
+            picture.pict_type = 0
+            out.mux(new.encode(picture))
+        out.mux(new.encode(None))
+    return path
+
+
+def _note_foreign(url: str, server: StudioServer, complaints: list[str]) -> None:
+    parts = urlsplit(url)
+    if parts.scheme not in ("data", "blob") and parts.netloc != f"127.0.0.1:{server.port}":
+        complaints.append(f"asked for {url}")
+
+
+def _require_chromium() -> str:
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        reason = "there is no Chromium"
+        if os.environ.get("GUISE_REQUIRE_BROWSER") == "1":
+            pytest.fail(reason, pytrace=False)
+        pytest.skip(reason)
+    return chromium
