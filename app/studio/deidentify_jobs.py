@@ -1,0 +1,131 @@
+"""The work behind the page De-identify: the review of a clip, and its rendering as the user has chosen.
+
+A review's folder holds OUTPUT.work, what was found; out.tracks.json, what is proposed; and NUMBER.PLACE.jpg, pictures
+of the tracks.  A rendering takes a copy of what was found, so that a clip can be rendered again with other choices.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.deidentify.case import Case
+from app.deidentify.engines import open_engine
+from app.deidentify.job import deidentify_file, pictures
+from app.deidentify.options import Audio, CoverStyle, DeidentifyError, Options
+from app.deidentify.report import outcome, verdict
+from app.deidentify.tracks import Action
+from app.deidentify.work import Work
+from app.failures import user_mistakes
+from app.media.containers import suffix_for
+from app.outputs import write_whole
+from app.pictures import save_picture
+from app.run import Progress, mute
+
+STEM = "out"
+TRACKS = f"{STEM}.tracks.json"
+REPORTS = (f"{STEM}.report.html", f"{STEM}.report.json")
+
+
+@dataclass
+class Choices:
+    """What the user wants of a clip.
+
+    Parameters
+    ----------
+    actions : by track.   donors : by person, "" lets Guise choose.  Keys are numbers as text, as JSON has them.
+    cover, alpha, audio : as in `app.deidentify.options.Options`.
+    """
+
+    actions: dict[str, Action]
+    donors: dict[str, str]
+    cover: CoverStyle = Options().cover
+    alpha: float = Options().alpha
+    audio: Audio = Options().audio
+
+    @classmethod
+    def proposed(cls, tracks: list[dict[str, Any]]) -> Choices:
+        """What Guise would do.   tracks : of TRACKS."""
+        actions = {str(track["track"]): track["action"] for track in tracks}
+        return cls(actions, {str(track["person"]): track["donor"] for track in tracks})
+
+
+def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Find the faces of a clip and propose what is to be done with them.
+
+    about : source, the clip's path; name, what the user calls it.
+    Returns the output's file name, and the number of pictures of each track.
+    """
+    source = Path(about["source"])
+    output = folder / (STEM + suffix_for(source, Options().encode.encoder))
+    with _called(source, about["name"]), open_engine("local") as engine:
+        deidentify_file(source, output, Options(), engine, review=True, progress=progress, say=mute)
+    found = pictures(Case(Work(_work(output))), "pictures")
+    for number, shown in found.items():
+        for place, picture in enumerate(shown):
+            save_picture(folder / thumbnail(number, place), picture)
+    return {"output": output.name, "pictures": {str(n): len(shown) for n, shown in found.items()}}
+
+
+def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Render a reviewed clip.
+
+    about : source and name as for the review; review, its folder; output, its result; choices, see `Choices`.
+    Returns outcome, sentence and counts of the report.
+    """
+    source, output, before = Path(about["source"]), folder / about["output"], Path(about["review"])
+    choices = Choices(**about["choices"])
+    if not before.exists():
+        raise DeidentifyError(f"the review of {about['name']} was deleted: upload the video again")
+    shutil.copytree(_work(before / output.name), _work(output))
+    write_whole(folder / TRACKS, lambda part: part.write_text(_edited(before / TRACKS, choices)))
+    options = Options(cover=choices.cover, alpha=choices.alpha, audio=choices.audio)
+    names = about["name"] + source.suffix, download_name(about["name"], output.name)
+    with _called(source, about["name"]), open_engine("local") as engine:
+        report = deidentify_file(
+            source, output, options, engine, resume=True, names=names, progress=progress, say=mute
+        )
+    assert report is not None
+    return {"outcome": outcome(report), "sentence": verdict(report), "counts": report.counts}
+
+
+def thumbnail(track: int, place: int) -> str:
+    """The name of a picture of a track; places from 0."""
+    return f"{track}.{place}.jpg"
+
+
+def download_name(clip: str, file: str) -> str:
+    """What a file of a rendering is called for the user.
+
+    >>> download_name("party", "out.report.json")
+    'party_deidentified.report.json'
+    """
+    return f"{clip}_deidentified{file.removeprefix(STEM)}"
+
+
+def _work(output: Path) -> Path:
+    return output.with_name(output.name + ".work")
+
+
+def _edited(tracks: Path, choices: Choices) -> str:
+    """The file of tracks with the user's choices."""
+    value = json.loads(tracks.read_text(encoding="utf-8"))
+    for track in value["tracks"]:
+        action, donor = choices.actions[str(track["track"])], choices.donors[str(track["person"])]
+        track |= {"action": action, "donor": donor}
+    return json.dumps(value)
+
+
+@contextmanager
+def _called(source: Path, name: str) -> Iterator[None]:
+    """A user's mistake told with the user's name for the clip."""
+    try:
+        yield
+    except user_mistakes() as error:
+        told = str(error).replace(str(source), name).replace(source.name, name)
+        raise DeidentifyError(told) from error
