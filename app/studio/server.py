@@ -11,14 +11,14 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
 
-from app.studio import people
+from app.studio import deidentify, people
 from app.studio.guard import Guard
 from app.studio.jobs import Jobs
 from app.studio.site import Studio, StudioOptions, serve_files
 from app.studio.store import Store, StudioError
 
 HOST = "127.0.0.1"
-PAGES = (people,)
+PAGES = (people, deidentify)
 
 
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
