@@ -27,6 +27,7 @@ MAY_IMPORT = {
         "cryptography",
         "glfw",
         "moderngl_window",
+        "platformdirs",
         "pyvirtualcam",
         "sounddevice",
         "fastapi",
