@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli_deidentify import deidentify
+from app.cli_live import live
 from app.cli_measure import measure
 from app.cli_options import (
     Alpha,
@@ -44,6 +45,7 @@ from app.cli_options import (
     SourcePath,
     Video,
 )
+from app.cli_studio import studio
 from app.console import Console, Stages
 from app.version import version
 
@@ -351,6 +353,8 @@ def bench(
     console.result({"clip": str(clip), "milliseconds": [t.as_json() for t in timings]})
 
 
+app.command()(live)
+app.command()(studio)
 app.command()(deidentify)
 app.command()(measure)
 

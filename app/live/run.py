@@ -1,0 +1,212 @@
+"""`guise live`: which capture, whose model, which outputs; and the report of a run."""
+
+from __future__ import annotations
+
+import contextlib
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from aam.model import Identity
+from app.donors import gallery, open_donor
+from app.engine import Options
+from app.enrol import LandmarkSource
+from app.live import models
+from app.live.capture import CameraCapture, Capture, FileCapture, Say
+from app.live.controls import Controls, Settings
+from app.live.output import Output, Shown
+from app.live.overlay import Overlay
+from app.live.pipeline import Pipeline, Stats
+from app.live.recorder import Recorder
+from app.live.recordings import Recordings
+from app.live.session import JAW, LiveWork, Plan
+from app.live.window import Window
+from app.media import EncodeOptions
+from app.outputs import OutputError
+from app.run import Progress, person_in
+from app.run import Settings as RunSettings
+from app.threads import one_thread
+
+WINDOW, VIRTUAL = "window", "virtualcam"
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What the user asks of `guise live`.
+
+    Parameters
+    ----------
+    source : a file or the address of a stream, or None for the camera.
+    camera : its number.
+    identities : models whose faces are shown; none: the gallery's.
+    person : model of who is at the camera, or None.
+    outputs : "window", "virtualcam" or files.
+    headless : no window, every frame of a file, as fast as it goes.
+    size, fps : asked of the camera.   loop : play a file again and again.
+    enrol : make a new model of the person though there is one.
+    settings : to begin with.   options : how the engine draws.   encode, force : of files.
+    """
+
+    source: str | None = None
+    camera: int = 0
+    identities: Sequence[Path] = ()
+    person: Path | None = None
+    outputs: Sequence[str] = (WINDOW,)
+    headless: bool = False
+    size: tuple[int, int] = (1280, 720)
+    fps: float = 30.0
+    loop: bool = False
+    enrol: bool = False
+    settings: Settings = Settings()
+    options: Options = field(default_factory=lambda: Options(jaw=JAW))
+    encode: EncodeOptions = field(default_factory=EncodeOptions)
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """What a run did: the files that were written, and the figures of the pipeline at its end."""
+
+    files: tuple[str, ...]
+    stats: Stats
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return {"files": list(self.files), **self.stats.as_json()}
+
+    def __str__(self) -> str:
+        """One line for a person to read."""
+        s = self.stats
+        did = ", ".join(f"{count} {name}" for name, count in sorted(s.outcomes.items())) or "nothing shown"
+        return (
+            f"{s.frames} frames in {s.seconds:.1f} s: {did}; {s.dropped} dropped; latency {s.latency:.0f} ms, "
+            f"95 % {s.latency_95:.0f} ms"
+        )
+
+
+class Null(Output):
+    """Shows nothing: for figures."""
+
+    def show(self, shown: Shown) -> None:
+        """Take a picture and forget it."""
+
+
+def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveReport:
+    """Run until the source ends or the user does.
+
+    Raises
+    ------
+    OutputError, MediaError, ModelError, RendererError, EnrolError
+        For a user's mistake.
+    """
+    _check(options)
+    identities = [Identity.load(path) for path in options.identities] or [open_donor(n) for n in gallery()]
+    controls = Controls(len(identities), options.settings)
+    with contextlib.ExitStack() as stack, one_thread():
+        capture = stack.enter_context(_capture(options, say))
+        recordings = Recordings(Path.cwd(), encode=options.encode, say=say)
+        outputs = [_output(name, options, capture, controls, identities, say) for name in options.outputs]
+        person = _person(options, capture, identities[0], progress, say)
+        plan = Plan(
+            identities, person, name=capture.name, keep=lambda made: _keep(_key(options, capture), made, say),
+            options=options.options, recording=lambda: recordings.running,
+        )  # fmt: skip
+        session = _Session(plan, controls, recordings)
+        pipeline = Pipeline(capture, session.make, [*outputs, recordings], session.pump)
+        stats = pipeline.run()
+    files = [str(output.path) for output in outputs if isinstance(output, Recorder)]
+    return LiveReport((*files, *map(str, recordings.files)), stats)
+
+
+class _Session:
+    """Answers what the user asks for, in the main thread."""
+
+    def __init__(self, plan: Plan, controls: Controls, recordings: Recordings) -> None:
+        self._plan, self._controls, self._recordings = plan, controls, recordings
+        self._work: LiveWork | None = None
+
+    def make(self) -> LiveWork:
+        """The work, in its thread."""
+        self._work = LiveWork(self._plan, self._controls)
+        return self._work
+
+    def pump(self) -> bool:
+        """Do what was asked for; False to end."""
+        while not self._controls.requests.empty():
+            asked = self._controls.requests.get()
+            if asked == "quit":
+                return False
+            if asked == "enrol" and self._work is not None:
+                self._work.enrol()
+            if asked == "record":
+                self._recordings.toggle()
+            if asked == "snapshot":
+                self._recordings.snapshot()
+        return True
+
+
+def _check(options: LiveOptions) -> None:
+    """Raise OutputError for outputs that do not go together."""
+    files = [name for name in options.outputs if name not in (WINDOW, VIRTUAL)]
+    if options.headless and (options.source is None or not files or len(files) < len(options.outputs)):
+        raise OutputError(
+            "--headless needs --source FILE and writes files: add --output OUT.mp4, and no window"
+        )
+    if options.headless and options.loop:
+        raise OutputError("--headless ends with the file: leave out --loop")
+    if len(set(options.outputs)) < len(options.outputs):
+        raise OutputError("each --output must be given once: two go to the same place")
+
+
+def _capture(options: LiveOptions, say: Say) -> Capture:
+    if options.source is None:
+        return CameraCapture(options.camera, options.size, options.fps, say)
+    if "://" in options.source:
+        from app.live.streams import StreamCapture
+
+        return StreamCapture(options.source, say=say)
+    return FileCapture(Path(options.source), loop=options.loop, paced=not options.headless)
+
+
+def _output(
+    name: str, options: LiveOptions, capture: Capture, controls: Controls, identities: Sequence[Identity], say: Say
+) -> Output:  # fmt: skip
+    if name == WINDOW:
+        return Window(controls, Overlay([identity.name for identity in identities]))
+    if name == VIRTUAL:
+        from app.live.virtualcam import VirtualCamera
+
+        return VirtualCamera()
+    once = isinstance(capture, FileCapture) and not options.loop
+    source = capture.source if isinstance(capture, FileCapture) and once else None
+    return Recorder(
+        Path(name), source=source, encode=options.encode, force=options.force, say=None if once else say
+    )
+
+
+def _person(
+    options: LiveOptions, capture: Capture, like: Identity, progress: Progress, say: Say
+) -> Identity | None:
+    """The model of who is in the picture: given, kept from before, or made from the file; None: on the screen."""
+    if options.person is not None:
+        return Identity.load(options.person)
+    known = None if options.enrol else models.cached(_key(options, capture), say)
+    if known is not None and known.frame.id == like.frame.id:
+        return known
+    if not isinstance(capture, FileCapture):
+        return None
+    made = person_in(
+        capture.source, LandmarkSource(), like, replace(RunSettings(), progress=progress, say=say)
+    )
+    models.keep(_key(options, capture), made)
+    return made
+
+
+def _key(options: LiveOptions, capture: Capture) -> str:
+    return models.file_key(capture.source.path) if isinstance(capture, FileCapture) else capture.name
+
+
+def _keep(key: str, made: Identity, say: Callable[[str], None]) -> None:
+    say(f"your model is kept in {models.keep(key, made)}; --enrol makes a new one")
