@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,8 +19,7 @@ from app.live.controls import Controls, Settings
 from app.live.output import Output, Shown
 from app.live.overlay import Overlay
 from app.live.pipeline import Pipeline, Stats
-from app.live.recorder import Recorder
-from app.live.recordings import Recordings
+from app.live.recorder import Recorder, Recordings, snapshot
 from app.live.session import JAW, LiveWork, Plan
 from app.live.window import Window
 from app.media import EncodeOptions
@@ -59,7 +58,7 @@ class LiveOptions:
     fps: float = 30.0
     loop: bool = False
     enrol: bool = False
-    settings: Settings = Settings()
+    settings: Settings = field(default_factory=Settings)
     options: Options = field(default_factory=lambda: Options(jaw=JAW))
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     force: bool = False
@@ -67,7 +66,7 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveReport:
-    """What a run did: the files that were written, and the figures of the pipeline at its end."""
+    """What a run did: the files of --output that were written, and the figures of the pipeline at its end."""
 
     files: tuple[str, ...]
     stats: Stats
@@ -86,11 +85,29 @@ class LiveReport:
         )
 
 
-class Null(Output):
-    """Shows nothing: for figures."""
+class Snapshots(Output):
+    """Writes the next picture to a file when it is asked to.
+
+    Parameters
+    ----------
+    folder : in which.   say : called with what happened.
+    """
+
+    def __init__(self, folder: Path, say: Say) -> None:
+        self._folder, self._say, self._wanted = folder, say, threading.Event()
+
+    def take(self) -> None:
+        """Of the next picture; from any thread."""
+        self._wanted.set()
 
     def show(self, shown: Shown) -> None:
-        """Take a picture and forget it."""
+        """Look at a picture."""
+        if self._wanted.is_set():
+            self._wanted.clear()
+            try:
+                self._say(f"Snapshot {snapshot(shown.frame, self._folder)}.")
+            except OutputError as error:
+                self._say(str(error))
 
 
 def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveReport:
@@ -106,25 +123,26 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
     controls = Controls(len(identities), options.settings)
     with contextlib.ExitStack() as stack, one_thread():
         capture = stack.enter_context(_capture(options, say))
-        recordings = Recordings(Path.cwd(), encode=options.encode, say=say)
+        recordings, snapshots = Recordings(Path.cwd(), options.encode, say), Snapshots(Path.cwd(), say)
         outputs = [_output(name, options, capture, controls, identities, say) for name in options.outputs]
         person = _person(options, capture, identities[0], progress, say)
         plan = Plan(
             identities, person, name=capture.name, keep=lambda made: _keep(_key(options, capture), made, say),
-            options=options.options, recording=lambda: recordings.running,
+            options=options.options, recording=lambda: recordings.recording,
         )  # fmt: skip
-        session = _Session(plan, controls, recordings)
-        pipeline = Pipeline(capture, session.make, [*outputs, recordings], session.pump)
+        session = _Session(plan, controls, recordings, snapshots)
+        pipeline = Pipeline(capture, session.make, [*outputs, recordings, snapshots], session.pump)
         stats = pipeline.run()
     files = [str(output.path) for output in outputs if isinstance(output, Recorder)]
-    return LiveReport((*files, *map(str, recordings.files)), stats)
+    return LiveReport(tuple(files), stats)
 
 
 class _Session:
     """Answers what the user asks for, in the main thread."""
 
-    def __init__(self, plan: Plan, controls: Controls, recordings: Recordings) -> None:
-        self._plan, self._controls, self._recordings = plan, controls, recordings
+    def __init__(self, plan: Plan, controls: Controls, recordings: Recordings, snapshots: Snapshots) -> None:
+        self._plan, self._controls = plan, controls
+        self._recordings, self._snapshots = recordings, snapshots
         self._work: LiveWork | None = None
 
     def make(self) -> LiveWork:
@@ -143,7 +161,7 @@ class _Session:
             if asked == "record":
                 self._recordings.toggle()
             if asked == "snapshot":
-                self._recordings.snapshot()
+                self._snapshots.take()
         return True
 
 
