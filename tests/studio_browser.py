@@ -1,8 +1,8 @@
 """The studio in a process of its own and Debian's Chromium before it, for tests.
 
-`from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` is a new browser context
-that has come in by the printed address, and its test fails when the browser had something to complain about or asked
-for anything elsewhere.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
+`from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` is a new browser
+context that has come in by the printed address, and its test fails when the browser had something to complain about
+or asked for anything elsewhere.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
 """
 
 import json

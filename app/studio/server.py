@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import socket
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
 
+from app.failures import user_mistakes
 from app.studio import deidentify, people
 from app.studio.guard import Guard
 from app.studio.jobs import Jobs
@@ -53,6 +55,7 @@ def _listen(port: int) -> socket.socket:
 def _site(studio: Studio) -> FastAPI:
     """All pages in one application, which fetches nothing from elsewhere."""
     site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    logging.getLogger("nicegui").addFilter(_is_fault)
     serve_files(studio)
     for module in PAGES:
         module.register(studio)
@@ -66,3 +69,8 @@ def _run(site: Guard, listener: socket.socket) -> None:
         uvicorn.Server(config).run(sockets=[listener])
     except KeyboardInterrupt:
         return
+
+
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Whether a log record is none about a user's mistake, which the page itself tells."""
+    return not (record.exc_info and isinstance(record.exc_info[1], user_mistakes()))

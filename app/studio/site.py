@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -19,10 +20,17 @@ from app.failures import explain, user_mistakes
 from app.media import open_source
 from app.studio.guard import too_large
 from app.studio.jobs import Jobs
-from app.studio.store import Clip, JobRow, Store
+from app.studio.store import Clip, JobRow, Store, StudioError
 
 LINKS = {"Live": "/", "People": "/people", "Landmarks": "/landmarks", "De-identify": "/deidentify"}
 REFRESH = 0.3  # seconds between two looks at a job
+_COLOUR = "#0b7a70"  # readable under white and on both backgrounds
+_STYLE = """
+:focus-visible { outline: 3px solid #f59e0b !important; outline-offset: 2px; }
+.bar { border-bottom: 1px solid rgb(128 128 128 / 40%); align-items: center; flex-wrap: nowrap; }
+.bar a { color: inherit; text-decoration: none; padding: 0.25rem 0; border-bottom: 3px solid transparent; }
+.bar a[aria-current] { border-color: var(--q-primary); font-weight: 600; }
+"""
 Build = Callable[..., Awaitable[None] | None]
 
 
@@ -61,21 +69,16 @@ def page(studio: Studio, path: str, title: str, build: Build) -> None:
     """Register a page; `build` fills it and gets the parameters of the path ("/landmarks/{clip}") by name."""
 
     async def shown(request: Request) -> None:
-        with _layout(studio, title, path), told():
-            done = build(**request.path_params)
-            if done is not None:
-                await done
+        ui.on_exception(_tell)
+        with _layout(studio, title, path):
+            try:
+                done = build(**request.path_params)
+                if done is not None:
+                    await done
+            except user_mistakes() as error:
+                ui.label(explain(error)[0])
 
     ui.page(path, title=f"{title} · Guise")(shown)
-
-
-@contextmanager
-def told() -> Iterator[None]:
-    """Say a user's mistake as a notification."""
-    try:
-        yield
-    except user_mistakes() as error:
-        ui.notify(explain(error)[0], type="negative", multi_line=True)
 
 
 async def read_upload(studio: Studio, event: events.UploadEventArguments) -> Clip:
@@ -97,32 +100,50 @@ async def read_upload(studio: Studio, event: events.UploadEventArguments) -> Cli
 
 
 def uploader(studio: Studio, label: str, done: Callable[[Clip], Awaitable[None] | None]) -> ui.upload:
-    """A field that uploads a video as soon as it is chosen, and says why when it cannot be taken."""
+    """A button that uploads a video as soon as it is chosen, and says why when it cannot be taken."""
 
     async def uploaded(event: events.UploadEventArguments) -> None:
+        then = done(await read_upload(studio, event))
+        if then is not None:
+            await then
+
+    def refuse(reason: str) -> None:
+        large = reason == "max-file-size"
+        _tell(
+            StudioError(
+                too_large(studio.options.limit) if large else "This is no video: use an .mp4 or .webm."
+            )
+        )
+
+    def ended(failed: bool) -> None:
+        button.props(remove="loading")
         field.reset()
-        with told():
-            then = done(await read_upload(studio, event))
-            if then is not None:
-                await then
+        if failed:
+            _tell(StudioError("The upload was broken off: try again."))
 
-    def refused() -> None:
-        ui.notify(too_large(studio.options.limit), type="negative", multi_line=True)
-
-    limit = studio.options.limit
-    field = ui.upload(
-        label=label, auto_upload=True, max_file_size=limit, on_upload=uploaded, on_rejected=refused
+    field = ui.upload(auto_upload=True, max_file_size=studio.options.limit, on_upload=uploaded).classes(
+        "hidden"
     )
-    accepted = ",".join(("video/*", *sorted(VIDEO_SUFFIXES)))
-    field.props(f'accept="{accepted}"').on("failed", refused)
-    return field.props("flat bordered").classes("w-full")
+    field.props["accept"] = ",".join(("video/*", *sorted(VIDEO_SUFFIXES)))
+    button = ui.button(label, icon="upload")
+    button.on("click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()")
+    field.on("uploading", lambda: button.props("loading"))
+    field.on("uploaded", lambda: ended(False), args=[])
+    field.on("failed", lambda: ended(True), args=[])
+    why = "(entries) => emit(entries[0].failedPropValidation)"
+    field.on("rejected", lambda event: refuse(event.args), js_handler=why)
+    return field
 
 
 def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
     """A bar that follows a job, with a button that cancels it; `ended` is called once, with the last state."""
 
     def look() -> None:
-        job = studio.store.job(id)
+        try:
+            job = studio.store.job(id)
+        except StudioError:  # removed in another tab
+            timer.cancel()
+            return
         bar.value = job.share
         stage.text = "waiting for other work" if job.state == "waiting" else f"{job.stage or 'starting'} …"
         if job.ended:
@@ -132,10 +153,15 @@ def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
     with ui.row().classes("w-full items-center no-wrap"):
         stage = ui.label().classes("w-40").props('role="status"')
         bar = ui.linear_progress(show_value=False).props('aria-label="Progress" rounded')
-        ui.button(icon="close", on_click=lambda: studio.jobs.cancel(id)).props(
-            'flat round aria-label="Cancel"'
-        )
+        cancel = ui.button(icon="close", color=None, on_click=lambda: studio.jobs.cancel(id))
+        cancel.props('flat round aria-label="Cancel"')
     timer = ui.timer(REFRESH, look)
+
+
+def heading(text: str, level: int = 2) -> None:
+    """A heading that screen readers know as one."""
+    look = "text-h5" if level == 1 else "text-h6 mt-4"
+    ui.label(text).props(f"role=heading aria-level={level}").classes(look)
 
 
 def _require_video(path: Path) -> None:
@@ -145,9 +171,35 @@ def _require_video(path: Path) -> None:
 
 @contextmanager
 def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
-    with ui.header(), ui.row():
-        for name, target in LINKS.items():
-            ui.link(name, target).classes("text-white")
-    with ui.column().classes("w-full max-w-5xl mx-auto"):
-        ui.label(title).classes("text-h5")
+    """The header with links and the choice of colours; what follows is the page's own."""
+    ui.colors(primary=_COLOUR)
+    ui.add_css(_STYLE)
+    ui.button.default_props("no-caps")
+    ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
+    with ui.header().classes("bg-white dark:bg-neutral-900 text-black dark:text-white bar"):
+        with ui.element("nav").props('aria-label="Pages"').classes("flex items-center grow gap-x-4 gap-y-1"):
+            ui.label("Guise").classes("max-sm:hidden text-bold mr-4")
+            for name, target in LINKS.items():
+                here = 'aria-current="page"' if target == path else ""
+                ui.link(name, target).props(here)
+        _colour_choice(studio)
+    with ui.element("main").props('id="content" tabindex="-1"').classes("w-full max-w-5xl mx-auto"):
+        heading(title, 1)
         yield
+
+
+def _colour_choice(studio: Studio) -> None:
+    """Dark or light, as the system has it or as the user wants it; kept for the next time."""
+    dark = ui.dark_mode(studio.store.setting("dark"))
+
+    def choose(value: bool | None) -> None:
+        dark.value = value
+        studio.store.remember("dark", value)
+
+    with ui.button(icon="contrast", color=None).props('flat round aria-label="Colours"'), ui.menu():
+        for name, value in (("As the system", None), ("Light", False), ("Dark", True)):
+            ui.menu_item(name, partial(choose, value))
+
+
+def _tell(error: Exception) -> None:
+    ui.notify(explain(error)[0], type="negative", multi_line=True)

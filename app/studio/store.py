@@ -118,8 +118,9 @@ class Store:
         return self._clip(self._one("clips", id, "clip"))
 
     def remove_clip(self, id: str) -> None:
-        """Forget a clip and delete its file."""
-        self.clip(id).path.unlink(missing_ok=True)
+        """Forget a clip and delete its file, and what lies beside it, such as landmarks."""
+        for file in (self.folder / "clips").glob(f"{self.clip(id).id}.*"):
+            file.unlink()
         self._run("DELETE FROM clips WHERE id = ?", (id,))
 
     def add_person(self, name: str, clip: str | None) -> Person:
@@ -213,8 +214,9 @@ class Store:
 def _open(folder: Path) -> sqlite3.Connection:
     """The base, which no other process can open until it is closed."""
     try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)  # faces are nobody else's business
         for name in ("clips", "people", "jobs"):
-            (folder / name).mkdir(parents=True, exist_ok=True, mode=0o700)
+            (folder / name).mkdir(exist_ok=True)
         base = sqlite3.connect(folder / "studio.sqlite", timeout=0.5, check_same_thread=False)
         base.executescript(
             f"PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; {_TABLES}"
