@@ -1,0 +1,141 @@
+"""A session from the first picture of a stranger to their swapped face, and what the command line makes of it."""
+
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from made_up import SAMPLES
+from numpy.typing import NDArray
+
+from aam.model import Identity
+from app.cli import main
+from app.donors import open_donor
+from app.live import models
+from app.live.capture import FileCapture
+from app.live.controls import Controls
+from app.live.output import Shown
+from app.live.pipeline import Stats
+from app.live.session import LiveWork, Plan
+from app.threads import one_thread
+
+CLIP = SAMPLES / "p01" / "talk.mp4"
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(models, "folder", lambda: tmp_path / "cache")
+
+
+@pytest.fixture(scope="module")
+def face() -> Identity:
+    return open_donor("p03")
+
+
+def run(plan: Plan, clip: Path, *, loop: bool = False) -> Iterator[tuple[Shown, NDArray[np.uint8]]]:
+    """What is shown of each picture of a clip, with the picture before it was changed."""
+    work = LiveWork(plan, Controls(len(plan.identities)))
+    with one_thread(), FileCapture(clip, loop=loop, paced=False) as capture:
+        try:
+            for frame in capture:
+                before = frame.rgb()
+                yield work.step(frame, 0.0, Stats()), before
+        finally:
+            work.close()
+
+
+def changed(shown: Shown, before: NDArray[np.uint8]) -> float:
+    """Share of the pixels that differ."""
+    return float((np.abs(shown.frame.rgb().astype(int) - before).max(2) > 8).mean())
+
+
+def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Identity) -> None:
+    kept: list[Identity] = []
+    plan = Plan([face], None, keep=kept.append)
+    rings, sentences, first_swap, covered = [], [], None, 0
+    for number, (shown, before) in enumerate(run(plan, CLIP, loop=True)):
+        if shown.look.outcome == "enrolling":
+            rings.append(shown.ring)
+            sentences.append(shown.message)
+            covered += changed(shown, before) > 0.5
+            assert shown.original is not None
+            time.sleep(0.05 * ("Learning" in shown.message))  # the time is the training's
+        elif shown.look.outcome == "swapped":
+            first_swap = number
+            break
+        assert number < 20_000
+    assert first_swap is not None
+    assert len(kept) == 1
+    assert covered == len(rings)
+    assert rings == sorted(rings)
+    assert rings[-1] == 1
+    assert any("Speak" in text for text in sentences)
+    assert any("Learning" in text for text in sentences)
+
+
+def test_a_session_that_ends_while_it_learns_leaves_nothing(face: Identity, no_thread_left: None) -> None:
+    for shown, _ in run(Plan([face], None), CLIP, loop=True):
+        if "Learning" in shown.message:
+            break
+
+
+def live(*arguments: object) -> int:
+    return main(["live", *map(str, arguments)])
+
+
+def test_headless_keeps_every_frame_and_the_sound(
+    tmp_path: Path, p01: Identity, capsys: pytest.CaptureFixture[str]
+) -> None:
+    person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
+    p01.save(person)
+    assert (
+        live("--headless", "--source", CLIP, "--person", person, "--identity", person, "-o", out, "--json")
+        == 0
+    )
+    report = json.loads(capsys.readouterr().out)
+    assert report["files"] == [str(out)]
+    assert report["frames"] == 300
+    assert report["outcomes"]["swapped"] > 280
+    with av.open(str(CLIP)) as before, av.open(str(out)) as after:
+        assert [s.type for s in after.streams] == [s.type for s in before.streams]
+        times = [[p.pts * p.time_base for p in c.decode(video=0)] for c in (before, after)]
+        assert times[0] == times[1]
+
+
+def test_the_model_of_a_file_is_made_once(
+    tmp_path: Path, p01: Identity, capsys: pytest.CaptureFixture[str]
+) -> None:
+    models.keep(models.file_key(CLIP), p01)
+    person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
+    p01.save(person)
+    assert live("--headless", "--source", CLIP, "--identity", person, "-o", out) == 0
+    assert "enrolling" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--headless", "-o", "out.mp4"], "--headless needs --source"),
+        (["--headless", "--source", CLIP], "add --output"),
+        (["--headless", "--source", CLIP, "-o", "window"], "no window"),
+        (["--headless", "--source", CLIP, "-o", "o.mp4", "--loop"], "leave out --loop"),
+        (["--source", "missing.mp4"], "does not exist"),
+        (["--size", "huge"], "like 1280x720"),
+        (["--source", CLIP, "--identity", "missing.guise"], "missing.guise"),
+        (["--source", CLIP, "-o", "window", "-o", "window"], "given once"),
+        (["--camera", "97"], "camera 97 cannot be opened"),
+    ],
+)
+def test_a_mistake_is_one_sentence(
+    arguments: list[object], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert live(*arguments) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out.mp4").exists()
