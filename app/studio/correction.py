@@ -23,6 +23,7 @@ from aam.landmarks import (
     Landmarker,
     LandmarkError,
     load_annotations,
+    open_landmarker,
     tight_box,
 )
 from aam.landmarks.face import Image
@@ -291,6 +292,14 @@ def find_landmarks(clip: Path, output: Path, landmarker: Landmarker, progress: P
                     "no face was found in the clip: use one that shows the face from the front"
                 )
     return count
+
+
+def landmarks_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
+    """Find the landmarks of a clip; about : "clip" and "output", paths."""
+    part = folder / "landmarks.npz"
+    count = find_landmarks(Path(about["clip"]), part, open_landmarker("builtin"), progress)
+    part.replace(about["output"])
+    return {"frames": count}
 
 
 def load_correction(path: Path) -> Correction:

@@ -1,0 +1,150 @@
+"""The square part of a frame in which landmarks are corrected: its picture, its drawing, what a pointer means.
+
+A screen has SCREEN x SCREEN units, x right, y down, from 0 at its upper left corner; the browser scales it.  A frame's
+pixels count from their centres, as everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aam.landmarks import GROUPS, INNER_LIPS, LEFT_BROW, LEFT_EYE, NOSE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE
+
+F64 = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+SCREEN = 720
+REACH = 30  # screen units from a pointer within which a point is taken
+SMALLEST = 24  # frame pixels across the view
+ROOM = 1.5  # sides of the view to that of the face
+_PAPER = (32, 32, 32)
+_SILHOUETTE = (*range(17), *range(80, 67, -1))
+_CLOSED = (_SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
+_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE[:4], NOSE[4:])
+_LINES = tuple([*group, group[0]] for group in _CLOSED) + tuple(list(group) for group in _OPEN)
+
+
+@dataclass(frozen=True)
+class View:
+    """The square [x, x + size) x [y, y + size) of whole pixels of a frame; it may reach beyond the frame.
+
+    width, height : of the frame, pixels.
+    """
+
+    x: int
+    y: int
+    size: int
+    width: int
+    height: int
+
+    @classmethod
+    def whole(cls, width: int, height: int) -> View:
+        """The view that shows all of a frame."""
+        side = max(width, height)
+        return cls((width - side) // 2, (height - side) // 2, side, width, height)
+
+    def around(self, points: NDArray[np.float32]) -> View:
+        """The view of the same frame that shows points (n, 2) with some room."""
+        low, high = points.min(0), points.max(0)
+        size = self._size(ROOM * float((high - low).max()))
+        x, y = np.round((low + high) / 2 - size / 2).astype(int).tolist()
+        return replace(self, x=x, y=y, size=size)._inside()
+
+    def zoomed(self, factor: float, about: F64 | NDArray[np.float32]) -> View:
+        """The view in which everything is `factor` times as large; the place `about` (2,), frame pixels, stays."""
+        size = self._size(self.size / factor)
+        corner = np.array([self.x, self.y])
+        x, y = np.round(about - (about - corner) * (size / self.size)).astype(int).tolist()
+        return replace(self, x=x, y=y, size=size)._inside()
+
+    def moved(self, by: ArrayLike) -> View:
+        """The view with its contents moved by (2,), screen units."""
+        x, y = np.round(np.array([self.x, self.y]) - np.asarray(by) / self.scale).astype(int).tolist()
+        return replace(self, x=x, y=y)._inside()
+
+    @property
+    def scale(self) -> float:
+        """Screen units to a pixel."""
+        return SCREEN / self.size
+
+    def to_screen(self, points: ArrayLike) -> F64:
+        """Points (..., 2) of the frame on the screen."""
+        return np.asarray((np.asarray(points, np.float64) - (self.x, self.y) + 0.5) * self.scale)
+
+    def to_frame(self, places: ArrayLike) -> F64:
+        """Places (..., 2) on the screen in the frame."""
+        return np.asarray(np.asarray(places, np.float64) / self.scale - 0.5 + (self.x, self.y))
+
+    def nearest(self, points: NDArray[np.float32], place: ArrayLike) -> int | None:
+        """The point (n, 2) of the frame that a pointer at `place` (2,) on the screen means; None when all are far."""
+        away = np.linalg.norm(self.to_screen(points) - np.asarray(place), axis=1)
+        point = int(np.nan_to_num(away, nan=np.inf).argmin())
+        return point if away[point] <= REACH else None
+
+    def picture(self, rgb: Picture, side: int = SCREEN) -> Picture:
+        """What is seen of a frame (h, w, 3); (side, side, 3), dark beyond it."""
+        x0, y0 = max(self.x, 0), max(self.y, 0)
+        part = rgb[y0 : max(self.y + self.size, 0), x0 : max(self.x + self.size, 0)]
+        right, down = self.size - (x0 - self.x) - part.shape[1], self.size - (y0 - self.y) - part.shape[0]
+        padded = cv2.copyMakeBorder(
+            part, y0 - self.y, down, x0 - self.x, right, cv2.BORDER_CONSTANT, value=_PAPER
+        )
+        way = cv2.INTER_AREA if side < self.size else cv2.INTER_CUBIC
+        return np.asarray(cv2.resize(padded, (side, side), interpolation=way), np.uint8)
+
+    def drawing(self, points: NDArray[np.float32], chosen: int | None) -> str:
+        """SVG of points (81, 2) and the lines between them, one of them chosen; "" where there are none."""
+        if not np.isfinite(points).all():
+            return ""
+        places = self.to_screen(points)
+        lines = "".join(f'<polyline points="{_listed(places[line])}"/>' for line in _LINES)
+        marks = "".join(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="3.5"/>' for x, y in places)
+        return (
+            f'<g fill="none" stroke="#000" stroke-opacity=".45" stroke-width="3">{lines}</g>'
+            f'<g fill="none" stroke="#7fd4ff" stroke-width="1.2">{lines}</g>'
+            f'<g fill="#5aff78" stroke="#000" stroke-width="1">{marks}</g>'
+            + ("" if chosen is None else _chosen(*places[chosen]))
+        )
+
+    def _size(self, wanted: float) -> int:
+        return int(np.clip(round(wanted), SMALLEST, max(self.width, self.height, SMALLEST)))
+
+    def _inside(self) -> View:
+        """Moved so that it shows no more beyond the frame than it must."""
+        return replace(
+            self, x=_within(self.x, self.size, self.width), y=_within(self.y, self.size, self.height)
+        )
+
+
+def name_of(point: int) -> str:
+    """What a point is called.
+
+    >>> name_of(36)
+    'right eye, point 36'
+    """
+    group = next(name for name, points in GROUPS.items() if point in points)
+    return f"{group.replace('_', ' ')}, point {point}"
+
+
+def _chosen(x: float, y: float) -> str:
+    return (
+        f'<circle cx="{x:.2f}" cy="{y:.2f}" r="11" fill="none" stroke="#000" stroke-width="5"/>'
+        f'<circle cx="{x:.2f}" cy="{y:.2f}" r="11" fill="none" stroke="#ffd84d" stroke-width="2.5"/>'
+    )
+
+
+def _listed(places: F64) -> str:
+    return " ".join(f"{x:.2f},{y:.2f}" for x, y in places)
+
+
+def _within(start: int, size: int, length: int) -> int:
+    """The start of a span within a length, or about the middle of a length that is shorter.
+
+    >>> _within(-5, 10, 100), _within(95, 10, 100), _within(7, 100, 50)
+    (0, 90, -25)
+    """
+    return (length - size) // 2 if size >= length else min(max(start, 0), length - size)
