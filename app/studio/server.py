@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import secrets
 import socket
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,14 +14,14 @@ from fastapi import FastAPI
 from nicegui import ui
 
 from app.failures import user_mistakes
-from app.studio import deidentify, people
+from app.studio import deidentify, landmarks, people
 from app.studio.guard import Guard
 from app.studio.jobs import Jobs
 from app.studio.site import Studio, StudioOptions, serve_files
 from app.studio.store import Store, StudioError
 
 HOST = "127.0.0.1"
-PAGES = (people, deidentify)
+PAGES = (people, landmarks, deidentify)
 
 
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
@@ -32,6 +33,7 @@ def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) 
     """
     with _listen(port) as listener:
         store = Store(folder)
+        tempfile.tempdir = str(store.incoming)
         jobs = Jobs(store)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
         site = _site(Studio(store, jobs, StudioOptions(limit)))
