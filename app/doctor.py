@@ -39,6 +39,14 @@ _PACKAGES = (
     "onnxruntime",
     "safetensors",
 )
+_EXTRAS = {
+    "window": ("moderngl-window", "glfw"),
+    "virtualcam": ("pyvirtualcam",),
+    "studio": ("nicegui", "aiortc"),
+    "cluster": ("distributed", "fsspec"),
+    "provenance": ("c2pa-python", "cryptography"),
+    "plots": ("matplotlib",),
+}
 _VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 
@@ -57,6 +65,7 @@ def examine() -> list[Finding]:
     looks: list[Callable[[], Iterator[Finding]]] = [
         _system,
         _packages,
+        _extras,
         _codecs,
         _renderer,
         _faces,
@@ -86,6 +95,14 @@ def _packages() -> Iterator[Finding]:
             yield Finding("packages", package, True, installed(package))
         except PackageNotFoundError:
             yield Finding("packages", package, False, f"missing: pip install {package}")
+
+
+def _extras() -> Iterator[Finding]:
+    for extra, packages in _EXTRAS.items():
+        try:
+            yield Finding("extras", extra, True, ", ".join(f"{name} {installed(name)}" for name in packages))
+        except PackageNotFoundError:
+            yield Finding("extras", extra, None, f'pip install "guise[{extra}]"')
 
 
 def _codecs() -> Iterator[Finding]:
