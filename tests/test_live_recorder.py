@@ -134,17 +134,27 @@ def test_a_file_that_does_not_begin_at_zero_keeps_step_with_its_sound(tmp_path: 
     assert [s.digest for s in sounds(tmp_path / "out.mkv")] == [s.digest for s in sounds(tmp_path / "in.mkv")]
 
 
-def test_a_recording_that_ends_before_its_file_is_complete(tmp_path: Path) -> None:
-    with open_source(made(tmp_path / "in.mkv", [0, 40, 80, 120, 160])) as source:
-        recorder = Recorder(tmp_path / "out.mkv", source=source, encode=FAST)
-        frames = iter(source)
-        recorder.open(64, 48, 25)
-        for _ in range(3):
-            recorder.show(Shown(next(frames), Look("swapped"), Stats(), 0.0))
-        recorder.close()
-        recorder.show(Shown(next(frames), Look("swapped"), Stats(), 0.0))
-        assert len(list(frames)) == 1  # its sound is read on and not wanted
-    assert len(times(tmp_path / "out.mkv")) == 3
+def test_a_recording_that_ends_before_its_file_has_the_sound_of_its_pictures(tmp_path: Path) -> None:
+    clip, out = cut("p01", tmp_path / "in.mkv", 60), tmp_path / "out.mkv"
+    with open_source(clip) as source:
+        recorder = Recorder(out, source=source, encode=FAST)
+        recorder.open(source.width, source.height, 30)
+        for frame in source:
+            if frame.index == 30:
+                recorder.close()
+            recorder.show(Shown(frame, Look("swapped"), Stats(), 0.0))
+    assert len(times(out)) == 30
+    assert sounds(out)[0].seconds == pytest.approx(1.0, abs=0.25)  # packets lie in the file ahead of pictures
+
+
+def test_a_file_that_was_read_before_is_recorded_with_its_sound(tmp_path: Path) -> None:
+    at = [500, 540, 600, 640]
+    capture = FileCapture(made(tmp_path / "in.mkv", at), paced=False)
+    recorder = Recorder(tmp_path / "out.mkv", source=capture.source, encode=FAST)
+    next(iter(capture.source))  # as to see who is in it
+    play(capture, recorder)
+    assert [1000 * t for t in times(tmp_path / "out.mkv")] == at
+    assert [s.digest for s in sounds(tmp_path / "out.mkv")] == [s.digest for s in sounds(tmp_path / "in.mkv")]
 
 
 # -- a camera -----------------------------------------------------------------------------------------------

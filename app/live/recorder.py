@@ -5,8 +5,10 @@ Only the result is written, never the camera's own picture beside it.
 
 from __future__ import annotations
 
+import contextlib
+import math
 import shutil
-import threading
+from collections.abc import Iterator
 from fractions import Fraction
 from itertools import count
 from pathlib import Path
@@ -18,6 +20,7 @@ from app.live.output import Output, Shown
 from app.media import EncodeOptions, Frame, MediaError, Source
 from app.media.encoding import encoding_for
 from app.media.images import encode_image
+from app.media.reader import Problems, Reader
 from app.media.sink import VideoOutput, as_media_error
 from app.media.source import VideoSource
 from app.outputs import OutputError, require_free, synthetic_tags, write_whole
@@ -38,7 +41,7 @@ class Recorder(Output):
     ----------
     path : of the file.
     source : the file that is shown, from its beginning and once; its times, sound and other streams are kept, and no
-        picture is lost on the way.  Give it before it is iterated.
+        picture is lost on the way.
         None for a camera, a stream or a loop: the times are those of arrival, and there is no sound.
     encode : how.   force : replace what is there.
     say : called with a sentence when the recording must end before the show; without it, that is raised.
@@ -58,34 +61,20 @@ class Recorder(Output):
         require_free(path, force=force)
         self.path, self.lossless = path, source is not None
         self._source, self._encode, self._force, self._say = source, encode, force, say
-        self._lock = threading.Lock()
         self._file: _File | None = None
-        self._early: list[AnyPacket] = []  # of the source's other streams, before the file is open
-        self._ended, self._fault = False, ""
         self._begun = self._checked = 0.0
         self._last = -1
-        self._first = 0
-        if isinstance(source, VideoSource):
-            self._first = source.first_picture.pts or 0
-            source.send_packets_to(self._copy)
 
     def open(self, width: int, height: int, fps: float) -> None:
         """Begin the file; without a source, pictures of another size are shown whole in it."""
         source = self._source or _Endless(self.path, width, height, fps)
-        file = _File(self.path, source, self._encode, self._first, force=self._force)
-        with self._lock:
-            self._file, early = file, self._early
-            self._early = []
-            for packet in early:
-                file.copy(packet)
+        self._file = _File(self.path, source, self._encode, force=self._force)
 
     def show(self, shown: Shown) -> None:
         """Write a picture, unless the recording has ended."""
         if self._file is None:
             return
         try:
-            if self._fault:
-                raise MediaError(self._fault)
             frame = self._timed(shown, self._file)
             if frame is not None:
                 self._file.write(frame)
@@ -99,7 +88,7 @@ class Recorder(Output):
 
     def close(self) -> None:
         """Complete the file; there is none when nothing was shown."""
-        file = self._taken()
+        file, self._file = self._file, None
         if file is None:
             return
         if not file.frames:
@@ -113,7 +102,7 @@ class Recorder(Output):
 
     def abort(self) -> None:
         """Remove what was written; nothing more will be."""
-        file = self._taken()
+        file, self._file = self._file, None
         if file is not None:
             file.abort()
 
@@ -141,23 +130,6 @@ class Recorder(Output):
         if self._say is None:
             raise MediaError(sentence)
         self._say(sentence)
-
-    def _taken(self) -> _File | None:
-        with self._lock:
-            file, self._file, self._ended = self._file, None, True
-            return file
-
-    def _copy(self, packet: AnyPacket) -> None:
-        """Take a packet of the source's other streams, in the thread that reads it."""
-        with self._lock:
-            if self._file is None:
-                if not self._ended:
-                    self._early.append(packet)
-                return
-            try:
-                self._file.copy(packet)
-            except MediaError as error:
-                self._fault = str(error)
 
 
 class Recordings(Output):
@@ -228,36 +200,72 @@ class _Endless(Source):
 
 
 class _File(VideoOutput):
-    """The file: pictures encoded, the source's other streams copied.
+    """The file: pictures encoded, the source's other streams copied as far as the pictures come.
 
-    first : time of the source's first picture, which a capture counts as 0.
-    size : (width, height), pixels.   usual_duration : of a picture.   Times are in units of the source's time base.
+    size : (width, height), pixels.   usual_duration : of a picture, in units of the source's time base.
     """
 
-    def __init__(self, path: Path, source: Source, encode: EncodeOptions, first: int, *, force: bool) -> None:
+    def __init__(self, path: Path, source: Source, encode: EncodeOptions, *, force: bool) -> None:
         encoding = encoding_for(source, encode)
         super().__init__(
             path, source, encoding, force=force, tags=synthetic_tags(), private=False, audio="keep"
         )
         self.size = source.width, source.height
         self.usual_duration = round(1 / (source.frame_rate * source.time_base))
-        self._first = first
+        self._beside = _Beside(source) if isinstance(source, VideoSource) else None
+        self._last = 0
 
     def write(self, frame: Frame) -> None:
+        # A capture counts from 0, the other streams from where the file begins.
+        self._last = frame.pts + (self._beside.first if self._beside else 0)
+        for packet in self._beside.until(self._last) if self._beside else ():
+            self._copy(packet)
         with as_media_error(self.path):
             picture = self._encoding.picture(frame)
-            picture.pts = frame.pts + self._first
+            picture.pts = self._last
             self._mux(self._stream.encode(picture))
         self.frames += 1
 
-    def copy(self, packet: AnyPacket) -> None:
-        """Write a packet of another stream."""
-        if self._copies is not None:
-            self._copy(packet)
-
     def _finish(self) -> None:
+        end = self._last + self.usual_duration
+        for packet in self._beside.rest(self._last, end) if self._beside else ():
+            self._copy(packet)
         self._mux(self._stream.encode(None))
         super()._finish()
+
+
+class _Beside:
+    """The packets of a file's other streams, in the file's order, as far as its pictures were written.
+
+    first : time of the first picture.  Times are in units of the source's time base.
+    """
+
+    def __init__(self, source: VideoSource) -> None:
+        with contextlib.closing(Reader(source.path, Problems())) as once:
+            self.first = next(iter(once)).pts or 0
+        reader = source.open_reader(Problems())
+        self._video, self._packets = reader.stream, reader.packets()
+        self._reached = -math.inf
+
+    def until(self, pts: int) -> Iterator[AnyPacket]:
+        """What lies before the picture of that time."""
+        while self._reached < pts and (packet := next(self._packets, None)) is not None:
+            if packet.stream is self._video:
+                self._reached = max(self._reached, -math.inf if packet.pts is None else packet.pts)
+            elif packet.size:
+                yield packet
+
+    def rest(self, pts: int, end: int) -> Iterator[AnyPacket]:
+        """What remains after the picture of that time: all, or up to its end when there are more pictures."""
+        others: list[AnyPacket] = []
+        for packet in self._packets:
+            if packet.stream is not self._video:
+                others += [packet] if packet.size else []
+            elif packet.pts is not None and packet.pts > pts:
+                limit = end * (self._video.time_base or 0)
+                others = [p for p in others if p.dts is not None and p.dts * p.time_base < limit]
+                break
+        yield from others
 
 
 def snapshot(frame: Frame, folder: Path) -> Path:
