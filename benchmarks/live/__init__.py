@@ -1,0 +1,1 @@
+"""Benchmarks of `guise live` and of the studio's live page."""
