@@ -1,0 +1,123 @@
+"""What the live benchmarks share: who is in the clips, an output that notes what it is shown, and a display.
+
+Times are those of `time.perf_counter`, seconds, which on Linux are the same for all processes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from aam.model import Identity
+from app.donors import open_donor
+from app.live.capture import Capture
+from app.live.controls import Controls
+from app.live.output import Output, Shown
+from app.live.overlay import Overlay
+from app.live.pipeline import Pipeline, Stats
+from app.live.session import LiveWork, Plan
+from app.live.window import Window
+from benchmarks import common
+from benchmarks.common import Clip
+
+SAMPLES = Path(__file__).parents[2] / "sample_videos"
+DONOR = "p03"
+SCREEN = "1600x1000x24"
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A clip, the model of who is in it, and the face that is shown instead."""
+
+    label: str
+    clip: Clip
+    person: Identity
+    donor: Identity
+
+
+def small() -> Scene:
+    """640 x 480, 30 frames a second."""
+    return _scene("640x480", common.clip_at(SAMPLES / "p01" / "talk.mp4", "p01"))
+
+
+def large(shared: Path) -> Scene:
+    """1280 x 720, 30 frames a second."""
+    return _scene("1280x720", common.real_clip(shared, "room_s18"))
+
+
+def _scene(label: str, clip: Clip) -> Scene:
+    return Scene(label, clip, common.enrolled(clip), open_donor(DONOR))
+
+
+class Noted(Output):
+    """Passes on to another output, if there is one, and notes when a picture was shown.
+
+    Parameters
+    ----------
+    inner : Output or None.   after : called with what was shown and the time at which that was done.
+
+    Attributes
+    ----------
+    times : when each picture had been shown, seconds.
+    """
+
+    def __init__(
+        self, inner: Output | None = None, after: Callable[[Shown, float], None] | None = None
+    ) -> None:
+        self.main_thread = inner is not None and inner.main_thread
+        self.times: list[float] = []
+        self._inner, self._after = inner, after
+
+    def open(self, width: int, height: int, fps: float) -> None:
+        if self._inner is not None:
+            self._inner.open(width, height, fps)
+
+    def show(self, shown: Shown) -> None:
+        if self._inner is not None:
+            self._inner.show(shown)
+        self.times.append(time.perf_counter())
+        if self._after is not None:
+            self._after(shown, self.times[-1])
+
+    def pump(self) -> bool:
+        return self._inner is None or self._inner.pump()
+
+    def close(self) -> None:
+        if self._inner is not None:
+            self._inner.close()
+
+
+def window() -> Window:
+    """As `guise live` opens it."""
+    return Window(Controls(), Overlay([DONOR]))
+
+
+def played(scene: Scene, capture: Capture, outputs: Sequence[Output]) -> Stats:
+    """Swap what a capture gives until it ends."""
+    plan, controls = Plan([scene.donor], scene.person), Controls()
+    return Pipeline(capture, lambda: LiveWork(plan, controls), outputs).run()
+
+
+@contextlib.contextmanager
+def display() -> Iterator[Path]:
+    """An X display without a screen, for what opens windows inside; gives the file of what is on it, in XWD format."""
+    with tempfile.TemporaryDirectory() as folder:
+        read, write = os.pipe()
+        command = f"Xvfb -displayfd {write} -screen 0 {SCREEN} -fbdir {folder} -nolisten tcp -noreset"
+        server = subprocess.Popen(command.split(), pass_fds=[write], stderr=subprocess.DEVNULL)
+        os.close(write)
+        try:
+            with os.fdopen(read) as pipe:
+                number = pipe.readline().strip()
+            os.environ.pop("WAYLAND_DISPLAY", None)
+            os.environ.update(DISPLAY=f":{number}", PYGLFW_LIBRARY_VARIANT="x11")
+            yield Path(folder) / "Xvfb_screen0"
+        finally:
+            server.terminate()
+            server.wait()

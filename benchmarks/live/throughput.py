@@ -1,0 +1,145 @@
+"""How many frames a second the live pipeline sustains: a file as fast as it goes, to nowhere and to a window.
+
+The window is on a virtual display and drawn by software GL.  Counted are the frames that were presented.  Rounds of
+all ways alternate, each with a pass in which the clip is only decoded.  One thread for matrix work, as in the command.
+The parts of a frame are timed one after the other in a pass of their own; in the pipeline the detector looks while the
+tracker works and the next frame is decoded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from aam.follow import PersonFollower
+from aam.tracker import Fit
+from app.deidentify.fit import trust
+from app.engine import Engine, Options
+from app.live.capture import FileCapture
+from app.live.output import Output
+from app.live.session import JAW
+from app.live.watch import Watch
+from app.threads import one_thread
+from benchmarks import common
+from benchmarks.common import F64, Criterion, Report, Table
+from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
+
+ROUNDS = 5
+FRAMES = 300  # in a round
+WARM_UP = 30  # frames that are not counted
+TARGETS = {"640x480": 60.0, "1280x720": 40.0}
+PARTS = ("decode", "detector", "tracker", "trust", "draw")
+WAYS: dict[str, Callable[[], Output | None]] = {"nowhere": lambda: None, "window": window}
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Frames a second that were presented, and milliseconds of processor time, all threads, that one took."""
+
+    fps: float
+    processor: float
+
+
+def sustained(scene: Scene, output: Output | None, frames: int) -> Rate:
+    """A round."""
+    used: list[float] = []
+    with one_thread(), FileCapture(scene.clip.video, loop=True, paced=False) as capture:
+
+        def after(*_: object) -> None:
+            used.append(time.process_time())
+            if len(used) == WARM_UP + frames:
+                capture.stop()
+
+        noted = Noted(output, after)
+        played(scene, capture, [noted])
+    return _rate(noted.times, used)
+
+
+def decoded(scene: Scene, frames: int) -> Rate:
+    """The same frames, only decoded."""
+    times, used = [], []
+    with FileCapture(scene.clip.video, loop=True, paced=False) as capture:
+        for _ in islice(capture, WARM_UP + frames):
+            times.append(time.perf_counter())
+            used.append(time.process_time())
+    return _rate(times, used)
+
+
+def _rate(times: list[float], used: list[float]) -> Rate:
+    count = len(times) - 1 - WARM_UP
+    return Rate(count / (times[-1] - times[WARM_UP]), 1e3 * (used[-1] - used[WARM_UP]) / count)
+
+
+def parts(scene: Scene, frames: int) -> F64:
+    """Milliseconds (n, 5) of the PARTS of the frames in which the person was found, one after the other."""
+    rows = []
+    with one_thread(), FileCapture(scene.clip.video, paced=False) as capture, Watch() as watch:
+        follower = PersonFollower(scene.person.tracker, watch)
+        with Engine(scene.person, scene.donor, None, Options(jaw=JAW)) as engine:
+            marks = [time.perf_counter()]
+            for frame in islice(capture, frames):
+                marks.append(time.perf_counter())
+                watch.look(frame)
+                _ = watch.boxes
+                marks.append(time.perf_counter())
+                fit = follower.step(frame.luma)
+                if isinstance(fit, Fit):
+                    marks.append(time.perf_counter())
+                    trust(scene.person.tracker, frame.luma, fit.shape)
+                    marks.append(time.perf_counter())
+                    engine.draw(frame, fit.shape)
+                    rows.append(np.diff([*marks, time.perf_counter()]))
+                marks = [time.perf_counter()]
+    return 1e3 * np.array(rows[WARM_UP:])
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All ways, in turns."""
+    scenes = [small(), large(options.shared)]
+    frames = 60 if options.quick else FRAMES
+    found: dict[tuple[str, str], list[Rate]] = {}
+    with display():
+        for turn in range(1 if options.quick else ROUNDS):
+            for scene in scenes:
+                for way, make in WAYS.items():
+                    found.setdefault((scene.label, way), []).append(sustained(scene, make(), frames))
+                found.setdefault((scene.label, "decoded only"), []).append(decoded(scene, frames))
+                common.say(f"round {turn + 1}: {scene.label}")
+    return report(found, {scene.label: parts(scene, frames) for scene in scenes})
+
+
+def report(found: dict[tuple[str, str], list[Rate]], taken: dict[str, F64]) -> Report:
+    """From the rates of the rounds by picture size and way, and the times of the parts by picture size."""
+    fps = {key: statistics.median(rate.fps for rate in rates) for key, rates in found.items()}
+    used = {key: statistics.median(rate.processor for rate in rates) for key, rates in found.items()}
+    rows = [
+        (size, way, fps[size, way], used[size, way], fps[size, way] / fps[size, "decoded only"])
+        for size, way in fps
+    ]
+    columns = ("picture", "to", "frames a second", "processor, ms a frame", "of decoding alone")
+    rounds = len(next(iter(found.values())))
+    return Report(
+        "live.throughput", "Live: sustained rate",
+        [
+            Criterion(f"{size}, to {way}", fps[size, way], ">=", TARGETS[size], "fps")
+            for size, way in fps if way in WAYS
+        ],
+        [
+            Table(f"Median of {rounds} rounds", columns, rows),
+            Table(
+                "Median milliseconds of the parts of a frame, one after the other",
+                ("picture", *PARTS, "sum"),
+                [(size, *np.median(ms, 0), float(np.median(ms.sum(1)))) for size, ms in taken.items()],
+            ),
+        ],
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    common.run(measure, common.arguments(__doc__))
