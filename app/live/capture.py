@@ -116,7 +116,7 @@ class CameraCapture(Capture):
     def __init__(
         self, index: int = 0, size: tuple[int, int] = (1280, 720), fps: float = 30.0, say: Say = print
     ) -> None:
-        self.name, self._index, self._size, self._say = f"camera {index}", index, size, say
+        self.name, self._index, self._size, self._say = _camera_name(index), index, size, say
         self.fps, self._stopped = fps, False
         device = self._opened()
         if device is None:
@@ -169,3 +169,9 @@ class CameraCapture(Capture):
             return device
         device.release()
         return None
+
+
+def _camera_name(index: int) -> str:
+    """What the system calls a camera, where it says so in a file; otherwise its number."""
+    name = Path(f"/sys/class/video4linux/video{index}/name")
+    return name.read_text(errors="replace").strip() if name.is_file() else f"camera {index}"
