@@ -59,24 +59,26 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     """Find the faces of a clip and propose what is to be done with them.
 
     about : source, the clip's path; name, what the user calls it.
-    Returns the output's file name, and the number of pictures of each track.
+    Returns the output's file name, the time of the last frame, and the number of pictures of each track.
     """
     source = Path(about["source"])
     output = folder / (STEM + suffix_for(source, Options().encode.encoder))
     with _called(source, about["name"]), open_engine("local") as engine:
         deidentify_file(source, output, Options(), engine, review=True, progress=progress, say=mute)
-    found = pictures(Case(Work(_work(output))), "pictures")
-    for number, shown in found.items():
-        for place, picture in enumerate(shown):
-            save_picture(folder / thumbnail(number, place), picture)
-    return {"output": output.name, "pictures": {str(n): len(shown) for n, shown in found.items()}}
+    case = Case(Work(_work(output)))
+    shown = pictures(case, "pictures")
+    for track, some in shown.items():
+        for place, picture in enumerate(some):
+            save_picture(folder / thumbnail(track, place), picture)
+    counts = {str(track): len(some) for track, some in shown.items()}
+    return {"output": output.name, "seconds": float(case.times[-1]), "pictures": counts}
 
 
 def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Render a reviewed clip.
 
     about : source and name as for the review; review, its folder; output, its result; choices, see `Choices`.
-    Returns outcome, sentence and counts of the report.
+    Returns outcome, sentence, counts and problems of the report.
     """
     source, output, before = Path(about["source"]), folder / about["output"], Path(about["review"])
     choices = Choices(**about["choices"])
@@ -91,7 +93,10 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
             source, output, options, engine, resume=True, names=names, progress=progress, say=mute
         )
     assert report is not None
-    return {"outcome": outcome(report), "sentence": verdict(report), "counts": report.counts}
+    return {
+        "outcome": outcome(report), "sentence": verdict(report), "counts": report.counts,
+        "problems": list(report.problems),
+    }  # fmt: skip
 
 
 def thumbnail(track: int, place: int) -> str:
