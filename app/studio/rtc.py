@@ -8,26 +8,39 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Any
 
-from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
+from aiortc import (
+    MediaStreamTrack,
+    RTCConfiguration,
+    RTCPeerConnection,
+    RTCRtpSender,
+    RTCSessionDescription,
+)
+from aiortc.exceptions import InvalidStateError, OperationError
 from aiortc.mediastreams import MediaStreamError
 
+from app.live.capture import Capture
+from app.live.controls import Controls
 from app.live.output import Output, Shown
+from app.live.overlay import draw_mask, draw_mesh
 from app.live.slot import Slot
 from app.media import Frame
+from app.media.colour import BT470BG
+from app.media.frame import clone_video_frame
+from app.media.target import Target
+from app.studio.store import StudioError
 
-TICKS = Fraction(1, 90_000)  # seconds; the clock of video in RTP
+TICK = Fraction(1, 90_000)  # seconds; the clock of video in RTP
+CODECS = ("video/VP8", "video/rtx", "video/H264")  # aiortc encodes VP8 in a third of the time
 
 
-class PeerError(Exception):
-    """A connection that cannot be made; the message is for the user."""
+class BrowserCamera(Capture):
+    """Frames of a browser's camera, the latest each time; ends when the connection does."""
 
-
-class BrowserCamera:
-    """Frames of the browser's camera for one thread, the latest each time; ends when the connection ends."""
+    name = "the browser's camera"
 
     def __init__(self) -> None:
         self._slot: Slot[Frame] = Slot()
@@ -35,36 +48,19 @@ class BrowserCamera:
 
     def put(self, video: Any) -> None:
         """Offer a decoder's picture."""
-        self._slot.put(Frame(video, pts=video.pts, time_base=TICKS, index=self._count))
+        self.width, self.height = video.width, video.height
+        self._slot.put(Frame(video, pts=video.pts, time_base=TICK, index=self._count))
         self._count += 1
-
-    @property
-    def dropped(self) -> int:
-        """Number of pictures that were replaced before they were taken."""
-        return self._slot.dropped
 
     def __iter__(self) -> Iterator[Frame]:
         while (frame := self._slot.get()) is not None:
             yield frame
 
-    def close(self) -> None:
-        """End the frames."""
+    def stop(self) -> None:
         self._slot.close()
 
-
-class PeerOutput(Output):
-    """Sends finished pictures to the browser, from the thread of an output."""
-
-    def __init__(self, track: ResultTrack, loop: asyncio.AbstractEventLoop) -> None:
-        self._track, self._loop = track, loop
-
-    def show(self, shown: Shown) -> None:
-        """Offer a copy of a picture, stamped with the time at which the camera gave it."""
-        video = shown.frame.copy().video_frame
-        assert video is not None
-        video.pts, video.time_base = int(shown.arrived / TICKS), TICKS
-        with contextlib.suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(self._track.offer, video)
+    def close(self) -> None:
+        self._slot.close()
 
 
 class ResultTrack(MediaStreamTrack):
@@ -78,9 +74,10 @@ class ResultTrack(MediaStreamTrack):
         self._latest: asyncio.Queue[Any] = asyncio.Queue(1)
 
     def offer(self, video: Any) -> None:
-        """Offer a picture, or None for the end; replaces one that was not sent yet."""
+        """Offer a picture, or None for the end; it replaces one that was not sent yet.  In the event loop."""
         if self._latest.full():
-            self.dropped += self._latest.get_nowait() is not None
+            self._latest.get_nowait()
+            self.dropped += 1
         self._latest.put_nowait(video)
 
     async def recv(self) -> Any:
@@ -92,19 +89,53 @@ class ResultTrack(MediaStreamTrack):
         return video
 
 
-class Peer:
-    """The server's end of a connection; made and used in an event loop.
+class PeerOutput(Output):
+    """Sends finished pictures to the browser; the page shows what is to be read, mirrored or not.
 
     Parameters
     ----------
-    camera : where the browser's pictures go.
-    ended : called once when the connection is over, whoever ended it.
+    peer : of the browser.   controls : say whether mask and mesh are drawn.
     """
 
-    def __init__(self, camera: BrowserCamera | None, ended: Callable[[], None]) -> None:
+    def __init__(self, peer: Peer, controls: Controls) -> None:
+        self._peer, self._controls = peer, controls
+
+    def show(self, shown: Shown) -> None:
+        """Offer a copy of a picture, stamped with the time at which it came."""
+        video = picture(shown, mask=self._controls.settings.mask, mesh=self._controls.settings.mesh)
+        video.pts, video.time_base = int(shown.arrived / TICK), TICK
+        self._peer.send(video)
+
+
+def picture(shown: Shown, *, mask: bool, mesh: bool) -> Any:
+    """A copy of a shown picture as the codec wants it, with the overlays that are wanted."""
+    frame = shown.frame
+    if shown.look.mesh is not None and (mask or mesh):
+        frame = frame.copy()
+        if mask:
+            draw_mask(frame, shown.look.mesh)
+        if mesh:
+            draw_mesh(frame, shown.look.mesh)
+    size = (frame.width, frame.height)
+    even = (size[0] + size[0] % 2, size[1] + size[1] % 2)
+    video = Target(size, even, "yuv420p", BT470BG).picture(frame)
+    return clone_video_frame(video) if video is shown.frame.video_frame else video
+
+
+class Peer:
+    """The server's end of a connection; made and used in an event loop.
+
+    Attributes
+    ----------
+    closed : whether it is over, whoever ended it.
+    track : what the browser is sent.
+    """
+
+    def __init__(self) -> None:
+        self.closed = False
         self.track = ResultTrack()
-        self.output = PeerOutput(self.track, asyncio.get_running_loop())
-        self._camera, self._ended = camera, ended
+        self._camera = BrowserCamera()
+        self._loop = asyncio.get_running_loop()
         self._connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
         self._connection.on("track", self._receive)
         self._connection.on("connectionstatechange", self._changed)
@@ -115,40 +146,49 @@ class Peer:
 
         Raises
         ------
-        PeerError
-            When it is no offer of a video connection.
+        StudioError
+            When it is no offer of a video connection; the connection is over then.
         """
+        connection = self._connection
         try:
-            await self._connection.setRemoteDescription(RTCSessionDescription(offer["sdp"], offer["type"]))
-            self._connection.addTrack(self.track)
-            await self._connection.setLocalDescription(await self._connection.createAnswer())
-        except (KeyError, ValueError, IndexError, AttributeError) as error:
+            described = RTCSessionDescription(offer["sdp"], offer["type"])
+            connection.addTransceiver(self.track).setCodecPreferences(_codecs())
+            await connection.setRemoteDescription(described)
+            await connection.setLocalDescription(await connection.createAnswer())
+        except _MISUNDERSTOOD as error:
             await self.close()
-            raise PeerError(
-                "the browser's offer of a video connection was not understood: reload the page"
-            ) from error
-        answer = self._connection.localDescription
+            raise StudioError("the browser's offer was not understood: reload the page") from error
+        answer = connection.localDescription
         return {"type": answer.type, "sdp": answer.sdp}
+
+    def camera(self) -> BrowserCamera:
+        """The browser's camera anew; the frames of the one before end.  From any thread."""
+        before, self._camera = self._camera, BrowserCamera()
+        before.stop()
+        if self.closed:
+            self._camera.stop()
+        return self._camera
+
+    def send(self, video: Any) -> None:
+        """Offer a finished picture to the browser; from any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self.track.offer, video)
 
     async def close(self) -> None:
         """End the connection, the camera's frames and the track; may be called again."""
-        ended, self._ended = self._ended, _nothing
-        if self._reading is not None:
-            self._reading.cancel()
-        if self._camera is not None:
-            self._camera.close()
+        self.closed = True
+        self._camera.stop()
         self.track.offer(None)
         await self._connection.close()
-        ended()
 
     def _receive(self, track: MediaStreamTrack) -> None:
-        if track.kind == "video" and self._camera is not None and self._reading is None:
-            self._reading = asyncio.ensure_future(self._read(track, self._camera))
+        if track.kind == "video" and self._reading is None:
+            self._reading = asyncio.create_task(self._read(track))
 
-    async def _read(self, track: MediaStreamTrack, camera: BrowserCamera) -> None:
+    async def _read(self, track: MediaStreamTrack) -> None:
         with contextlib.suppress(MediaStreamError):
             while True:
-                camera.put(await track.recv())
+                self._camera.put(await track.recv())
         await self.close()
 
     async def _changed(self) -> None:
@@ -156,5 +196,12 @@ class Peer:
             await self.close()
 
 
-def _nothing() -> None:
-    """Done already."""
+_MISUNDERSTOOD = (
+    KeyError, IndexError, TypeError, ValueError, AssertionError, AttributeError, InvalidStateError, OperationError,
+)  # fmt: skip
+
+
+def _codecs() -> list[Any]:
+    """What aiortc can do, in the order of preference."""
+    known = RTCRtpSender.getCapabilities("video").codecs
+    return [codec for name in CODECS for codec in known if codec.mimeType == name]

@@ -11,17 +11,18 @@ from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
+from nicegui import app as nicegui_app
 from nicegui import ui
 
 from app.failures import user_mistakes
-from app.studio import deidentify, landmarks, people
+from app.studio import deidentify, landmarks, live, people
 from app.studio.guard import Guard
 from app.studio.jobs import Jobs
 from app.studio.site import Studio, StudioOptions, serve_files
 from app.studio.store import Store, StudioError
 
 HOST = "127.0.0.1"
-PAGES = (people, landmarks, deidentify)
+PAGES = (live, people, landmarks, deidentify)
 
 
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
@@ -36,12 +37,13 @@ def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) 
         tempfile.tempdir = str(store.incoming)
         jobs = Jobs(store)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
-        site = _site(Studio(store, jobs, StudioOptions(limit)))
-        address = f"http://{HOST}:{port}/?token={token}"
-        announce(address)
-        jobs.open()
+        guard = Guard(_site(Studio(store, jobs, StudioOptions(limit))), token, f"guise_{port}", limit)
+        nicegui_app.on_startup(lambda: announce(f"http://{HOST}:{port}/?token={token}"))
         try:
-            _run(Guard(site, token, f"guise_{port}", limit), listener)
+            jobs.open()
+            _run(guard, listener)
+        except KeyboardInterrupt:
+            return
         finally:
             jobs.close()
             store.close()
@@ -67,10 +69,7 @@ def _site(studio: Studio) -> FastAPI:
 
 def _run(site: Guard, listener: socket.socket) -> None:
     config = uvicorn.Config(site, log_level="warning", access_log=False, timeout_graceful_shutdown=1)
-    try:
-        uvicorn.Server(config).run(sockets=[listener])
-    except KeyboardInterrupt:
-        return
+    uvicorn.Server(config).run(sockets=[listener])
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
