@@ -31,6 +31,8 @@ Picture = NDArray[np.uint8]
 NEAR = 80.0  # pixels, the narrowest face
 DARK = 60.0  # grey level that a tenth of the face must exceed
 FAST = 2.5  # inter-ocular distances a second; faster, the picture smears
+CLEAR = 0.85  # mean confidence of the points; less, and something hides the face
+NEARLY = 0.9  # share of the best so far that is clear too, for cameras that never give a clear picture
 TURNED = 35.0  # degrees; farther, half of the face is guessed
 LOOK_AROUND = 15  # frames between two looks for other faces
 CONFIDENT = 0.5  # from which another face is one
@@ -94,6 +96,7 @@ class OnScreenEnrolment:
     def _begin(self) -> None:
         self._album = Album(ReferenceFrame.canonical(self.options.resolution))
         self._good = self._alone = 0.0
+        self._clearest = 0.0
         self._last: F64 | None = None
 
     @property
@@ -129,8 +132,11 @@ class OnScreenEnrolment:
             return ""
         if self._company.besides(face):
             return "Only one person, please"
-        if complaint := _fault_of_place(shape, rgb.shape) or _fault_of_pose(shape, before, passed):
-            return complaint
+        fault = (
+            _fault_of_place(shape, rgb.shape) or self._hidden(face) or _fault_of_pose(shape, before, passed)
+        )
+        if fault:
+            return fault
         shot = Shot.of(luma, shape)
         if isinstance(shot, Failed):
             return "Come to the middle"
@@ -139,6 +145,13 @@ class OnScreenEnrolment:
         self._good += passed
         self._album.offer(rgb, shot, self.ring)
         return ""
+
+    def _hidden(self, face: Face) -> str:
+        """A complaint when the landmarker is less sure of the points than it is of this face when nothing hides it."""
+        points = face.point_confidence
+        clear = face.confidence if points is None else float(points.mean())
+        self._clearest = max(self._clearest, clear)
+        return "Show your whole face" if clear < min(CLEAR, NEARLY * self._clearest) else ""
 
     def _sentence(self, complaint: str) -> str:
         assert self._time is not None
@@ -225,7 +238,7 @@ def _fault_of_pose(shape: F64, before: F64 | None, passed: float) -> str:
     eyes = float(np.linalg.norm(shape[45] - shape[36]))
     way = 0.0 if before is None else float(np.linalg.norm(shape - before, axis=1).mean())
     if way > FAST * eyes * max(passed, 1 / 60):
-        return "Hold still"
+        return "Not so fast"
     grid = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     return "Turn back a little" if abs(grid.yaw(grid.align(shape))) > TURNED else ""
 

@@ -1,0 +1,300 @@
+"""Enrolment in front of the camera: what is said, when the ring moves, what is kept, and how good the model is."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up import SAMPLES
+from models import SMALL
+
+from aam.follow import PersonFollower
+from aam.landmarks import Landmarker, open_landmarker
+from aam.model import Identity
+from aam.reference import ReferenceFrame
+from aam.tracker import Fit
+from app.enrol import EnrolError, LandmarkSource, enrol
+from app.failures import Interrupted
+from app.live import enrolment
+from app.live.album import RESTING, STRETCHES, VARIED, Album, Shot
+from app.live.enrolment import AWAY, DONE, LINGER, PROMPTS, OnScreenEnrolment, Step
+from app.media import Frame, open_source
+
+Picture = np.ndarray
+FPS = 30
+
+
+@cache
+def clip(person: str, count: int) -> list[Picture]:
+    """The first pictures of a person's clip."""
+    with open_source(SAMPLES / person / "talk.mp4") as source:
+        return [frame.rgb() for frame in source if frame.index < count]
+
+
+@pytest.fixture(scope="module")
+def landmarker() -> Landmarker:
+    return open_landmarker("builtin")
+
+
+@pytest.fixture
+def enrolling(landmarker: Landmarker) -> OnScreenEnrolment:
+    return OnScreenEnrolment("Anna", 4.0, landmarker, SMALL)
+
+
+def feed(
+    enrolling: OnScreenEnrolment, pictures: list[Picture], *, start: int = 0, every: int = 1
+) -> list[Step]:
+    """Frames at 30 a second, from a number on; what is said to each."""
+    steps = range(start, start + every * len(pictures), every)
+    return [
+        enrolling.add(Frame.from_rgb(picture, at, Fraction(1, FPS), at))
+        for picture, at in zip(pictures, steps, strict=True)
+    ]
+
+
+Enrolled = tuple[list[Step], Identity, list[tuple[str, float]]]
+
+
+@pytest.fixture(scope="module")
+def enrolled(landmarker: Landmarker) -> Enrolled:
+    enrolling = OnScreenEnrolment("Anna", 8.0, landmarker, SMALL)
+    steps = feed(enrolling, clip("p01", 300))
+    progress: list[tuple[str, float]] = []
+    return steps, enrolling.train(lambda stage, share: progress.append((stage, share))), progress
+
+
+def test_the_ring_fills_in_the_time_asked_for_and_says_what_to_do(
+    enrolled: Enrolled,
+) -> None:
+    steps = enrolled[0]
+    rings = np.array([step.ring for step in steps])
+    assert rings[0] == 0
+    assert rings[120] == pytest.approx(0.5)
+    assert (np.diff(rings) >= 0).all()
+    assert [step.done for step in steps] == [at >= 240 for at in range(300)]
+    assert list(dict.fromkeys(step.sentence for step in steps)) == [*(text for _, text in PROMPTS), DONE]
+
+
+def test_the_face_is_where_it_is(enrolled: Enrolled) -> None:
+    truth = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"]
+    for step, points in zip(enrolled[0], truth[: len(enrolled[0])], strict=True):
+        assert step.face is not None
+        assert np.linalg.norm(step.face.points - points, axis=1).mean() < 6
+
+
+def error(person: Identity, talk2: tuple[list[Picture], Picture]) -> float:
+    """Mean landmark error on the other clip, inter-ocular distances; no frame may be lost."""
+    follower, missed = PersonFollower(person.tracker, open_landmarker("builtin")), []
+    for luma, truth in zip(*talk2, strict=True):
+        fit = follower.step(luma)
+        assert isinstance(fit, Fit)
+        missed.append(
+            np.linalg.norm(fit.shape - truth, axis=1).mean() / np.linalg.norm(truth[45] - truth[36])
+        )
+    return float(np.mean(missed))
+
+
+def test_the_model_tracks_another_clip_as_one_enrolled_from_the_file_does(
+    enrolled: Enrolled, talk2: tuple[list[Picture], Picture], tmp_path: Path
+) -> None:
+    steps, person, _ = enrolled
+    np.savez(tmp_path / "found.npz", landmarks=[step.face.points for step in steps if step.face])
+    source = LandmarkSource([tmp_path / "found.npz"])
+    whole = enrol([SAMPLES / "p01" / "talk.mp4"], source, name="p01", options=SMALL)
+    assert (person.name, person.frame.resolution) == ("Anna", SMALL.resolution)
+    assert error(person, talk2) < 1.1 * error(whole, talk2)
+    assert person.facts["held_out_error"] < 1.3 * whole.facts["held_out_error"]
+
+
+def test_progress_is_told_to_the_end(enrolled: Enrolled) -> None:
+    stages, shares = zip(*enrolled[2], strict=True)
+    assert set(stages) == {"training"}
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert list(shares) == sorted(shares)
+
+
+def test_the_model_can_be_saved_and_its_neutral_mouth_is_shut(
+    enrolled: Enrolled, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("model") / "anna.guise"
+    enrolled[1].save(path)
+    person = Identity.load(path)
+    shape = person.still.shape
+    assert person.still.picture.shape == (480, 640, 3)
+    assert np.linalg.norm(shape[62] - shape[66]) < 0.06 * np.linalg.norm(shape[45] - shape[36])
+
+
+def test_time_is_that_of_the_frames(landmarker: Landmarker) -> None:
+    slow = OnScreenEnrolment("Anna", 4.0, landmarker, SMALL)
+    assert feed(slow, clip("p01", 60)[::2], every=2)[-1].ring == pytest.approx(58 / FPS / 4)
+
+
+def test_lost_frames_do_not_fill_the_ring(enrolling: OnScreenEnrolment) -> None:
+    before = feed(enrolling, clip("p01", 10))[-1].ring
+    after = feed(enrolling, clip("p01", 11)[-1:], start=10 + 10 * FPS)[-1].ring
+    assert 0 < after - before <= enrolment.LONGEST / 4 + 1e-9
+
+
+def test_frames_are_left_as_they_are(enrolling: OnScreenEnrolment) -> None:
+    picture = clip("p01", 1)[0]
+    frame = Frame.from_rgb(picture)
+    enrolling.add(frame)
+    assert (frame.rgb() == picture).all()
+
+
+def far(picture: Picture) -> Picture:
+    out = np.full_like(picture, 120)
+    out[:160, :213] = picture[1::3, 1::3]
+    return out
+
+
+def beside(picture: Picture) -> Picture:
+    other = clip("p02", 1)[0]
+    return np.hstack([picture[:, 120:520], other[:, 120:520]])
+
+
+def half_hidden(picture: Picture) -> Picture:
+    out = picture.copy()
+    nose = int(np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0][30, 0])
+    out[:, nose : nose + 140] = (60, 70, 160)
+    return out
+
+
+WRONG: list[tuple[str, Callable[[Picture], Picture]]] = [
+    ("Come into the picture", lambda picture: np.full_like(picture, 90)),
+    ("Come nearer", far),
+    ("Only one person, please", beside),
+    ("More light, please", lambda picture: (picture * 0.2).astype(np.uint8)),
+    ("Come to the middle", lambda picture: np.ascontiguousarray(picture[:, 270:])),
+    ("Move back a little", lambda picture: np.ascontiguousarray(picture[140:370, 200:440])),
+    ("Show your whole face", half_hidden),
+]
+
+
+@pytest.mark.parametrize(("sentence", "change"), WRONG, ids=[sentence for sentence, _ in WRONG])
+def test_what_is_wrong_is_said_and_the_ring_waits(
+    enrolling: OnScreenEnrolment, sentence: str, change: Callable[[Picture], Picture]
+) -> None:
+    good = feed(enrolling, clip("p01", 20))[-1]
+    wrong = feed(enrolling, [change(picture) for picture in clip("p01", 20)], start=20)
+    assert good.sentence == PROMPTS[0][1]
+    assert wrong[-1].sentence == sentence
+    assert wrong[-1].ring == wrong[10].ring <= good.ring + 3 / FPS / 4
+    assert not wrong[-1].done
+
+
+def test_a_quick_head_is_told_so(enrolling: OnScreenEnrolment) -> None:
+    still = clip("p01", 1)[0]
+    steps = feed(enrolling, [np.roll(still, 12 * at, axis=1) for at in range(12)])
+    assert steps[-1].sentence == "Not so fast"
+    assert steps[-1].ring == steps[2].ring
+
+
+def test_a_head_turned_too_far_is_told_so() -> None:
+    grid = ReferenceFrame.canonical(160)
+    turned = {degrees: grid.points + degrees * grid.yaw_mode for degrees in (-45, -20, 0, 20, 45)}
+    said = {degrees: enrolment._fault_of_pose(shape, None, 0.03) for degrees, shape in turned.items()}
+    assert said == {-45: "Turn back a little", -20: "", 0: "", 20: "", 45: "Turn back a little"}
+
+
+def test_a_complaint_stays_to_be_read_and_goes(enrolling: OnScreenEnrolment) -> None:
+    empty = np.full_like(clip("p01", 1)[0], 90)
+    steps = feed(enrolling, [empty, *clip("p01", 30)])
+    told = [step.sentence == "Come into the picture" for step in steps]
+    assert told == [at < LINGER * FPS for at in range(31)]
+
+
+def test_somebody_else_may_come_after_a_long_absence(enrolling: OnScreenEnrolment) -> None:
+    feed(enrolling, clip("p01", 30))
+    empty = [np.full_like(clip("p01", 1)[0], 90)]
+    short = feed(enrolling, empty * int((AWAY - 0.5) * FPS), start=30)[-1].ring
+    assert short == feed(enrolling, empty, start=30 + 4 * FPS)[-1].ring > 0
+    assert feed(enrolling, empty * FPS, start=30 + 5 * FPS)[-1].ring == 0
+    with pytest.raises(EnrolError):
+        enrolling.train()
+
+
+def test_too_few_frames(enrolling: OnScreenEnrolment) -> None:
+    feed(enrolling, clip("p01", 6))
+    with pytest.raises(EnrolError) as caught:
+        enrolling.train()
+    assert str(caught.value) == (
+        "a model needs at least 12 good frames of the face, got 6; stay in front of the camera until the ring is full"
+    )
+
+
+def test_training_is_given_up_at_once(enrolling: OnScreenEnrolment) -> None:
+    feed(enrolling, clip("p01", 60))
+    shares: list[float] = []
+
+    def stop_soon(stage: str, share: float) -> None:
+        shares.append(share)
+        if share > 0.3:
+            enrolling.cancel()
+
+    with pytest.raises(Interrupted, match="no model was made"):
+        enrolling.train(stop_soon)
+    assert 0.3 < shares[-1] < 0.9
+    with pytest.raises(Interrupted):
+        enrolling.train()
+
+
+@pytest.fixture
+def shot() -> Shot:
+    picture = clip("p01", 1)[0]
+    truth = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float)
+    found = Shot.of(np.ascontiguousarray(picture[..., 1]), truth)
+    assert isinstance(found, Shot)
+    return found
+
+
+def test_the_album_stays_small_and_keeps_what_differs(shot: Shot) -> None:
+    """Most frames alike, a few that differ, early and late: each of these is kept."""
+    rng = np.random.default_rng(0)
+    picture, book = clip("p01", 1)[0], Album(ReferenceFrame.canonical(64))
+    far = {at: shot.described + rng.normal(size=shot.described.shape) for at in (30, 200, 700, 999)}
+    for at in range(1000):
+        described = far.get(at, shot.described + 0.001 * rng.normal(size=shot.described.shape))
+        book.offer(picture, replace(shot, described=described, unrest=float(rng.random())), at / 1000)
+    kept = {k.number for k in book._varied.kept}
+    assert {at + 1 for at in far} <= kept
+    assert len(book.frames()) <= STRETCHES + VARIED + RESTING
+    assert sum(frame.picture is not None for frame in book.frames()) == RESTING
+
+
+def test_the_album_prefers_what_is_sharp(shot: Shot) -> None:
+    picture, book = clip("p01", 1)[0], Album(ReferenceFrame.canonical(64))
+    for at in range(320):
+        book.offer(picture, replace(shot, sharpness=20.0 if at % 10 == 4 else 10.0), at / 320)
+    assert [k.number % 10 for k in book._stretches.values()] == [5] * STRETCHES
+    before = len(book.frames())
+    book.offer(picture, replace(shot, sharpness=2.0, described=shot.described + 9, unrest=-9.0), 0.5)
+    assert len(book.frames()) == before
+    assert max(abs(k.shot.described - shot.described).max() for k in book._varied.kept) == 0
+
+
+def test_the_album_keeps_the_frames_at_rest_whole(shot: Shot) -> None:
+    picture, book = clip("p01", 1)[0], Album(ReferenceFrame.canonical(64))
+    for at in range(60):
+        book.offer(picture, replace(shot, unrest=float((at * 37) % 60)), at / 60)
+    assert sorted(k.shot.unrest for k in book._resting) == list(range(RESTING))
+    whole = [frame for frame in book.frames() if frame.picture is not None]
+    assert len(whole) == RESTING
+    assert all((frame.picture == picture).all() for frame in whole)
+
+
+def test_an_open_mouth_or_shut_lids_or_a_turned_head_is_no_rest() -> None:
+    picture = np.ascontiguousarray(clip("p01", 1)[0][..., 1])
+    base = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float)
+    grid = ReferenceFrame.canonical(48)
+    straight = base - grid.yaw(grid.align(base)) * grid.yaw_mode * np.ptp(base[:, 0]) / 48
+    mouth, lids = straight.copy(), straight.copy()
+    mouth[65:68, 1] += 20
+    lids[[37, 38, 43, 44]] = lids[[41, 40, 47, 46]]
+    turned = straight + 25 * grid.yaw_mode * np.ptp(base[:, 0]) / 48
+    rest, *others = (Shot.of(picture, shape) for shape in (straight, mouth, lids, turned))
+    assert isinstance(rest, Shot)
+    assert all(isinstance(other, Shot) and other.unrest > rest.unrest for other in others)
