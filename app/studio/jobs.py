@@ -40,7 +40,7 @@ class Jobs:
         self._change = threading.Condition()
         self._closed = False
         self._current: tuple[str, Any] | None = None
-        self._thread = threading.Thread(target=self._work, name="studio jobs")
+        self._thread = threading.Thread(target=self._work, name="studio jobs", daemon=True)
 
     def register(self, kind: str, function: Function) -> None:
         """Say what runs a kind of jobs."""

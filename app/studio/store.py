@@ -97,6 +97,13 @@ class Store:
         self.folder = folder
         self._lock = threading.Lock()
         self._base = _open(folder)
+        shutil.rmtree(self.incoming, ignore_errors=True)
+        self.incoming.mkdir()
+
+    @property
+    def incoming(self) -> Path:
+        """Where uploads are written until they are complete; empty at the start."""
+        return self.folder / "incoming"
 
     def add_clip(self, name: str, suffix: str) -> Clip:
         """A place for a clip; the caller writes its file.  StudioError when the suffix is not a video's."""

@@ -1,0 +1,173 @@
+"""The studio's server: who is let in, what is taken, how it starts and ends."""
+
+import base64
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Mapping
+from http.client import HTTPConnection
+from pathlib import Path
+
+import pytest
+from studio_browser import LIMIT, StudioServer, studio, studio_server  # noqa: F401
+
+SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+NO_TOKEN = "This page needs the address, with its token, that guise studio has printed in the terminal."
+pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+
+
+@pytest.fixture
+def server(studio_server: StudioServer) -> StudioServer:  # noqa: F811
+    return studio_server
+
+
+def ask(
+    server: StudioServer, path: str, method: str = "GET", *, cookie: bool = True, body: object = None, **headers: str
+) -> tuple[int, Mapping[str, str], str]:  # fmt: skip
+    """Status, headers and text of an answer; `headers` by name, with underscores."""
+    connection = HTTPConnection("127.0.0.1", server.port, timeout=30)
+    given = {name.replace("_", "-"): value for name, value in headers.items()}
+    if cookie:
+        given["Cookie"] = server.cookie
+    connection.request(method, path, body=body, headers=given, encode_chunked="Transfer-Encoding" in given)
+    answer = connection.getresponse()
+    text = "" if answer.status == 101 else answer.read().decode()
+    connection.close()
+    return answer.status, answer.headers, text
+
+
+def upgrade(
+    server: StudioServer, *, cookie: bool = True, **headers: str
+) -> tuple[int, Mapping[str, str], str]:
+    """The answer to the opening of a websocket."""
+    key = base64.b64encode(os.urandom(16)).decode()
+    return ask(
+        server, SOCKET, cookie=cookie, Connection="Upgrade", Upgrade="websocket", Sec_WebSocket_Key=key,
+        Sec_WebSocket_Version="13", **headers,
+    )  # fmt: skip
+
+
+def own(server: StudioServer) -> str:
+    return f"http://127.0.0.1:{server.port}"
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/people", "/files/clips/x.mp4", "/gallery/p01.png", POLLING, "/nowhere"]
+)
+def test_nothing_is_shown_without_the_token(server: StudioServer, path: str) -> None:
+    assert ask(server, path, cookie=False)[::2] == (403, NO_TOKEN)
+    wrong = f"guise_{server.port}={'x' * len(server.token)}"
+    assert ask(server, path, cookie=False, Cookie=wrong)[::2] == (403, NO_TOKEN)
+    assert ask(server, f"{path}{'&' if '?' in path else '?'}token=%C3%A9%00", cookie=False)[0] == 403
+
+
+def test_the_token_becomes_a_cookie_and_leaves_the_address(server: StudioServer) -> None:
+    status, headers, _ = ask(server, f"/people?token={server.token}", cookie=False)
+    assert (status, headers["Location"]) == (303, "/people")
+    name, *flags = headers["Set-Cookie"].split("; ")
+    assert name == server.cookie
+    assert {flag.lower() for flag in flags} == {"httponly", "path=/", "samesite=strict"}
+    assert ask(server, "/people")[0] == 200
+
+
+@pytest.mark.parametrize("path", ["//evil.example", "/\\evil.example", "/%5Cevil.example"])
+def test_the_token_leads_to_no_other_site(server: StudioServer, path: str) -> None:
+    _, headers, _ = ask(server, f"{path}?token={server.token}", cookie=False)
+    assert headers["Location"][0] == "/"
+    assert headers["Location"][1] not in "/\\"
+
+
+def test_answers_keep_other_sites_out(server: StudioServer) -> None:
+    for cookie in (True, False):
+        headers = ask(server, "/people", cookie=cookie)[1]
+        assert headers["X-Frame-Options"] == "DENY"
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        assert "default-src 'self'" in headers["Content-Security-Policy"]
+        assert "http" not in headers["Content-Security-Policy"]
+        assert "Access-Control-Allow-Origin" not in headers
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
+@pytest.mark.parametrize(
+    "origin", [None, "http://evil.example", "null", "https://127.0.0.1", "http://127.0.0.1:1"]
+)
+def test_changes_come_from_the_studios_own_pages(
+    server: StudioServer, method: str, origin: str | None
+) -> None:
+    headers = {} if origin is None else {"Origin": origin}
+    status, _, text = ask(server, "/people", method, **headers)
+    assert (status, text) == (403, "This request comes from another site: use the studio's own pages.")
+    assert ask(server, "/people", method, Origin=own(server))[0] in (404, 405)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", ""])
+def test_another_name_for_this_computer_is_refused(server: StudioServer, host: str) -> None:
+    """A page of another site whose name suddenly means this computer (DNS rebinding) gets nothing."""
+    status, _, text = ask(server, "/people", Host=host, Origin=f"http://{host}")
+    assert status == 403
+    assert text.startswith("The studio answers only at 127.0.0.1")
+
+
+def test_a_websocket_needs_token_and_origin(server: StudioServer) -> None:
+    assert upgrade(server, Origin=own(server))[0] == 101
+    for headers in ({}, {"Origin": "http://evil.example"}, {"Origin": own(server), "Host": "evil.example"}):
+        assert upgrade(server, **headers)[0] == 403
+    assert upgrade(server, Origin=own(server), cookie=False)[::2] == (403, NO_TOKEN)
+
+
+@pytest.mark.parametrize("path", ["/people", "/_nicegui/client/x/upload/1"])
+def test_what_is_too_large_is_refused(server: StudioServer, path: str) -> None:
+    sentence = f"The file is larger than {LIMIT} MB: use a shorter one, or a higher --limit of guise studio."
+    large = (LIMIT + 1) * 10**6
+    answer = ask(server, path, "POST", Origin=own(server), Content_Length=str(large))
+    assert answer[::2] == (413, sentence)
+
+
+@pytest.mark.parametrize(
+    "trick",
+    ["../studio.sqlite", "..%2fstudio.sqlite", "%2e%2e/studio.sqlite", "%2e%2e%2fstudio.sqlite", "..\\studio.sqlite",
+     "/etc/passwd", "%2fetc%2fpasswd", "./../../studio.sqlite", "x%00.mp4"],
+)  # fmt: skip
+def test_no_path_leads_out_of_the_folder(server: StudioServer, trick: str) -> None:
+    assert (server.folder / "studio.sqlite").exists()
+    for folder in ("clips", "people", "jobs"):
+        status, _, text = ask(server, f"/files/{folder}/{trick}")
+        assert status in (404, 400), trick
+        assert "SQLite" not in text
+        assert "root:" not in text
+    assert ask(server, "/files/studio.sqlite")[0] == 404
+    assert ask(server, "/gallery/..%2f..%2fx.guise.png")[0] == 404
+    assert ask(server, "/gallery/x.guise.png")[0] == 404
+
+
+def test_a_file_of_the_folder_is_shown_and_in_parts(server: StudioServer) -> None:
+    """A browser seeks in a video by asking for parts."""
+    (server.folder / "clips" / "made.mp4").write_bytes(b"0123456789")
+    assert ask(server, "/files/clips/made.mp4")[::2] == (200, "0123456789")
+    status, headers, text = ask(server, "/files/clips/made.mp4", Range="bytes=2-4")
+    assert (status, text, headers["Content-Range"]) == (206, "234", "bytes 2-4/10")
+
+
+def test_the_studio_listens_on_this_computer_only(server: StudioServer) -> None:
+    others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {
+        "127.0.0.1"
+    }
+    for address in others:
+        with pytest.raises(OSError), socket.create_connection((address, server.port), timeout=2):  # noqa: PT011
+            pass
+
+
+def test_a_port_that_is_taken_is_one_sentence(server: StudioServer, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "app.cli", "studio", "--no-open", "--folder", str(tmp_path)]
+    done = subprocess.run([*command, "--port", str(server.port)], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"error: port {server.port} is not free: choose another --port\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_it_with_nothing_to_say(tmp_path: Path, number: int) -> None:
+    with studio(tmp_path) as server:
+        assert server.stop(number) == 0

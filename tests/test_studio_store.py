@@ -1,0 +1,146 @@
+"""The studio's store: rows outlive it, names are text alone, one studio to a folder."""
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from app.studio.store import LONGEST_NAME, Store, StudioError
+
+TRICKS = [
+    "../../evil",
+    "/etc/passwd",
+    "..\\..\\evil",
+    "a/b",
+    ".",
+    "\0",
+    "a\nb",
+    "",
+    "x" * 5000,
+    "<script>",
+    "'; DROP",
+]
+
+
+def files(folder: Path) -> set[Path]:
+    return {path for path in folder.rglob("*") if path.is_file() and "studio.sqlite" not in path.name}
+
+
+def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    clip = store.add_clip("Anna", ".mp4")
+    clip.path.write_bytes(b"video")
+    person = store.add_person("Anna", clip.id)
+    person.path.write_bytes(b"model")
+    job = store.add_job("enrol", {"clip": clip.id})
+    store.change_job(job.id, state="failed", sentence="no face")
+    store.remember("dark", True)
+    store.close()
+    again = Store(tmp_path)
+    assert (again.clips(), again.people()) == ([clip], [person])
+    assert again.job(job.id).sentence == "no face"
+    assert again.job(job.id).about == {"clip": clip.id}
+    assert (again.setting("dark"), again.setting("other")) == (True, None)
+    again.close()
+
+
+@pytest.mark.parametrize("name", TRICKS)
+def test_a_name_is_no_part_of_a_path(tmp_path: Path, name: str) -> None:
+    store = Store(tmp_path / "studio")
+    for row in (store.add_clip(name, ".mp4"), store.add_person(name, None)):
+        row.path.write_bytes(b"")
+        assert row.path.stem == row.id
+        assert row.name
+        assert row.name.isprintable()
+        assert len(row.name) <= LONGEST_NAME
+    assert {path.stem for path in files(tmp_path)} == {row.id for row in (*store.clips(), *store.people())}
+    store.close()
+
+
+@pytest.mark.parametrize("suffix", ["", ".html", ".mp4/../x", ".guise", ".sqlite", "/"])
+def test_only_videos_are_taken(tmp_path: Path, suffix: str) -> None:
+    store = Store(tmp_path)
+    with pytest.raises(StudioError, match="no video"):
+        store.add_clip("Anna", suffix)
+    store.close()
+
+
+def test_what_is_incomplete_is_not_listed(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.add_clip("Anna", ".mp4")
+    store.add_person("Anna", None)
+    assert (store.clips(), store.people()) == ([], [])
+    store.close()
+
+
+def test_removing_leaves_nothing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    clip, other, person = (
+        store.add_clip("a", ".mp4"),
+        store.add_clip("b", ".mp4"),
+        store.add_person("a", None),
+    )
+    job = store.add_job("enrol", {})
+    store.folder_of(job.id).mkdir()
+    for path in (clip.path, clip.path.with_suffix(".npz"), person.path, person.montage, other.path):
+        path.write_bytes(b"")
+    (store.folder_of(job.id) / "part").write_bytes(b"")
+    store.remove_clip(clip.id)
+    store.remove_person(person.id)
+    store.remove_job(job.id)
+    assert files(tmp_path) == {other.path}
+    assert store.clips() == [other]
+    store.close()
+
+
+@pytest.mark.parametrize("id", ["../clips", "nobody", "%"])
+def test_an_unknown_id_is_a_sentence(tmp_path: Path, id: str) -> None:
+    store = Store(tmp_path)
+    store.add_job("enrol", {})
+    for look in (
+        store.clip,
+        store.person,
+        store.job,
+        store.folder_of,
+        store.remove_clip,
+        store.remove_person,
+    ):
+        with pytest.raises(StudioError, match="no longer there"):
+            look(id)
+    store.close()
+
+
+def test_a_folder_has_one_studio(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with pytest.raises(StudioError, match="used by another studio"):
+        Store(tmp_path)
+    store.close()
+    Store(tmp_path).close()
+
+
+def test_a_folder_that_cannot_be_used_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "damaged").mkdir()
+    (tmp_path / "damaged" / "studio.sqlite").write_text("no base " * 200)
+    for name in ("file", "damaged"):
+        with pytest.raises(StudioError, match="cannot be used"):
+            Store(tmp_path / name)
+
+
+def test_others_on_the_computer_see_nothing(tmp_path: Path) -> None:
+    Store(tmp_path / "new" / "studio").close()
+    assert (tmp_path / "new" / "studio").stat().st_mode & 0o077 == 0
+
+
+def test_many_threads_lose_nothing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    threads = [
+        threading.Thread(target=lambda: [store.add_person("a", None) for _ in range(20)]) for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    rows = store._run("SELECT id FROM people")
+    assert len(set(rows)) == 80
+    store.close()
