@@ -52,7 +52,14 @@ DEIDENTIFY = (
     "deidentify.resumed",
     "deidentify.cluster",
 )
-ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY)
+LIVE = (
+    "live.throughput",
+    "live.latency",
+    "live.start",
+    "live.closed",
+    "live.soak",
+)
+ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed",
@@ -73,6 +80,8 @@ def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str
         given += ["--parts", str(options.parts)]
     if name.endswith("memory"):
         given += ["--minutes", str(options.minutes)]
+    if name == "live.soak":
+        given += ["--minutes", str(options.soak_minutes)]
     if name == "identity":
         given += ["--sheets", str(options.output / "sheets")]
     return given
@@ -140,7 +149,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--only", nargs="+", choices=ALL, help="some of the benchmarks")
     made.add_argument("--landmarker", default="builtin", help="the landmarker of the landmarks benchmarks")
     made.add_argument("--parts", type=Path, help="rendered parts for the landmarks benchmarks")
-    made.add_argument("--minutes", type=float, default=10.0, help="length of the memory run")
+    made.add_argument("--minutes", type=float, default=10.0, help="length of the memory runs")
+    made.add_argument("--soak-minutes", type=float, default=60.0, help="length of the long live run")
     return made
 
 

@@ -1,0 +1,87 @@
+"""Leaked frames of `guise live`: true faces of the hard synthetic clips that are neither swapped nor covered.
+
+The person is enrolled from the clip itself, as the command does with --source.  Every frame is worked on, and then
+only every third, as on a slow computer.  Leaked is a frame in which less than 90 % of the box of a face's points that
+can be seen was changed (`benchmarks.deidentify.changes`).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from aam.model import Identity
+from app.donors import open_donor
+from app.enrol import LandmarkSource
+from app.live.capture import FileCapture
+from app.live.controls import Controls
+from app.live.pipeline import Stats
+from app.live.session import LiveWork, Plan
+from app.run import Settings, person_in
+from app.threads import one_thread
+from benchmarks import common
+from benchmarks.common import Criterion, Report, Table
+from benchmarks.deidentify.changes import ENOUGH, INSIDE, Truth, share
+from benchmarks.deidentify.leaks import clips
+from benchmarks.live.runs import DONOR
+
+STEPS = (1, 3)  # every frame, every third
+OUTCOMES = ("swapped", "covered", "lost")
+
+
+def shares(
+    video: Path, truths: list[Truth], plan: Plan, step: int, outcomes: Counter[str]
+) -> Iterator[float]:
+    """For each frame that is worked on and each true face in it, how much of it was changed; outcomes are counted."""
+    work = LiveWork(plan, Controls())
+    try:
+        with FileCapture(video, paced=False) as capture:
+            for frame in capture:
+                if frame.index % step:
+                    continue
+                before = frame.rgb().astype(np.int16)
+                outcomes[work.step(frame, 0.0, Stats()).look.outcome] += 1
+                changed = np.abs(frame.rgb() - before).max(2) > 0
+                for truth in truths:
+                    points, visible = truth.points[frame.index], truth.visible[frame.index]
+                    if visible.mean() >= INSIDE:
+                        yield share(frame.index, changed, points, visible).seen
+    finally:
+        work.close()
+
+
+def enrolled_from(video: Path, like: Identity) -> Identity:
+    """The person in a video, as the command makes their model."""
+    with FileCapture(video) as capture:
+        return person_in(capture.source, LandmarkSource(), like, Settings())
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All clips."""
+    donor, rows = open_donor(DONOR), []
+    for video, truths in clips(options.shared).items():
+        if options.quick and video.stem not in ("leave_reenter", "two_people"):
+            continue
+        with one_thread():
+            plan = Plan([donor], enrolled_from(video, donor))
+            for step in STEPS:
+                outcomes: Counter[str] = Counter()
+                found = np.array(list(shares(video, truths, plan, step, outcomes)))
+                leaked, least = int((found < ENOUGH).sum()), round(100 * float(found.min()), 1)
+                counts = [outcomes[name] for name in OUTCOMES]
+                rows.append((video.stem, step, *counts, len(found), leaked, least))
+                common.say(f"{rows[-1]}")
+    columns = ("clip", "every", *OUTCOMES, "faces seen", "leaked", "least, %")
+    return Report(
+        "live.closed", "Live: leaked frames of the hard clips",
+        [Criterion("leaked frames", float(sum(row[-2] for row in rows)), "<=", 0.0)],
+        [Table("Frames by what was done, and true faces of which a quarter or more can be seen", columns, rows)],
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    common.run(measure, common.arguments(__doc__))

@@ -1,0 +1,107 @@
+"""From capture to presentation: a clock burnt into the frames of a file at its own pace, read when they are shown.
+
+640 x 480, 30 frames a second.  The time is written into a frame when it is captured.  Without a window it is read from
+the frame that the output is given; with one, by another process from the pixels of the virtual display, which is what
+an eye would see.  Rounds alternate; the first seconds of each are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from app.live.capture import FileCapture
+from app.media import Frame
+from app.threads import one_thread
+from benchmarks import common
+from benchmarks.common import Criterion, Report, Table
+from benchmarks.live import clock
+from benchmarks.live.runs import Noted, Scene, display, played, small, window
+
+ROUNDS = 3
+SECONDS = 20.0  # of a round
+WARM_UP = 2.0  # seconds that are not counted
+MEDIAN, NINETY_FIFTH = 20.0, 33.0  # milliseconds, targets
+
+
+class Clocked(FileCapture):
+    """A file in whose frames the time is burnt at which they are given; it ends after some seconds of playing."""
+
+    def __init__(self, path: Path, seconds: float) -> None:
+        super().__init__(path, loop=True)
+        self._seconds = seconds
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in super().__iter__():
+            if frame.pts * frame.time_base > self._seconds:
+                return
+            clock.burn(frame, clock.now())
+            yield frame
+
+
+def to_nowhere(scene: Scene, seconds: float) -> tuple[list[float], int]:
+    """Delays in milliseconds of the frames that an output got, and how many it did not get."""
+    delays: list[float] = []
+
+    def after(shown: object, _: float) -> None:
+        at = clock.now()
+        code = clock.read(shown.frame.luma)  # type: ignore[attr-defined]
+        if code is not None:
+            delays.append(clock.passed(code, at))
+
+    with one_thread(), Clocked(scene.clip.video, seconds) as capture:
+        stats = played(scene, capture, [Noted(after=after)])
+    return delays, stats.dropped + stats.skipped
+
+
+def to_window(scene: Scene, seconds: float, screen: Path) -> tuple[list[float], int]:
+    """The same for what is on the display."""
+    with one_thread(), Clocked(scene.clip.video, seconds) as capture:
+        command = [sys.executable, "-m", "benchmarks.live.clock", screen, capture.width, capture.height]
+        with subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, text=True) as watcher:
+            stats = played(scene, capture, [window()])
+            seen, _ = watcher.communicate()
+    return [float(line) for line in seen.split()], stats.dropped + stats.skipped
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """Both ways, in turns."""
+    scene, seconds = small(), 5.0 if options.quick else SECONDS
+    found: dict[str, list[float]] = {"nowhere": [], "window": []}
+    lost = dict.fromkeys(found, 0)
+    with display() as screen:
+        for _ in range(1 if options.quick else ROUNDS):
+            for way, (delays, missed) in {
+                "nowhere": to_nowhere(scene, seconds), "window": to_window(scene, seconds, screen),
+            }.items():  # fmt: skip
+                found[way] += delays[round(WARM_UP * 30) :]
+                lost[way] += missed
+                common.say(f"{way}: median {np.median(delays):.1f} ms")
+    return report(found, lost)
+
+
+def report(found: dict[str, list[float]], lost: dict[str, int]) -> Report:
+    """From the delays, milliseconds, and the frames that were dropped, by way."""
+    rows = [
+        (way, len(ms), *(float(np.quantile(ms, share)) for share in (0.5, 0.95, 0.99, 1.0)), lost[way])
+        for way, ms in found.items()
+    ]
+    columns = ("to", "frames", "median, ms", "95 %, ms", "99 %, ms", "most, ms", "dropped")
+    return Report(
+        "live.latency", "Live: from capture to presentation, 640x480",
+        [
+            Criterion(f"to {way}, {what}", float(np.quantile(ms, share)), "<=", target, "ms")
+            for way, ms in found.items()
+            for what, share, target in (("median", 0.5, MEDIAN), ("95th percentile", 0.95, NINETY_FIFTH))
+        ],
+        [Table("By a clock in the pictures", columns, rows)],
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    common.run(measure, common.arguments(__doc__))

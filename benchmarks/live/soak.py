@@ -1,0 +1,136 @@
+"""A long run at the pace of a camera: a clip played again and again, swapped, recorded; nothing may grow.
+
+Once a second it is noted how much memory the process holds, how many threads it has, and how far the frames' own times
+and the clock have come apart when they are presented.  Memory is flat when the median over the last fifth of the run is
+no more than 5 % over that of the second.  Drift is that of the delays' medians over the same fifths.  The recording's
+length, by its own times, is compared with the clock.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import tempfile
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.live.capture import FileCapture
+from app.live.output import Shown
+from app.live.pipeline import Stats
+from app.live.recorder import Recorder
+from app.media import EncodeOptions
+from app.threads import one_thread
+from benchmarks import common
+from benchmarks.children import PAGE_MB
+from benchmarks.common import F64, Criterion, Report, Table
+from benchmarks.live.runs import Noted, played, small
+
+EVERY = 1.0  # seconds
+GROWTH = 1.05
+DRIFT = 10.0  # milliseconds
+RECORDED = 100.0  # milliseconds; the first picture and the last may lie a frame apart from what was presented
+
+
+@dataclass(frozen=True)
+class Sample:
+    """At a time, seconds from the start: MB held, threads, milliseconds by which frames were later than their times."""
+
+    at: float
+    memory: float
+    threads: int
+    late: float
+
+
+class Soak:
+    """Takes samples while pictures are shown, and ends the capture.
+
+    Parameters
+    ----------
+    capture : FileCapture, paced.   seconds : how long.
+    """
+
+    def __init__(self, capture: FileCapture, seconds: float) -> None:
+        self.samples: list[Sample] = []
+        self.arrived: list[float] = []  # of the first and the last picture, seconds
+        self._capture, self._seconds = capture, seconds
+        self._lates: list[float] = []
+
+    def after(self, shown: Shown, now: float) -> None:
+        """A picture was shown."""
+        self.arrived = [*self.arrived[:1], shown.arrived]
+        begun = self._capture.begun
+        assert begun is not None
+        at = now - begun
+        self._lates.append(1e3 * (at - float(shown.frame.pts * shown.frame.time_base)))
+        if at >= EVERY * (len(self.samples) + 1):
+            memory = int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MB
+            self.samples.append(Sample(at, memory, threading.active_count(), float(np.median(self._lates))))
+            self._lates.clear()
+        if at >= self._seconds:
+            self._capture.stop()
+
+
+def length(video: Path) -> float:
+    """Seconds that a video lasts by its own times."""
+    entries = ("-select_streams", "v", "-show_entries", "stream=duration", "-of", "csv=p=0")
+    told = subprocess.run(["ffprobe", "-v", "error", *entries, video], capture_output=True, check=True)
+    return float(told.stdout)
+
+
+def fifth(values: F64, number: int) -> float:
+    """Median over a fifth (0-4) of the run."""
+    return float(np.median(np.array_split(values, 5)[number]))
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """One run."""
+    scene, seconds = small(), 15.0 if options.quick else 60 * options.minutes
+    before = threading.active_count()
+    with tempfile.TemporaryDirectory() as name:
+        recorder = Recorder(Path(name) / "out.mp4", encode=EncodeOptions(preset="ultrafast"), say=common.say)
+        with one_thread(), FileCapture(scene.clip.video, loop=True) as capture:
+            soak = Soak(capture, seconds)
+            stats = played(scene, capture, [Noted(after=soak.after), recorder])
+        short = soak.arrived[1] - soak.arrived[0] - length(recorder.path)
+    return report(soak.samples, threading.active_count() - before, short, stats)
+
+
+def report(samples: Sequence[Sample], left: int, short: float, stats: Stats) -> Report:
+    """From the samples, the threads that were left, and the seconds by which the recording is too short."""
+    columns = {
+        "memory, MB": np.array([s.memory for s in samples]),
+        "threads": np.array([float(s.threads) for s in samples]),
+        "later than its time, ms": np.array([s.late for s in samples]),
+    }
+    memory, threads, late = columns.values()
+    minutes = samples[-1].at / 60
+    return Report(
+        "live.soak", f"Live: {minutes:.3g} minutes from a looping clip, recorded",
+        [
+            Criterion("memory, last fifth over the second", fifth(memory, 4) / fifth(memory, 1), "<=", GROWTH),
+            Criterion("drift of the pictures' times", abs(fifth(late, 4) - fifth(late, 1)), "<=", DRIFT, "ms"),
+            Criterion("the recording's length beside the clock", 1e3 * abs(short), "<=", RECORDED, "ms"),
+            Criterion("threads, last fifth over the second", fifth(threads, 4) - fifth(threads, 1), "<=", 0.0),
+            Criterion("threads left", float(left), "<=", 0.0),
+        ],
+        [
+            Table(
+                "Medians over fifths of the run", ("what", *(f"fifth {k + 1}" for k in range(5))),
+                [(name, *(fifth(values, k) for k in range(5))) for name, values in columns.items()],
+            )
+        ],
+        [
+            f"{stats.frames} frames, {stats.dropped} dropped, {stats.skipped} not recorded; "
+            + ", ".join(f"{count} {name}" for name, count in sorted(stats.outcomes.items())) + "."
+        ],
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = common.arguments(__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0, help="length of the run")
+    common.run(measure, parser)
