@@ -4,6 +4,8 @@ The context is standalone (no window): EGL where it exists, the system's own off
 and macOS; or the one of a window, made by a window library. A context belongs to the thread that made it.
 """
 
+import contextlib
+import ctypes
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -84,6 +86,16 @@ def create_context() -> moderngl.Context:
         except Exception as error:  # moderngl and its loaders raise bare Exception
             failures.append(f"{name}: {error}")
     raise RendererError(f"no GL context could be made ({'; '.join(failures)}): {INSTALL_HINT}")
+
+
+def leave_thread() -> None:
+    """Let no EGL context be current in this thread, as a window's beside it would be refused by GLX, fatally."""
+    with contextlib.suppress(OSError):
+        egl = ctypes.CDLL("libEGL.so.1")
+        egl.eglGetCurrentDisplay.restype = ctypes.c_void_p
+        egl.eglMakeCurrent.argtypes = [ctypes.c_void_p] * 4
+        if display := egl.eglGetCurrentDisplay():
+            egl.eglMakeCurrent(display, None, None, None)
 
 
 def window_context(address: Callable[[str], int]) -> moderngl.Context:

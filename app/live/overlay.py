@@ -26,13 +26,16 @@ Plane = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 Row = tuple[tuple[str, Colour], ...]  # cells of a table
 
-WHITE, GREY, RED, GREEN, AMBER = (
-    (255, 255, 255),
-    (190, 195, 205),
-    (255, 95, 85),
-    (90, 240, 130),
-    (255, 200, 90),
+WHITE, GREY = (255, 255, 255), (190, 195, 205)
+RED, GREEN, AMBER = (255, 95, 85), (90, 240, 130), (255, 200, 90)
+HELP: tuple[Row, ...] = tuple(
+    ((key.upper() if len(key) == 1 else key, AMBER), (what, WHITE))
+    for key, what in (KEYS | {"F11": "full screen"}).items()
 )
+KNOWN: dict[str, tuple[Row, ...]] = {
+    "shown": ((("the real face is visible", RED),),),
+    "lost": ((("no face found: all is covered", AMBER),),),
+}
 PAPER, OPACITY = (14, 16, 22), 0.66
 LETTERS, LEAST = 0.034, 11.0  # size of the letters, of the picture's shorter side, and at least, pixels
 LINE, BORDER = 1.4, 0.55  # of a line and of a panel's border, in letters
@@ -51,11 +54,10 @@ class Overlay:
     Parameters
     ----------
     names : of the faces, as the settings count them.
-    keys : help beyond `app.live.controls.KEYS`, key to what it does.
     """
 
-    def __init__(self, names: Sequence[str], keys: dict[str, str] | None = None) -> None:
-        self._names, self._keys = list(names), {**KEYS, **(keys or {})}
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = list(names)
         self._write = lru_cache(32)(Writer().panel)
         self._settings: Settings | None = None
         self._changed = self._read = -np.inf  # seconds
@@ -64,30 +66,18 @@ class Overlay:
     def over(self, shown: Shown, settings: Settings) -> Frame:
         """The picture with all that belongs on it, mirrored where the settings say so; a copy."""
         frame = mirrored(shown.frame) if settings.mirror else shown.frame.copy()
-        self.draw(frame, shown, settings)
-        return frame
-
-    def draw(self, frame: Frame, shown: Shown, settings: Settings) -> None:
-        """Draw on a frame in place; the mesh is mirrored if the settings say so."""
-        mesh = shown.look.mesh
-        if mesh is not None and settings.mirror:
-            mesh = (frame.width - 1, 0) + mesh * (-1, 1)
-        if mesh is not None and settings.mask:
-            draw_mask(frame, mesh)
-        if mesh is not None and settings.mesh:
-            draw_mesh(frame, mesh)
+        if shown.look.mesh is not None:
+            mesh = shown.look.mesh * (-1, 1) + (frame.width - 1, 0) if settings.mirror else shown.look.mesh
+            _draw_face(frame, mesh, settings)
         if shown.ring is not None:
             draw_ring(frame, shown.ring)
         if settings.help:
-            rows = [
-                ((key.upper() if len(key) < 4 else key, AMBER), (what, WHITE))
-                for key, what in self._keys.items()
-            ]
-            self._put(frame, tuple(rows), (0.5, 0.5))
-            return
-        self._put(frame, self._figures(shown, settings), (0, 0))
-        self._put(frame, self._state(shown, settings), (1, 0))
-        self._put(frame, _sentence(shown, frame), (0.5, 1))
+            self._put(frame, HELP, (0.5, 0))
+        else:
+            self._put(frame, self._figures(shown, settings), (0, 0))
+            self._put(frame, self._state(shown, settings), (1, 0))
+        self._put(frame, _sentences(shown, frame), (0.5, 1))
+        return frame
 
     def _figures(self, shown: Shown, settings: Settings) -> tuple[Row, ...]:
         if not settings.readout:
@@ -99,8 +89,7 @@ class Overlay:
     def _state(self, shown: Shown, settings: Settings) -> tuple[Row, ...]:
         """Whether it is recorded; mode, face and alpha when they have just changed or the read-out is on."""
         if settings != self._settings:
-            self._changed = -np.inf if self._settings is None else shown.arrived
-            self._settings = settings
+            self._settings, self._changed = settings, shown.arrived
         rows: list[Row] = [(("● recording", RED),)] if shown.recording else []
         if settings.readout or shown.arrived - self._changed < STAYS:
             rows += [((text, WHITE),) for text in self._choices(settings)]
@@ -138,13 +127,11 @@ def figures(stats: Stats) -> tuple[Row, ...]:
     return tuple(((value, WHITE), (name, GREY)) for value, name in cells)
 
 
-def _sentence(shown: Shown, frame: Frame) -> tuple[Row, ...]:
-    """The message in lines that fit, or else what the user must know about the picture."""
-    known = {"shown": ("the real face is visible", RED), "lost": ("no face found: all is covered", AMBER)}
-    text, colour = (shown.message, WHITE) if shown.message else known.get(shown.look.outcome, ("", WHITE))
+def _sentences(shown: Shown, frame: Frame) -> tuple[Row, ...]:
+    """What the user must know about the picture, and the message, in lines that fit."""
     letters = max(LETTERS * min(frame.width, frame.height), LEAST)
-    lines = textwrap.wrap(text, max(12, int(1.7 * frame.width / letters)))
-    return tuple(((line, colour),) for line in lines)
+    lines = textwrap.wrap(shown.message, max(12, int(1.7 * frame.width / letters)))
+    return (*KNOWN.get(shown.look.outcome, ()), *(((line, WHITE),) for line in lines))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +195,13 @@ class Writer:
     def _width(self, text: str, size: float) -> int:
         x, _, width, _ = cv2.getTextSize((1, 1), text, (0, 0), self._font, round(size), 500)
         return int(x + width)
+
+
+def _draw_face(frame: Frame, mesh: F64, settings: Settings) -> None:
+    if settings.mask:
+        draw_mask(frame, mesh)
+    if settings.mesh:
+        draw_mesh(frame, mesh)
 
 
 def draw_mesh(frame: Frame, mesh: F64) -> None:

@@ -7,8 +7,7 @@ are in the picture (`app.live.overlay`), so that text stays readable.  Keys go t
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
-from pathlib import Path
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -24,11 +23,11 @@ from app.media.frame import plane_arrays
 from app.media.orientation import AS_STORED, Orientation
 from app.outputs import OutputError
 from render import RendererError
-from render.context import window_context
+from render.context import leave_thread, window_context
 
 Plane = NDArray[np.uint8]
 
-KEYS = {"f11": "full screen"}
+TITLE = "Guise (H shows the keys)"
 LARGEST = 0.9  # of the screen that a new window takes
 INSTEAD = "choose --output FILE, or --headless"
 NO_CHROMA = np.full((1, 1), 128, np.uint8)
@@ -65,17 +64,12 @@ class Window(Output):
     ----------
     controls : gets the keys, and tells what is drawn over the picture.
     overlay : draws it.
-    title : of the window.
-    on_drop : called with a file that the user drops on the window.
     """
 
     main_thread = True
 
-    def __init__(
-        self, controls: Controls, overlay: Overlay, *, title: str = "Guise (H shows the keys)",
-        on_drop: Callable[[Path], None] = lambda path: None,
-    ) -> None:  # fmt: skip
-        self._controls, self._overlay, self._title, self._on_drop = controls, overlay, title, on_drop
+    def __init__(self, controls: Controls, overlay: Overlay) -> None:
+        self._controls, self._overlay = controls, overlay
         self._glfw: Any = None
         self._window: Any = None
         self._pictures: list[Picture] = []
@@ -91,10 +85,11 @@ class Window(Output):
         """
         self._glfw, library = _libraries()
         self._glfw.ERROR_REPORTING = "raise"
+        leave_thread()
         try:
             self._glfw.init()
             self._window = library.Window(
-                title=self._title, size=_fitting(self._glfw, width, height), vsync=False,
+                title=TITLE, size=_fitting(self._glfw, width, height), vsync=False,
                 context_creation_func=lambda: window_context(self._address),
             )  # fmt: skip
         except (self._glfw.GLFWError, RendererError) as error:
@@ -104,8 +99,10 @@ class Window(Output):
         self._listen()
 
     def show(self, shown: Shown) -> None:
-        """Draw a picture, and the camera's own beside it when the user asks for it."""
+        """Draw a picture; the camera's own beside it when the user asks for it, instead of it during enrolment."""
         settings = self._controls.settings
+        if shown.look.outcome == "enrolling" and shown.original is not None:
+            shown = replace(shown, frame=shown.original, original=None)
         frames = [self._overlay.over(shown, settings)]
         if settings.side_by_side and shown.original is not None:
             frames.insert(0, mirrored(shown.original) if settings.mirror else shown.original)
@@ -130,7 +127,6 @@ class Window(Output):
         self._window.exit_key = None
         self._window.key_event_func = self._key
         self._glfw.set_window_refresh_callback(handle, lambda _: self._draw())
-        self._glfw.set_drop_callback(handle, lambda _, paths: self._on_drop(Path(paths[0])))
 
     def _draw(self) -> None:
         """Draw what was loaded last, side by side, each as large as it fits, on black."""
@@ -139,8 +135,7 @@ class Window(Output):
         context.clear()
         for number, picture in enumerate(self._pictures[: self._shown]):
             room = wide // self._shown
-            context.viewport = fitted(picture.size, (number * room, 0, room, high))
-            picture.draw()
+            picture.draw(fitted(picture.size, (number * room, 0, room, high)))
         context.viewport = (0, 0, wide, high)
         self._glfw.swap_buffers(self._glfw.get_current_context())
 
@@ -193,9 +188,13 @@ class Picture:
         self._program["transposed"] = orientation.transpose
         self._program["flipped"] = (orientation.flip_x, orientation.flip_y)
 
-    def draw(self) -> None:
-        """Fill the viewport."""
+    def draw(self, viewport: tuple[int, int, int, int]) -> None:
+        """Fill a rectangle x, y, w, h of the window."""
+        self._context.viewport = viewport
+        exact = viewport[2:] == self.size  # quicker where a processor does the work of GL
+        how = self._context.NEAREST if exact else self._context.LINEAR
         for number, texture in enumerate(self._textures):
+            texture.filter = (how, how)
             texture.use(number)
         self._quad.render(self._context.TRIANGLE_STRIP, vertices=4)
 
