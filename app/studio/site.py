@@ -65,8 +65,11 @@ def serve_files(studio: Studio) -> None:
         nicegui_app.add_static_files(f"/files/{name}", studio.store.folder / name, max_cache_age=0)
 
 
-def page(studio: Studio, path: str, title: str, build: Build) -> None:
-    """Register a page; `build` fills it and gets the parameters of the path ("/landmarks/{clip}") by name."""
+def page(studio: Studio, path: str, title: str, build: Build, *, patience: float | None = None) -> None:
+    """Register a page; `build` fills it and gets the parameters of the path ("/landmarks/{clip}") by name.
+
+    patience : seconds without a connection for which what a visitor did on the page is kept; default: a few.
+    """
 
     async def shown(request: Request) -> None:
         ui.on_exception(_tell)
@@ -78,7 +81,7 @@ def page(studio: Studio, path: str, title: str, build: Build) -> None:
             except user_mistakes() as error:
                 ui.label(explain(error)[0])
 
-    ui.page(path, title=f"{title} · Guise")(shown)
+    ui.page(path, title=f"{title} · Guise", reconnect_timeout=patience)(shown)
 
 
 async def read_upload(studio: Studio, event: events.UploadEventArguments) -> Clip:
