@@ -229,17 +229,18 @@ def draw_ring(frame: Frame, share: float) -> None:
     short = min(frame.width, frame.height)
     centre, radius = np.array([frame.width - 1, frame.height - 1]) / 2, RING * short
     width = max(4, round(short / 45))
-    box = np.array([centre - radius - width, centre + radius + width])
-    if (area := _area(frame, box)) is not None:
-        (x0, y0, _, _), picture = area
-        middle, axes = _fixed(centre - (x0, y0)), _fixed(np.full(2, radius))
-        turn = 360 * min(max(share, 0.0), 1.0)
-        for end, colour, thick in ((360.0, PAPER, width), (turn, GREEN, max(2, width - 4))):
-            cv2.ellipse(
-                picture, middle.tolist(), axes.tolist(), -90, 0, end, _stored(frame, colour),
-                thick, cv2.LINE_AA, _BITS,
-            )  # fmt: skip
-        frame.write_roi(x0, y0, picture)
+    if (area := _area(frame, np.array([centre - radius - width, centre + radius + width]))) is None:
+        return
+    (x0, y0, _, _), picture = area
+    turn = np.radians(np.arange(0, 360 * min(max(share, 0.0), 1.0) + 0.5) - 90)
+    arc = centre - (x0, y0) + radius * np.column_stack([np.cos(turn), np.sin(turn)])
+    middle, size = _fixed(centre - (x0, y0)).tolist(), round(radius * (1 << _BITS))
+    cv2.circle(picture, middle, size, _stored(frame, PAPER), width, cv2.LINE_AA, _BITS)
+    if len(arc) > 1:
+        cv2.polylines(
+            picture, [_fixed(arc)], False, _stored(frame, GREEN), max(2, width - 4), cv2.LINE_AA, _BITS
+        )
+    frame.write_roi(x0, y0, picture)
 
 
 def _area(frame: Frame, points: F64) -> tuple[tuple[int, int, int, int], Plane] | None:
