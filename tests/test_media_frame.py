@@ -265,3 +265,15 @@ def test_the_whole_picture_is_given_as_a_copy() -> None:
     frame.write_roi(0, 0, np.full((6, 8, 3), 200, np.uint8))
     assert before.max() == 0
     assert frame.rgb().min() == 200
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS, ids=str)
+@pytest.mark.parametrize("fmt", NATIVE_FORMATS)
+def test_quick_rgb_is_near_rgb_also_after_a_change(fmt: str, orientation: Orientation) -> None:
+    frame = noise_frame(fmt, 64, 48, orientation)
+    x, y, w, h = frame.align_roi(0, 0, frame.width, frame.height)
+    smooth = cv2.GaussianBlur(frame.read_roi(x, y, w, h), (0, 0), 6)
+    frame.write_roi(x, y, np.asarray(smooth, np.uint8))
+    away = np.abs(frame.quick_rgb().astype(int) - frame.rgb())
+    assert frame.quick_rgb().shape == (frame.height, frame.width, 3)
+    assert away.max() <= 6

@@ -119,7 +119,7 @@ def look(frames: Iterable[Frame], detector: FaceDetector, threads: int = THREADS
     """Detect faces in all frames, a few at a time."""
 
     def work(frame: Frame) -> Seen:
-        rgb = frame.rgb()
+        rgb = frame.quick_rgb()
         boxes, scores = detector.detect_scored(rgb)
         small = cv2.resize(frame.luma, SMALL, interpolation=cv2.INTER_AREA)
         return Seen(frame.index, rgb, boxes, scores, np.asarray(small, np.uint8))
