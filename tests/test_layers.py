@@ -1,4 +1,4 @@
-"""Who may import whom: app -> {aam, render}, and each heavy library only where it has its owner."""
+"""Who may import whom: app -> {aam, render, analogy}, and each heavy library only where it has its owner."""
 
 import ast
 import sys
@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-OURS = {"aam", "app", "render"}
+OURS = {"aam", "analogy", "app", "render"}
 MAY_IMPORT = {
     "aam": {"aam", "numpy", "scipy", "cv2", "skimage", "onnxruntime", "safetensors"},
+    "analogy": {"analogy", "numpy", "scipy", "sksparse"},
     "render": {"render", "numpy", "cv2", "moderngl"},
     "app": OURS
     | {
@@ -42,6 +43,7 @@ OWNERS = {
     "onnxruntime": {"aam/landmarks/onnx.py"},
     "skimage": {"aam/landmarks/boxes.py"},
     "safetensors": {"aam/model.py"},
+    "sksparse": {"analogy/solver.py"},
     "moderngl": {"render"},
     "av": {"app/media"},
     "c2pa": {"app/media/provenance.py"},
@@ -53,6 +55,7 @@ OWNERS = {
     "glfw": {"app/live/window.py"},
     "moderngl_window": {"app/live/window.py"},
     "pyvirtualcam": {"app/live/virtualcam.py"},
+    "sounddevice": {"app/live/sound.py"},
     "nicegui": {"app/studio"},
     "aiortc": {"app/studio/rtc.py"},
     "fastapi": {"app/studio/server.py"},

@@ -12,15 +12,21 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("aam", "app", "render")
-DISTRIBUTIONS = {"c2pa": "c2pa-python", "cv2": "opencv-contrib-python-headless", "skimage": "scikit-image"}
+PACKAGES = ("aam", "analogy", "app", "render")
+DISTRIBUTIONS = {
+    "c2pa": "c2pa-python",
+    "cv2": "opencv-contrib-python-headless",
+    "moderngl_window": "moderngl-window",
+    "skimage": "scikit-image",
+    "sksparse": "scikit-sparse",
+}
 SMOKE = """
 import sys
 from pathlib import Path
 
 wheel = Path(sys.argv[1])
-import aam, app, render
-assert all(wheel in Path(m.__file__).parents for m in (aam, app, render)), aam.__file__
+import aam, analogy, app, render
+assert all(wheel in Path(m.__file__).parents for m in (aam, analogy, app, render)), aam.__file__
 
 import numpy as np
 from aam.landmarks import LbpDetector, to_face81

@@ -1,0 +1,79 @@
+"""Symmetric positive definite sparse systems: factorised once, solved many times.
+
+CHOLMOD where scikit-sparse is installed, otherwise SuperLU of SciPy with the ordering for symmetric matrices, which
+takes half the time of its default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+Solve = Callable[[F64], F64]
+
+
+class SolverError(ValueError):
+    """A system that has no unique solution; one sentence."""
+
+
+def factorised(matrix: sp.sparray) -> Solve:
+    """What solves A x = b for right-hand sides b (n, k).
+
+    matrix : A (n, n), symmetric positive definite.
+
+    Raises
+    ------
+    SolverError
+        When it is not.
+
+    Examples
+    --------
+    >>> solve = factorised(sp.csc_array(np.diag([2.0, 4.0])))
+    >>> solve(np.array([[2.0], [2.0]])).ravel().tolist()
+    [1.0, 0.5]
+    """
+    compressed = sp.csc_matrix(matrix)
+    try:
+        from sksparse.cholmod import CholmodError, cholesky
+    except ImportError:
+        return _by_superlu(compressed)
+    try:
+        return _checked(cholesky(compressed))
+    except CholmodError as error:
+        raise SolverError(
+            "the system has no unique solution: a part of the mesh is held by nothing"
+        ) from error
+
+
+def solver() -> str:
+    """Who solves here, for reports."""
+    try:
+        import sksparse.cholmod  # noqa: F401
+    except ImportError:
+        return "SuperLU"
+    return "CHOLMOD"
+
+
+def _by_superlu(matrix: sp.csc_matrix) -> Solve:
+    from scipy.sparse.linalg import splu
+
+    try:
+        factor = splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError as error:
+        raise SolverError(
+            "the system has no unique solution: a part of the mesh is held by nothing"
+        ) from error
+    return _checked(factor.solve)
+
+
+def _checked(solve: Callable[[F64], F64]) -> Solve:
+    def checked(right: F64) -> F64:
+        return np.asarray(solve(np.ascontiguousarray(right, np.float64)), np.float64)
+
+    return checked

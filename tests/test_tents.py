@@ -1,0 +1,127 @@
+"""Properties of vertex tents and of the transfer by them, on a curved sheet of quads."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from analogy.solver import SolverError, _by_superlu, factorised
+from analogy.tents import Rings, Tents, TentTransfer, tips, vertex_error
+
+F64 = NDArray[np.float64]
+SIDE = 14
+
+
+def grid() -> NDArray[np.intp]:
+    at = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
+    corners = at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]
+    return np.stack([c.ravel() for c in corners], axis=1)
+
+
+def sheet(bend: float = 1.0, seed: int = 0) -> F64:
+    """A curved sheet (196, 3) with a little noise."""
+    u, v = np.meshgrid(np.linspace(-1, 1, SIDE), np.linspace(-1, 1, SIDE))
+    noise = np.random.default_rng(seed).normal(0, 0.01, (SIDE * SIDE, 3))
+    return np.stack([u, v, -bend * (u**2 + 0.5 * v**2)], axis=2).reshape(-1, 3) + noise
+
+
+def smiling(neutral: F64) -> F64:
+    """An expression: the lower half is drawn up and out; the upper half does not move."""
+    lower = np.clip(-neutral[:, 1:2], 0, None) ** 2
+    way = np.concatenate(
+        [0.3 * neutral[:, :1], np.full((len(neutral), 1), 0.2), np.full((len(neutral), 1), 0.1)], 1
+    )
+    return neutral + lower * way
+
+
+def turned(degrees: float) -> F64:
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+QUADS = grid()
+TRIANGLES = np.concatenate([QUADS[:, [0, 1, 2]], QUADS[:, [0, 2, 3]]])
+RINGS = Rings.of(SIDE * SIDE, (), QUADS)
+SOURCE, TARGET = sheet(), sheet(0.6, seed=1) * (1.1, 0.9, 1.0)
+
+
+def test_rings_of_a_quad_leave_out_its_diagonal() -> None:
+    rings = Rings.of(4, (), [[0, 1, 2, 3]])
+    assert set(zip(rings.start.tolist(), rings.end.tolist(), strict=True)) == {
+        (0, 1), (1, 0), (1, 2), (2, 1), (2, 3), (3, 2), (3, 0), (0, 3),
+    }  # fmt: skip
+    assert len(rings.triangles) == 2
+
+
+def test_a_tip_stands_on_its_face_and_grows_with_the_mesh() -> None:
+    flat = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
+    rings = Rings.of(4, (), [[0, 1, 2, 3]])
+    assert_allclose(tips(flat, rings), [[0, 0, 2]] * 4)
+    assert_allclose(tips(3 * flat, rings), 3 * tips(flat, rings))
+
+
+def test_the_transformation_of_a_turned_and_scaled_mesh_is_that_everywhere() -> None:
+    motion = 1.7 * turned(35)
+    found = Tents(SOURCE, RINGS).transformations(SOURCE @ motion.T + (4, 5, 6))
+    assert_allclose(found, np.broadcast_to(motion.T, found.shape), atol=1e-4)
+
+
+def test_an_expression_carried_to_its_own_mesh_is_itself() -> None:
+    expressive = smiling(SOURCE)
+    made = TentTransfer(SOURCE, SOURCE, RINGS)(expressive)
+    assert np.nanmax(vertex_error(SOURCE, expressive, made)) < 1e-3
+    assert_allclose(made, expressive, atol=1e-5)
+
+
+def test_no_expression_gives_the_neutral_target() -> None:
+    assert_allclose(TentTransfer(SOURCE, TARGET, RINGS)(SOURCE), TARGET, atol=1e-5)
+
+
+def test_what_is_made_is_the_expression_and_not_a_copy_of_the_source() -> None:
+    made = TentTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE))
+    wanted, without = smiling(TARGET), TARGET
+    assert np.abs(made - wanted).mean() < 0.25 * np.abs(without - wanted).mean()
+
+
+def test_a_larger_target_gets_a_larger_expression() -> None:
+    made = TentTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE))
+    larger = TentTransfer(SOURCE, 7 * TARGET, RINGS)(smiling(SOURCE))
+    assert_allclose(
+        (larger - 7 * TARGET) - (larger - 7 * TARGET).mean(0),
+        7 * (made - TARGET) - 7 * (made - TARGET).mean(0),
+        atol=1e-3,
+    )
+
+
+def test_turning_the_whole_source_turns_the_whole_result() -> None:
+    motion = turned(25)
+    made = TentTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE))
+    moved = TentTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE) @ motion.T)
+    centred = moved - moved.mean(0), made @ motion.T - (made @ motion.T).mean(0)
+    assert_allclose(*centred, atol=1e-3)
+
+
+def test_quads_and_their_triangulation_agree() -> None:
+    by_quads = TentTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE))
+    by_triangles = TentTransfer(SOURCE, TARGET, Rings.of(SIDE * SIDE, TRIANGLES))(smiling(SOURCE))
+    way = np.linalg.norm(smiling(SOURCE) - SOURCE, axis=1).max()
+    assert np.abs(by_quads - by_triangles).max() < 0.05 * way
+
+
+def test_a_face_without_area_gives_numbers() -> None:
+    broken = SOURCE.copy()
+    broken[20] = broken[21] = broken[22]
+    assert np.isfinite(TentTransfer(broken, TARGET, RINGS)(smiling(broken))).all()
+    assert np.isfinite(TentTransfer(SOURCE, broken, RINGS)(smiling(SOURCE))).all()
+
+
+def test_both_solvers_agree_and_refuse_what_is_singular() -> None:
+    rng = np.random.default_rng(3)
+    root = sp.random_array((60, 40), density=0.2, rng=rng) + sp.eye_array(60, 40)
+    matrix, right = sp.csc_matrix(root.T @ root), rng.normal(size=(40, 3))
+    for solve in (factorised(matrix), _by_superlu(matrix)):
+        assert_allclose(matrix @ solve(right), right, atol=1e-9)
+    for make in (factorised, _by_superlu):
+        with pytest.raises(SolverError, match="no unique solution"):
+            make(sp.csc_matrix((4, 4)))
