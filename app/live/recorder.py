@@ -5,28 +5,21 @@ Only the result is written, never the camera's own picture beside it.
 
 from __future__ import annotations
 
-import contextlib
-import math
 import shutil
-from collections.abc import Iterator
 from fractions import Fraction
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.live.capture import Say
 from app.live.letterbox import letterboxed
 from app.live.output import Output, Shown
 from app.media import EncodeOptions, Frame, MediaError, Source
+from app.media.beside import Beside
 from app.media.encoding import encoding_for
 from app.media.images import encode_image
-from app.media.reader import Problems, Reader
 from app.media.sink import VideoOutput, as_media_error
 from app.media.source import VideoSource
 from app.outputs import OutputError, require_free, synthetic_tags, write_whole
-
-if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
 
 TICK = Fraction(1, 90_000)  # seconds, unit of the times in a recording
 RESERVE = 64_000_000  # bytes that a live recording leaves free: completing a file takes some
@@ -212,7 +205,7 @@ class _File(VideoOutput):
         )
         self.size = source.width, source.height
         self.usual_duration = round(1 / (source.frame_rate * source.time_base))
-        self._beside = _Beside(source) if isinstance(source, VideoSource) else None
+        self._beside = Beside(source) if isinstance(source, VideoSource) else None
         self._last = 0
 
     def write(self, frame: Frame) -> None:
@@ -232,40 +225,6 @@ class _File(VideoOutput):
             self._copy(packet)
         self._mux(self._stream.encode(None))
         super()._finish()
-
-
-class _Beside:
-    """The packets of a file's other streams, in the file's order, as far as its pictures were written.
-
-    first : time of the first picture.  Times are in units of the source's time base.
-    """
-
-    def __init__(self, source: VideoSource) -> None:
-        with contextlib.closing(Reader(source.path, Problems())) as once:
-            self.first = next(iter(once)).pts or 0
-        reader = source.open_reader(Problems())
-        self._video, self._packets = reader.stream, reader.packets()
-        self._reached = -math.inf
-
-    def until(self, pts: int) -> Iterator[AnyPacket]:
-        """What lies before the picture of that time."""
-        while self._reached < pts and (packet := next(self._packets, None)) is not None:
-            if packet.stream is self._video:
-                self._reached = max(self._reached, -math.inf if packet.pts is None else packet.pts)
-            elif packet.size:
-                yield packet
-
-    def rest(self, pts: int, end: int) -> Iterator[AnyPacket]:
-        """What remains after the picture of that time: all, or up to its end when there are more pictures."""
-        others: list[AnyPacket] = []
-        for packet in self._packets:
-            if packet.stream is not self._video:
-                others += [packet] if packet.size else []
-            elif packet.pts is not None and packet.pts > pts:
-                limit = end * (self._video.time_base or 0)
-                others = [p for p in others if p.dts is not None and p.dts * p.time_base < limit]
-                break
-        yield from others
 
 
 def snapshot(frame: Frame, folder: Path) -> Path:
