@@ -23,7 +23,7 @@ import av
 import pytest
 from made_up import SAMPLES
 
-PATIENCE = 20_000  # milliseconds, until a browser's step has failed
+PATIENCE = 60_000  # milliseconds, until a browser's step has failed
 LIMIT = 50  # MB, of the servers in tests
 CAMERA = SAMPLES / "p01" / "talk.mp4"
 

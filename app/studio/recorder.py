@@ -60,7 +60,9 @@ class Recorder:
                 self._hint = ui.label().props("role=status").classes("text-h6")
             with ui.row():
                 self._finish = ui.button("Use it", icon="check", on_click=lambda: self._stop(wanted=True))
-                ui.button("Throw away", on_click=lambda: self._stop(wanted=False)).props("outline")
+                self._drop = ui.button("Throw away", on_click=lambda: self._stop(wanted=False)).props(
+                    "outline"
+                )
         self._timer = ui.timer(1.0, self._tick, active=False)
         self._show(recording=False)
 
@@ -75,6 +77,7 @@ class Recorder:
             ui.notify(MISTAKES.get(mistake, f"The camera cannot be used ({mistake})."), type="negative")
             return
         self._seconds, self._hint.text = 0, HINTS[0]
+        self._drop.enable()
         self._timer.activate()
 
     def _tick(self) -> None:
@@ -97,3 +100,4 @@ class Recorder:
         self._begin.set_enabled(not recording)
         self._ring.value = 0
         self._finish.disable()
+        self._drop.disable()

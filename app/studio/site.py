@@ -17,13 +17,14 @@ from starlette.requests import Request
 from app.deidentify.inputs import VIDEO_SUFFIXES
 from app.donors import gallery
 from app.failures import explain, user_mistakes
-from app.media import open_source
+from app.media import MediaError, open_source
 from app.studio.guard import too_large
 from app.studio.jobs import Jobs
 from app.studio.store import Clip, JobRow, Store, StudioError
 
 LINKS = {"Live": "/", "People": "/people", "Landmarks": "/landmarks", "De-identify": "/deidentify"}
 REFRESH = 0.3  # seconds between two looks at a job
+_ADVICE = "use an .mp4, .webm, .mov or .mkv."
 _COLOUR = "#0b7a70"  # readable under white and on both backgrounds
 _STYLE = """
 :focus-visible { outline: 3px solid #f59e0b !important; outline-offset: 2px; }
@@ -87,13 +88,13 @@ def page(studio: Studio, path: str, title: str, build: Build, *, patience: float
 async def read_upload(studio: Studio, event: events.UploadEventArguments) -> Clip:
     """The clip of an upload, which is on the disk by now.
 
-    Raises StudioError or MediaError when it is no video; nothing of it is kept then.
+    Raises StudioError when it is no video; nothing of it is kept then.
     """
     clip = studio.store.add_clip(Path(event.file.name).stem, Path(event.file.name).suffix)
     part = clip.path.with_suffix(clip.path.suffix + ".part")
     try:
         await event.file.save(part)
-        await run.io_bound(_require_video, part)
+        await run.io_bound(_require_video, part, clip.name)
         part.replace(clip.path)
     except BaseException:
         part.unlink(missing_ok=True)
@@ -112,11 +113,7 @@ def uploader(studio: Studio, label: str, done: Callable[[Clip], Awaitable[None] 
 
     def refuse(reason: str) -> None:
         large = reason == "max-file-size"
-        _tell(
-            StudioError(
-                too_large(studio.options.limit) if large else "This is no video: use an .mp4 or .webm."
-            )
-        )
+        _tell(StudioError(too_large(studio.options.limit) if large else f"This is no video: {_ADVICE}"))
 
     def ended(failed: bool) -> None:
         button.props(remove="loading")
@@ -167,9 +164,11 @@ def heading(text: str, level: int = 2) -> None:
     ui.label(text).props(f"role=heading aria-level={level}").classes(look)
 
 
-def _require_video(path: Path) -> None:
-    with open_source(path):
-        pass
+def _require_video(path: Path, name: str) -> None:
+    try:
+        open_source(path).close()
+    except MediaError as error:
+        raise StudioError(f"{name} is no video that can be read: {_ADVICE}") from error
 
 
 @contextmanager
@@ -178,8 +177,8 @@ def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
     ui.colors(primary=_COLOUR)
     ui.add_css(_STYLE)
     ui.button.default_props("no-caps")
-    ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
     with ui.header().classes("bg-white dark:bg-neutral-900 text-black dark:text-white bar"):
+        ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
         with ui.element("nav").props('aria-label="Pages"').classes("flex items-center grow gap-x-4 gap-y-1"):
             ui.label("Guise").classes("max-sm:hidden text-bold mr-4")
             for name, target in LINKS.items():

@@ -1,0 +1,204 @@
+"""The page People in a browser: record, upload, enrol, look, download, delete; and the layout of all pages."""
+# ruff: noqa: F811 (fixtures)
+
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from clips import cut
+from studio_browser import LIMIT, StudioServer, browser, page, studio, studio_server, visit  # noqa: F401
+
+from aam.model import Identity
+
+ENROL = 120_000  # milliseconds, on a busy machine
+TRICK = "../../../evil <b>x<.mp4"
+pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A second of a sample person: enough to learn from, in a few seconds."""
+    return cut("p01", tmp_path_factory.mktemp("clip") / "anna.mp4", 24)
+
+
+@pytest.fixture(autouse=True)
+def empty(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Each test leaves the module's studio as it was."""
+    yield
+    if "page" in request.fixturenames:
+        server: StudioServer = request.getfixturevalue("studio_server")
+        assert kept(server) == set()
+
+
+def kept(server: StudioServer) -> set[str]:
+    """Suffixes of the files that the studio keeps."""
+    folders = ("clips", "people", "jobs", "incoming")
+    return {path.suffix for name in folders for path in (server.folder / name).rglob("*") if path.is_file()}
+
+
+def upload(page: Any, file: Any) -> None:
+    page.locator("input[type=file]").set_input_files(file)
+
+
+def remove(page: Any, name: str) -> None:
+    page.get_by_role("button", name=name).click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    page.get_by_role("button", name=name).wait_for(state="detached")
+
+
+def test_a_person_is_uploaded_learned_downloaded_and_deleted(
+    page: Any, browser: Any, studio_server: StudioServer, clip: Path, tmp_path: Path
+) -> None:  # fmt: skip
+    """The tab is closed while the job runs, and another one sees the person and takes them away."""
+    page.get_by_label("Name").fill("Anna")
+    upload(page, clip)
+    page.get_by_role("progressbar", name="Progress").wait_for()
+    with visit(browser, studio_server) as other:
+        page.close()
+        other.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
+        montage = other.get_by_role("img", name="What the model of Anna has learned").locator("img")
+        picture = other.request.get(studio_server.url(montage.get_attribute("src"))).body()
+        assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[0] > 300
+        with other.expect_download() as download:
+            other.locator("a[download='Anna.guise']").click()
+        assert download.value.suggested_filename == "Anna.guise"
+        download.value.save_as(tmp_path / "Anna.guise")
+        assert Identity.load(tmp_path / "Anna.guise").name == "Anna"
+        remove(other, "Delete Anna")
+        remove(other, "Delete the clip anna")
+
+
+def test_a_clip_is_recorded_with_the_camera(page: Any, studio_server: StudioServer) -> None:
+    page.get_by_label("Name").fill("Camera")
+    page.get_by_role("button", name="Record with the camera").click()
+    use = page.get_by_role("button", name="Use it")
+    use.and_(page.locator(":enabled")).click()
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_text("Cancelled.").wait_for()
+    (file,) = (studio_server.folder / "clips").iterdir()
+    with av.open(str(file)) as video:
+        frames = [frame.to_ndarray(format="gray") for frame in video.decode(video=0)]
+    assert frames[0].shape == (480, 640)
+    assert len(frames) > 10
+    assert np.std(frames[-1]) > 20
+    page.get_by_role("button", name="Remove").click()
+    remove(page, "Delete the clip recording")
+
+
+def test_a_recording_that_is_thrown_away_is_nowhere(page: Any, studio_server: StudioServer) -> None:
+    page.get_by_role("button", name="Record with the camera").click()
+    page.get_by_role("button", name="Throw away").click()
+    page.get_by_label("Camera", exact=True).wait_for(state="hidden")
+    page.wait_for_function("document.querySelector('video').srcObject === null")
+    assert kept(studio_server) == set()
+
+
+def test_what_is_no_video_is_refused_with_a_sentence(page: Any, tmp_path: Path) -> None:
+    upload(page, {"name": "a.mp4", "mimeType": "video/mp4", "buffer": b"this is text" * 99})
+    page.get_by_text("a is no video that can be read").wait_for()
+    upload(page, {"name": "a.html", "mimeType": "text/html", "buffer": b"<script>"})
+    page.get_by_text("This is no video: use an .mp4").wait_for()
+    large = tmp_path / "large.mp4"
+    with large.open("wb") as file:
+        file.truncate((LIMIT + 1) * 10**6)
+    upload(page, large)
+    page.get_by_text(f"The file is larger than {LIMIT} MB").wait_for()
+
+
+def test_a_name_is_text_and_no_path(page: Any, studio_server: StudioServer, clip: Path) -> None:
+    upload(page, {"name": TRICK, "mimeType": "video/mp4", "buffer": clip.read_bytes()})
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_role("button", name="Remove").click()
+    (file,) = (studio_server.folder / "clips").iterdir()
+    assert file.stem.isalnum()
+    assert not list(studio_server.folder.parent.rglob("*evil*"))
+    remove(page, "Delete the clip evil <b>x<")
+
+
+def test_a_broken_upload_leaves_nothing(page: Any, studio_server: StudioServer, clip: Path) -> None:
+    page.route("**/upload/*", lambda route: route.abort())
+    upload(page, clip)
+    page.get_by_text("The upload was broken off: try again.").wait_for()
+    page.complaints.clear()
+    id = page.locator(".q-uploader").get_attribute("id").removeprefix("c")
+    path = f"/_nicegui/client/{page.evaluate('window.clientId')}/upload/{id}"
+    half_an_upload(studio_server, path, clip)
+    assert kept(studio_server) == set()
+
+
+def half_an_upload(server: StudioServer, path: str, clip: Path) -> None:
+    """Begin to send a file of 3 MB, which is written to the disk meanwhile, and hang up."""
+    lines = (
+        f"POST {path} HTTP/1.1", f"Host: 127.0.0.1:{server.port}", f"Origin: http://127.0.0.1:{server.port}",
+        f"Cookie: {server.cookie}", "Content-Type: multipart/form-data; boundary=x", "Content-Length: 6000000", "",
+        "--x", 'Content-Disposition: form-data; name="file"; filename="half.mp4"', "", "",
+    )  # fmt: skip
+    with socket.create_connection(("127.0.0.1", server.port)) as connection:
+        connection.sendall("\r\n".join(lines).encode() + clip.read_bytes()[:1000] + bytes(3 * 10**6))
+
+
+def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: StudioServer, clip: Path) -> None:
+    with visit(browser, studio_server) as other:
+        upload(page, clip)
+        other.get_by_role("button", name="Cancel").click()
+        page.get_by_text("Cancelled.").wait_for()
+        page.get_by_role("button", name="Remove").click()
+        other.get_by_text("Cancelled.").wait_for(state="detached")
+        remove(other, "Delete the clip anna")
+        page.get_by_text("Your clips").wait_for(state="detached")
+
+
+def test_ready_faces_are_shown(page: Any) -> None:
+    page.wait_for_function("[...document.images].filter((i) => i.naturalWidth > 100).length >= 7")
+
+
+def test_a_restart_keeps_what_was_begun(browser: Any, clip: Path, tmp_path: Path) -> None:
+    with studio(tmp_path) as server, visit(browser, server) as page:
+        page.get_by_label("Name").fill("Anna")
+        upload(page, clip)
+        page.get_by_role("progressbar", name="Progress").wait_for()
+        server.stop()
+        page.complaints.clear()
+    with studio(tmp_path) as server, visit(browser, server) as page:
+        page.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
+
+
+def test_dark_is_chosen_with_the_keyboard_and_remembered(
+    page: Any, browser: Any, studio_server: StudioServer
+) -> None:
+    assert page.locator("body.body--dark").count() == 0
+    page.get_by_role("button", name="Colours").press("Enter")
+    page.get_by_role("menuitem", name="Dark").press("Enter")
+    page.locator("body.body--dark").wait_for()
+    with visit(browser, studio_server) as other:
+        other.locator("body.body--dark").wait_for()
+        other.get_by_role("button", name="Colours").click()
+        other.get_by_role("menuitem", name="Light").click()
+        other.locator("body.body--light").wait_for()
+
+
+def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
+    seen = []
+    for _ in range(9):
+        page.keyboard.press("Tab")
+        focus = "[document.activeElement.textContent.trim(), getComputedStyle(document.activeElement).outlineStyle]"
+        seen.append(tuple(page.evaluate(focus)))
+    words = [word for word, _ in seen]
+    assert words[:5] == ["Skip to content", "Live", "People", "Landmarks", "De-identify"]
+    assert {"upload", "videocam"} <= {word.split("Upload")[0].split("Record")[0] for word in words}
+    assert {style for word, style in seen if word} == {"solid"}
+
+
+@pytest.mark.parametrize("path", ["/people", "/landmarks", "/deidentify"])
+def test_pages_fit_a_phone(browser: Any, studio_server: StudioServer, path: str) -> None:
+    phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
+    with visit(browser, studio_server, path, **phone) as page:
+        page.get_by_role("link", name="De-identify").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        box = page.get_by_role("button", name="Colours").bounding_box()
+        assert box["x"] + box["width"] <= 360
