@@ -31,7 +31,10 @@ FPS = 30
 def clip(person: str, count: int) -> list[Picture]:
     """The first pictures of a person's clip."""
     with open_source(SAMPLES / person / "talk.mp4") as source:
-        return [frame.rgb() for frame in source if frame.index < count]
+        pictures = [frame.rgb() for frame in source if frame.index < count]
+    for picture in pictures:
+        picture.setflags(write=False)
+    return pictures
 
 
 @pytest.fixture(scope="module")
@@ -186,6 +189,16 @@ def test_what_is_wrong_is_said_and_the_ring_waits(
     assert not wrong[-1].done
 
 
+def test_a_small_face_in_the_background_is_no_matter(enrolling: OnScreenEnrolment) -> None:
+    pictures = [picture.copy() for picture in clip("p01", 20)]
+    for picture in pictures:
+        picture[-120:, :160] = clip("p02", 1)[0][1::4, 1::4]
+    assert len(enrolling._company.detect(pictures[0])) == 2
+    steps = feed(enrolling, pictures)
+    assert {step.sentence for step in steps} == {PROMPTS[0][1]}
+    assert steps[-1].ring == pytest.approx(19 / FPS / 4)
+
+
 def test_a_quick_head_is_told_so(enrolling: OnScreenEnrolment) -> None:
     still = clip("p01", 1)[0]
     steps = feed(enrolling, [np.roll(still, 12 * at, axis=1) for at in range(12)])
@@ -215,6 +228,18 @@ def test_somebody_else_may_come_after_a_long_absence(enrolling: OnScreenEnrolmen
     assert feed(enrolling, empty * FPS, start=30 + 5 * FPS)[-1].ring == 0
     with pytest.raises(EnrolError):
         enrolling.train()
+
+
+def test_what_is_done_stays_done(landmarker: Landmarker) -> None:
+    enrolling = OnScreenEnrolment("Anna", 0.5, landmarker, SMALL)
+    assert feed(enrolling, clip("p01", 20))[-1].done
+    kept = enrolling._album.frames()
+    empty = [np.full_like(clip("p01", 1)[0], 90)] * int((AWAY + 1) * FPS)
+    steps = feed(enrolling, [*empty, *clip("p01", 3)], start=20)
+    assert all(step.done and step.sentence == DONE for step in steps)
+    assert [frame is before for frame, before in zip(enrolling._album.frames(), kept, strict=True)] == [
+        True
+    ] * len(kept)
 
 
 def test_too_few_frames(enrolling: OnScreenEnrolment) -> None:

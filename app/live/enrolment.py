@@ -120,7 +120,7 @@ class OnScreenEnrolment:
     def _absence(self, passed: float) -> str:
         self._alone += passed
         self._last = None
-        if self._alone > AWAY:
+        if self._alone > AWAY and self.ring < 1:
             self._begin()
         return "Come into the picture"
 
