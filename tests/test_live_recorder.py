@@ -147,6 +147,19 @@ def test_a_recording_that_ends_before_its_file_has_the_sound_of_its_pictures(tmp
     assert sounds(out)[0].seconds == pytest.approx(1.0, abs=0.25)  # packets lie in the file ahead of pictures
 
 
+@pytest.mark.parametrize("shown_of_it", [5, 8])
+def test_a_file_that_must_be_whole_is_kept_only_when_it_is(tmp_path: Path, shown_of_it: int) -> None:
+    with open_source(made(tmp_path / "in.mkv", [0, 40, 50, 130, 140, 240, 250, 300])) as source:
+        recorder = Recorder(tmp_path / "out.mkv", source=source, encode=FAST, whole=True)
+        recorder.open(64, 48, 25)
+        for frame in source:
+            if frame.index < shown_of_it:
+                recorder.show(Shown(frame, Look("swapped"), Stats(), 0.0))
+        recorder.close()
+    kept = {file.name for file in tmp_path.iterdir()} - {"in.mkv"}
+    assert kept == ({"out.mkv"} if shown_of_it == 8 else set())
+
+
 def test_a_file_that_was_read_before_is_recorded_with_its_sound(tmp_path: Path) -> None:
     at = [500, 540, 600, 640]
     capture = FileCapture(made(tmp_path / "in.mkv", at), paced=False)

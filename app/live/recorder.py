@@ -37,6 +37,7 @@ class Recorder(Output):
         picture is lost on the way.
         None for a camera, a stream or a loop: the times are those of arrival, and there is no sound.
     encode : how.   force : replace what is there.
+    whole : keep the file only if all of the source was shown.
     say : called with a sentence when the recording must end before the show; without it, that is raised.
 
     Raises
@@ -47,13 +48,14 @@ class Recorder(Output):
 
     def __init__(
         self, path: Path, *, source: Source | None = None, encode: EncodeOptions = _DEFAULTS,
-        force: bool = False, say: Say | None = None,
+        force: bool = False, whole: bool = False, say: Say | None = None,
     ) -> None:  # fmt: skip
         if source is not None and path.exists() and path.samefile(source.path):
             raise OutputError(f"{path} is the input itself: choose another name for the output")
         require_free(path, force=force)
         self.path, self.lossless = path, source is not None
-        self._source, self._encode, self._force, self._say = source, encode, force, say
+        self._source, self._encode, self._force = source, encode, force
+        self._whole, self._say = whole, say
         self._file: _File | None = None
         self._begun = self._checked = 0.0
         self._last = -1
@@ -84,13 +86,14 @@ class Recorder(Output):
         file, self._file = self._file, None
         if file is None:
             return
-        if not file.frames:
-            file.abort()
-            return
         try:
+            if (file.is_cut() and self._whole) or not file.frames:
+                file.abort()
+                return
             with file:
                 pass
         except MediaError as error:
+            file.abort()
             self._tell(str(error))
 
     def abort(self) -> None:
@@ -203,7 +206,7 @@ class _File(VideoOutput):
         super().__init__(
             path, source, encoding, force=force, tags=synthetic_tags(), private=False, audio="keep"
         )
-        self.size = source.width, source.height
+        self._source, self.size = source, (source.width, source.height)
         self.usual_duration = round(1 / (source.frame_rate * source.time_base))
         self._beside = Beside(source) if isinstance(source, VideoSource) else None
         self._last = 0
@@ -219,10 +222,15 @@ class _File(VideoOutput):
             self._mux(self._stream.encode(picture))
         self.frames += 1
 
-    def _finish(self) -> None:
-        end = self._last + self.usual_duration
-        for packet in self._beside.rest(self._last, end) if self._beside else ():
+    def is_cut(self) -> bool:
+        """Copy what is left beside the pictures; whether there are more pictures in the source."""
+        if self._beside is None:
+            return self.frames < (self._source.frame_count or 0)
+        for packet in self._beside.rest(self._last, self._last + self.usual_duration):
             self._copy(packet)
+        return self._beside.cut
+
+    def _finish(self) -> None:
         self._mux(self._stream.encode(None))
         super()._finish()
 

@@ -36,10 +36,11 @@ class Beside:
     """The packets of a file's other streams, in the file's order, as far as its pictures are used.
 
     first : time of the first picture.  Times are in units of the source's time base.
+    cut : pictures were left when `rest` was read.
     """
 
     def __init__(self, source: VideoSource) -> None:
-        self.first = first_pts(source)
+        self.first, self.cut = first_pts(source), False
         reader = source.open_reader(Problems())
         self._video, self._packets = reader.stream, reader.packets()
         self._reached = -math.inf
@@ -61,6 +62,7 @@ class Beside:
             elif packet.pts is not None and packet.pts > pts:
                 limit = end * (self._video.time_base or 0)
                 others = [p for p in others if p.dts is not None and p.dts * p.time_base < limit]
+                self.cut = True
                 break
         yield from others
 
