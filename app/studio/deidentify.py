@@ -14,7 +14,7 @@ from nicegui import ui
 from app.deidentify.page import COUNTS, HEADLINES
 from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, agreed
 from app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
-from app.studio.site import Studio, page, show_job, uploader
+from app.studio.site import Studio, heading, page, show_job, uploader
 from app.studio.store import Clip, JobRow, StudioError
 
 PATH = "/deidentify"
@@ -52,8 +52,8 @@ def _list(studio: Studio) -> None:
             start.bind_enabled_from(chosen, "value", bool)
     reviews = [job for job in studio.store.jobs() if job.kind == REVIEW]
     if reviews:
-        ui.label("Earlier").classes("text-h6 mt-4")
-        with ui.list().props("bordered separator").classes("w-full"):
+        heading("Earlier")
+        with ui.list().props("bordered separator role=group").classes("w-full"):
             for job in reviews:
                 _entry(studio, job)
 
@@ -64,7 +64,7 @@ def _begin(studio: Studio, clip: Clip) -> None:
 
 
 def _entry(studio: Studio, job: JobRow) -> None:
-    with ui.item().props(f'clickable href="{PATH}/{job.id}"'):
+    with ui.item().props(f'clickable href="{PATH}/{job.id}" role=link'):
         with ui.item_section():
             ui.item_label(job.about["name"]).classes("break-words")
             ui.item_label(f"{_when(job)} · {_state(studio, job)}").props("caption")
@@ -108,7 +108,8 @@ class _Case:
         """All of it."""
         with ui.row().classes("w-full items-center"):
             ui.link("All videos", PATH)
-            ui.label(self._job.about["name"]).classes("text-h6 grow break-all")
+            with ui.column().classes("grow break-all"):
+                heading(self._job.about["name"])
             ui.button("Delete", icon="delete", on_click=self._delete).props("flat")
         self._content()
 
@@ -162,7 +163,7 @@ class _Case:
 
 def _banner(tone: str, title: str, words: str) -> None:
     with ui.column().classes("w-full gap-1 p-3 border-l-8").props('role="status"') as banner:
-        ui.label(title).classes("text-h6")
+        heading(title)
         ui.label(words).classes("break-words")
     banner.style(f"border-color: var(--q-{TONES[tone]})")
 

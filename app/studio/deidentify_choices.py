@@ -20,7 +20,7 @@ from app.media.images import encode_image
 from app.montage import draw
 from app.outputs import write_whole
 from app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
-from app.studio.site import Studio
+from app.studio.site import Studio, heading
 from app.studio.store import JobRow
 
 CHOICES = "choices.json"
@@ -88,7 +88,8 @@ class Editor:
         for person, tracks in people.items():
             with ui.card().classes("w-full"):
                 with ui.row().classes("w-full items-center"):
-                    ui.label(f"Person {person}").classes("text-h6 grow")
+                    with ui.column().classes("grow"):
+                        heading(f"Person {person}")
                     if any(track["can_swap"] for track in tracks):
                         _Donor(self._faces, self._choices.donors[str(person)], self._with(str(person)))
                 for track in tracks:
@@ -108,7 +109,7 @@ class Editor:
         ui.separator()
         with ui.row().classes("w-full items-center"):
             with ui.column().classes("gap-0 grow basis-60"):
-                ui.label(f"Track {number}").classes("text-bold")
+                heading(f"Track {number}", 3)
                 ui.label(_about(track)).classes("opacity-70")
                 if track["reason"]:
                     ui.label(f"Guise would cover it: {track['reason']}.")
@@ -239,7 +240,7 @@ class _Donor:
 
     async def _choose(self) -> None:
         with ui.dialog() as dialog, ui.card().classes("w-full"):
-            ui.label("Whose face is shown").classes("text-h6")
+            heading("Whose face is shown")
             with ui.row().classes("w-full justify-center"):
                 for spec, name in self._faces.items():
                     await _offer(spec, name, dialog)

@@ -1,0 +1,270 @@
+"""The page De-identify in a browser: a video goes up, its faces are chosen, and it comes back with its report."""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import av
+import numpy as np
+import pytest
+from clips import cut, empty_scene, pictures
+from studio_browser import (  # noqa: F401
+    StudioServer,
+    browser,
+    page,
+    studio,
+    studio_server,
+    visit,
+)
+
+from aam.landmarks.detector import FaceDetector
+from app.deidentify.options import DeidentifyError
+from app.run import silent
+from app.studio.deidentify_choices import timeline
+from app.studio.deidentify_jobs import render, review
+
+FRAMES = 30
+LONG = 120_000  # milliseconds, for a review or a rendering
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return cut("p01", tmp_path_factory.mktemp("clip") / "party.mp4", FRAMES, clip="talk.mp4")
+
+
+@pytest.fixture(scope="session")
+def reviewed(studio_server: StudioServer, browser: Any, clip: Path) -> str:  # noqa: F811
+    """Where the reviewed clip is in the studio."""
+    with visit(browser, studio_server, "/deidentify") as visitor:
+        return upload(visitor, clip)
+
+
+@pytest.fixture
+def case(page: Any, studio_server: StudioServer, reviewed: str) -> Any:  # noqa: F811
+    """A visitor before the reviewed clip."""
+    page.goto(studio_server.url(reviewed))
+    show_faces(page)
+    return page
+
+
+def upload(visitor: Any, path: Path) -> str:
+    """Upload a video, wait until its faces are found, and return where it is."""
+    visitor.locator("input[type=file]").set_input_files(str(path))
+    visitor.wait_for_url("**/deidentify/*")
+    visitor.get_by_role("button", name="Render").wait_for(timeout=LONG)
+    return urlsplit(visitor.url).path
+
+
+def show_faces(visitor: Any) -> None:
+    """Unfold the faces, which are folded when something was made of them."""
+    button = visitor.locator('[role="button"][aria-label*="Faces"]')
+    button.wait_for()
+    if button.get_attribute("aria-expanded") == "false":
+        button.click()
+    visitor.get_by_role("button", name="Render").wait_for()
+
+
+def choose(visitor: Any, action: str) -> None:
+    visitor.get_by_role("button", name=action, exact=True).click()
+
+
+def pressed(visitor: Any, name: str) -> bool:
+    button = visitor.get_by_role("button", name=name, exact=True)
+    button.wait_for()
+    return bool(button.get_attribute("aria-pressed") == "true")
+
+
+def downloaded(visitor: Any, words: str, folder: Path) -> Path:
+    with visitor.expect_download() as waiting:
+        visitor.get_by_role("link", name=words).click()
+    path = folder / waiting.value.suggested_filename
+    waiting.value.save_as(path)
+    return path
+
+
+def wait_until(visitor: Any, true: Callable[[], bool]) -> None:
+    for _ in range(200):
+        if true():
+            return
+        visitor.wait_for_timeout(100)
+    pytest.fail("it has not come true")
+
+
+def make(visitor: Any, sentence: str) -> None:
+    """Have it rendered, and wait for what is said of it."""
+    visitor.get_by_role("button", name="Render").click()
+    visitor.get_by_text(sentence).first.wait_for(timeout=LONG)
+
+
+def test_a_face_is_covered_and_the_report_comes_with_the_video(case: Any, tmp_path: Path) -> None:
+    choose(case, "Cover")
+    make(case, f"a covered one is in {FRAMES} frames")
+    cells = case.locator("tr", has_text="a face covered").first.locator("td")
+    assert cells.all_inner_texts() == ["a face covered", str(FRAMES)]
+    video, told, shown = (
+        downloaded(case, f"Download {words}", tmp_path)
+        for words in ("video", "report (JSON)", "report (HTML)")
+    )
+    assert [p.name for p in (video, told, shown)] == [
+        f"party_deidentified{suffix}" for suffix in (".mp4", ".report.json", ".report.html")
+    ]
+    report = json.loads(told.read_text())
+    assert report["counts"] == {"without face": 0, "swapped": 0, "covered": FRAMES, "left": 0}
+    assert report["sha256"] == hashlib.sha256(video.read_bytes()).hexdigest()
+    assert (report["input"], report["output"]) == ("party.mp4", "party_deidentified.mp4")
+    assert "party_deidentified.mp4" in shown.read_text()
+    detector = FaceDetector(min_score=0.5)
+    grey = [np.repeat(picture[..., None], 3, axis=2) for picture in pictures(video)[::10]]
+    assert [len(detector.detect(picture)) for picture in grey] == [0] * len(grey)
+    _the_report_stands_alone(case)
+
+
+def _the_report_stands_alone(visitor: Any) -> None:
+    """It opens beside the studio, of which it can ask nothing."""
+    with visitor.context.expect_page() as waiting:
+        visitor.get_by_role("link", name="Open the report").click()
+    opened = waiting.value
+    opened.get_by_role("heading", name="De-identification report").wait_for()
+    ask = "fetch('/people').then(() => 'let in', () => 'refused')"
+    assert visitor.evaluate(ask) == "let in"
+    assert opened.evaluate(ask) == "refused"
+    opened.close()
+
+
+def test_leaving_a_face_is_asked_for_in_words(case: Any) -> None:
+    choose(case, "Cover")
+    choose(case, "Leave")
+    question = case.get_by_role("alertdialog")
+    assert f"will be shown as it is in {FRAMES} frames, for all to recognise" in question.inner_text()
+    question.get_by_role("button", name="Keep it hidden").click()
+    question.wait_for(state="detached")
+    assert pressed(case, "Cover")
+    choose(case, "Leave")
+    question.get_by_role("button", name="Show this face").click()
+    case.get_by_text("1 track will show the real face, for all to recognise.").wait_for()
+    assert pressed(case, "Leave")
+    choose(case, "Swap")
+    case.get_by_text("1 track will show").wait_for(state="detached")
+
+
+def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str) -> None:  # noqa: F811
+    choose(case, "Mosaic")
+    choose(case, "Drop")
+    case.get_by_role("button", name="Donor").click()
+    case.get_by_role("button", name="p04 (fictional)").click()
+    case.get_by_role("button", name="Donor: p04 (fictional)").wait_for()
+    case.locator("[role=slider] [tabindex]").press("ArrowLeft")
+    kept = studio_server.folder / "jobs" / reviewed.split("/")[-1] / "choices.json"
+    wait_until(case, lambda: json.loads(kept.read_text())["alpha"] == 0.9)
+    case.reload()
+    show_faces(case)
+    assert pressed(case, "Mosaic")
+    assert pressed(case, "Drop")
+    case.get_by_role("button", name="Donor: p04 (fictional)").wait_for()
+    assert case.get_by_role("slider").get_attribute("aria-valuenow") == "0.9"
+
+
+def test_a_video_without_faces_is_told_as_such(
+    page: Any,  # noqa: F811
+    studio_server: StudioServer,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    page.goto(studio_server.url("/deidentify"))
+    upload(page, empty_scene(tmp_path / "room.mp4"))
+    page.get_by_text("No face could be followed.").wait_for()
+    make(page, "No face was found in 8 frames.")
+    page.get_by_role("button", name="Delete").click()
+    page.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
+    page.get_by_text("A video to de-identify").wait_for()
+
+
+def test_what_is_no_reviewed_video_is_said(page: Any, studio_server: StudioServer) -> None:  # noqa: F811
+    page.goto(studio_server.url("/deidentify/nothing"))
+    page.get_by_text("is no longer there").wait_for()
+
+
+def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
+    browser: Any,  # noqa: F811
+    studio_server: StudioServer,  # noqa: F811
+    reviewed: str,
+    tmp_path: Path,
+) -> None:
+    """A copy of the studio's folder is opened by another studio, on a phone."""
+    with visit(browser, studio_server, reviewed) as visitor:
+        show_faces(visitor)
+        choose(visitor, "Cover")
+        make(visitor, "Every face is swapped or covered")
+    folder = tmp_path / "studio"
+    shutil.copytree(studio_server.folder, folder)
+    phone = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
+    with studio(folder) as server, visit(browser, server, "/deidentify", **phone) as visitor:
+        visitor.get_by_role("link", name="party").first.click()
+        visitor.get_by_text("Every face is swapped or covered").first.wait_for()
+        show_faces(visitor)
+        wide = visitor.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
+        assert wide[0] <= wide[1], "nothing is to be moved aside on a phone"
+        assert downloaded(visitor, "Download video", tmp_path).stat().st_size > 10_000
+        visitor.get_by_role("button", name="Delete").click()
+        visitor.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
+        visitor.wait_for_url("**/deidentify")
+        assert list((folder / "jobs" / reviewed.split("/")[-1]).glob("*")) == []
+        assert len(list((folder / "clips").iterdir())) > 0
+
+
+# -- the work -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def work(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a rendering of the reviewed clip is told."""
+    folder = tmp_path_factory.mktemp("review")
+    found = review({"source": str(clip), "name": "Party: Ann's"}, folder, silent)
+    assert found["pictures"] == {"1": len(list(folder.glob("1.*.jpg")))}
+    assert found["seconds"] == pytest.approx((FRAMES - 1) / 30)
+    return {
+        "source": str(clip), "name": "Party: Ann's", "review": str(folder), "output": found["output"],
+        "choices": {"actions": {"1": "swap"}, "donors": {"1": ""}},
+    }  # fmt: skip
+
+
+def test_a_video_is_rendered_again_with_other_choices(work: dict[str, Any], tmp_path: Path) -> None:
+    told = []
+    for donor, audio in (("p02", "keep"), ("p05", "drop")):
+        folder = tmp_path / donor
+        folder.mkdir()
+        choices = work["choices"] | {"donors": {"1": donor}, "audio": audio}
+        made = render(work | {"choices": choices}, folder, silent)
+        assert made["outcome"] == 0
+        assert made["counts"]["swapped"] == FRAMES
+        report = json.loads((folder / "out.report.json").read_text())
+        with av.open(str(folder / "out.mp4")) as video:
+            told.append((report["tracks"][0]["donor"], report["settings"]["audio"], len(video.streams.audio)))
+        assert not (folder / "out.mp4.work").exists()
+    assert told == [("p02", "keep", 1), ("p05", "drop", 0)]
+
+
+def test_a_deleted_review_is_said(work: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(DeidentifyError, match="the review of Party: Ann's was deleted"):
+        render(work | {"review": str(tmp_path / "gone")}, tmp_path, silent)
+
+
+def test_mistakes_are_told_with_the_name_of_the_clip(tmp_path: Path) -> None:
+    source = tmp_path / "0123abcd.mp4"
+    source.write_bytes(b"no video")
+    with pytest.raises(DeidentifyError) as error:
+        review({"source": str(source), "name": "Party"}, tmp_path, silent)
+    assert str(error.value).startswith("Party is not a video that can be read")
+    assert "0123abcd" not in str(error.value)
+
+
+def test_the_timeline_says_when_a_track_is_seen() -> None:
+    track = {
+        "track": 3, "frames": [50, 99], "seconds": [2.0, 4.0], "seen": 50, "width": 80.0, "confidence": [0.0, 1.0]
+    }  # fmt: skip
+    line = timeline(track, 100, "cover")
+    assert "Track 3: 0:02.0 to 0:04.0, seen in 50 frames, 80 pixels wide; mean confidence 0.50" in line
+    assert 'd="M500.0 38V38.0h250.00V4.0h250.00V38Z"' in line
