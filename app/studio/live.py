@@ -20,6 +20,7 @@ from app.live.capture import CameraCapture
 from app.live.controls import Controls, Settings
 from app.live.pipeline import Stats
 from app.live.session import Plan
+from app.media import MediaError
 from app.montage import montage
 from app.pictures import save_picture
 from app.studio.rtc import Peer, PeerOutput
@@ -42,6 +43,7 @@ MISTAKES = {
     "NotReadableError": "Another program uses the camera: close it, then start again.",
 }
 NOBODY = ""  # instead of a person's id: enrol
+SIZE = (640, 480)  # pixels, of the computer's camera
 LOOK = 0.25  # seconds between two looks at what goes on
 PAST = 120  # looks that the graph shows
 PATIENCE = 120.0  # seconds in which the user may allow the camera
@@ -70,7 +72,7 @@ class _Page:
     def __init__(self, studio: Studio, shows: set[Show]) -> None:
         self.studio, self._shows = studio, shows
         self._faces = studio.faces()
-        self._controls = Controls(len(self._faces), Settings(mirror=True))
+        self._controls = Controls(len(self._faces), Settings(identity=self._fictional(), mirror=True))
         self._folder = Path(tempfile.mkdtemp(prefix="guise-live-"))
         self._peer: Peer | None = None
         self._show: Show | None = None
@@ -83,9 +85,10 @@ class _Page:
         self._client.on_delete(self._leave)
         ui.add_head_html('<script src="/static/live.js"></script>')
         ui.on("live-camera-ended", self._camera_ended)
-        self._stage()
-        self._choices()
-        self._readout()
+        with ui.column().classes("w-full gap-4"):
+            self._stage()
+            self._choices()
+            self._readout()
         self._show_state()
         self._timer = ui.timer(LOOK, self._look, active=False)
 
@@ -114,7 +117,12 @@ class _Page:
             self._camera = _select("Camera", CAMERAS, OWN, lambda _: self._show_state())
             person = remembered if remembered in people else next(iter(people))
             self._person = _select("Who is at the camera", people, person, self._choose_person)
-            _select("Face to show", dict(enumerate(self._faces.values())), 0, self._changer("identity"))
+            _select(
+                "Face to show",
+                dict(enumerate(self._faces.values())),
+                settings.identity,
+                self._changer("identity"),
+            )
             _select("What is covered", STYLES, settings.style, self._changer("style"))
             with ui.column().classes("gap-0"):
                 ui.label("Mode").props("id=live-mode")
@@ -182,8 +190,9 @@ class _Page:
         """Run with the person that is chosen."""
         assert self._peer is not None
         plan = await asyncio.to_thread(self._plan, self._person.value)
-        camera = self._peer.camera if self._camera.value == OWN else CameraCapture
-        self._show = Show(camera, plan, self._controls, PeerOutput(self._peer, self._controls), self._folder)
+        camera = self._peer.camera if self._camera.value == OWN else _computers_camera
+        output, alive = PeerOutput(self._peer, self._controls), self._peer.alive
+        self._show = Show(camera, plan, self._controls, output, self._folder, alive)
         self._shows.add(self._show)
         self._timer.activate()
 
@@ -260,7 +269,7 @@ class _Page:
         show, peer = self._show, self._peer
         if show is None or peer is None:
             return
-        if peer.closed or not show.running:
+        if not peer.alive() or not show.running:
             await self._stop()
             return
         self._tell(show)
@@ -290,9 +299,22 @@ class _Page:
                 self._offered.add(path)
                 ui.download.file(path)
 
+    def _fictional(self) -> int:
+        """Which of the faces is the first of the gallery's."""
+        return next(i for i, face in enumerate(self._faces) if not face.endswith(SUFFIX))
+
     def _people(self) -> dict[str, str]:
         """Ids and names of those who can be at the camera."""
         return {person.id: person.name for person in self.studio.store.people()} | {NOBODY: "Enrol me (20 s)"}
+
+
+def _computers_camera() -> CameraCapture:
+    try:
+        return CameraCapture(size=SIZE)
+    except MediaError as error:
+        raise MediaError(
+            "the computer's camera cannot be opened: connect one, or use this browser's"
+        ) from error
 
 
 def figures(stats: Stats) -> str:
@@ -322,7 +344,7 @@ def _graph(past: list[float]) -> dict[str, Any]:
     """Options of a line through latencies, milliseconds."""
     return {
         "animation": False,
-        "grid": {"left": 45, "right": 10, "top": 15, "bottom": 10},
+        "grid": {"left": 45, "right": 10, "top": 30, "bottom": 10},
         "xAxis": {"type": "category", "show": False},
         "yAxis": {"type": "value", "name": "ms", "min": 0, "splitNumber": 3},
         "textStyle": {"color": "#888"},

@@ -22,6 +22,9 @@ from app.studio.site import Studio, StudioOptions, serve_files
 from app.studio.store import Store, StudioError
 
 HOST = "127.0.0.1"
+PATIENCE = (
+    15.0  # seconds for which a page that does not answer is kept; the processor may be busy with other work
+)
 PAGES = (live, people, landmarks, deidentify)
 
 
@@ -63,7 +66,7 @@ def _site(studio: Studio) -> FastAPI:
     serve_files(studio)
     for module in PAGES:
         module.register(studio)
-    ui.run_with(site, title="Guise", show_welcome_message=False, language="en-US")
+    ui.run_with(site, title="Guise", show_welcome_message=False, language="en-US", reconnect_timeout=PATIENCE)
     return site
 
 

@@ -28,6 +28,7 @@ class Show:
     plan, controls : see `app.live.session`.
     output : where the pictures go.
     folder : for recordings and snapshots.
+    wanted : asked all the time; False ends it.
 
     Attributes
     ----------
@@ -36,10 +37,11 @@ class Show:
     """
 
     def __init__(
-        self, open_capture: Callable[[], Capture], plan: Plan, controls: Controls, output: Output, folder: Path
+        self, open_capture: Callable[[], Capture], plan: Plan, controls: Controls, output: Output, folder: Path,
+        wanted: Callable[[], bool] = lambda: True,
     ) -> None:  # fmt: skip
         self.notes: SimpleQueue[str] = SimpleQueue()
-        self._open, self._folder = open_capture, folder
+        self._open, self._folder, self._wanted = open_capture, folder, wanted
         self._recordings, self._last = Recordings(folder, say=self._say), _Last()
         self._plan = replace(plan, recording=lambda: self._recordings.recording)
         self._controls, self._outputs = controls, [output, self._recordings, self._last]
@@ -95,7 +97,7 @@ class Show:
                 with self._lock:
                     if self._stopped:
                         return
-                    self._pipeline = Pipeline(capture, self._work, self._outputs)
+                    self._pipeline = Pipeline(capture, self._work, self._outputs, self._wanted)
                 self._pipeline.run()
         except Exception as error:
             trace(error)
