@@ -122,7 +122,7 @@ def figures(stats: Stats) -> tuple[Row, ...]:
         (f"{stats.fps:.0f}", "frames a second"),
         (f"{stats.latency:.0f} ms", "latency, median"),
         (f"{stats.latency_95:.0f} ms", "latency, 95 %"),
-        (f"{stats.dropped} + {stats.skipped}", "dropped before and after work"),
+        (f"{stats.dropped} + {stats.skipped}", "dropped, in + out"),
     ]
     return tuple(((value, WHITE), (name, GREY)) for value, name in cells)
 
