@@ -44,7 +44,7 @@ MISTAKES = {
 }
 NOBODY = ""  # instead of a person's id: enrol
 SIZE = (640, 480)  # pixels, of the computer's camera
-LOOK = 0.25  # seconds between two looks at what goes on
+LOOK = 0.5  # seconds between two looks at what goes on
 PAST = 120  # looks that the graph shows
 PATIENCE = 120.0  # seconds in which the user may allow the camera
 _PERSON = "live_person"  # the setting
