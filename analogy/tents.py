@@ -143,16 +143,14 @@ class TentTransfer:
         wanted = self._tents.transformations(expressive)
         across = np.einsum("nij,nik->njk", self._basis, wanted).reshape(-1, 3)
         made = self._solve(self._right @ across + self._hold * self.target)
-        return self._settled(made, expressive)
+        return self.target + settled(made - self.target, expressive - self.source)
 
-    def _settled(self, made: F64, expressive: F64) -> F64:
-        """Moved so that what hardly moves in the source moves in the mean as it does there."""
-        way = np.linalg.norm(expressive - self.source, axis=1)
-        still = way <= STILL * max(float(way.max()), 1e-300)
-        if not still.any():
-            return made
-        drift = (made - self.target)[still] - (expressive - self.source)[still]
-        return np.asarray(made - drift.mean(0))
+
+def settled(made: F64, wanted: F64) -> F64:
+    """Displacements (N, 3), shifted so that what hardly moves in those of the source moves in the mean as it does there."""
+    way = np.linalg.norm(wanted, axis=1)
+    still = way <= STILL * max(float(way.max()), 1e-300)
+    return np.asarray(made - (made - wanted)[still].mean(0)) if still.any() else made
 
 
 def _across(directions: F64) -> F64:

@@ -6,6 +6,7 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from analogy.baselines import Cloning, GradientTransfer
 from analogy.solver import SolverError, _by_superlu, factorised
 from analogy.tents import Rings, Tents, TentTransfer, tips, vertex_error
 
@@ -125,3 +126,34 @@ def test_both_solvers_agree_and_refuse_what_is_singular() -> None:
     for make in (factorised, _by_superlu):
         with pytest.raises(SolverError, match="no unique solution"):
             make(sp.csc_matrix((4, 4)))
+
+
+@pytest.mark.parametrize("method", [GradientTransfer, Cloning])
+def test_the_other_methods_know_themselves_and_the_neutral(
+    method: type[GradientTransfer] | type[Cloning],
+) -> None:
+    expressive = smiling(SOURCE)
+    assert_allclose(method(SOURCE, SOURCE, RINGS)(expressive), expressive, atol=1e-5)
+    assert_allclose(method(SOURCE, TARGET, RINGS)(SOURCE), TARGET, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", [TentTransfer, GradientTransfer, Cloning])
+def test_every_method_turns_an_expression_with_the_head(
+    method: type[TentTransfer] | type[GradientTransfer] | type[Cloning],
+) -> None:
+    motion = 1.3 * turned(20)
+    made = method(SOURCE, TARGET, RINGS)(smiling(SOURCE))
+    moved = method(SOURCE @ motion.T, TARGET @ motion.T, RINGS)(smiling(SOURCE) @ motion.T)
+    assert_allclose(moved, made @ motion.T, atol=1e-4)
+
+
+def test_deformation_transfer_turns_with_the_source_alone() -> None:
+    motion = turned(25)
+    made = GradientTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE))
+    moved = GradientTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE) @ motion.T)
+    assert_allclose(moved - moved.mean(0), (made - made.mean(0)) @ motion.T, atol=1e-3)
+
+
+def test_cloning_scales_with_the_target() -> None:
+    made = Cloning(SOURCE, 2 * SOURCE, RINGS)(smiling(SOURCE))
+    assert_allclose(made, 2 * smiling(SOURCE), atol=1e-9)

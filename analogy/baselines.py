@@ -1,0 +1,125 @@
+"""The methods that vertex tents are compared with, on meshes of one topology.
+
+Deformation transfer (Sumner and Popovic 2004) asks the transformations of the source's triangles of the target's;
+expression cloning (Noh and Neumann 2001) turns and scales displacements, vertex by vertex.  Any units.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from analogy.solver import factorised
+from analogy.tents import HELD, Rings, settled, tips
+
+F64 = NDArray[np.float64]
+
+
+class GradientTransfer:
+    """Deformation transfer; factorised once.
+
+    Each triangle's transformation is told by its plane (eqs. 3 to 5: the fourth vertex stands for the normal and, as it
+    belongs to one triangle alone, is eliminated).
+
+    Parameters
+    ----------
+    source, target : (N, 3) neutral meshes, vertex to vertex, the source aligned with the target.
+    rings : of both.
+
+    Raises
+    ------
+    SolverError
+        When the target cannot be solved for.
+    """
+
+    def __init__(self, source: F64, target: F64, rings: Rings) -> None:
+        self.source, self.target, self.rings = source, target, rings
+        self._before = np.linalg.pinv(_with_normal(source, rings))
+        planes, flat = _planes(target, rings)
+        self._planes = planes
+        self._system = _operator(np.asarray(np.linalg.pinv(flat), np.float64), rings)
+        normal = sp.csc_array(self._system.T @ self._system)
+        self._hold = HELD * normal.diagonal().mean()
+        self._solve = factorised(normal + self._hold * sp.eye_array(rings.count, format="csc"))
+        self._right = sp.csr_array(self._system.T)
+
+    def __call__(self, expressive: F64) -> F64:
+        """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
+        wanted = self._transformations(expressive)
+        across = np.einsum("tij,tjk->tik", wanted, self._planes)  # (t, 3, 2)
+        right = self._right @ across.transpose(0, 2, 1).reshape(-1, 3)
+        made = self._solve(right + self._hold * self.target)
+        return settled(made - self.target, expressive - self.source) + self.target
+
+    def _transformations(self, expressive: F64) -> F64:
+        """S (t, 3, 3) of each triangle; its normal keeps its length in proportion."""
+        return np.asarray(_with_normal(expressive, self.rings) @ self._before)
+
+
+class Cloning:
+    """Expression cloning: displacements turned from the source's local frames to the target's, and scaled.
+
+    Parameters
+    ----------
+    source, target : (N, 3) neutral meshes, vertex to vertex, the source aligned with the target.
+    rings : of both.
+    """
+
+    def __init__(self, source: F64, target: F64, rings: Rings) -> None:
+        self.source, self.target = source, target
+        turns = np.einsum("nij,nkj->nik", _frames(target, rings), _frames(source, rings))
+        scale = _extent(target, rings) / np.maximum(_extent(source, rings), 1e-300)
+        self._linear = turns * scale[:, None, None]
+
+    def __call__(self, expressive: F64) -> F64:
+        """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
+        return np.asarray(self.target + np.einsum("nij,nj->ni", self._linear, expressive - self.source))
+
+
+def _sides(vertices: F64, rings: Rings) -> F64:
+    """(t, 3, 2) two sides of each triangle, as columns."""
+    a, b, c = (vertices[rings.triangles[:, k]] for k in range(3))
+    return np.stack([b - a, c - a], axis=2)
+
+
+def _with_normal(vertices: F64, rings: Rings) -> F64:
+    """(t, 3, 3) two sides of each triangle, and its normal by the square root of its length (eq. 3)."""
+    sides = _sides(vertices, rings)
+    normal = np.cross(sides[:, :, 0], sides[:, :, 1])
+    size = np.sqrt(np.linalg.norm(normal, axis=1))
+    return np.concatenate([sides, (normal / np.where(size > 0, size, 1)[:, None])[:, :, None]], axis=2)
+
+
+def _planes(vertices: F64, rings: Rings) -> tuple[F64, F64]:
+    """(t, 3, 2) orthonormal bases of the triangles' planes, and the sides (t, 2, 2) in them."""
+    sides = _sides(vertices, rings)
+    planes, _ = np.linalg.qr(sides)
+    return planes, np.einsum("tij,tik->tjk", planes, sides)
+
+
+def _operator(inverse: F64, rings: Rings) -> sp.csr_array:
+    """(2 t, N): from a coordinate of all vertices to that row of every transformation, in the triangle's plane."""
+    count = len(rings.triangles)
+    weights = np.stack([-inverse.sum(1), inverse[:, 0], inverse[:, 1]], axis=2)  # (t, 2, 3 corners)
+    rows = np.broadcast_to((2 * np.arange(count)[:, None] + np.arange(2))[:, :, None], weights.shape)
+    columns = np.broadcast_to(rings.triangles[:, None, :], weights.shape)
+    entries = (weights.ravel(), (rows.ravel(), columns.ravel()))
+    return sp.csr_array(sp.coo_array(entries, shape=(2 * count, rings.count)))
+
+
+def _frames(vertices: F64, rings: Rings) -> F64:
+    """(N, 3, 3) local frames as columns: along the first edge, across it, along the normal."""
+    normal = tips(vertices, rings)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-300)
+    first = np.full(rings.count, -1)
+    first[rings.start[::-1]] = rings.end[::-1]
+    edge = np.where((first >= 0)[:, None], vertices[first] - vertices, (1.0, 0.0, 0.0))
+    along = edge - (edge * normal).sum(1, keepdims=True) * normal
+    along /= np.linalg.norm(along, axis=1, keepdims=True).clip(1e-300)
+    return np.stack([along, np.cross(normal, along), normal], axis=2)
+
+
+def _extent(vertices: F64, rings: Rings) -> F64:
+    """(N,) mean edge of each ring."""
+    return np.asarray(np.linalg.norm(tips(vertices, rings), axis=1))
