@@ -24,7 +24,12 @@ def studio(
     json: Json = False,
 ) -> None:
     """Open Guise in the browser: live, people, landmarks and de-identification."""
-    from app.studio.server import serve
+    from app.studio.store import StudioError
+
+    try:
+        from app.studio.server import serve
+    except ModuleNotFoundError as error:
+        raise StudioError(f'the studio needs {error.name}: pip install "guise[studio]"') from error
 
     console = Console(quiet=quiet, json=json)
 

@@ -158,12 +158,12 @@ def test_ready_faces_are_shown(page: Any) -> None:
 
 
 def test_a_restart_keeps_what_was_begun(browser: Any, clip: Path, tmp_path: Path) -> None:
-    with studio(tmp_path) as server, visit(browser, server) as page:
-        page.get_by_label("Name").fill("Anna")
-        upload(page, clip)
-        page.get_by_role("progressbar", name="Progress").wait_for()
-        server.stop()
-        page.complaints.clear()
+    with studio(tmp_path) as server:
+        with visit(browser, server) as page:
+            page.get_by_label("Name").fill("Anna")
+            upload(page, clip)
+            page.get_by_role("progressbar", name="Progress").wait_for()
+        assert server.stop() == 0
     with studio(tmp_path) as server, visit(browser, server) as page:
         page.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
 

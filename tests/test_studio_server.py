@@ -73,6 +73,12 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address(server: StudioServer)
     assert ask(server, "/people")[0] == 200
 
 
+def test_other_programs_cookies_do_no_harm(server: StudioServer) -> None:
+    """Browsers send the cookies of all ports of this computer."""
+    cookies = f'a={{"b": [1, 2]}}; broken; c=d e; {server.cookie}; =x'
+    assert ask(server, "/people", cookie=False, Cookie=cookies)[0] == 200
+
+
 @pytest.mark.parametrize("path", ["//evil.example", "/\\evil.example", "/%5Cevil.example"])
 def test_the_token_leads_to_no_other_site(server: StudioServer, path: str) -> None:
     _, headers, _ = ask(server, f"{path}?token={server.token}", cookie=False)
@@ -165,6 +171,13 @@ def test_a_port_that_is_taken_is_one_sentence(server: StudioServer, tmp_path: Pa
     done = subprocess.run([*command, "--port", str(server.port)], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"error: port {server.port} is not free: choose another --port\n"
+
+
+def test_a_missing_extra_is_one_sentence() -> None:
+    code = "import sys; sys.modules['nicegui'] = None; from app.cli import main; sys.exit(main(['studio']))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == 'error: the studio needs nicegui: pip install "guise[studio]"\n'
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -6,10 +6,10 @@ Plain ASGI around everything else, so that no request, upload or websocket goes 
 from __future__ import annotations
 
 import secrets
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import cookie_parser
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -75,7 +75,7 @@ class Guard:
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         if harmless and self._is_token(given):
             return self._welcome(scope["path"])
-        if not self._is_token(_cookie_of(headers.get("cookie", ""), self._cookie)):
+        if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self._cookie, "")):
             return PlainTextResponse(NO_TOKEN, 403)
         if int(headers.get("content-length") or 0) > self._limit + _OVERHEAD:
             return PlainTextResponse(too_large(self._limit), 413)
@@ -117,14 +117,6 @@ class Guard:
 def too_large(limit: int) -> str:
     """The sentence about a file above the limit in bytes."""
     return f"The file is larger than {limit / 1e6:.0f} MB: use a shorter one, or a higher --limit of guise studio."
-
-
-def _cookie_of(text: str, name: str) -> str:
-    """The value of a cookie, "" when there is none."""
-    try:
-        return SimpleCookie(text)[name].value
-    except (CookieError, KeyError):
-        return ""
 
 
 def _with_headers(send: Send) -> Send:

@@ -74,7 +74,7 @@ class _Page:
 
     def _add(self) -> None:
         with ui.card().classes("w-full"):
-            heading("Add a person")
+            heading("Add a person").classes(remove="mt-4")
             name = ui.input("Name").props("outlined dense").classes("w-full max-w-sm")
 
             def learn_named(clip: Clip) -> None:
@@ -103,7 +103,7 @@ class _Page:
                 self._person(person)
         if clips:
             heading("Your clips")
-        with ui.element("div").classes("w-full grid gap-4 grid-cols-2 md:grid-cols-4"):
+        with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4"):
             for clip in clips:
                 self._clip(clip)
 
@@ -166,9 +166,10 @@ class _Page:
 
     async def _ask(self, row: Person | Clip) -> None:
         """Delete after a question."""
-        what = "the person" if isinstance(row, Person) else "the clip"
+        what = "the clip" if isinstance(row, Clip) else "the person"
+        kept = "" if isinstance(row, Clip) else " Their clip is kept."
         with ui.dialog(value=True) as dialog, ui.card():
-            ui.label(f"Delete {what} {row.name}? This cannot be undone.")
+            ui.label(f"Delete {what} {row.name}? This cannot be undone.{kept}")
             with ui.row():
                 ui.button("Delete", on_click=partial(dialog.submit, True), color="negative")
                 ui.button("Keep", on_click=dialog.close).props("outline autofocus")

@@ -28,7 +28,11 @@ _ADVICE = "use an .mp4, .webm, .mov or .mkv."
 _COLOUR = "#0b7a70"  # readable under white and on both backgrounds
 _STYLE = """
 :focus-visible { outline: 3px solid #f59e0b !important; outline-offset: 2px; }
-.bar { border-bottom: 1px solid rgb(128 128 128 / 40%); align-items: center; flex-wrap: nowrap; }
+.bar { background: #fff; color: #000; border-bottom: 1px solid rgb(128 128 128 / 40%);
+       align-items: center; flex-wrap: nowrap; }
+.body--dark .bar { background: #1d1d1d; color: #fff; }
+.body--dark .q-btn--outline, .body--dark .q-btn--flat { color: #5eead4 !important; }
+.body--dark .nicegui-link { color: #7cc4ff; }
 .bar a { color: inherit; text-decoration: none; padding: 0.25rem 0; border-bottom: 3px solid transparent; }
 .bar a[aria-current] { border-color: var(--q-primary); font-weight: 600; }
 """
@@ -158,10 +162,10 @@ def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
     timer = ui.timer(REFRESH, look)
 
 
-def heading(text: str, level: int = 2) -> None:
+def heading(text: str, level: int = 2) -> ui.label:
     """A heading that screen readers know as one."""
-    look = "text-h5" if level == 1 else "text-h6 mt-4"
-    ui.label(text).props(f"role=heading aria-level={level}").classes(look)
+    look = "text-h5 mb-4" if level == 1 else "text-h6 mt-4"
+    return ui.label(text).props(f"role=heading aria-level={level}").classes(look)
 
 
 def _require_video(path: Path, name: str) -> None:
@@ -177,7 +181,7 @@ def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
     ui.colors(primary=_COLOUR)
     ui.add_css(_STYLE)
     ui.button.default_props("no-caps")
-    with ui.header().classes("bg-white dark:bg-neutral-900 text-black dark:text-white bar"):
+    with ui.header().classes("bar"):
         ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
         with ui.element("nav").props('aria-label="Pages"').classes("flex items-center grow gap-x-4 gap-y-1"):
             ui.label("Guise").classes("max-sm:hidden text-bold mr-4")
@@ -198,9 +202,12 @@ def _colour_choice(studio: Studio) -> None:
         dark.value = value
         studio.store.remember("dark", value)
 
-    with ui.button(icon="contrast", color=None).props('flat round aria-label="Colours"'), ui.menu():
+    with (
+        ui.button(icon="contrast", color=None).props('flat round aria-label="Colours"'),
+        ui.menu().classes("text-no-wrap"),
+    ):
         for name, value in (("As the system", None), ("Light", False), ("Dark", True)):
-            ui.menu_item(name, partial(choose, value))
+            ui.menu_item(name, partial(choose, value)).props("role=menuitem")
 
 
 def _tell(error: Exception) -> None:
