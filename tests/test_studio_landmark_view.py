@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from app.studio.landmark_view import ROOM, SCREEN, SMALLEST, View, name_of
+from app.studio.landmark_view import RING, ROOM, SCREEN, SMALLEST, View, name_of
 
 TRUTH = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"].astype(np.float32)
 WHOLE = View.whole(640, 480)
@@ -74,11 +74,14 @@ def test_a_pointer_takes_the_nearest_point_and_none_far_away() -> None:
 def test_the_drawing_has_every_point_where_it_is() -> None:
     view = WHOLE.around(TRUTH[0])
     drawn = view.drawing(TRUTH[0], 36)
-    found = np.array(re.findall(r'cx="([0-9.]+)" cy="([0-9.]+)" r="3.5"', drawn), float)
-    assert found == pytest.approx(view.to_screen(TRUTH[0]), abs=0.01)
+    for path in re.findall(r'd="((?:M[-0-9.]+,[-0-9.]+h0)+)"', drawn):
+        found = np.array(re.findall(r"M([-0-9.]+),([-0-9.]+)h0", path), float)
+        assert found == pytest.approx(view.to_screen(TRUTH[0]), abs=0.01)
+    assert drawn.count("h0M") == 2 * 80
     x, y = view.to_screen(TRUTH[0, 36])
-    assert f'cx="{x:.2f}" cy="{y:.2f}" r="11"' in drawn
-    assert 'r="11"' not in view.drawing(TRUTH[0], None)
+    assert f"M{x - RING:.2f},{y:.2f}a" in drawn
+    assert f"a{RING},{RING}" in drawn
+    assert f"a{RING},{RING}" not in view.drawing(TRUTH[0], None)
     assert view.drawing(np.full((81, 2), np.nan, np.float32), None) == ""
 
 

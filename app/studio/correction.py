@@ -86,7 +86,8 @@ class Correction:
     ) -> None:
         self.points, self.origin, self.pts = points.copy(), origin.copy(), pts
         self.found, self.confidence = found, confidence
-        self.residual = strangeness(found)
+        with one_thread():
+            self.residual = strangeness(found)
         self._done: list[Step] = []
         self._undone: list[Step] = []
         self._saved: Step | None = None

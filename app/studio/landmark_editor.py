@@ -87,14 +87,14 @@ class Editor:
             with ui.column().classes("grow basis-64"):
                 self._tools()
         ui.context.client.on_delete(self._stop.set)
-        self._fit_view()
+        self.whole_face()
         self._changed()
         ui.timer(0, self._fill_strip, once=True)
 
     # -- what there is on the page
 
     def _strip_row(self) -> None:
-        with ui.row().classes("w-full no-wrap overflow-x-auto gap-1 p-1").props('aria-label="Frames"'):
+        with ui.row().classes("w-full h-24 no-wrap overflow-x-auto gap-1 p-1").props('aria-label="Frames"'):
             self._strip()
 
     @ui.refreshable_method
@@ -116,7 +116,7 @@ class Editor:
             self._slider.classes("grow").props('aria-label="Frame"')
             self._slider.on("update:model-value", self._slid, throttle=0.2, leading_events=False)
             _icon("chevron_right", "Next frame", partial(self.step, 1))
-            _icon("priority_high", "Next doubtful frame", self.next_doubtful)
+            self._doubtful = _icon("priority_high", "Next doubtful frame", self.next_doubtful)
 
     def _desk(self) -> None:
         """The picture, which takes pointers and keys."""
@@ -189,6 +189,7 @@ class Editor:
             way = self._points().mean(0) - self.correction.points[before].mean(0)
             self.view = self.view.moved(-way * self.view.scale)
         self._mark(before)
+        self._show()
         self._changed()
 
     async def step(self, by: int) -> None:
@@ -215,12 +216,9 @@ class Editor:
 
     def whole_face(self) -> None:
         """Show the face, or the whole frame where there is none."""
-        self._fit_view()
-        self._show()
-
-    def _fit_view(self) -> None:
         view = View.whole(self.rgb.shape[1], self.rgb.shape[0])
         self.view = view.around(self._points()) if self.correction.has_face(self.row) else view
+        self._show()
 
     # -- changes
 
@@ -377,7 +375,7 @@ class Editor:
 
     def _drop(self) -> None:
         self._grip = None
-        self._changed()
+        self._draw()
 
     async def _moved_by_key(self, event: events.GenericEventArguments) -> None:
         key = event.args["key"]
@@ -409,7 +407,7 @@ class Editor:
         return np.asarray(np.isfinite(self.correction.points).all((1, 2)))
 
     def _show(self) -> None:
-        """Picture and drawing."""
+        """Picture and drawing, which follow from the view."""
         self._image.set_source(address(self.view.picture(self.rgb)))
         self._draw()
 
@@ -417,12 +415,13 @@ class Editor:
         self._drawing.content = self.view.drawing(self._points(), self.point)
 
     def _changed(self) -> None:
-        """Everything that follows from a change."""
-        self._show()
+        """Everything that follows from a change of points."""
+        self._draw()
         self._tell()
         there = self.correction.has_face(self.row)
         self._undo.enabled, self._redo.enabled = self.correction.can_undo, self.correction.can_redo
         self._left_out.visible, self._borrowed.visible = there, not there
+        self._doubtful.enabled = bool(self.correction.doubtful.any())
         self._note_unsaved()
         if self.row in self._cells:
             self._mark(self.row)

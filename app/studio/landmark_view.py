@@ -18,7 +18,8 @@ F64 = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 SCREEN = 720
-REACH = 30  # screen units from a pointer within which a point is taken
+REACH = 36  # screen units from a pointer within which a point is taken
+RING = 12  # screen units, the radius of what marks the chosen point
 SMALLEST = 24  # frame pixels across the view
 ROOM = 1.5  # sides of the view to that of the face
 _PAPER = (32, 32, 32)
@@ -101,13 +102,12 @@ class View:
         if not np.isfinite(points).all():
             return ""
         places = self.to_screen(points)
-        lines = "".join(f'<polyline points="{_listed(places[line])}"/>' for line in _LINES)
-        marks = "".join(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="3.5"/>' for x, y in places)
+        lines = "".join(f"M{_listed(places[line])}" for line in _LINES)
+        dots = "".join(f"M{x:.2f},{y:.2f}h0" for x, y in places)
+        ring = "" if chosen is None else _ring(*places[chosen])
         return (
-            f'<g fill="none" stroke="#000" stroke-opacity=".45" stroke-width="3">{lines}</g>'
-            f'<g fill="none" stroke="#7fd4ff" stroke-width="1.2">{lines}</g>'
-            f'<g fill="#5aff78" stroke="#000" stroke-width="1">{marks}</g>'
-            + ("" if chosen is None else _chosen(*places[chosen]))
+            f'<g fill="none" stroke-linecap="round" stroke-linejoin="round">{_path(lines, "#0007", 3)}'
+            f"{_path(lines, '#7fd4ff', 1.2)}{_path(dots, '#000', 8)}{_path(dots, '#5aff78', 6)}{ring}</g>"
         )
 
     def _size(self, wanted: float) -> int:
@@ -130,11 +130,14 @@ def name_of(point: int) -> str:
     return f"{group.replace('_', ' ')}, point {point}"
 
 
-def _chosen(x: float, y: float) -> str:
-    return (
-        f'<circle cx="{x:.2f}" cy="{y:.2f}" r="11" fill="none" stroke="#000" stroke-width="5"/>'
-        f'<circle cx="{x:.2f}" cy="{y:.2f}" r="11" fill="none" stroke="#ffd84d" stroke-width="2.5"/>'
-    )
+def _path(way: str, colour: str, width: float) -> str:
+    """SVG of a path whose width, pixels of the browser, does not depend on the size of the picture there."""
+    return f'<path d="{way}" stroke="{colour}" stroke-width="{width}" vector-effect="non-scaling-stroke"/>'
+
+
+def _ring(x: float, y: float) -> str:
+    circle = f"M{x - RING:.2f},{y:.2f}a{RING},{RING} 0 1 0 {2 * RING},0a{RING},{RING} 0 1 0 {-2 * RING},0"
+    return _path(circle, "#000", 5) + _path(circle, "#ffd84d", 2.5)
 
 
 def _listed(places: F64) -> str:

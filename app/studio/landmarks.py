@@ -16,13 +16,14 @@ from app.studio.store import Clip, JobRow, Person
 
 PATH = "/landmarks"
 KIND = "landmarks"
+PATIENCE = 600  # seconds for which unsaved work outlives its connection
 
 
 def register(studio: Studio) -> None:
     """Add the pages and what they need done."""
     studio.jobs.register(KIND, landmarks_job)
     page(studio, PATH, "Landmarks", lambda: _people(studio))
-    page(studio, PATH + "/{id}", "Landmarks", lambda id: _open(studio, id))
+    page(studio, PATH + "/{id}", "Landmarks", lambda id: _open(studio, id), patience=PATIENCE)
 
 
 def _people(studio: Studio) -> None:
