@@ -42,7 +42,7 @@ LINE, BORDER = 1.4, 0.55  # of a line and of a panel's border, in letters
 STAYS = 2.0  # seconds for which mode and face are shown after they have changed
 CALM = 0.25  # seconds between two changes of the read-out
 TINT = 0.35  # of the mask
-RING = 0.38  # radius, of the picture's shorter side
+RING, CHORDS = 0.38, 80  # radius, of the picture's shorter side; and of how many straight lines it is drawn
 SILHOUETTE = [*range(17), *range(80, 67, -1)]
 _BITS = 4  # of a pixel's fraction, in OpenCV's drawing
 _FAR = 2**14  # pixels beyond which points are not drawn: OpenCV's drawing takes 16 bits and the fraction
@@ -232,14 +232,13 @@ def draw_ring(frame: Frame, share: float) -> None:
     if (area := _area(frame, np.array([centre - radius - width, centre + radius + width]))) is None:
         return
     (x0, y0, _, _), picture = area
-    turn = np.radians(np.arange(0, 360 * min(max(share, 0.0), 1.0) + 0.5) - 90)
-    arc = centre - (x0, y0) + radius * np.column_stack([np.cos(turn), np.sin(turn)])
-    middle, size = _fixed(centre - (x0, y0)).tolist(), round(radius * (1 << _BITS))
-    cv2.circle(picture, middle, size, _stored(frame, PAPER), width, cv2.LINE_AA, _BITS)
-    if len(arc) > 1:
-        cv2.polylines(
-            picture, [_fixed(arc)], False, _stored(frame, GREEN), max(2, width - 4), cv2.LINE_AA, _BITS
-        )
+    for end, thick, colour in ((1.0, width, PAPER), (min(max(share, 0.0), 1.0), 0.6 * width, GREEN)):
+        turn = 2 * np.pi * np.linspace(-0.25, end - 0.25, 2 + round(CHORDS * end))
+        way = np.column_stack([np.cos(turn), np.sin(turn)])
+        rim = np.concatenate([(radius + thick / 2) * way, (radius - thick / 2) * way[::-1]])
+        if end > 0:
+            points = _fixed(centre - (x0, y0) + rim)
+            cv2.fillPoly(picture, [points], _stored(frame, colour), cv2.LINE_AA, _BITS)
     frame.write_roi(x0, y0, picture)
 
 
