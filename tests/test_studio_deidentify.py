@@ -179,7 +179,7 @@ def test_a_video_without_faces_is_told_as_such(
     make(page, "No face was found in 8 frames.")
     page.get_by_role("button", name="Delete").click()
     page.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
-    page.get_by_text("A video to de-identify").wait_for()
+    page.get_by_text("Upload a video").wait_for()
 
 
 def test_what_is_no_reviewed_video_is_said(page: Any, studio_server: StudioServer) -> None:  # noqa: F811

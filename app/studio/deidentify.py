@@ -12,7 +12,7 @@ from datetime import datetime
 from nicegui import ui
 
 from app.deidentify.page import COUNTS, HEADLINES
-from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, agreed
+from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, agreed, title
 from app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
 from app.studio.site import Studio, heading, page, show_job, uploader
 from app.studio.store import Clip, JobRow, StudioError
@@ -35,21 +35,31 @@ def register(studio: Studio) -> None:
     studio.jobs.register(REVIEW, review)
     studio.jobs.register(RENDER, render)
     page(studio, PATH, "De-identify", lambda: _list(studio))
-    page(studio, PATH + "/{id}", "De-identify", lambda id: _Case(studio, id).build())
+    page(studio, PATH + "/{id}", "De-identify", lambda id: _case(studio, id))
 
 
 # -- all videos -----------------------------------------------------------------------------------------------
 
 
 def _list(studio: Studio) -> None:
-    ui.label(INTRO)
-    uploader(studio, "A video to de-identify", lambda clip: _begin(studio, clip))
+    with ui.column().classes("w-full"):
+        ui.label(INTRO)
+        uploader(studio, "Upload a video", lambda clip: _begin(studio, clip))
+        _present(studio)
+        _earlier(studio)
+
+
+def _present(studio: Studio) -> None:
+    """The choice of a video that is here already."""
     clips = {clip.id: clip.name for clip in studio.store.clips()}
     if clips:
         with ui.row().classes("w-full items-center no-wrap"):
             chosen = ui.select(clips, label="or one that is here already").classes("grow")
             start = ui.button("Find faces", on_click=lambda: _begin(studio, studio.store.clip(chosen.value)))
             start.bind_enabled_from(chosen, "value", bool)
+
+
+def _earlier(studio: Studio) -> None:
     reviews = [job for job in studio.store.jobs() if job.kind == REVIEW]
     if reviews:
         heading("Earlier")
@@ -95,6 +105,12 @@ def _when(job: JobRow) -> str:
 # -- a video --------------------------------------------------------------------------------------------------
 
 
+def _case(studio: Studio, id: str) -> None:
+    case = _Case(studio, id)
+    with ui.column().classes("w-full"):
+        case.build()
+
+
 class _Case:
     """A video on a page: its progress, its tracks, and what was made of it."""
 
@@ -108,9 +124,8 @@ class _Case:
         """All of it."""
         with ui.row().classes("w-full items-center"):
             ui.link("All videos", PATH)
-            with ui.column().classes("grow break-all"):
-                heading(self._job.about["name"])
-            ui.button("Delete", icon="delete", on_click=self._delete).props("flat")
+            title(self._job.about["name"]).classes("grow break-all")
+            ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat")
         self._content()
 
     @ui.refreshable_method
@@ -161,9 +176,9 @@ class _Case:
             ui.navigate.to(PATH)
 
 
-def _banner(tone: str, title: str, words: str) -> None:
+def _banner(tone: str, headline: str, words: str) -> None:
     with ui.column().classes("w-full gap-1 p-3 border-l-8").props('role="status"') as banner:
-        heading(title)
+        title(headline)
         ui.label(words).classes("break-words")
     banner.style(f"border-color: var(--q-{TONES[tone]})")
 

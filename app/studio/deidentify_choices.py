@@ -20,7 +20,7 @@ from app.media.images import encode_image
 from app.montage import draw
 from app.outputs import write_whole
 from app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
-from app.studio.site import Studio, heading
+from app.studio.site import Studio
 from app.studio.store import JobRow
 
 CHOICES = "choices.json"
@@ -88,8 +88,7 @@ class Editor:
         for person, tracks in people.items():
             with ui.card().classes("w-full"):
                 with ui.row().classes("w-full items-center"):
-                    with ui.column().classes("grow"):
-                        heading(f"Person {person}")
+                    title(f"Person {person}").classes("grow")
                     if any(track["can_swap"] for track in tracks):
                         _Donor(self._faces, self._choices.donors[str(person)], self._with(str(person)))
                 for track in tracks:
@@ -109,7 +108,7 @@ class Editor:
         ui.separator()
         with ui.row().classes("w-full items-center"):
             with ui.column().classes("gap-0 grow basis-60"):
-                heading(f"Track {number}", 3)
+                title(f"Track {number}", 3)
                 ui.label(_about(track)).classes("opacity-70")
                 if track["reason"]:
                     ui.label(f"Guise would cover it: {track['reason']}.")
@@ -141,7 +140,7 @@ class Editor:
 
         able = {k: word for k, word in ACTIONS.items() if k != "swap" or track["can_swap"]}
         toggle = ui.toggle(able, value=actions[number], on_change=choose)
-        toggle.props(f'role="group" aria-label="What is done with track {number}"')
+        toggle.props(f'no-caps role="group" aria-label="What is done with track {number}"')
 
     def _line(self, track: dict[str, Any]) -> str:
         return timeline(track, self._frames, self._choices.actions[str(track["track"])])
@@ -162,7 +161,7 @@ class Editor:
             ui.label(words).classes("w-24")
             toggle = ui.toggle(values, value=getattr(self._choices, name))
             toggle.on_value_change(lambda event: self._set(name, event.value))
-            toggle.props(f'role="group" aria-label="{words}"')
+            toggle.props(f'no-caps role="group" aria-label="{words}"')
 
     def _set(self, name: str, value: Any) -> None:
         setattr(self._choices, name, value)
@@ -180,16 +179,28 @@ class Editor:
         ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
 
+def title(text: str, level: int = 2) -> ui.label:
+    """A heading inside of something."""
+    look = "text-h6" if level == 2 else "text-bold"
+    return ui.label(text).props(f"role=heading aria-level={level}").classes(look)
+
+
 async def agreed(words: str, yes: str, no: str) -> bool:
     """Whether the user agrees to what words say."""
     with ui.dialog() as dialog, ui.card().props('role="alertdialog"'):
         ui.label(words)
         with ui.row().classes("w-full justify-end"):
-            ui.button(no, on_click=lambda: dialog.submit(False)).props("flat autofocus")
+            ui.button(no, color=None, on_click=lambda: dialog.submit(False)).props("flat autofocus")
             ui.button(yes, on_click=lambda: dialog.submit(True)).props("color=negative")
+    return bool(await _answer(dialog))
+
+
+async def _answer(dialog: ui.dialog) -> Any:
+    """What is submitted; None when the dialog or the whole page is closed."""
     answer = await dialog
-    dialog.delete()
-    return bool(answer)
+    if not dialog.is_deleted:
+        dialog.delete()
+    return answer
 
 
 def timeline(track: dict[str, Any], frames: int, action: str) -> Html:
@@ -227,7 +238,7 @@ class _Donor:
 
     def __init__(self, faces: dict[str, str], spec: str, chosen: Callable[[str], None]) -> None:
         self._faces, self._spec, self._chosen = faces, spec, chosen
-        self._button = ui.button(on_click=self._choose).props("outline no-caps")
+        self._button = ui.button(color=None, on_click=self._choose).props("outline no-caps")
         self._show()
 
     def _show(self) -> None:
@@ -235,17 +246,16 @@ class _Donor:
         self._button.props["aria-label"] = f"Donor: {self._faces[self._spec]}"
         with self._button, ui.row().classes("items-center no-wrap gap-2"):
             if self._spec:
-                ui.image(_portrait(self._spec)).classes("w-8 h-8 rounded")
+                ui.image(_portrait(self._spec)).classes("w-8 h-8 rounded").props("no-spinner no-transition")
             ui.label(f"Donor: {self._faces[self._spec]}")
 
     async def _choose(self) -> None:
         with ui.dialog() as dialog, ui.card().classes("w-full"):
-            heading("Whose face is shown")
+            title("Whose face is shown")
             with ui.row().classes("w-full justify-center"):
                 for spec, name in self._faces.items():
                     await _offer(spec, name, dialog)
-        spec = await dialog
-        dialog.delete()
+        spec = await _answer(dialog)
         if spec is not None:
             self._spec = spec
             self._show()
@@ -253,11 +263,12 @@ class _Donor:
 
 
 async def _offer(spec: str, name: str, dialog: ui.dialog) -> None:
-    button = ui.button(on_click=lambda: dialog.submit(spec)).props("flat no-caps").classes("w-32")
+    button = ui.button(color=None, on_click=lambda: dialog.submit(spec)).props("flat no-caps").classes("w-32")
     button.props["aria-label"] = name
     with button, ui.column().classes("items-center"):
         if spec:
-            ui.image(await asyncio.to_thread(_portrait, spec)).classes("w-24 h-24 rounded")
+            picture = ui.image(await asyncio.to_thread(_portrait, spec)).classes("w-24 h-24 rounded")
+            picture.props("no-spinner no-transition")
         else:
             ui.icon("casino", size="6rem")
         ui.label(name).classes("w-24 break-words")
