@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -17,13 +18,15 @@ from app.media.errors import MediaError
 from app.media.frame import Frame
 from app.media.images import list_images, looks_like_image, read_image
 from app.media.orientation import AS_STORED, Orientation, parse_display_matrix
-from app.media.reader import Problems, Reader
+from app.media.reader import Problems, Reader, main_video, open_container
 
 if TYPE_CHECKING:
     from app.media.reader import AnyPacket
 
 Kind = Literal["video", "image", "images"]
 _IMAGE_RATE = Fraction(30)
+_CLOCK = 500  # frames a second; a higher rate is the ticks of the container's clock
+_MEASURED = 64  # packets
 
 
 class Source:
@@ -123,12 +126,20 @@ class VideoSource(Source):
             self.orientation = Orientation.from_display_matrix(self.display_matrix)
         self.width, self.height = self.orientation.size(picture.width, picture.height)
         rate = stream.average_rate or stream.guessed_rate or stream.base_rate
-        self.frame_rate = Fraction(rate) if rate else _IMAGE_RATE
+        self.frame_rate = Fraction(rate) if rate and rate < _CLOCK else self._measured_rate()
         self.duration = self._find_duration()
         self.frame_count = stream.frames or (
             None if self.duration is None else max(round(self.duration * self.frame_rate), 1)
         )
         self.has_audio = len(self.container.streams.audio) > 0
+
+    def _measured_rate(self) -> Fraction:
+        """Frames a second at the beginning, where the container does not say, as in a browser's recordings."""
+        with open_container(self.path) as container:
+            packets = islice(container.demux(main_video(container, self.path)), _MEASURED)
+            times = [packet.pts * packet.time_base for packet in packets if packet.pts is not None]
+        span = max(times) - min(times) if times else Fraction(0)
+        return Fraction((len(times) - 1) / span).limit_denominator(1001) if span else _IMAGE_RATE
 
     def _find_duration(self) -> Fraction | None:
         if self.stream.duration:
