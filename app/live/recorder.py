@@ -87,7 +87,7 @@ class Recorder(Output):
         if file is None:
             return
         try:
-            if (file.is_cut() and self._whole) or not file.frames:
+            if not file.frames or (file.copy_rest() and self._whole):
                 file.abort()
                 return
             with file:
@@ -222,8 +222,8 @@ class _File(VideoOutput):
             self._mux(self._stream.encode(picture))
         self.frames += 1
 
-    def is_cut(self) -> bool:
-        """Copy what is left beside the pictures; whether there are more pictures in the source."""
+    def copy_rest(self) -> bool:
+        """Copy what is left beside the pictures; whether the source has more pictures."""
         if self._beside is None:
             return self.frames < (self._source.frame_count or 0)
         for packet in self._beside.rest(self._last, self._last + self.usual_duration):
