@@ -147,7 +147,7 @@ class TentTransfer:
 
 
 def settled(made: F64, wanted: F64) -> F64:
-    """Displacements (N, 3), shifted so that what hardly moves in those of the source moves in the mean as it does there."""
+    """Displacements (N, 3), shifted so that what hardly moves in the source moves in the mean as it does there."""
     way = np.linalg.norm(wanted, axis=1)
     still = way <= STILL * max(float(way.max()), 1e-300)
     return np.asarray(made - (made - wanted)[still].mean(0)) if still.any() else made

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from app.run import Settings as RunSettings
 from app.threads import one_thread
 
 WINDOW, VIRTUAL = "window", "virtualcam"
+STAYS = 4.0  # seconds for which a sentence is shown
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,22 @@ class Snapshots(Output):
                 self._say(str(error))
 
 
+class Notices:
+    """What is said while it runs: to the terminal, and for some seconds in the picture."""
+
+    def __init__(self, say: Say) -> None:
+        self._say, self._last, self._until = say, "", 0.0
+
+    def say(self, text: str) -> None:
+        """Say a sentence; from any thread."""
+        self._last, self._until = text, time.monotonic() + STAYS
+        self._say(text)
+
+    def current(self) -> str:
+        """What is to be seen now."""
+        return self._last if time.monotonic() < self._until else ""
+
+
 def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveReport:
     """Run until the source ends or the user does.
 
@@ -119,6 +137,8 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         For a user's mistake.
     """
     _check(options)
+    notices = Notices(say)
+    say = notices.say
     identities = [Identity.load(path) for path in options.identities] or [open_donor(n) for n in gallery()]
     controls = Controls(len(identities), options.settings)
     with contextlib.ExitStack() as stack, one_thread():
@@ -128,11 +148,16 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         person = _person(options, capture, identities[0], progress, say)
         plan = Plan(
             identities, person, name=capture.name, keep=lambda made: _keep(_key(options, capture), made, say),
-            options=options.options, recording=lambda: recordings.recording,
+            options=options.options, recording=lambda: recordings.recording, notice=notices.current,
         )  # fmt: skip
         session = _Session(plan, controls, recordings, snapshots)
         pipeline = Pipeline(capture, session.make, [*outputs, recordings, snapshots], session.pump)
-        stats = pipeline.run()
+        try:
+            stats = pipeline.run()
+        except KeyboardInterrupt:  # as good an end as any, but for a file that is to be whole
+            if options.headless:
+                raise
+            stats = pipeline.stats
     files = [str(output.path) for output in outputs if isinstance(output, Recorder)]
     return LiveReport(tuple(files), stats)
 

@@ -45,6 +45,7 @@ class Plan:
     keep : takes a model that was made.
     options : how the engine draws.
     recording : says whether a file is being written that the user asked for.
+    notice : a sentence that the user should see now, or "".
     """
 
     identities: Sequence[Identity]
@@ -53,6 +54,7 @@ class Plan:
     keep: Keep = forget
     options: Options = field(default_factory=lambda: Options(jaw=JAW))
     recording: Callable[[], bool] = lambda: False
+    notice: Callable[[], str] = str
 
 
 JAW = 0.035  # face widths by which the face is drawn beyond the jaw, so that nothing of the real one shows
@@ -65,10 +67,14 @@ class LiveWork:
         self._plan, self._controls = plan, controls
         self._face = LiveFace(plan.person, plan.identities, plan.options) if plan.person else None
         self._learner: Learner | None = None
+        self._again = threading.Event()
 
     def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
         """Change a frame in place."""
         settings = self._controls.settings
+        if self._again.is_set():
+            self._again.clear()
+            self.close()
         if self._face is None:
             return self._enrol(frame, arrived, stats, settings)
         original = frame.copy() if settings.side_by_side else None
@@ -76,14 +82,11 @@ class LiveWork:
         return self._shown(frame, look, stats, arrived, original=original)
 
     def enrol(self) -> None:
-        """Begin a new enrolment with the next picture."""
-        self._end()
+        """Begin a new enrolment with the next picture; from any thread."""
+        self._again.set()
 
     def close(self) -> None:
         """Release the face and give up what is learned."""
-        self._end()
-
-    def _end(self) -> None:
         if self._face is not None:
             self._face.close()
         if self._learner is not None:
@@ -111,6 +114,7 @@ class LiveWork:
         self, frame: Frame, look: Look, stats: Stats, arrived: float, message: str = "",
         ring: float | None = None, original: Frame | None = None,
     ) -> Shown:  # fmt: skip
+        message = message or self._plan.notice()
         return Shown(frame, look, stats, arrived, message, ring, self._plan.recording(), original)
 
 
