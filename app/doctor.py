@@ -40,7 +40,7 @@ _PACKAGES = (
     "safetensors",
 )
 _EXTRAS = {
-    "window": ("moderngl-window", "glfw"),
+    "window": ("moderngl-window", "glfw", "sounddevice"),
     "virtualcam": ("pyvirtualcam",),
     "studio": ("nicegui", "aiortc"),
     "cluster": ("distributed", "fsspec"),

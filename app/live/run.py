@@ -24,6 +24,7 @@ from app.live.recorder import Recorder, Recordings, snapshot
 from app.live.session import JAW, LiveWork, Plan
 from app.live.window import Window
 from app.media import EncodeOptions
+from app.media.source import VideoSource
 from app.outputs import OutputError
 from app.run import Progress, person_in
 from app.run import Settings as RunSettings
@@ -145,6 +146,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         capture = stack.enter_context(_capture(options, say))
         recordings, snapshots = Recordings(Path.cwd(), options.encode, say), Snapshots(Path.cwd(), say)
         outputs = [_output(name, options, capture, controls, identities, say) for name in options.outputs]
+        outputs += _sound(options, capture, say)
         person = _person(options, capture, identities[0], progress, say)
         plan = Plan(
             identities, person, name=capture.name, keep=lambda made: _keep(_key(options, capture), made, say),
@@ -225,8 +227,19 @@ def _output(
     once = isinstance(capture, FileCapture) and not options.loop
     source = capture.source if isinstance(capture, FileCapture) and once else None
     return Recorder(
-        Path(name), source=source, encode=options.encode, force=options.force, say=None if once else say
-    )
+        Path(name), source=source, encode=options.encode, force=options.force,
+        whole=options.headless, say=None if options.headless else say,
+    )  # fmt: skip
+
+
+def _sound(options: LiveOptions, capture: Capture, say: Say) -> list[Output]:
+    """The sound of a file that is seen in the window."""
+    if WINDOW not in options.outputs or not isinstance(capture, FileCapture) or not capture.source.has_audio:
+        return []
+    from app.live.sound import Sound
+
+    assert isinstance(capture.source, VideoSource)
+    return [Sound(capture.source, say)]
 
 
 def _person(
