@@ -11,6 +11,7 @@ import typer
 
 from app.cli_deidentify import CoverName
 from app.cli_options import Alpha, Crf, Encoder, Force, Json, Preset, Quiet, RendererChoice, RendererName
+from app.cli_studio import studio
 from app.console import Console, Stages
 
 
@@ -50,7 +51,7 @@ Outputs = Annotated[
     typer.Option(
         "--output",
         "-o",
-        metavar="window|virtualcam|OUT.mp4",
+        metavar="window|studio|virtualcam|OUT.mp4",
         help="Where it goes; may be repeated; default: window.",
     ),
 ]
@@ -105,6 +106,12 @@ def live(
     from app.live.session import JAW
     from app.media import EncodeOptions
 
+    if output and "studio" in output:
+        if output != ["studio"] or source or identity or person:
+            raise typer.BadParameter(
+                "--output studio opens the browser, where all else is chosen: give it alone"
+            )
+        return studio(quiet=quiet, json=json)
     console = Console(quiet=quiet, json=json)
     settings = Settings(
         alpha=alpha, mode=mode.value, mirror=source is None if mirror is None else mirror,
@@ -118,7 +125,7 @@ def live(
     with Stages(console) as stages:
         report = run_live(options, progress=stages, say=console.note)
     console.say(str(report))
-    console.result(report.as_json())
+    return console.result(report.as_json())
 
 
 def _size(text: str) -> tuple[int, int]:

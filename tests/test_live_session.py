@@ -126,6 +126,7 @@ def test_the_model_of_a_file_is_made_once(
         (["--size", "huge"], "like 1280x720"),
         (["--source", CLIP, "--identity", "missing.guise"], "missing.guise"),
         (["--source", CLIP, "-o", "window", "-o", "window"], "given once"),
+        (["--output", "studio", "--output", "window"], "give it alone"),
         (["--camera", "97"], "camera 97 cannot be opened"),
     ],
 )
