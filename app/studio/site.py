@@ -27,7 +27,8 @@ REFRESH = 0.3  # seconds between two looks at a job
 _ADVICE = "use an .mp4, .webm, .mov or .mkv."
 _COLOUR = "#0b7a70"  # readable under white and on both backgrounds
 _STYLE = """
-:focus-visible { outline: 3px solid #f59e0b !important; outline-offset: 2px; }
+:focus-visible { outline: 3px solid #f59e0b; outline-offset: 2px; }
+.q-focusable:focus-visible { box-shadow: 0 0 0 3px #f59e0b !important; }
 .bar { background: #fff; color: #000; border-bottom: 1px solid rgb(128 128 128 / 40%);
        align-items: center; flex-wrap: nowrap; }
 .body--dark .bar { background: #1d1d1d; color: #fff; }
