@@ -94,6 +94,14 @@ def wait_until(visitor: Any, true: Callable[[], bool]) -> None:
     pytest.fail("it has not come true")
 
 
+def delete(visitor: Any) -> None:
+    """Delete a video with all that was made of it."""
+    visitor.get_by_role("button", name="Delete").click()
+    visitor.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
+    visitor.wait_for_url("**/deidentify")
+    visitor.get_by_text("Upload a video").wait_for()
+
+
 def make(visitor: Any, sentence: str) -> None:
     """Have it rendered, and wait for what is said of it."""
     visitor.get_by_role("button", name="Render").click()
@@ -177,9 +185,20 @@ def test_a_video_without_faces_is_told_as_such(
     upload(page, empty_scene(tmp_path / "room.mp4"))
     page.get_by_text("No face could be followed.").wait_for()
     make(page, "No face was found in 8 frames.")
-    page.get_by_role("button", name="Delete").click()
-    page.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
-    page.get_by_text("Upload a video").wait_for()
+    delete(page)
+
+
+def test_a_video_deleted_at_work_does_not_hold_up_the_next(
+    page: Any,  # noqa: F811
+    studio_server: StudioServer,  # noqa: F811
+    clip: Path,
+    tmp_path: Path,
+) -> None:
+    page.goto(studio_server.url("/deidentify"))
+    page.locator("input[type=file]").set_input_files(str(clip))
+    page.get_by_text("finding faces").wait_for()
+    delete(page)
+    upload(page, empty_scene(tmp_path / "room.mp4"))
 
 
 def test_what_is_no_reviewed_video_is_said(page: Any, studio_server: StudioServer) -> None:  # noqa: F811
@@ -208,9 +227,7 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
         wide = visitor.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
         assert wide[0] <= wide[1], "nothing is to be moved aside on a phone"
         assert downloaded(visitor, "Download video", tmp_path).stat().st_size > 10_000
-        visitor.get_by_role("button", name="Delete").click()
-        visitor.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
-        visitor.wait_for_url("**/deidentify")
+        delete(visitor)
         assert list((folder / "jobs" / reviewed.split("/")[-1]).glob("*")) == []
         assert len(list((folder / "clips").iterdir())) > 0
 

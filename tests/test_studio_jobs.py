@@ -137,3 +137,14 @@ def _is_free(file: int) -> bool:
 def test_unknown_work_is_refused(tmp_path: Path) -> None:
     with running(tmp_path) as jobs, pytest.raises(StudioError, match="there is no work called dance"):
         jobs.start("dance", {})
+
+
+@pytest.mark.usefixtures("no_thread_left")
+def test_a_job_that_is_removed_at_work_does_not_hold_up_the_next(tmp_path: Path) -> None:
+    flag = tmp_path / "flag"
+    with running(tmp_path / "studio") as jobs:
+        first = jobs.start("wait", {"until": str(flag)})
+        until(lambda: jobs.store.job(first).share == 0.25)
+        jobs.store.remove_job(first)
+        flag.touch()
+        assert ended(jobs, jobs.start("write", {"text": ""})).state == "done"

@@ -6,6 +6,7 @@ beginning, when the studio is started the next time.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import shutil
@@ -84,7 +85,8 @@ class Jobs:
 
     def _work(self) -> None:
         while (job := self._next()) is not None:
-            self._run(job)
+            with contextlib.suppress(StudioError):  # it was removed
+                self._run(job)
 
     def _next(self) -> JobRow | None:
         """The oldest job that waits; None at the end."""
@@ -111,10 +113,14 @@ class Jobs:
             process.start()
             self._current = job.id, process
         theirs.close()
-        self._listen(job.id, ours)
-        process.join()
+        try:
+            self._listen(job.id, ours)
+        finally:
+            ours.close()  # so that one that was removed ends at its next word
+            process.join()
+            with self._change:
+                self._current = None
         with self._change:
-            self._current = None
             self._conclude(job.id, folder, process.exitcode)
 
     def _listen(self, id: str, ours: Connection) -> None:
