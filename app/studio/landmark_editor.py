@@ -94,7 +94,8 @@ class Editor:
     # -- what there is on the page
 
     def _strip_row(self) -> None:
-        with ui.row().classes("w-full h-24 no-wrap overflow-x-auto gap-1 p-1").props('aria-label="Frames"'):
+        self._scroll = ui.scroll_area().classes("w-full h-24").props('aria-label="Frames"')
+        with self._scroll, ui.row().classes("no-wrap gap-1"):
             self._strip()
 
     @ui.refreshable_method
@@ -170,9 +171,13 @@ class Editor:
                 "outline"
             )
         self._job = ui.column().classes("w-full")
-        with ui.expansion("Keys", icon="keyboard").classes("w-full"), ui.element("dl"):
-            for keys, told in HELP.items():
-                ui.html(f"<dt><kbd>{keys}</kbd></dt><dd>{told}</dd>", sanitize=False)
+        keys = ui.expansion("Keys", icon="keyboard").classes("w-full")
+        with keys, ui.element("dl").classes("grid grid-cols-[auto_1fr] gap-x-4 gap-y-1"):
+            for key, told in HELP.items():
+                with ui.element("dt"):
+                    ui.label(key).classes("font-mono")
+                with ui.element("dd"):
+                    ui.label(told)
 
     # -- which frame and which part of it
 
@@ -189,6 +194,7 @@ class Editor:
             way = self._points().mean(0) - self.correction.points[before].mean(0)
             self.view = self.view.moved(-way * self.view.scale)
         self._mark(before)
+        self._scroll_strip()
         self._show()
         self._changed()
 
@@ -461,10 +467,17 @@ class Editor:
         icon = cell.default_slot.children[1]
         icon.props(f'name="{sign}" color="{colour}"').set_visibility(bool(sign))
 
+    def _scroll_strip(self) -> None:
+        """Bring the frame that is shown into the strip's sight, if it is there."""
+        if self.row in self._faces:
+            place = sorted(self._faces).index(self.row) / max(len(self._faces) - 1, 1)
+            self._scroll.scroll_to(percent=place, axis="horizontal")
+
     async def _fill_strip(self) -> None:
         rows = _shown_rows(self.correction) | {self.row}
         self._faces = await asyncio.to_thread(self.frames.faces, rows, self.correction.points.copy())
         self._strip.refresh()
+        self._scroll_strip()
 
 
 class _Grip:
@@ -505,13 +518,14 @@ def _place(event: events.GenericEventArguments) -> NDArray[np.float64]:
 
 
 def _icon(name: str, told: str, command: Callable[[], Any]) -> ui.button:
-    button = ui.button(icon=name, on_click=command).props("flat round").tooltip(told)
+    button = ui.button(icon=name, on_click=command, color=None).props("flat round").tooltip(told)
     button.props["aria-label"] = told
     return button
 
 
 def _tool(name: str, label: str, told: str, command: Callable[[], Any]) -> ui.button:
-    return ui.button(label, icon=name, on_click=command).props("outline dense").classes("px-2").tooltip(told)
+    button = ui.button(label, icon=name, on_click=command, color=None)
+    return button.props("outline dense").classes("px-2").tooltip(told)
 
 
 async def _sure(question: str, yes: str) -> bool:
