@@ -16,7 +16,7 @@ from app.console import Console
 def studio(
     port: Annotated[int, typer.Option(min=0, max=65535, help="On this computer; 0 takes any.")] = 8080,
     folder: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="What the studio keeps; default: ~/.guise/studio.")
+        Path | None, typer.Option(metavar="DIR", help="What the studio keeps; default: in your data folder.")
     ] = None,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
     limit: Annotated[int, typer.Option(min=1, metavar="MB", help="Largest file that is uploaded.")] = 1000,
@@ -24,6 +24,8 @@ def studio(
     json: Json = False,
 ) -> None:
     """Open Guise in the browser: live, people, landmarks and de-identification."""
+    from platformdirs import user_data_path
+
     from app.studio.store import StudioError
 
     try:
@@ -40,4 +42,4 @@ def studio(
         if not no_open:
             webbrowser.open(address)
 
-    serve(folder or Path.home() / ".guise" / "studio", port, limit * 10**6, announce)
+    serve(folder or user_data_path("guise", appauthor=False) / "studio", port, limit * 10**6, announce)

@@ -10,7 +10,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from clips import cut
+from clips import cut, empty_scene
 from studio_browser import LIMIT, StudioServer, browser, page, studio, studio_server, visit  # noqa: F401
 
 from aam.model import Identity
@@ -109,6 +109,13 @@ def test_what_is_no_video_is_refused_with_a_sentence(page: Any, tmp_path: Path) 
         file.truncate((LIMIT + 1) * 10**6)
     upload(page, large)
     page.get_by_text(f"The file is larger than {LIMIT} MB").wait_for()
+
+
+def test_a_failure_is_told_with_the_clips_own_name(page: Any, tmp_path: Path) -> None:
+    upload(page, empty_scene(tmp_path / "wall.mp4"))
+    page.get_by_text("no face found in wall; use a clip that shows the face from the front").wait_for()
+    page.get_by_role("button", name="Remove").click()
+    remove(page, "Delete the clip wall")
 
 
 def test_a_name_is_text_and_no_path(page: Any, studio_server: StudioServer, clip: Path) -> None:

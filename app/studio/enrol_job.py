@@ -8,9 +8,11 @@ from typing import Any
 from aam.model import Identity
 from app.enrol import LandmarkSource
 from app.enrolling import enrol_file
+from app.failures import user_mistakes
 from app.montage import montage
 from app.pictures import save_picture
 from app.studio.jobs import Progress
+from app.studio.store import StudioError
 
 KIND = "enrol"
 
@@ -18,10 +20,13 @@ KIND = "enrol"
 def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Train on a clip, with the landmarks that lie beside it if there are any.
 
-    about : "clip" and "model", paths; "name", the person's.
+    about : "clip" and "model", paths; "called", the clip's name; "name", the person's.
     """
-    model, done = Path(about["model"]), folder / "model.guise"
-    report = enrol_file([Path(about["clip"])], done, LandmarkSource(), name=about["name"], progress=progress)
+    model, done, clip = Path(about["model"]), folder / "model.guise", Path(about["clip"])
+    try:
+        report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
+    except user_mistakes() as error:
+        raise StudioError(str(error).replace(str(clip), about["called"])) from error
     save_picture(model.with_suffix(".png"), montage(Identity.load(done)))
     done.replace(model)  # at last, since a person is shown as soon as it is there
     return {"held_out_error": report.held_out_error, "seconds": report.seconds}

@@ -40,8 +40,8 @@ def learn_again(studio: Studio, person: Person) -> str:
 
 
 def _enrol(studio: Studio, clip: Clip, person: Person) -> str:
-    about = {"clip": str(clip.path), "model": str(person.path), "name": person.name, "person": person.id}
-    return studio.jobs.start(KIND, about)
+    about = {"clip": str(clip.path), "called": clip.name, "model": str(person.path), "name": person.name}
+    return studio.jobs.start(KIND, about | {"person": person.id})
 
 
 class _Page:
@@ -96,7 +96,7 @@ class _Page:
         heading("Your people")
         if not people and not jobs:
             ui.label("Nobody yet.")
-        with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
+        with ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2"):
             for job in jobs:
                 self._job(job)
             for person in people:

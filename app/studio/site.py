@@ -32,8 +32,8 @@ _STYLE = """
 .bar { background: #fff; color: #000; border-bottom: 1px solid rgb(128 128 128 / 40%);
        align-items: center; flex-wrap: nowrap; }
 .body--dark .bar { background: #1d1d1d; color: #fff; }
-.body--dark .q-btn--outline, .body--dark .q-btn--flat { color: #5eead4 !important; }
-.body--dark .nicegui-link { color: #7cc4ff; }
+.body--dark .q-btn--outline, .body--dark .q-btn--flat { --q-primary: #5eead4; }
+.body--dark main .nicegui-link { color: #7cc4ff; }
 .bar a { color: inherit; text-decoration: none; padding: 0.25rem 0; border-bottom: 3px solid transparent; }
 .bar a[aria-current] { border-color: var(--q-primary); font-weight: 600; }
 """
