@@ -51,7 +51,7 @@ OWNERS = {
     "matplotlib": {"app/measure/plot.py"},
     "distributed": {"app/deidentify/cluster.py"},
     "fsspec": {"app/deidentify/remote.py"},
-    "platformdirs": {"app/live/models.py"},
+    "platformdirs": {"app/live/models.py", "app/cli_studio.py"},
     "glfw": {"app/live/window.py"},
     "moderngl_window": {"app/live/window.py"},
     "pyvirtualcam": {"app/live/virtualcam.py"},
