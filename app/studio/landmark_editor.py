@@ -41,12 +41,12 @@ MARKS = {
     "corrected": ("check", "green"),
 }
 HELP = {
-    "arrows, with shift": f"move the point by {STEP:g} pixel, by {FINE:g}",
+    "arrows": f"move the point by {STEP:g} pixel, with shift by {FINE:g}",
     "n, p": "next point, point before",
-    "page up, page down": "frame before, next frame",
+    "page up, down": "frame before, next frame",
     "d": "next doubtful frame",
     "+, -, 0": "larger, smaller, the whole face",
-    "u, r (ctrl z, ctrl y)": "undo, do again",
+    "u, r": "undo, do again; also ctrl z, ctrl y",
     "m": "mirror the correction of this side",
     "f": "fit from here",
     "s": "save",
@@ -94,7 +94,7 @@ class Editor:
     # -- what there is on the page
 
     def _strip_row(self) -> None:
-        self._scroll = ui.scroll_area().classes("w-full h-24").props('aria-label="Frames"')
+        self._scroll = ui.scroll_area().classes("w-full h-28").props('aria-label="Frames"')
         with self._scroll, ui.row().classes("no-wrap gap-1"):
             self._strip()
 
@@ -172,7 +172,7 @@ class Editor:
             )
         self._job = ui.column().classes("w-full")
         keys = ui.expansion("Keys", icon="keyboard").classes("w-full")
-        with keys, ui.element("dl").classes("grid grid-cols-[auto_1fr] gap-x-4 gap-y-1"):
+        with keys, ui.element("dl").classes("grid grid-cols-[7rem_1fr] gap-x-4 gap-y-1"):
             for key, told in HELP.items():
                 with ui.element("dt"):
                     ui.label(key).classes("font-mono")
