@@ -164,7 +164,9 @@ class _Case:
             "review": str(self._studio.store.folder_of(self._job.id)), "output": self._job.result["output"],
             "choices": asdict(choices),
         }  # fmt: skip
-        self._studio.jobs.start(RENDER, about)
+        at_work = [job.about for job in _made(self._studio, self._job.id) if not job.ended]
+        if about not in at_work:  # of a double click, or in another tab
+            self._studio.jobs.start(RENDER, about)
         self._results.refresh()
 
     async def _delete(self) -> None:

@@ -247,7 +247,7 @@ class _Donor:
         with self._button, ui.row().classes("items-center no-wrap gap-2"):
             if self._spec:
                 ui.image(_portrait(self._spec)).classes("w-8 h-8 rounded").props("no-spinner no-transition")
-            ui.label(f"Donor: {self._faces[self._spec]}")
+            ui.label(f"Donor: {self._faces[self._spec]}").classes("min-w-0 break-words")
 
     async def _choose(self) -> None:
         with ui.dialog() as dialog, ui.card().classes("w-full"):
