@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from app.deidentify.options import CoverStyle
 from app.media import Frame
 
-F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 SIDE, ABOVE, BELOW = 0.30, 0.60, 0.25  # of the box's width and height by which the region is larger
@@ -21,6 +20,7 @@ POWER = 4.0  # of the superellipse
 CELLS = 6  # across the region
 GREY = 112.0
 CORNERS = 64
+OPAQUE = 255
 
 
 def region(box: NDArray[np.floating], growth: float = 1.0) -> F64:
@@ -43,9 +43,13 @@ def cover(frame: Frame, rectangle: F64, style: CoverStyle) -> tuple[int, int, in
         return None
     roi = frame.read_roi(x0, y0, w, h)
     hidden = _hidden(frame, roi, style)
-    alpha = _shape(rectangle - (x0, y0, x0, y0), (h, w))[..., None]
-    blended = roi + alpha * (hidden.astype(np.float32) - roi)
-    frame.write_roi(x0, y0, np.asarray(np.round(blended), np.uint8))
+    shape = _shape(rectangle - (x0, y0, x0, y0), (h, w))
+    rim = (shape > 0) & (shape < OPAQUE)
+    alpha = shape[rim][:, None].astype(np.float32) / np.float32(OPAQUE)
+    softened = np.round(roi[rim] + alpha * (hidden[rim].astype(np.float32) - roi[rim]))
+    cv2.copyTo(hidden, shape, roi)  # wherever it covers at all; most of it is opaque
+    roi[rim] = softened
+    frame.write_roi(x0, y0, roi)
     return x0, y0, x0 + w, y0 + h
 
 
@@ -68,13 +72,13 @@ def _hidden(frame: Frame, roi: NDArray[np.uint8], style: CoverStyle) -> NDArray[
     return np.asarray(cv2.resize(few, (w, h), interpolation=how), np.uint8)
 
 
-def _shape(rectangle: F64, size: tuple[int, int]) -> F32:
-    """Alpha (h, w) of the superellipse in a rectangle, in its pixels."""
+def _shape(rectangle: F64, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """Coverage (h, w) up to OPAQUE of the superellipse in a rectangle, in its pixels."""
     turn = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
     unit = np.column_stack([np.cos(turn), np.sin(turn)])
     unit = np.sign(unit) * np.abs(unit) ** (2 / POWER)
     centre, half = (rectangle[:2] + rectangle[2:]) / 2, (rectangle[2:] - rectangle[:2]) / 2
     points = np.round((centre + half * unit) * 16).astype(np.int32)
     alpha = np.zeros(size, np.uint8)
-    cv2.fillPoly(alpha, [points], 255, lineType=cv2.LINE_AA, shift=4)
-    return alpha.astype(np.float32) / np.float32(255)
+    cv2.fillPoly(alpha, [points], OPAQUE, lineType=cv2.LINE_AA, shift=4)
+    return alpha

@@ -95,29 +95,39 @@ class LiveFace(Closing):
             return self._puppet(frame, settings)
         self.watch.look(frame)
         fit = self.follower.step(frame.luma)
-        boxes, _ = self.watch.boxes
-        sight = self.guard.see(frame, fit, self._trust(frame, fit), boxes)
-        if settings.mode == "swap" and sight.trusted and isinstance(fit, Fit):
-            others = [cover(frame, box, settings.style) for box in sight.others]
-            mesh = self._engine(settings).draw(frame, fit.shape)
-            return Look("swapped", mesh, sight.confidence, len(others))
+        confidence = self._trust(frame, fit)
+        trusted = self.guard.trusts(frame, confidence)
+        if settings.mode == "swap" and trusted and isinstance(fit, Fit):
+            return self._swapped(frame, settings, fit, confidence)
+        sight = self.guard.see(frame, fit, self.watch.boxes[0])
         if settings.uncovered and settings.mode == "swap":
-            return Look("shown", None, sight.confidence)
-        return self._covered(frame, settings, sight)
+            return Look("shown", None, confidence)
+        return self._covered(frame, settings, sight, confidence)
 
     def close(self) -> None:
         """Release the compositors and the detector's thread."""
         for one in (*self._engines.values(), *self._puppets.values(), self.watch):
             one.close()
 
-    def _covered(self, frame: Frame, settings: Settings, sight: Sight) -> Look:
+    def _swapped(self, frame: Frame, settings: Settings, fit: Fit, confidence: float) -> Look:
+        """Draw the face, and cover others: before it, but who has just come is only seen when it is drawn."""
+        alone = not self.guard.company
+        mesh = self._engine(settings).draw(frame, fit.shape) if alone else None  # while the detector looks
+        others = self.guard.see(frame, fit, self.watch.boxes[0]).others
+        for box in others:
+            cover(frame, box, settings.style)
+        if mesh is None:
+            mesh = self._engine(settings).draw(frame, fit.shape)
+        return Look("swapped", mesh, confidence, len(others))
+
+    def _covered(self, frame: Frame, settings: Settings, sight: Sight, confidence: float) -> Look:
         off = settings.mode == "off"
         if sight.place is None:
             cover_all(frame, settings.style)
-            return Look("off" if off else "lost", None, sight.confidence, 1)
+            return Look("off" if off else "lost", None, confidence, 1)
         for box in (sight.place, *sight.others):
             cover(frame, box, settings.style)
-        return Look("off" if off else "covered", None, sight.confidence, 1 + len(sight.others))
+        return Look("off" if off else "covered", None, confidence, 1 + len(sight.others))
 
     def _trust(self, frame: Frame, fit: Fit | Failed) -> float:
         return trust(self.person.tracker, frame.luma, fit.shape) if isinstance(fit, Fit) else 0.0
@@ -146,12 +156,8 @@ class LiveFace(Closing):
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is known about a frame: whether the face may be drawn, the regions (4,) to cover if not (None: all of the
-    picture), and those of other faces.
-    """
+    """What would have to be covered in a frame: the region (4,) of the face (None: all of the picture), and others."""
 
-    trusted: bool
-    confidence: float
     place: F64 | None
     others: list[F64]
 
@@ -164,18 +170,27 @@ class Guard:
         self._seen = self._doubted = -np.inf  # seconds
         self._others: list[tuple[float, F64]] = []
 
-    def see(self, frame: Frame, fit: Fit | Failed, confidence: float, boxes: NDArray[np.float32]) -> Sight:
-        """The next frame: where the tracker sees the person, how far that is trusted, and the detector's boxes."""
+    @property
+    def company(self) -> bool:
+        """Whether somebody else was seen lately."""
+        return bool(self._others)
+
+    def trusts(self, frame: Frame, confidence: float) -> bool:
+        """Whether the next frame's face may be drawn, found with a confidence: it must have held for a while."""
         now = float(frame.pts * frame.time_base)
         if confidence < TRUST:
             self._doubted = now
+        return now - self._doubted >= AROUND
+
+    def see(self, frame: Frame, fit: Fit | Failed, boxes: NDArray[np.float32]) -> Sight:
+        """The same frame: where the tracker sees the person, and the detector's boxes."""
+        now = float(frame.pts * frame.time_base)
         own = self._own(fit, boxes)
         if own is not None:
             self._box, self._seen = own, now
         gone = self._box is None or now - self._seen > WHOLE
         place = None if gone or self._box is None else region(self._box, 1 + GROWTH * (now - self._seen))
-        trusted = confidence >= TRUST and now - self._doubted >= AROUND
-        return Sight(trusted, confidence, place, self._bystanders(now, boxes))
+        return Sight(place, self._bystanders(now, boxes))
 
     def _own(self, fit: Fit | Failed, boxes: NDArray[np.float32]) -> F64 | None:
         """The box of the person's 68 points, or the detector's at the last place."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +17,8 @@ from render.closing import Closing
 F32 = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-SMALLEST = 0.05  # of the picture's height, the smallest face that is looked for
+SMALLEST = 12  # pixels, the smallest face that the detector sees
+HEIGHT = 240  # pixels, of the picture that it looks at: SMALLEST is a twentieth of it
 POSSIBLE = 0.35  # score from which a box is covered
 LIKELY = 0.5  # score from which points are looked for in it
 
@@ -27,16 +29,21 @@ class Watch(Closing):
     name = "watch"
 
     def __init__(self) -> None:
-        detector = FaceDetector(smallest=SMALLEST, min_score=POSSIBLE)
-        self._detector, self._landmarker = detector, BuiltinLandmarker(detector)
+        self._detector = FaceDetector(smallest=SMALLEST, min_score=POSSIBLE)
+        self._landmarker = BuiltinLandmarker(self._detector)
         self._pool = ThreadPoolExecutor(1, "guise-watch")
-        self._rgb: Picture = np.zeros((1, 1, 3), np.uint8)
+        self._frame: Frame | None = None
         self._found: Future[tuple[F32, F32]] | None = None
 
     def look(self, frame: Frame) -> None:
-        """Begin with a frame, before it is drawn into."""
-        self._rgb = frame.rgb()
-        self._found = self._pool.submit(self._detector.detect_scored, self._rgb)
+        """Begin with a frame, before it is drawn into; it can be drawn into at once."""
+        self._frame = frame
+        self._found = self._pool.submit(self._boxes_in, small(frame), (frame.width, frame.height))
+
+    def _boxes_in(self, picture: Picture, size: tuple[int, int]) -> tuple[F32, F32]:
+        boxes, scores = self._detector.detect_scored(picture)
+        scale = np.divide(size, picture.shape[1::-1])
+        return ((boxes + 0.5) * np.tile(scale, 2) - 0.5).astype(np.float32), scores
 
     @property
     def boxes(self) -> tuple[F32, F32]:
@@ -46,19 +53,29 @@ class Watch(Closing):
         return self._found.result()
 
     def detect(self, rgb: Picture) -> list[Face]:
-        """The faces in the frame at hand, largest first."""
-        boxes, scores = self.boxes
-        faces = (
-            self._landmarker.points_in_box(self._rgb, b)
-            for b, s in zip(boxes, scores, strict=True)
-            if s >= LIKELY
-        )
+        """The faces in the frame at hand, which was not drawn into, largest first."""
+        likely = [box for box, score in zip(*self.boxes, strict=True) if score >= LIKELY]
+        if self._frame is None or not likely:
+            return []
+        whole = self._frame.rgb()
+        faces = (self._landmarker.points_in_box(whole, box) for box in likely)
         return [face for face in faces if face is not None]
 
     def refine(self, rgb: Picture, previous: Face) -> Face | None:
         """The face of the frame before, found again."""
-        return self._landmarker.refine(self._rgb, previous)
+        return None if self._frame is None else self._landmarker.refine(self._frame.rgb(), previous)
 
     def close(self) -> None:
         """End the thread."""
         self._pool.shutdown()
+
+
+def small(frame: Frame) -> Picture:
+    """A frame as the detector looks at it, RGB (h, w, 3); quick, with some grey levels off."""
+    width, height = round(frame.width * HEIGHT / frame.height), HEIGHT
+    if frame.height <= HEIGHT:
+        return frame.rgb()
+    if frame.video_frame is None or not frame.orientation.is_identity:
+        return np.asarray(cv2.resize(frame.rgb(), (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    scaled = frame.video_frame.reformat(width, height, "rgb24", interpolation="AREA")
+    return np.asarray(scaled.to_ndarray(), np.uint8)
