@@ -238,7 +238,7 @@ class Frame:
         return self.rgb_roi(0, 0, self.width, self.height)
 
     def quick_rgb(self) -> Plane:
-        """As `rgb`, by FFmpeg's scaler: many times as quick, and some grey levels off, for looking at whole pictures."""
+        """As `rgb`, by FFmpeg's scaler: many times as quick, some grey levels off; for looking at whole pictures."""
         if self._video is None or not self.orientation.is_identity:
             return self.rgb()
         return np.asarray(self._video.to_ndarray(format="rgb24"), np.uint8)
