@@ -246,7 +246,8 @@ class _Donor:
         self._button.props["aria-label"] = f"Donor: {self._faces[self._spec]}"
         with self._button, ui.row().classes("items-center no-wrap gap-2"):
             if self._spec:
-                ui.image(_portrait(self._spec)).classes("w-8 h-8 rounded shrink-0").props("no-spinner no-transition")
+                picture = ui.image(_portrait(self._spec)).classes("w-8 h-8 rounded shrink-0")
+                picture.props("no-spinner no-transition")
             ui.label(f"Donor: {self._faces[self._spec]}").classes("min-w-0 break-words")
 
     async def _choose(self) -> None:
