@@ -3,6 +3,7 @@
 
 import socket
 from collections.abc import Iterator
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,12 @@ import cv2
 import numpy as np
 import pytest
 from clips import cut, empty_scene
+from made_up import SAMPLES
 from studio_browser import LIMIT, StudioServer, browser, page, studio, studio_server, visit  # noqa: F401
 
 from aam.model import Identity
 
+LONG = SAMPLES / "p01" / "talk.mp4"  # what takes so long to learn that it can be cancelled
 ENROL = 120_000  # milliseconds, on a busy machine
 AMBER = "rgb(245, 158, 11)"
 TRICK = "../../../evil <b>x<.mp4"
@@ -118,8 +121,8 @@ def test_a_failure_is_told_with_the_clips_own_name(page: Any, tmp_path: Path) ->
     remove(page, "Delete the clip wall")
 
 
-def test_a_name_is_text_and_no_path(page: Any, studio_server: StudioServer, clip: Path) -> None:
-    upload(page, {"name": TRICK, "mimeType": "video/mp4", "buffer": clip.read_bytes()})
+def test_a_name_is_text_and_no_path(page: Any, studio_server: StudioServer) -> None:
+    upload(page, {"name": TRICK, "mimeType": "video/mp4", "buffer": LONG.read_bytes()})
     page.get_by_role("button", name="Cancel").click()
     page.get_by_role("button", name="Remove").click()
     (file,) = (studio_server.folder / "clips").iterdir()
@@ -136,6 +139,7 @@ def test_a_broken_upload_leaves_nothing(page: Any, studio_server: StudioServer, 
     id = page.locator(".q-uploader").get_attribute("id").removeprefix("c")
     path = f"/_nicegui/client/{page.evaluate('window.clientId')}/upload/{id}"
     half_an_upload(studio_server, path, clip)
+    assert too_much(studio_server, path) == 413
     assert kept(studio_server) == set()
 
 
@@ -150,14 +154,30 @@ def half_an_upload(server: StudioServer, path: str, clip: Path) -> None:
         connection.sendall("\r\n".join(lines).encode() + clip.read_bytes()[:1000] + bytes(3 * 10**6))
 
 
-def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: StudioServer, clip: Path) -> None:
+def too_much(server: StudioServer, path: str) -> int:
+    """The status of an upload that does not say how large it is, and is too large."""
+    head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a.mp4"\r\n\r\n'
+    headers = {
+        "Cookie": server.cookie,
+        "Origin": server.url(""),
+        "Content-Type": "multipart/form-data; boundary=x",
+    }
+    connection = HTTPConnection("127.0.0.1", server.port, timeout=60)
+    body = (head, *[bytes(10**6)] * LIMIT, bytes(10**5))
+    connection.request("POST", path, body, headers | {"Transfer-Encoding": "chunked"}, encode_chunked=True)
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
+def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: StudioServer) -> None:
     with visit(browser, studio_server) as other:
-        upload(page, clip)
+        upload(page, LONG)
         other.get_by_role("button", name="Cancel").click()
         page.get_by_text("Cancelled.").wait_for()
         page.get_by_role("button", name="Remove").click()
         other.get_by_text("Cancelled.").wait_for(state="detached")
-        remove(other, "Delete the clip anna")
+        remove(other, "Delete the clip talk")
         page.get_by_text("Your clips").wait_for(state="detached")
 
 

@@ -16,6 +16,7 @@ from studio_browser import LIMIT, StudioServer, studio, studio_server  # noqa: F
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
 NO_TOKEN = "This page needs the address, with its token, that guise studio has printed in the terminal."
+WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
 pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
 
 
@@ -105,8 +106,15 @@ def test_changes_come_from_the_studios_own_pages(
 ) -> None:
     headers = {} if origin is None else {"Origin": origin}
     status, _, text = ask(server, "/people", method, **headers)
-    assert (status, text) == (403, "This request comes from another site: use the studio's own pages.")
+    assert (status, text) == (403, WRONG_ORIGIN)
     assert ask(server, "/people", method, Origin=own(server))[0] in (404, 405)
+
+
+@pytest.mark.parametrize("path", ["/people", "/files/clips/x.mp4", POLLING])
+def test_another_site_reads_nothing(server: StudioServer, path: str) -> None:
+    """For a browser other ports of this computer are the same site, and get the cookie."""
+    assert ask(server, path, Origin="http://127.0.0.1:1")[::2] == (403, WRONG_ORIGIN)
+    assert ask(server, "/people", Origin=own(server))[0] == 200
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:80", "127.0.0.1.evil.example", ""])

@@ -6,10 +6,11 @@ Plain ASGI around everything else, so that no request, upload or websocket goes 
 from __future__ import annotations
 
 import secrets
+from contextlib import suppress
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import cookie_parser
+from starlette.requests import ClientDisconnect, cookie_parser
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -33,10 +34,6 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-
-
-class TooLarge(Exception):
-    """A body above the limit."""
 
 
 class Guard:
@@ -70,7 +67,7 @@ class Guard:
         if host.rsplit(":", 1)[0] not in HOSTS:
             return PlainTextResponse(WRONG_HOST, 403)
         harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
-        if not harmless and origin != f"http://{host}":
+        if origin != f"http://{host}" and not (harmless and origin is None):
             return PlainTextResponse(WRONG_ORIGIN, 403)
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
         if harmless and self._is_token(given):
@@ -91,27 +88,23 @@ class Guard:
         return response
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let the studio answer, and stop when more is coming than was said."""
-        started, count = False, 0
+        """Let the studio answer, unless more is coming than was said; to it that is a lost connection."""
+        count, most = 0, self._limit + _OVERHEAD
 
         async def counted() -> Message:
             nonlocal count
             message = await receive()
             count += len(message.get("body", b"")) if message["type"] == "http.request" else 0
-            if count > self._limit + _OVERHEAD:
-                raise TooLarge
-            return message
+            return message if count <= most else {"type": "http.disconnect"}
 
-        async def noted(message: Message) -> None:
-            nonlocal started
-            started = True
-            await send(message)
+        async def answered(message: Message) -> None:
+            if count <= most:
+                await send(message)
 
-        try:
-            await self.app(scope, counted, noted)
-        except TooLarge:
-            if not started:
-                await PlainTextResponse(too_large(self._limit), 413)(scope, receive, send)
+        with suppress(ClientDisconnect):
+            await self.app(scope, counted, answered)
+        if count > most:
+            await PlainTextResponse(too_large(self._limit), 413)(scope, receive, send)
 
 
 def too_large(limit: int) -> str:

@@ -57,11 +57,11 @@ class _Page:
         self._gallery()
         ui.timer(LOOK, self._look)
 
-    def _state(self) -> list[tuple[str, str]]:
-        """What the lists depend on."""
+    def _state(self) -> list[tuple[str, bool]]:
+        """What the lists depend on, and no more: what is drawn anew forgets a click that is on its way."""
         store = self.studio.store
-        people, clips = ([(row.id, "") for row in rows] for rows in (store.people(), store.clips()))
-        return people + clips + [(job.id, job.state) for job in self._jobs()]
+        kept = [row.id for rows in (store.people(), store.clips()) for row in rows]
+        return [(id, True) for id in kept] + [(job.id, job.ended) for job in self._jobs()]
 
     def _look(self) -> None:
         state = self._state()
