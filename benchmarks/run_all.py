@@ -58,6 +58,7 @@ LIVE = (
     "live.start",
     "live.closed",
     "live.soak",
+    "live.studio",
 )
 ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE)
 WITH_PEERS = (

@@ -102,6 +102,14 @@ def test_median_and_tail_of_the_latency_are_judged() -> None:
     assert [c.met for c in report.criteria] == [True, False, True, True]
 
 
+def test_what_was_seen_in_the_first_seconds_does_not_count_and_nothing_is_not_met() -> None:
+    seen = np.array([[100.0, 90.0], [101.0, 80.0], [103.0, 12.0], [104.0, 14.0]])
+    assert latency.steady(seen) == [12.0, 14.0]
+    assert latency.steady(seen[:0]) == []
+    report = latency.report({"window": []}, {"window": 600})
+    assert not any(c.met for c in report.criteria)
+
+
 def test_every_benchmark_of_the_live_application_runs_with_all() -> None:
     folder = Path(run_all.__file__).parent
     scripts = {p.stem for p in (folder / "live").glob("*.py") if "common.run(measure" in p.read_text()}

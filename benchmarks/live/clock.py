@@ -2,7 +2,7 @@
 
 The time is in microseconds of `time.perf_counter`, which on Linux is the same for all processes, and repeats after
 some 16 s; a check beside it tells it from anything else.  Run as a script it watches a display's file (XWD) and prints
-how many milliseconds passed between each code and its sight, until a code does not come any more.
+when each code was first seen, in seconds, and how many milliseconds had passed, until no new code comes any more.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ def _check(code: int) -> int:
 
 
 def watch(file: Path, width: int, height: int) -> None:
-    """Print the delay of each new code in the left upper corner (w, h) of a display, until there are no more."""
+    """Print time and delay of each new code in the left upper corner (w, h) of a display, until there are no more."""
     with file.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as memory:
         screen = screen_of(memory)
         last, at = None, time.perf_counter()
         while time.perf_counter() - at < PATIENCE:
             code = read(screen[:height, :width, 1])
             if code is not None and code != last:
-                print(f"{passed(code, now()):.2f}", flush=True)
                 last, at = code, time.perf_counter()
+                print(f"{at:.3f} {passed(code, now()):.2f}", flush=True)
             time.sleep(EVERY)
         del screen
 
