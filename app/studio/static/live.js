@@ -47,3 +47,5 @@ const guiseLive = {
     this.stream = this.connection = this.videos = undefined;
   },
 };
+
+addEventListener("pagehide", () => guiseLive.end());

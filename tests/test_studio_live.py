@@ -1,0 +1,250 @@
+"""The page Live in a browser whose camera shows a sample person: what comes back is looked at, pixel by pixel."""
+
+import base64
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from made_up import SAMPLES
+
+pytest.importorskip("nicegui")
+pytest.importorskip("aiortc")
+pytest.importorskip("playwright")
+from studio_browser import StudioServer, browser, camera_file, studio, visit  # noqa: F401
+
+from app.studio.store import Store
+
+PATIENCE = 60_000  # milliseconds
+GALLERY = Path(__file__).parents[1] / "app" / "gallery"
+OF_A_RUN = 8  # threads: capture, work, three outputs, what runs them, the decoder and the detector
+READ = """(label) => {
+  const video = document.querySelector(`video[aria-label="${label}"]`);
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
+  if (!canvas.width) return null;
+  canvas.getContext("2d").drawImage(video, 0, 0);
+  return canvas.toDataURL("image/jpeg", 0.95);
+}"""
+
+
+def widest() -> int:
+    """The frame of the clip in which the mouth is open widest."""
+    points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"]
+    return int((points[:, 66, 1] - points[:, 62, 1]).argmax())
+
+
+@pytest.fixture(scope="module")
+def regions() -> tuple[np.ndarray, np.ndarray]:
+    """Masks (h, w) of the inner face and of what is far from it in the camera's picture."""
+    points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][widest()]
+    face = np.zeros((480, 640), np.uint8)
+    cv2.fillConvexPoly(face, cv2.convexHull(points[17:68].astype(np.int32)), 1)
+    far = np.ones((480, 640), np.uint8)
+    centre, size = points.mean(0), np.ptp(points, axis=0).max()
+    cv2.circle(far, centre.astype(int).tolist(), int(1.1 * size), 0, -1)
+    return face.astype(bool), far.astype(bool)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioServer]:
+    """A studio that knows the person at the camera."""
+    folder = tmp_path_factory.mktemp("studio")
+    store = Store(folder)
+    shutil.copy(GALLERY / "p01.guise", store.add_person("Robin", None).path)
+    store.close()
+    with studio(folder) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def chrome(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:  # noqa: F811
+    """A browser whose camera shows one frame all the time."""
+    folder = tmp_path_factory.mktemp("still")
+    with av.open(str(SAMPLES / "p01" / "talk.mp4")) as clip, av.open(str(folder / "still.mkv"), "w") as out:
+        stream = out.add_stream("ffv1", 30, {})
+        stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv420p"
+        frame = next(f for i, f in enumerate(clip.decode(video=0)) if i == widest())
+        for i in range(3):
+            frame.pts, frame.time_base = i, 1 / stream.average_rate
+            out.mux(stream.encode(frame))
+        out.mux(stream.encode(None))
+    camera = camera_file(folder / "camera.mjpeg", folder / "still.mkv")
+    arguments = [
+        "--no-sandbox", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream",
+        f"--use-file-for-fake-video-capture={camera}",
+    ]  # fmt: skip
+    still = browser.browser_type.launch(executable_path=_executable(), args=arguments)
+    yield still
+    still.close()
+
+
+def _executable() -> str | None:
+    return shutil.which("chromium") or shutil.which("google-chrome")
+
+
+def read(page: Any, label: str) -> np.ndarray | None:
+    """A video's picture of this moment, RGB (h, w, 3) float, or None."""
+    data = page.evaluate(READ, label)
+    if data is None:
+        return None
+    image = cv2.imdecode(np.frombuffer(base64.b64decode(data.split(",")[1]), np.uint8), cv2.IMREAD_COLOR_RGB)
+    return np.asarray(image, np.float64)
+
+
+def result(page: Any) -> np.ndarray:
+    picture = read(page, "The result")
+    assert picture is not None
+    return picture
+
+
+def until(page: Any, condition: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE / 1000
+    while time.monotonic() < end:
+        if condition():
+            return
+        page.wait_for_timeout(250)
+    pytest.fail(f"never {what}: {page.locator('body').inner_text()}")
+
+
+def difference(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
+    """Mean absolute difference of RGB in a region."""
+    return float(np.abs(a - b)[where].mean())
+
+
+def go_live(page: Any) -> None:
+    page.get_by_role("button", name="Start").click()
+    until(page, lambda: page.get_by_role("status").first.inner_text() == "", "swapped")
+    until(page, lambda: read(page, "The result") is not None, "received")
+
+
+def choose(page: Any, label: str, option: str) -> None:
+    page.get_by_role("combobox", name=label, exact=True).click()
+    page.get_by_role("option", name=option).click()
+
+
+def threads(server: StudioServer) -> int:
+    return len(os.listdir(f"/proc/{server.process.pid}/task"))
+
+
+def test_another_face_comes_back_alpha_and_cover_change_it_and_leaving_ends_it(
+    chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
+) -> None:
+    face, far = regions
+    with visit(chrome, server, "/") as page:
+        choose(page, "Face to show", "p02 (fictional)")
+        go_live(page)
+        sent = read(page, "Your camera")
+        assert sent is not None
+        until(page, lambda: difference(result(page), sent, far) < 6, "with the background as it was sent")
+        shown = result(page)
+        assert difference(shown, sent, face) > 3 * difference(shown, sent, far)
+        assert difference(shown, sent, face) > 12
+
+        noise = difference(result(page), shown, face)
+        for _ in range(2):
+            page.get_by_role("slider", name="Expression").locator("[tabindex]").press("PageDown")
+        until(page, lambda: difference(result(page), shown, face) > 2 * noise + 1, "changed by alpha")
+        assert difference(result(page), sent, far) < 6
+
+        page.get_by_role("button", name="Cover").click()
+        until(page, lambda: "as you chose" in page.get_by_role("status").first.inner_text(), "covered")
+        until(page, lambda: difference(result(page), shown, face) > 3 * noise + 5, "seen to be covered")
+
+        live = threads(server)
+        page.goto("about:blank")
+        until(page, lambda: threads(server) <= live - OF_A_RUN, "ended when its page was left")
+
+
+def test_recordings_and_snapshots_are_downloads_of_the_result(
+    chrome: Any, server: StudioServer, tmp_path: Path
+) -> None:
+    with visit(chrome, server, "/") as page:
+        go_live(page)
+        page.get_by_role("button", name="Record").click()
+        with page.expect_download(timeout=PATIENCE) as film:
+            page.get_by_role("button", name="End recording").click()
+        film.value.save_as(tmp_path / "film.mp4")
+        with page.expect_download(timeout=PATIENCE) as still:
+            page.get_by_role("button", name="Snapshot").click()
+        still.value.save_as(tmp_path / "still.png")
+        page.get_by_role("button", name="Stop").click()
+        page.get_by_role("button", name="Start").wait_for()
+        assert read(page, "The result") is None
+    with av.open(str(tmp_path / "film.mp4")) as container:
+        assert container.streams.video[0].width == 640
+        assert next(container.decode(video=0)) is not None
+    assert cv2.imread(str(tmp_path / "still.png")).shape == (480, 640, 3)
+
+
+def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
+    chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
+) -> None:
+    with visit(chrome, server, "/") as page:
+        choose(page, "Who is at the camera", "Enrol me")
+        page.get_by_role("button", name="Start").click()
+        until(
+            page,
+            lambda: "Look at the camera" in page.get_by_role("status").first.inner_text(),
+            "asked to look",
+        )
+        until(page, lambda: read(page, "The result") is not None, "received")
+        sent, shown = read(page, "Your camera"), result(page)
+        assert sent is not None
+        assert page.get_by_label("Enrolment").is_visible()
+        assert alike(sent, sent[:, ::1], regions[0]) > 0.99
+        assert alike(sent, shown, regions[0]) < 0.3
+        choose(page, "Who is at the camera", "Robin")
+        until(page, lambda: page.get_by_role("status").first.inner_text() == "", "swapped")
+
+
+def alike(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
+    """Correlation of the fine detail in a region."""
+    fine = [(v - cv2.GaussianBlur(v, (0, 0), 2.0))[where].ravel() for v in (a, b)]
+    return float(np.corrcoef(*fine)[0, 1])
+
+
+def test_a_camera_that_may_not_be_used_is_one_sentence(chrome: Any, server: StudioServer) -> None:
+    with visit(chrome, server, "/") as page:
+        page.evaluate(
+            """() => {
+              navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("", "NotAllowedError"));
+            }"""
+        )
+        page.get_by_role("button", name="Start").click()
+        page.get_by_text("allow it beside the address").wait_for(timeout=PATIENCE)
+        assert page.get_by_role("button", name="Start").is_enabled()
+
+
+@pytest.mark.skipif(Path("/dev/video0").exists(), reason="this computer has a camera")
+def test_a_computer_without_a_camera_is_one_sentence(chrome: Any, server: StudioServer) -> None:
+    with visit(chrome, server, "/") as page:
+        choose(page, "Camera", "The computer's camera")
+        page.get_by_role("button", name="Start").click()
+        page.get_by_text("the computer's camera cannot be opened").wait_for(timeout=PATIENCE)
+        page.get_by_role("button", name="Start").wait_for(timeout=PATIENCE)
+
+
+def test_on_a_phone_the_pictures_are_stacked_and_nothing_is_cut_off(
+    chrome: Any, server: StudioServer
+) -> None:
+    with visit(chrome, server, "/", viewport={"width": 360, "height": 740}) as page:
+        own, other = (
+            page.get_by_label(name, exact=True).bounding_box() for name in ("Your camera", "The result")
+        )
+        assert other["y"] >= own["y"] + own["height"]
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+
+
+def test_the_studio_ends_at_once_while_somebody_is_live(chrome: Any, server: StudioServer) -> None:
+    page = chrome.new_page()
+    page.goto(server.url(f"/?token={server.token}"))
+    go_live(page)
+    assert server.stop() == 0
+    page.close()
