@@ -57,6 +57,7 @@ LIVE = (
     "live.latency",
     "live.start",
     "live.closed",
+    "live.studio",
     "live.soak",
     "live.studio",
 )
