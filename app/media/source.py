@@ -195,7 +195,11 @@ class VideoSource(Source):
     def _again(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
         reader = self.open_reader(self.problems)
         reader.on_packet = listener
-        yield from reader
+        try:
+            yield from reader
+        finally:  # a clip that is played again and again keeps no pass open
+            reader.close()
+            self._others.remove(reader)
 
     def close(self) -> None:
         for reader in [*self._others, self._template]:
