@@ -1,6 +1,7 @@
 """The detector that looks at every frame: boxes lie where the faces are, whatever the frame is made of."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +11,8 @@ from made_up import SAMPLES
 from aam.landmarks import overlap
 from app.live.watch import HEIGHT, Watch, small
 from app.media import Frame, open_source
+
+HAND = Path(__file__).parents[2] / "shared/data/synthetic/hard/occlusion_hand.mp4"
 
 
 @pytest.fixture
@@ -72,3 +75,12 @@ def test_what_is_drawn_after_it_began_to_look_does_not_matter(watch: Watch, talk
 def test_before_the_first_frame_there_is_nobody(watch: Watch) -> None:
     assert len(watch.boxes[0]) == 0
     assert watch.detect(np.zeros((1, 1, 3), np.uint8)) == []
+
+
+@pytest.mark.skipif(not HAND.is_file(), reason=f"{HAND.name} is not there")
+def test_fingertips_are_no_faces(watch: Watch) -> None:
+    with open_source(HAND) as source:
+        for frame in source:
+            if frame.index in (30, 55, 90):
+                watch.look(frame)
+                assert len(watch.boxes[0]) == 1

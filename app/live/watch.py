@@ -19,7 +19,9 @@ Picture = NDArray[np.uint8]
 
 SMALLEST = 12  # pixels, the smallest face that the detector sees
 HEIGHT = 240  # pixels, of the picture that it looks at: SMALLEST is a twentieth of it
-POSSIBLE = 0.35  # score from which a box is covered
+POSSIBLE = 0.35  # score from which a box is covered, if it is like a face
+SURE = 0.75  # score from which it is covered whatever it is like
+LIKE = -5.0  # likeness, see `BuiltinLandmarker.likeness`; fingertips and folds of cloth have less
 LIKELY = 0.5  # score from which points are looked for in it
 
 
@@ -42,8 +44,13 @@ class Watch(Closing):
 
     def _boxes_in(self, picture: Picture, size: tuple[int, int]) -> tuple[F32, F32]:
         boxes, scores = self._detector.detect_scored(picture)
+        faces = [score >= SURE or self._like(picture, box) for box, score in zip(boxes, scores, strict=True)]
+        boxes, scores = boxes[faces], scores[faces]
         scale = np.divide(size, picture.shape[1::-1])
         return ((boxes + 0.5) * np.tile(scale, 2) - 0.5).astype(np.float32), scores
+
+    def _like(self, picture: Picture, box: F32) -> bool:
+        return self._landmarker.likeness(picture, box) >= LIKE
 
     @property
     def boxes(self) -> tuple[F32, F32]:
