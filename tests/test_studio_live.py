@@ -222,6 +222,20 @@ def test_a_camera_that_may_not_be_used_is_one_sentence(chrome: Any, server: Stud
         assert page.get_by_role("button", name="Start").is_enabled()
 
 
+def test_a_browser_without_a_network_is_one_sentence(chrome: Any, server: StudioServer) -> None:
+    with visit(chrome, server, "/") as page:
+        page.evaluate(
+            """() => {
+              window.RTCPeerConnection = class extends RTCPeerConnection {
+                constructor() { super({iceTransportPolicy: "relay"}); }
+              };
+            }"""
+        )
+        page.get_by_role("button", name="Start").click()
+        page.get_by_text("in no network: join one").wait_for(timeout=PATIENCE)
+        assert page.evaluate("document.querySelector('video').srcObject") is None
+
+
 @pytest.mark.skipif(Path("/dev/video0").exists(), reason="this computer has a camera")
 def test_a_computer_without_a_camera_is_one_sentence(chrome: Any, server: StudioServer) -> None:
     with visit(chrome, server, "/") as page:

@@ -41,6 +41,10 @@ MISTAKES = {
     "NotAllowedError": "The browser may not use the camera: allow it beside the address, then start again.",
     "NotFoundError": "The browser has found no camera: connect one, or choose the computer's camera.",
     "NotReadableError": "Another program uses the camera: close it, then start again.",
+    "NetworkError": (
+        "The browser connects nothing while this computer is in no network: join one (no picture is sent there), "
+        "or use guise live in a terminal."
+    ),
 }
 NOBODY = ""  # instead of a person's id: enrol
 SIZE = (640, 480)  # pixels, of the computer's camera

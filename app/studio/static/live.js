@@ -5,6 +5,7 @@ const guiseLive = {
   // Offers a connection: own and result are video elements; without own, the camera is the server's.
   async begin(own, result) {
     this.end();
+    this.videos = [own, result];
     try {
       const connection = this.connection = new RTCPeerConnection();
       const video = connection.addTransceiver("video", { direction: own ? "sendrecv" : "recvonly" });
@@ -15,8 +16,9 @@ const guiseLive = {
       await new Promise((done) => {
         connection.onicegatheringstatechange = () => connection.iceGatheringState === "complete" && done();
         if (connection.iceGatheringState === "complete") done();
+        setTimeout(done, 5000); // without any network it never completes
       });
-      this.videos = [own, result];
+      if (!connection.localDescription.sdp.includes("a=candidate")) throw new DOMException("", "NetworkError");
       return connection.localDescription.toJSON();
     } catch (error) {
       this.end();
