@@ -3,7 +3,8 @@
 Once a second it is noted how much memory the process holds, how many threads it has, and how far the frames' own times
 and the clock have come apart when they are presented.  Memory is flat when the median over the last fifth of the run is
 no more than 5 % over that of the second.  Drift is that of the delays' medians over the same fifths.  The recording's
-length, by its own times, is compared with the clock.
+length, by its own times, is compared with the clock.  Encoder and allocator fill their pools for some
+minutes, so that short runs still grow.
 """
 
 from __future__ import annotations
