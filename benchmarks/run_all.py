@@ -59,7 +59,6 @@ LIVE = (
     "live.closed",
     "live.studio",
     "live.soak",
-    "live.studio",
 )
 ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE)
 WITH_PEERS = (
