@@ -80,7 +80,7 @@ class Puppet(Closing):
         self._linear = np.array([[a, b], [-b, a]])
         self.zoom = math.hypot(a, b)
         self._surroundings = Surroundings(self._still, options)
-        self._appearance = np.asarray(target.appearance.neutral, np.float32)
+        self._appearance = np.array(target.appearance.neutral, np.float32)  # a copy: it moves
         self._fit_palette(target, own)
 
     @property

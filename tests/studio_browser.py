@@ -81,14 +81,14 @@ def studio(folder: Path, *, limit: int = LIMIT) -> Iterator[StudioServer]:
                 process.send_signal(signal.SIGINT)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioServer]:
     """A studio with an empty folder, for all tests of a module."""
     with studio(tmp_path_factory.mktemp("studio")) as server:
         yield server
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # ended with it: while Playwright runs there is an event loop in this thread
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Chromium without a window, whose camera shows the first sample person's clip again and again."""
     chromium = _require_chromium()

@@ -255,3 +255,12 @@ def test_the_region_of_a_cover_takes_in_the_whole_head(
     middle = (x0 + x1) // 2
     assert changed[max(y0, 0) : y1, middle].all()
     assert changed[(y0 + y1) // 2, x0:x1].all()
+
+
+def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
+    face: LiveFace, p01: Identity, talk: list[Picture]
+) -> None:
+    before = p01.appearance.neutral.copy()
+    for number, picture in enumerate(talk[:5]):
+        face.step(Frame.from_rgb(picture, number, Fraction(1, FPS), number), Settings(mode="puppet"))
+    np.testing.assert_array_equal(p01.appearance.neutral, before)

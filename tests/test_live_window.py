@@ -38,7 +38,7 @@ SIZE = 320, 240
 
 
 def without(reason: str) -> None:
-    if os.environ.get("GUISE_REQUIRE_EGL") == "1":
+    if os.environ.get("GUISE_REQUIRE_WINDOW") == "1":
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
 
