@@ -31,12 +31,12 @@ FRAMES = 30
 LONG = 120_000  # milliseconds, for a review or a rendering
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cut("p01", tmp_path_factory.mktemp("clip") / "party.mp4", FRAMES, clip="talk.mp4")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def reviewed(studio_server: StudioServer, browser: Any, clip: Path) -> str:  # noqa: F811
     """Where the reviewed clip is in the studio."""
     with visit(browser, studio_server, "/deidentify") as visitor:
@@ -238,7 +238,7 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
 # -- the work -------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def work(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What a rendering of the reviewed clip is told."""
     folder = tmp_path_factory.mktemp("review")
