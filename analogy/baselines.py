@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from analogy.solver import factorised
+from analogy.solver import LeastSquares
 from analogy.tents import HELD, Rings, settled, tips
 
 F64 = NDArray[np.float64]
@@ -38,18 +38,14 @@ class GradientTransfer:
         self._before = np.linalg.pinv(_with_normal(source, rings))
         planes, flat = _planes(target, rings)
         self._planes = planes
-        self._system = _operator(np.asarray(np.linalg.pinv(flat), np.float64), rings)
-        normal = sp.csc_array(self._system.T @ self._system)
-        self._hold = HELD * normal.diagonal().mean()
-        self._solve = factorised(normal + self._hold * sp.eye_array(rings.count, format="csc"))
-        self._right = sp.csr_array(self._system.T)
+        system = _operator(np.asarray(np.linalg.pinv(flat), np.float64), rings)
+        self._solve = LeastSquares(system, HELD)
 
     def __call__(self, expressive: F64) -> F64:
         """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
         wanted = self._transformations(expressive)
         across = np.einsum("tij,tjk->tik", wanted, self._planes)  # (t, 3, 2)
-        right = self._right @ across.transpose(0, 2, 1).reshape(-1, 3)
-        made = self._solve(right + self._hold * self.target)
+        made = self._solve(across.transpose(0, 2, 1).reshape(-1, 3), self.target)
         return settled(made - self.target, expressive - self.source) + self.target
 
     def _transformations(self, expressive: F64) -> F64:

@@ -49,6 +49,31 @@ def factorised(matrix: sp.sparray) -> Solve:
         ) from error
 
 
+class LeastSquares:
+    """Solves A x = b in least squares, for many b; factorised once.
+
+    Parameters
+    ----------
+    system : A (m, n).
+    hold : weight, of the mean of the diagonal of A^T A, by which x is held near a given one, so that it is unique.
+
+    Raises
+    ------
+    SolverError
+        When a part of x is held by nothing.
+    """
+
+    def __init__(self, system: sp.sparray, hold: float) -> None:
+        self._right = sp.csr_array(system.T)
+        normal = sp.csc_array(self._right @ system)
+        self._hold = hold * float(normal.diagonal().mean())
+        self._solve = factorised(normal + self._hold * sp.eye_array(normal.shape[0], format="csc"))
+
+    def __call__(self, wanted: F64, near: F64) -> F64:
+        """x (n, k) for b (m, k), near (n, k)."""
+        return self._solve(self._right @ wanted + self._hold * near)
+
+
 def solver() -> str:
     """Who solves here, for reports."""
     try:

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.solver import factorised
+from analogy.solver import LeastSquares
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -132,17 +132,13 @@ class TentTransfer:
         own = Tents(target, rings)
         self._basis = _across(own.tip_weights)
         across = sp.csr_array(sp.block_diag(list(self._basis.transpose(0, 2, 1)), format="csr"))
-        self._system = sp.csr_array(across @ own.operator)
-        normal = sp.csc_array(self._system.T @ self._system)
-        self._hold = HELD * normal.diagonal().mean()
-        self._solve = factorised(normal + self._hold * sp.eye_array(rings.count, format="csc"))
-        self._right = sp.csr_array(self._system.T)
+        self._solve = LeastSquares(sp.csr_array(across @ own.operator), HELD)
 
     def __call__(self, expressive: F64) -> F64:
         """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
         wanted = self._tents.transformations(expressive)
         across = np.einsum("nij,nik->njk", self._basis, wanted).reshape(-1, 3)
-        made = self._solve(self._right @ across + self._hold * self.target)
+        made = self._solve(across, self.target)
         return self.target + settled(made - self.target, expressive - self.source)
 
 
