@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import av
+from av import library_versions as versions
 from av.codec.codec import UnknownCodecError
 
 
@@ -18,7 +19,7 @@ def has_decoder(name: str) -> bool:
 
 def library_versions() -> str:
     """PyAV and the libavcodec in it, for a person to read."""
-    number = ".".join(map(str, av.library_versions.get("libavcodec", ())))
+    number = ".".join(map(str, versions.get("libavcodec", ())))
     return f"PyAV {av.__version__}, libavcodec {number}"
 
 
