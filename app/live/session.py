@@ -28,6 +28,9 @@ from app.media import Frame
 
 Keep = Callable[[Identity], None]
 
+JAW = 0.035  # face widths by which the face is drawn beyond the jaw, so that nothing of the real one shows
+AGAIN = 0.05  # share of the ring up to which the reason of a new beginning is shown
+
 
 def forget(identity: Identity) -> None:
     """Keep no model."""
@@ -55,9 +58,6 @@ class Plan:
     options: Options = field(default_factory=lambda: Options(jaw=JAW))
     recording: Callable[[], bool] = lambda: False
     notice: Callable[[], str] = str
-
-
-JAW = 0.035  # face widths by which the face is drawn beyond the jaw, so that nothing of the real one shows
 
 
 class LiveWork:
@@ -174,6 +174,3 @@ class Learner:
 
     def _progress(self, stage: str, share: float) -> None:
         self._share = share
-
-
-AGAIN = 0.05  # share of the ring up to which the reason of a new beginning is shown
