@@ -1,0 +1,102 @@
+"""The mesh that everything 3-D computes with: triangles and quads over one set of vertices.
+
+Any unit of length, which results keep.  A mesh is clean: all vertices finite and each in a face, no face without
+area, no two vertices at one place that only a texture seam tells apart; `analogy.cleaning` makes it so.  Open borders,
+several components and edges with more than two faces are allowed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from analogy.tents import Rings
+
+F64 = NDArray[np.float64]
+Int = NDArray[np.intp]
+
+
+class MeshError(ValueError):
+    """A mesh, or a mesh file, that cannot be used; one sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Vertices and their faces.
+
+    Parameters
+    ----------
+    vertices : (N, 3), finite.   triangles : (t, 3) and quads : (q, 4), 0-based vertex ids.
+
+    Raises
+    ------
+    MeshError
+        When the shapes are others, a vertex is not finite, an id is out of range, or there is no face.
+
+    Examples
+    --------
+    >>> square = Mesh(np.eye(4, 3), np.empty((0, 3), np.intp), np.array([[0, 1, 2, 3]]))
+    >>> square.faces.tolist()
+    [[0, 1, 2], [0, 2, 3]]
+    """
+
+    vertices: F64
+    triangles: Int
+    quads: Int
+
+    def __post_init__(self) -> None:
+        _check_vertices(self.vertices, len(self.vertices))
+        for name, faces, sides in (("triangles", self.triangles, 3), ("quads", self.quads, 4)):
+            if faces.ndim != 2 or faces.shape[1] != sides:
+                raise MeshError(f"{name} must be (n, {sides}), got {faces.shape}")
+            if faces.size and not (faces.min() >= 0 and faces.max() < len(self.vertices)):
+                raise MeshError(f"{name} must hold ids from 0 to {len(self.vertices) - 1}")
+        if not len(self.triangles) + len(self.quads):
+            raise MeshError("the mesh has no faces")
+
+    @cached_property
+    def faces(self) -> Int:
+        """(m, 3) the triangles, then the quads split along their first diagonal: all first halves, then all second."""
+        return self.rings.triangles
+
+    @cached_property
+    def rings(self) -> Rings:
+        """The one-rings; a quad's diagonal is no edge."""
+        return Rings.of(len(self.vertices), self.triangles, self.quads)
+
+    @cached_property
+    def components(self) -> Int:
+        """(N,) label of each vertex's connected part, from 0: the part of vertex 0 is 0, and so on."""
+        rings = self.rings
+        ones = np.ones(len(rings.start), np.int8)
+        graph = sp.coo_array((ones, (rings.start, rings.end)), shape=(rings.count, rings.count))
+        return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+    def moved(self, vertices: F64) -> Mesh:
+        """The same faces over other vertices (N, 3); what is known of the faces is not computed again.
+
+        Raises
+        ------
+        MeshError
+            When the number of vertices is another, or one is not finite.
+        """
+        _check_vertices(vertices, len(self.vertices))
+        other = Mesh(vertices, self.triangles, self.quads)
+        known = {
+            name: self.__dict__[name] for name in ("faces", "rings", "components") if name in self.__dict__
+        }
+        other.__dict__.update(known)
+        return other
+
+
+def _check_vertices(vertices: F64, count: int) -> None:
+    if vertices.shape != (count, 3):
+        raise MeshError(f"vertices must be ({count}, 3), got {vertices.shape}")
+    bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
+    if bad:
+        raise MeshError(f"{bad} of {count} vertices are not finite (NaN or infinite)")
