@@ -7,6 +7,7 @@ python docs/make_cli.py --check  fails when it is not up to date
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
 from types import UnionType
@@ -29,18 +30,21 @@ WORDS = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 
 def page() -> str:
     """The whole page."""
-    group = typer.main.get_command(app)
-    hints = {
-        c.name or c.callback.__name__: get_type_hints(c.callback)
-        for c in app.registered_commands
-        if c.callback
-    }
-    sections = [section(name, command, hints[name]) for name, command in group.commands.items()]  # type: ignore[attr-defined]
-    return "\n".join([INTRODUCTION, *sections])
+    return "\n".join([INTRODUCTION, *(section(name, command) for name, command in commands())])
 
 
-def section(name: str, command: Any, hints: dict[str, Any]) -> str:
+def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command with its full name, such as "analogy mesh rig"."""
+    for name, command in (group or typer.main.get_command(app)).commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", command
+
+
+def section(name: str, command: Any) -> str:
     """A command: heading, what it does, usage, arguments and options."""
+    hints = get_type_hints(command.callback)
     params = [p for p in command.params if not getattr(p, "hidden", False) and p.name != "help"]
     arguments = [p for p in params if not p.opts[0].startswith("-")]
     options = [p for p in params if p.opts[0].startswith("-")]

@@ -6,6 +6,7 @@ import re
 import shlex
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 import typer
@@ -22,7 +23,16 @@ def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
 
 
-def commands() -> list[str]:
+def commands_of(group: Any, before: str = "") -> dict[str, Any]:
+    """Every command by its full name, such as "analogy mesh rig"."""
+    found = {}
+    for name, command in group.commands.items():
+        inner = commands_of(command, f"{before}{name} ") if hasattr(command, "commands") else {}
+        found |= inner or {f"{before}{name}": command}
+    return found
+
+
+def command_lines() -> list[str]:
     """Every `guise ...` in a shell block or in backquotes, on any page."""
     found = []
     for page in PAGES:
@@ -55,20 +65,20 @@ def test_python_on_the_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest
         exec(compile(block, str(page), "exec"), {"__name__": "docs"})
 
 
-@pytest.mark.parametrize("line", commands())
+@pytest.mark.parametrize("line", command_lines())
 def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
-    group = typer.main.get_command(app)
+    known = commands_of(typer.main.get_command(app))
     _, *words = shlex.split(line)
-    names = [word for word in words if word.isupper() or not word.startswith("-")]
-    assert words[0] == "COMMAND" or words[0] in group.commands, line
-    if words[0] != "COMMAND":
-        known = {opt for param in group.commands[words[0]].params for opt in [*param.opts, "--help"]}
-        assert {w.split("=")[0] for w in words if w.startswith("-")} <= known
-        assert names
+    names = [name for name in known if words[: len(name.split())] == name.split()]
+    groups = [name for name in known if name.split()[: len(words)] == words]
+    assert words[0] == "COMMAND" or names or groups, line
+    for name in names:
+        options = {opt for param in known[name].params for opt in [*param.opts, "--help"]}
+        assert {w.split("=")[0] for w in words if w.startswith("-")} <= options
 
 
 def test_pages_name_commands_at_all() -> None:
-    assert len(commands()) >= 7
+    assert len(command_lines()) >= 7
 
 
 @EVERY_PAGE
@@ -92,8 +102,8 @@ def test_the_page_of_commands_is_up_to_date() -> None:
 
 
 def test_the_page_of_commands_names_every_option() -> None:
-    text, group = make_cli().page(), typer.main.get_command(app)
-    for name, command in group.commands.items():
+    text = make_cli().page()
+    for name, command in commands_of(typer.main.get_command(app)).items():
         section = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
         for param in command.params:
             if param.name != "help" and param.opts[0].startswith("-"):
