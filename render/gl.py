@@ -111,7 +111,7 @@ class GLCompositor(Closing):
         self._positions = context.buffer(reserve=mesh.uv.nbytes, dynamic=True)
         uv = context.buffer(to_texture_space(mesh.uv, mesh.width, mesh.height).tobytes())
         triangles = context.buffer(mesh.triangles.tobytes())
-        warp, self._blend = _program(context, "warp"), _program(context, "blend")
+        warp, self._blend = program(context, "warp"), program(context, "blend")
         warp["face"] = 0
         self._blend["warped"], self._blend["frame"] = 0, 1
         inputs = [(self._positions, "2f", "position"), (uv, "2f", "uv")]
@@ -195,7 +195,8 @@ def _round_up(pixels: int) -> int:
     return max(_STEP, -(-pixels // _STEP) * _STEP)
 
 
-def _program(context: moderngl.Context, name: str) -> moderngl.Program:
+def program(context: moderngl.Context, name: str) -> moderngl.Program:
+    """The program of the two shaders of that name in render/shaders."""
     shaders = files("render") / "shaders"
     return context.program(
         vertex_shader=(shaders / f"{name}.vert.glsl").read_text("utf-8"),

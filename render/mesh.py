@@ -125,7 +125,7 @@ class Rasteriser:
         ids : (h, w) uint8 or uint16, C-contiguous, written in place.
         """
         height, width = ids.shape
-        triangle, row, left, right = _spans(snapped, self._triangles, width, height)
+        triangle, row, left, right = spans(snapped, self._triangles, width, height)
         length = right - left
         ends = np.cumsum(length)
         pixels = np.repeat(row * width + left - (ends - length), length)
@@ -164,8 +164,8 @@ def texture_gradients(snapped: NDArray[np.float64], mesh: Mesh) -> NDArray[np.fl
     return np.stack([along_x, along_y, constant], axis=1).reshape(6, -1)
 
 
-def _spans(
-    snapped: NDArray[np.float64], triangles: NDArray[np.int32], width: int, height: int
+def spans(
+    snapped: NDArray[np.float64], triangles: NDArray[np.integer], width: int, height: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Runs of covered pixels (triangle, row, left, right), right exclusive, in drawing order."""
     corners = snapped[triangles]
