@@ -87,10 +87,9 @@ class Mesh:
         """
         _check_vertices(vertices, len(self.vertices))
         other = Mesh(vertices, self.triangles, self.quads)
-        known = {
-            name: self.__dict__[name] for name in ("faces", "rings", "components") if name in self.__dict__
-        }
-        other.__dict__.update(known)
+        for name in ("faces", "rings", "components"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
         return other
 
 
