@@ -1,6 +1,7 @@
-"""Image files: reading, writing, natural order, and tags inside PNG and JPEG.
+"""Image files: reading, writing, natural order, and tags inside PNG, JPEG, TIFF and WebP.
 
-RGB uint8, (h, w, 3); EXIF orientation is applied on reading and, like other metadata, not written.
+RGB uint8, (h, w, 3), or as deep as they are stored; EXIF orientation is applied on reading and, like other metadata,
+not written.
 """
 
 from __future__ import annotations
@@ -9,19 +10,28 @@ import re
 import struct
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.media import ifd
 from app.media.errors import MediaError
+from app.media.orientation import AS_STORED, Orientation
 from app.media.reader import Problems
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 _JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
+_TIFF_SUFFIXES = frozenset({".tif", ".tiff"})
+_DEEP_SUFFIXES = _TIFF_SUFFIXES | {".png"}
+_PROFILE_SUFFIXES = _DEEP_SUFFIXES | _JPEG_SUFFIXES | {".webp"}
+_PLAIN = frozenset({0, 1, 2, 3, 6})  # photometric interpretations of TIFF that are grey or RGB, or become RGB
 _JPEG_QUALITY = 95
+_PIECE = 65_519  # bytes of a profile in a JPEG segment
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
 
 _XMP = (
@@ -33,6 +43,41 @@ _XMP = (
 )
 
 Image = NDArray[np.uint8]
+Deep = NDArray[np.uint8] | NDArray[np.uint16]
+
+# What EXIF calls the orientation of a stored picture.
+_ORIENTATIONS = {
+    2: Orientation(flip_x=True),
+    3: Orientation(flip_x=True, flip_y=True),
+    4: Orientation(flip_y=True),
+    5: Orientation(transpose=True),
+    6: Orientation(transpose=True, flip_x=True),
+    7: Orientation(transpose=True, flip_x=True, flip_y=True),
+    8: Orientation(transpose=True, flip_y=True),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DeepImage:
+    """A picture as deep as it is stored, as shown.
+
+    pixels : (h, w) grey or (h, w, 3) RGB, uint8 or uint16.   alpha : (h, w) of the same type, or None.
+    profile : the bytes of its ICC profile, or None.
+    """
+
+    pixels: Deep
+    alpha: Deep | None = None
+    profile: bytes | None = None
+
+    @property
+    def bits(self) -> int:
+        """Bits of a component."""
+        return 8 * self.pixels.dtype.itemsize
+
+    def rgb8(self) -> Image:
+        """A copy as RGB (h, w, 3) uint8."""
+        shallow = eight_bits(self.pixels)
+        return np.repeat(shallow[..., None], 3, axis=2) if shallow.ndim == 2 else shallow.copy()
 
 
 def looks_like_image(path: Path) -> bool:
@@ -59,38 +104,104 @@ def list_images(folder: Path) -> list[Path]:
 def read_image(path: Path, problems: Problems) -> tuple[Image, Image | None] | None:
     """An image as RGB (h, w, 3) and its alpha (h, w) or None; None when it cannot be read."""
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError:
+        image = read_deep(path)
+    except MediaError:
         return None
-    raw = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+    if image.bits != 8:
+        problems.note(f"{path.name} was converted from {image.bits} to 8 bits a component.")
+    return image.rgb8(), None if image.alpha is None else eight_bits(image.alpha)
+
+
+def read_deep(path: Path) -> DeepImage:
+    """An image with the depth, alpha and profile that it is stored with.  Raises MediaError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MediaError(f"{path} cannot be read ({error.strerror}): give an image file.") from error
+    buffer = np.frombuffer(data or b"\0", np.uint8)
+    raw, kinds, blocks = cv2.imdecodeWithMetadata(buffer, cv2.IMREAD_UNCHANGED)
     if raw is None:
-        return None
-    if raw.dtype != np.uint8:
-        problems.note(f"{path.name} was converted from {raw.dtype.itemsize * 8} to 8 bits a component.")
-    if raw.ndim == 3 and raw.shape[2] == 4 and raw.dtype == np.uint8:
-        return np.ascontiguousarray(raw[..., 2::-1]), np.ascontiguousarray(raw[..., 3])
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8), None
+        raise MediaError(f"{path} is not an image that can be read: give a PNG, JPEG, TIFF or WebP file.")
+    photometric = ifd.read_short(data, ifd.PHOTOMETRIC)
+    if raw.dtype not in (np.uint8, np.uint16) or photometric not in _PLAIN | {None}:
+        raise MediaError(
+            f"{path} is neither grey nor RGB of 8 or 16 bits a component: convert it to that first."
+        )
+    stored = {int(kind): np.asarray(block).tobytes() for kind, block in zip(kinds, blocks, strict=True)}
+    profile = stored.get(cv2.IMAGE_METADATA_ICCP) or ifd.read_values(data).get(ifd.PROFILE)
+    return _shown(np.asarray(raw), stored.get(cv2.IMAGE_METADATA_EXIF, b""), profile)
+
+
+def _shown(raw: NDArray[Any], exif: bytes, profile: bytes | None) -> DeepImage:
+    """A decoded picture in OpenCV's order of channels, turned as EXIF says (OpenCV itself turns TIFF files)."""
+    turn = _ORIENTATIONS.get(ifd.read_short(exif, ifd.ORIENTATION) or 1, AS_STORED)
+    shown = turn.view(raw)
+    space = b"GRAY" if shown.ndim == 2 else b"RGB "  # what a profile is for; one for CMYK has become useless
+    profile = profile if profile and profile[16:20] == space else None
+    if shown.ndim == 2:
+        return DeepImage(np.ascontiguousarray(shown), None, profile)
+    alpha = np.ascontiguousarray(shown[..., 3]) if shown.shape[2] == 4 else None
+    return DeepImage(np.ascontiguousarray(shown[..., 2::-1]), alpha, profile)
+
+
+def eight_bits(values: Deep) -> Image:
+    """Components of 8 or 16 bits as 8 bits, rounded."""
+    if values.dtype == np.uint8:
+        return np.asarray(values, np.uint8)
+    return np.asarray((values.astype(np.uint32) + 128) // 257, np.uint8)
+
+
+def lost_in(suffix: str, image: DeepImage) -> list[str]:
+    """What a file with this suffix does not keep of a picture, in words."""
+    suffix = suffix.lower()
+    lost = ["transparency"] if image.alpha is not None and suffix in _JPEG_SUFFIXES else []
+    lost += ["16 bits a component"] if image.bits == 16 and suffix not in _DEEP_SUFFIXES else []
+    return lost + (["colour profile"] if image.profile and suffix not in _PROFILE_SUFFIXES else [])
 
 
 def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str, str]) -> bytes:
     """The bytes of an image file.  JPEG has no alpha."""
+    return encode_deep(DeepImage(rgb, alpha), suffix, tags)
+
+
+def encode_deep(image: DeepImage, suffix: str, tags: Mapping[str, str]) -> bytes:
+    """The bytes of an image file, with all that its format can keep (see `lost_in`)."""
     suffix = suffix.lower()
-    channels = [*cv2.split(rgb)[::-1]]
-    if alpha is not None and suffix not in _JPEG_SUFFIXES:
-        channels.append(alpha)
+    picture = _stored(image if suffix in _DEEP_SUFFIXES else _shallow(image), suffix)
     settings = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if suffix in _JPEG_SUFFIXES else []
-    picture = cv2.merge(channels)
+    blocks: dict[int, bytes] = {}
+    if image.profile and suffix in (".png", ".webp"):
+        blocks[cv2.IMAGE_METADATA_ICCP] = image.profile
     if suffix == ".webp":
         settings = [cv2.IMWRITE_WEBP_QUALITY, 101]  # above 100 is lossless
-        kinds, blocks = ([cv2.IMAGE_METADATA_XMP], [np.frombuffer(xmp(tags), np.uint8)]) if tags else ([], [])
-        done, data = cv2.imencodeWithMetadata(suffix, picture, kinds, blocks, settings)
-    else:
-        done, data = cv2.imencode(suffix, picture, settings)
+        if tags:
+            blocks[cv2.IMAGE_METADATA_XMP] = xmp(tags)
+    metadata = [np.frombuffer(block, np.uint8) for block in blocks.values()]
+    done, data = cv2.imencodeWithMetadata(suffix, picture, list(blocks), metadata, settings)
     if not done:
         raise MediaError(
-            f"An image of {rgb.shape[1]} x {rgb.shape[0]} cannot be written as {suffix}: use .png."
+            f"An image of {picture.shape[1]} x {picture.shape[0]} cannot be written as {suffix}: use .png."
         )
-    return _with_tags(data.tobytes(), suffix, tags)
+    if suffix in _TIFF_SUFFIXES:
+        extra = {ifd.PROFILE: image.profile or b"", ifd.XMP: xmp(tags) if tags else b""}
+        return ifd.with_values(data.tobytes(), {tag: value for tag, value in extra.items() if value})
+    whole = _with_tags(data.tobytes(), suffix, tags)
+    return _jpeg_with(whole, _jpeg_profile(image.profile or b"")) if suffix in _JPEG_SUFFIXES else whole
+
+
+def _shallow(image: DeepImage) -> DeepImage:
+    """The picture with 8 bits a component."""
+    alpha = None if image.alpha is None else eight_bits(image.alpha)
+    return DeepImage(eight_bits(image.pixels), alpha, image.profile)
+
+
+def _stored(image: DeepImage, suffix: str) -> NDArray[Any]:
+    """The picture as OpenCV stores it: grey, BGR or BGRA."""
+    grey = image.pixels.ndim == 2
+    if image.alpha is None or suffix in _JPEG_SUFFIXES:
+        return np.ascontiguousarray(image.pixels if grey else image.pixels[..., ::-1])
+    channels = [image.pixels] * 3 if grey else [image.pixels[..., i] for i in (2, 1, 0)]
+    return np.stack([*channels, image.alpha], axis=2)
 
 
 def is_lossy(suffix: str) -> bool:
@@ -120,9 +231,23 @@ def _with_tags(data: bytes, suffix: str, tags: Mapping[str, str]) -> bytes:
     if suffix in _JPEG_SUFFIXES:
         segments = b"".join(_jpeg_segment(0xFE, f"{key}: {value}".encode()) for key, value in tags.items())
         segments += _jpeg_segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp(tags))
-        end = 4 + int.from_bytes(data[4:6], "big")  # of the JFIF segment, which comes first
-        return data[:end] + segments + data[end:]
+        return _jpeg_with(data, segments)
     return data
+
+
+def _jpeg_with(data: bytes, segments: bytes) -> bytes:
+    """A JPEG file with more segments, after the JFIF segment, which comes first."""
+    end = 4 + int.from_bytes(data[4:6], "big")
+    return data[:end] + segments + data[end:]
+
+
+def _jpeg_profile(profile: bytes) -> bytes:
+    """A profile as numbered segments (ICC.1, annex B.4): it may be longer than one can be."""
+    pieces = [profile[i : i + _PIECE] for i in range(0, len(profile), _PIECE)]
+    return b"".join(
+        _jpeg_segment(0xE2, b"ICC_PROFILE\0" + bytes([number, len(pieces)]) + piece)
+        for number, piece in enumerate(pieces, start=1)
+    )
 
 
 def _png_text(key: str, value: str) -> bytes:

@@ -1,0 +1,74 @@
+"""Tags of a TIFF directory, which TIFF files and EXIF blocks hold: the few that pictures need, read and added.
+
+TIFF 6.0, section 2.  Only the first directory counts; BigTIFF is not read.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+ORIENTATION, PHOTOMETRIC, XMP, PROFILE = 0x0112, 0x0106, 0x02BC, 0x8773
+
+_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 6: 1, 7: 1, 8: 2, 9: 4, 11: 4, 5: 8, 10: 8, 12: 8}  # bytes, by type
+_SHORT, _BYTES, _UNDEFINED = 3, 1, 7
+_ENTRY = 12
+
+
+def read_values(data: bytes) -> dict[int, bytes]:
+    """The bytes of each tag's value in the first directory; nothing where the data is damaged.
+
+    >>> read_values(b"MM\\0*" + bytes([0, 0, 0, 8, 0, 1, 1, 18, 0, 3, 0, 0, 0, 1, 0, 6, 0, 0, 0, 0, 0, 0]))
+    {274: b'\\x00\\x06'}
+    """
+    order = _order(data)
+    if order is None:
+        return {}
+    try:
+        return dict(_value(data, order, entry) for entry in _entries(data, order)[0])
+    except (struct.error, KeyError):
+        return {}
+
+
+def read_short(data: bytes, tag: int) -> int | None:
+    """A tag that is one 16-bit number, or None."""
+    value = read_values(data).get(tag, b"")
+    order = _order(data)
+    return None if order is None or len(value) != 2 else int(struct.unpack(order + "H", value)[0])
+
+
+def with_values(data: bytes, values: Mapping[int, bytes]) -> bytes:
+    """A TIFF file with more tags; the directory is written anew, at the end."""
+    order = _order(data)
+    assert order is not None
+    entries, following = _entries(data, order)
+    kept = [entry for entry in entries if struct.unpack(order + "H", entry[:2])[0] not in values]
+    out = bytearray(data + b"\0" * (len(data) % 2))
+    for tag, value in values.items():
+        kind = _UNDEFINED if tag == PROFILE else _BYTES
+        kept.append(struct.pack(order + "HHII", tag, kind, len(value), len(out)))
+        out += value + b"\0" * (len(value) % 2)
+    kept.sort(key=lambda entry: int(struct.unpack(order + "H", entry[:2])[0]))
+    out[4:8] = struct.pack(order + "I", len(out))
+    out += struct.pack(order + "H", len(kept)) + b"".join(kept) + following
+    return bytes(out)
+
+
+def _order(data: bytes) -> str | None:
+    """How numbers are stored, as `struct` writes it; None when it is no TIFF."""
+    return {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
+
+
+def _entries(data: bytes, order: str) -> tuple[list[bytes], bytes]:
+    """The entries of the first directory, and where the next one is."""
+    (start,) = struct.unpack(order + "I", data[4:8])
+    (count,) = struct.unpack(order + "H", data[start : start + 2])
+    end = start + 2 + _ENTRY * count
+    return [data[i : i + _ENTRY] for i in range(start + 2, end, _ENTRY)], data[end : end + 4]
+
+
+def _value(data: bytes, order: str, entry: bytes) -> tuple[int, bytes]:
+    tag, kind, count = struct.unpack(order + "HHI", entry[:8])
+    length = _SIZES[kind] * count
+    (place,) = struct.unpack(order + "I", entry[8:])
+    return tag, entry[8 : 8 + length] if length <= 4 else data[place : place + length]
