@@ -51,7 +51,7 @@ def upload(page: Any, file: Any) -> None:
 
 def remove(page: Any, name: str) -> None:
     page.get_by_role("button", name=name).click()
-    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    page.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
     page.get_by_role("button", name=name).wait_for(state="detached")
 
 
@@ -174,7 +174,8 @@ def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: Studi
     with visit(browser, studio_server) as other:
         upload(page, LONG)
         other.get_by_role("button", name="Cancel").click()
-        page.get_by_text("Cancelled.").wait_for()
+        for visitor in (page, other):
+            visitor.get_by_text("Cancelled.").wait_for()
         page.get_by_role("button", name="Remove").click()
         other.get_by_text("Cancelled.").wait_for(state="detached")
         remove(other, "Delete the clip talk")

@@ -12,8 +12,9 @@ from datetime import datetime
 from nicegui import ui
 
 from app.deidentify.page import COUNTS, HEADLINES
-from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, agreed, title
+from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, title
 from app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
+from app.studio.questions import agreed
 from app.studio.site import Studio, heading, page, show_job, uploader
 from app.studio.store import Clip, JobRow, StudioError
 

@@ -20,6 +20,7 @@ from app.media.images import encode_image
 from app.montage import draw
 from app.outputs import write_whole
 from app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
+from app.studio.questions import agreed, answer
 from app.studio.site import Studio
 from app.studio.store import JobRow
 
@@ -185,24 +186,6 @@ def title(text: str, level: int = 2) -> ui.label:
     return ui.label(text).props(f"role=heading aria-level={level}").classes(look)
 
 
-async def agreed(words: str, yes: str, no: str) -> bool:
-    """Whether the user agrees to what words say."""
-    with ui.dialog() as dialog, ui.card().props('role="alertdialog"'):
-        ui.label(words)
-        with ui.row().classes("w-full justify-end"):
-            ui.button(no, color=None, on_click=lambda: dialog.submit(False)).props("flat autofocus")
-            ui.button(yes, on_click=lambda: dialog.submit(True)).props("color=negative")
-    return bool(await _answer(dialog))
-
-
-async def _answer(dialog: ui.dialog) -> Any:
-    """What is submitted; None when the dialog or the whole page is closed."""
-    answer = await dialog
-    if not dialog.is_deleted:
-        dialog.delete()
-    return answer
-
-
 def timeline(track: dict[str, Any], frames: int, action: str) -> Html:
     """When a track is seen in a video of so many frames, and how sure Guise is of it; as SVG in the action's colour."""
     first, last = track["frames"]
@@ -256,7 +239,7 @@ class _Donor:
             with ui.row().classes("w-full justify-center"):
                 for spec, name in self._faces.items():
                     await _offer(spec, name, dialog)
-        spec = await _answer(dialog)
+        spec = await answer(dialog)
         if spec is not None:
             self._spec = spec
             self._show()

@@ -25,6 +25,7 @@ from app.studio.correction import (
 from app.studio.landmark_frames import Frames, Points, address, thumbnail
 from app.studio.landmark_view import SCREEN, View, name_of
 from app.studio.people import learn_again
+from app.studio.questions import agreed
 from app.studio.site import Studio, show_job
 from app.studio.store import JobRow, Person
 
@@ -315,8 +316,10 @@ class Editor:
 
     async def save(self) -> bool:
         """Write the landmarks; asks when another window has, and says whether it was done."""
-        if self.file.stat().st_mtime_ns != self._stamp and not await _sure(
-            "These landmarks were saved in another window meanwhile. Replace those by yours?", "Replace"
+        if self.file.stat().st_mtime_ns != self._stamp and not await agreed(
+            "These landmarks were saved in another window meanwhile. Replace those by yours?",
+            "Replace",
+            "Cancel",
         ):
             return False
         await asyncio.to_thread(save_correction, self.file, self.correction)
@@ -526,12 +529,3 @@ def _icon(name: str, told: str, command: Callable[[], Any]) -> ui.button:
 def _tool(name: str, label: str, told: str, command: Callable[[], Any]) -> ui.button:
     button = ui.button(label, icon=name, on_click=command, color=None)
     return button.props("outline dense").classes("px-2").tooltip(told)
-
-
-async def _sure(question: str, yes: str) -> bool:
-    with ui.dialog(value=True) as dialog, ui.card():
-        ui.label(question)
-        with ui.row():
-            ui.button(yes, on_click=partial(dialog.submit, True))
-            ui.button("Cancel", on_click=dialog.close).props("outline autofocus")
-    return bool(await dialog)

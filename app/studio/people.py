@@ -12,6 +12,7 @@ from app.donors import gallery, open_donor
 from app.media.images import encode_image
 from app.montage import draw
 from app.studio.enrol_job import KIND, enrol_job
+from app.studio.questions import agreed
 from app.studio.recorder import Recorder
 from app.studio.site import Studio, heading, page, show_job, uploader
 from app.studio.store import Clip, JobRow, Person
@@ -168,12 +169,8 @@ class _Page:
         """Delete after a question."""
         what = "the clip" if isinstance(row, Clip) else "the person"
         kept = "" if isinstance(row, Clip) else " Their clip is kept."
-        with ui.dialog(value=True) as dialog, ui.card():
-            ui.label(f"Delete {what} {row.name}? This cannot be undone.{kept}")
-            with ui.row():
-                ui.button("Delete", on_click=partial(dialog.submit, True), color="negative")
-                ui.button("Keep", on_click=dialog.close).props("outline autofocus")
-        if await dialog:
+        question = f"Delete {what} {row.name}? This cannot be undone.{kept}"
+        if await agreed(question, "Delete", "Keep"):
             store = self.studio.store
             (store.remove_person if isinstance(row, Person) else store.remove_clip)(row.id)
             self._look()

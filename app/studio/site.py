@@ -187,7 +187,7 @@ def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
         with ui.element("nav").props('aria-label="Pages"').classes("flex items-center grow gap-x-4 gap-y-1"):
             ui.label("Guise").classes("max-sm:hidden text-bold mr-4")
             for name, target in LINKS.items():
-                here = 'aria-current="page"' if target == path else ""
+                here = 'aria-current="page"' if target == "/" + path.split("/")[1] else ""
                 ui.link(name, target).props(here)
         _colour_choice(studio)
     with ui.element("main").props('id="content" tabindex="-1"').classes("w-full max-w-5xl mx-auto"):
