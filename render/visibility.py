@@ -116,8 +116,7 @@ def _on_cpu(snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> 
     column = np.arange(len(number)) - np.repeat(np.cumsum(length) - length - left, length)
     line = np.repeat(row, length)
     planes = _planes(snapped / SUBPIXELS, triangles)
-    towards = _towards(planes, depth, triangles)[number]
-    away = towards[:, 0] * column + towards[:, 1] * line + towards[:, 2]
+    away = _at(_towards(planes, depth, triangles), number, column, line)
     pixel = line * width + column
     nearest = np.full(width * height, np.inf)
     np.minimum.at(nearest, pixel, away)
@@ -128,20 +127,20 @@ def _on_cpu(snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> 
 
 
 def _planes(places: F64, triangles: Int) -> F64:
-    """(t, 2, 3): a, b, c with a x + b y + c the weight of corner 1 and of corner 2 at (x, y); zero without area."""
+    """(2, 3, t): a, b, c with a x + b y + c the weight of corner 1, of corner 2, at (x, y); zero without area."""
     origin = places[triangles[:, 0]]
     (ux, uy), (vx, vy) = ((places[triangles[:, k]] - origin).T for k in (1, 2))
     area = ux * vy - uy * vx
     inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area != 0)
-    slopes = np.stack([np.stack([vy, -vx], 1), np.stack([-uy, ux], 1)], 1) * inverse[:, None, None]
-    return np.concatenate([slopes, -np.einsum("tkj,tj->tk", slopes, origin)[:, :, None]], axis=2)
+    slopes = np.array([[vy, -vx], [-uy, ux]]) * inverse
+    return np.concatenate([slopes, -np.einsum("kjt,tj->kt", slopes, origin)[:, None]], axis=1)
 
 
 def _towards(planes: F64, depth: F64, triangles: Int) -> F64:
-    """(t, 3): a, b, c with a x + b y + c the depth of each triangle at (x, y)."""
-    corner = depth[triangles]
-    out = np.einsum("tk,tkj->tj", corner[:, 1:] - corner[:, :1], planes)
-    out[:, 2] += corner[:, 0]
+    """(3, t): a, b, c with a x + b y + c the depth of each triangle at (x, y)."""
+    first, second, third = depth[triangles.T]
+    out = (second - first) * planes[0] + (third - first) * planes[1]
+    out[2] += first
     return np.asarray(out)
 
 
@@ -151,11 +150,16 @@ def _weights(seen: NDArray[np.int32], planes: F64, size: tuple[int, int]) -> F32
     out = np.zeros((width * height, 3), np.float32)
     pixel = np.flatnonzero(seen >= 0)
     line, column = np.divmod(pixel, width)
-    plane = planes[seen[pixel]]
-    second = plane[:, :, 0] * column[:, None] + plane[:, :, 1] * line[:, None] + plane[:, :, 2]
-    out[pixel, 1:] = second
-    out[pixel, 0] = 1 - second.sum(1)
+    number = seen[pixel]
+    one, other = (_at(plane, number, column, line) for plane in planes)
+    out[pixel] = np.stack([1 - one - other, one, other], axis=1)
     return out.reshape(height, width, 3)
+
+
+def _at(plane: F64, number: NDArray[np.integer], column: Int, line: Int) -> F64:
+    """a x + b y + c (p,) of planes (3, t) chosen by number (p,)."""
+    a, b, c = plane
+    return np.asarray(a[number] * column + b[number] * line + c[number])
 
 
 class GLVisibility(Closing):
