@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 OURS = {"aam", "analogy", "app", "render"}
 MAY_IMPORT = {
     "aam": {"aam", "numpy", "scipy", "cv2", "skimage", "onnxruntime", "safetensors"},
-    "analogy": {"analogy", "numpy", "scipy", "sksparse"},
+    "analogy": {"analogy", "aam", "render", "numpy", "scipy", "cv2", "sksparse"},
     "render": {"render", "numpy", "cv2", "moderngl"},
     "app": OURS
     | {

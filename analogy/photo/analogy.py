@@ -1,0 +1,162 @@
+"""2-D facial expression analogy: T' is to T as S' is to S (Song et al. 2007, section VI).
+
+Landmarks are (81, 2) of scheme face81, pixels of their own picture, x right, y down, pixel centres at integers.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aam.landmarks.schemes import INNER_LIPS
+from analogy.photo.grids import Grid, Places, drawn, face, own
+from analogy.photo.heights import DARK, asked, heights
+from analogy.photo.motion import Motion
+from analogy.photo.mouth import filled, light, opened
+from analogy.photo.pictures import (
+    F32,
+    F64,
+    LUMINANCE,
+    PhotoError,
+    Picture,
+    checked_points,
+    like,
+    sampled,
+    shrunk,
+    unit,
+)
+from analogy.photo.poisson import integrated
+from analogy.photo.ratio import faded, ratio
+from analogy.photo.template import OUTLINE, ring, template
+
+Method = Literal["tents", "ratio", "warp"]
+Mouth = Literal["fill", "none"]
+METHODS: tuple[Method, ...] = get_args(Method)
+MOUTHS: tuple[Mouth, ...] = get_args(Mouth)
+
+
+class PhotoAnalogy:
+    """Puts the expressions of a person S onto a photograph T of another.
+
+    Parameters
+    ----------
+    source : S, neutral, (h, w, 3) RGB or (h, w): uint8, uint16 or float in 0 .. 1.   source_points : (81, 2).
+    target : T, neutral, alike; of any size.   target_points : (81, 2).
+    method : 'tents'; 'ratio', expression ratio images; 'warp', geometry alone.
+    mouth : 'fill', the inside of a mouth that opens is taken from S'; 'none', as in the paper, T is stretched.
+
+    Raises
+    ------
+    PhotoError
+        When a picture or landmarks cannot be used.
+    """
+
+    def __init__(
+        self,
+        source: Picture,
+        source_points: ArrayLike,
+        target: Picture,
+        target_points: ArrayLike,
+        method: Method = "tents",
+        mouth: Mouth = "fill",
+    ) -> None:
+        if method not in METHODS or mouth not in MOUTHS:
+            raise PhotoError(f"method must be of {METHODS} and mouth of {MOUTHS}, got {method!r}, {mouth!r}")
+        self.method, self.mouth = method, mouth
+        self._mesh = template()
+        first = checked_points(source_points, "source_points")
+        second = checked_points(target_points, "target_points")
+        self._target = np.asarray(target)
+        self._motion = Motion(first, second)
+        self._ring = ring(second)
+        self._grid = Grid.around(second, self._ring, self._target.shape)
+        self._face = unit(self._grid.of(self._target), "target")
+        self._coarse = self._grid.coarse(self._face)
+        self._vertices = self._mesh.vertices(second, self._ring)
+        self._neutral, self._neutral_places = self._source(unit(source, "source"), first, ring(first))
+        places = second - self._grid.origin
+        self._light = light(unit(source, "source"), first, self._face, places)
+
+    def __call__(self, expressive: Picture, points: ArrayLike, strength: float = 1.0) -> Picture:
+        """T' with the type and size of T.
+
+        expressive : S', of any size.   points : (81, 2).
+        strength : 0 gives T, 1 the expression; beyond it is exaggerated.
+
+        Raises
+        ------
+        PhotoError
+            When the picture or its landmarks cannot be used.
+        """
+        moved = checked_points(points, "points")
+        made = self._motion(moved, strength)
+        pose = self._motion.pose(moved).inverse()
+        picture, places = self._source(
+            unit(expressive, "expressive"), moved, pose.apply(ring(self._motion.source))
+        )
+        seen = self._drawn(made, places)
+        shown = sampled(picture, seen.values[..., 4:6])
+        out = self._warped(seen)
+        if self.method != "warp":
+            out = self._lit(out, self._change(seen, shown, made) * strength)
+        if self.mouth == "fill":
+            out = self._filled(out, shown, seen, opened(self._motion.source, moved) * min(strength, 1))
+        return self._written(out, seen)
+
+    def _source(self, picture: F32, points: F64, around: F64) -> tuple[F32, F64]:
+        """A picture of the source no finer than the grid, and the mesh's vertices (V, 2) in it."""
+        width = float(np.ptp(self._motion.target[list(OUTLINE), 0])) * self._grid.factor
+        factor = width / max(float(np.ptp(points[list(OUTLINE), 0])), 1e-6)
+        small, held = shrunk(picture, np.concatenate([points, around]), factor)
+        return small, self._mesh.vertices(held[: len(points)], held[len(points) :])
+
+    def _drawn(self, made: F64, places: F64) -> Places:
+        """Displacements to T, places in S and in S' of the pixels of T'."""
+        grid = self._grid
+        vertices = grid.places(self._mesh.vertices(made, self._ring))
+        values = [grid.places(self._vertices) - vertices, self._neutral_places, places]
+        return drawn(self._mesh, vertices, np.concatenate(values, axis=1), grid.size)
+
+    def _warped(self, seen: Places) -> F32:
+        """The target's rectangle (h, w, 3), warped."""
+        grid = self._grid
+        moved = grid.fine(np.ascontiguousarray(seen.values[..., :2])) / np.float32(grid.factor)
+        return sampled(self._face, own(grid.within) + moved)
+
+    def _change(self, seen: Places, shown: F32, made: F64) -> F32:
+        """(h, w) on the grid: by how much the logarithm of the luminance changes."""
+        neutral = sampled(self._neutral, seen.values[..., 2:4]) @ LUMINANCE
+        region = face(self._grid.places(made), self._grid.size) & seen.covered
+        width = float(np.ptp(made[list(OUTLINE), 0])) * self._grid.factor
+        if self.method == "ratio":
+            field = np.log(ratio(neutral, shown @ LUMINANCE, width)) * faded(region, width)
+            return np.asarray(field, np.float32)
+        warped = sampled(self._coarse, own(self._grid.size) + seen.values[..., :2]) @ LUMINANCE
+        right, down = asked(heights(neutral), heights(shown @ LUMINANCE), heights(warped))
+        if self.mouth == "fill":
+            right *= ~(seen.between[:, 1:] | seen.between[:, :-1])
+            down *= ~(seen.between[1:] | seen.between[:-1])
+        return integrated(right, down, region)
+
+    def _lit(self, picture: F32, change: F32) -> F32:
+        """A picture (h, w, 3) with its luminance changed, its colours kept."""
+        return np.asarray((picture + DARK) * np.exp(self._grid.fine(change))[:, :, None] - DARK, np.float32)
+
+    def _filled(self, picture: F32, shown: F32, seen: Places, share: float) -> F32:
+        """A picture (h, w, 3) with the inside of the mouth of S' (on the grid)."""
+        if share == 0:
+            return picture
+        inside = self._grid.fine(shown * self._light)
+        between = self._grid.fine(seen.between.astype(np.float32)) > 0.5
+        corners = self._motion.target[[INNER_LIPS[0], INNER_LIPS[4]]]
+        return filled(picture, inside, between, share, float(np.linalg.norm(corners[1] - corners[0])))
+
+    def _written(self, made: F32, seen: Places) -> Picture:
+        """T with what the mesh covers replaced."""
+        covered: NDArray[np.bool_] = self._grid.fine(seen.covered.astype(np.float32)) > 0.5
+        out = self._target.copy()
+        view = self._grid.of(out)
+        view[covered] = like(np.clip(made, 0, 1), self._target)[covered]
+        return out
