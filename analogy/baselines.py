@@ -10,8 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from analogy.solver import LeastSquares
-from analogy.tents import HELD, Rings, settled, tips
+from analogy.solver import least_squares
+from analogy.tents import HELD, STILL, Rings, tips
 
 F64 = NDArray[np.float64]
 
@@ -36,21 +36,25 @@ class GradientTransfer:
     def __init__(self, source: F64, target: F64, rings: Rings) -> None:
         self.source, self.target, self.rings = source, target, rings
         self._before = np.linalg.pinv(_with_normal(source, rings))
-        planes, flat = _planes(target, rings)
-        self._planes = planes
+        self._planes, flat = _planes(target, rings)
         system = _operator(np.asarray(np.linalg.pinv(flat), np.float64), rings)
-        self._solve = LeastSquares(system, HELD)
+        self._hold = HELD * float(system.power(2).sum()) / rings.count
+        self._solve = least_squares(system, self._hold)
+        self._asked = sp.csr_array(system.T)
 
     def __call__(self, expressive: F64) -> F64:
         """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
-        wanted = self._transformations(expressive)
-        across = np.einsum("tij,tjk->tik", wanted, self._planes)  # (t, 3, 2)
-        made = self._solve(across.transpose(0, 2, 1).reshape(-1, 3), self.target)
-        return settled(made - self.target, expressive - self.source) + self.target
+        changed = _with_normal(expressive, self.rings) @ self._before - np.eye(3)
+        across = np.einsum("tij,tjk->tki", changed, self._planes).reshape(-1, 3)
+        way = expressive - self.source
+        return self.target + settled(self._solve(self._asked @ across + self._hold * way), way)
 
-    def _transformations(self, expressive: F64) -> F64:
-        """S (t, 3, 3) of each triangle; its normal keeps its length in proportion."""
-        return np.asarray(_with_normal(expressive, self.rings) @ self._before)
+
+def settled(made: F64, wanted: F64) -> F64:
+    """Displacements (N, 3), shifted so that what hardly moves in the source moves in the mean as it does there."""
+    size = np.linalg.norm(wanted, axis=1)
+    still = size <= STILL * max(float(size.max()), 1e-300)
+    return np.asarray(made - (made - wanted)[still].mean(0)) if still.any() else made
 
 
 class Cloning:

@@ -1,0 +1,109 @@
+"""Parts of a head beside its skin: eyes, teeth, tongue, lashes, and how the skin takes them along.
+
+The skin is the connected part with the largest area, and whatever else is not small beside it.  Of the other parts,
+those that are mostly open border (cards: lashes, brows) follow the skin under them vertex by vertex; the others keep
+their form and move as most of the skin around them does, so that an eye stays when its lid closes, and the lower teeth
+go with the chin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from analogy.mesh import Mesh
+from analogy.rigid import fit_most, moved
+
+F64 = NDArray[np.float64]
+Int = NDArray[np.intp]
+
+SMALL = 0.1  # of the largest part's area, below which a part is not skin
+OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards
+AROUND = 64  # skin vertices that say how a part moves
+UNDER = 4  # skin vertices that a vertex of a card follows
+
+
+def areas(mesh: Mesh) -> F64:
+    """(N,) a third of the area of the faces at each vertex."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    face = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    return np.asarray(mesh.rings.around @ face)
+
+
+def skin_of(mesh: Mesh) -> NDArray[np.bool_]:
+    """(N,) which vertices are skin."""
+    size = np.bincount(mesh.components, areas(mesh))
+    return np.asarray((size >= SMALL * size.max())[mesh.components])
+
+
+def restricted(mesh: Mesh, kept: NDArray[np.bool_]) -> Mesh:
+    """The mesh of whole components only: vertices in their order, those `kept` (N,) is False for left out."""
+    if kept.all():
+        return mesh
+    number = np.cumsum(kept) - 1
+    faces = (number[part[kept[part[:, 0]]]] for part in (mesh.triangles, mesh.quads))
+    return Mesh(mesh.vertices[kept], *faces)
+
+
+class Parts:
+    """Moves what is not skin with the skin.
+
+    Parameters
+    ----------
+    mesh : neutral.   skin : (N,) bool.
+    """
+
+    def __init__(self, mesh: Mesh, skin: NDArray[np.bool_]) -> None:
+        self._vertices = mesh.vertices
+        self._skin = np.flatnonzero(skin)
+        tree = cKDTree(mesh.vertices[self._skin])
+        border = _on_border(mesh)
+        labels = [np.flatnonzero(mesh.components == label) for label in np.unique(mesh.components[~skin])]
+        cards = [part for part in labels if border[part].mean() >= OPEN]
+        self._solid = [part for part in labels if border[part].mean() < OPEN]
+        self._cards = np.concatenate([np.empty(0, np.intp), *cards])
+        self._under, self._shares = self._beneath(tree)
+        self._around = np.array([self._surroundings(part, tree) for part in self._solid], np.intp)
+
+    def __call__(self, made: F64) -> F64:
+        """Vertices (N, 3) of which those of the skin are right: the others brought along."""
+        out = made.copy()
+        way = made - self._vertices
+        if len(self._cards):
+            shift = np.einsum("nk,nki->ni", self._shares, way[self._under])
+            out[self._cards] = self._vertices[self._cards] + shift
+        if self._solid:
+            turn, shift = fit_most(
+                self._vertices[self._around], made[self._around], np.ones(self._around.shape)
+            )
+            for part, r, t in zip(self._solid, turn, shift, strict=True):
+                out[part] = moved(self._vertices[part], r, t)
+        return out
+
+    def _beneath(self, tree: cKDTree) -> tuple[Int, F64]:
+        """For each vertex of the cards UNDER skin vertices (n, k) and their shares (n, k)."""
+        if not len(self._cards):
+            return np.empty((0, UNDER), np.intp), np.empty((0, UNDER))
+        away, near = tree.query(self._vertices[self._cards], UNDER)
+        share = 1 / np.square(away).clip(1e-12 * np.square(away).mean() + 1e-300)
+        return self._skin[near], share / share.sum(1, keepdims=True)
+
+    def _surroundings(self, part: Int, tree: cKDTree) -> Int:
+        """AROUND skin vertices that lie no farther from the part than its own radius, evenly taken."""
+        points = self._vertices[part]
+        radius = np.linalg.norm(points - points.mean(0), axis=1).max()
+        away, _ = cKDTree(points).query(tree.data)
+        order = np.argsort(away, kind="stable")
+        near = order[: max(AROUND, int((away <= radius).sum()))]
+        return np.asarray(self._skin[near[np.linspace(0, len(near) - 1, AROUND).round().astype(int)]])
+
+
+def _on_border(mesh: Mesh) -> NDArray[np.bool_]:
+    """(N,) whether a vertex has an edge with one face only."""
+    face = [(mesh.triangles, 3), (mesh.quads, 4)]
+    edges = np.concatenate([part[:, [k, (k + 1) % n]] for part, n in face for k in range(n)])
+    _, at, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    out = np.zeros(len(mesh.vertices), bool)
+    out[edges[count[at.ravel()] == 1]] = True
+    return out
