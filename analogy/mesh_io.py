@@ -16,10 +16,11 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy import obj
 from analogy.cleaning import Cleaned
 from analogy.mesh import Mesh, MeshError
 from analogy.normals import Normals
+from analogy.obj import ObjDocument, positions
+from analogy.ply import PlyDocument
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
@@ -148,14 +149,20 @@ def _of_vertices(values: F64 | None, ids: Int | None, polygons: Polygons, count:
 
 
 def _document(path: Path) -> Document:
-    if path.suffix.lower() == ".obj":
-        return obj.ObjDocument(_bytes(path))
+    kind = path.suffix.lower()
+    if kind == ".obj":
+        return ObjDocument(_bytes(path))
+    if kind == ".ply":
+        return PlyDocument(_bytes(path))
     raise MeshError(_UNKNOWN)
 
 
 def _positions(path: Path) -> F64:
-    if path.suffix.lower() == ".obj":
-        return obj.positions(_bytes(path))
+    kind = path.suffix.lower()
+    if kind == ".obj":
+        return positions(_bytes(path))
+    if kind == ".ply":
+        return PlyDocument(_bytes(path), positions_only=True).vertices
     return _document(path).vertices
 
 
