@@ -79,11 +79,15 @@ class PhotoAnalogy:
         places = second - self._grid.origin
         self._light = light(unit(source, "source"), first, self._face, places)
 
-    def __call__(self, expressive: Picture, points: ArrayLike, strength: float = 1.0) -> Picture:
+    def __call__(
+        self, expressive: Picture, points: ArrayLike, strength: float = 1.0, facing: ArrayLike | None = None
+    ) -> Picture:
         """T' with the type and size of T.
 
         expressive : S', of any size.   points : (81, 2).
         strength : 0 gives T, 1 the expression; beyond it is exaggerated.
+        facing : (81, 2), the landmarks of S' as they would lie with the head held as in S: motion is measured from
+            them, where a head's turn shall not count as one.
 
         Raises
         ------
@@ -91,7 +95,7 @@ class PhotoAnalogy:
             When the picture or its landmarks cannot be used.
         """
         moved = checked_points(points, "points")
-        made = self._motion(moved, strength)
+        made = self._motion(moved if facing is None else checked_points(facing, "facing"), strength)
         pose = self._motion.pose(moved).inverse()
         picture, places = self._source(
             unit(expressive, "expressive"), moved, pose.apply(ring(self._motion.source))
