@@ -1,0 +1,118 @@
+"""Where the face of a mesh is: pictures of it from all directions, in which the landmarker looks for one.
+
+A mesh says neither what is up nor where it looks.  A shaded picture of a bald head is face enough for the landmarker
+that ships with Guise, so it is shown the mesh upright, then turned in 23 ways by right angles, then in any way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import permutations, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.similarity import Failed
+from analogy.mesh import Mesh
+from analogy.views import Solid, View, unit
+
+if TYPE_CHECKING:
+    from aam.landmarks.builtin import BuiltinLandmarker
+
+F64 = NDArray[np.float64]
+
+SEEK = 160  # pixels, the side of a picture in which a face is sought
+CELLS = 64  # along the longest side of a mesh: vertices in one are merged for the search
+SURE, LIKELY = 0.9, 0.5  # the landmarker's probability at which the search ends; below which there is no face
+ANYWAYS = 96  # turns tried when right angles do not do
+
+
+@dataclass(frozen=True, eq=False)
+class Facing:
+    """A mesh, the view of it that shows a face, and the face's points in scheme `face81` there.
+
+    Parameters
+    ----------
+    solid : its triangles turned so that the face is seen from outside.   points : (81, 2) pixels of the view.
+    """
+
+    solid: Solid
+    view: View
+    points: NDArray[np.float32]
+
+
+@cache
+def landmarker() -> BuiltinLandmarker:
+    """The landmarker that ships with Guise; for one thread at a time."""
+    from aam.landmarks.builtin import BuiltinLandmarker
+
+    return BuiltinLandmarker()
+
+
+def seek(mesh: Mesh) -> Facing | Failed:
+    """The view of a mesh in which it looks most like a face, among those tried until one surely does.
+
+    A mesh whose faces are inside out is tried last.
+    """
+    whole = Solid.of(mesh)
+    rough = _rough(whole)
+    for solid, tried in ((whole, rough), (whole.inside_out(), rough.inside_out())):
+        best, found = 0.0, None
+        for turns in (np.eye(3)[None], _right_angles(), _any_ways()):
+            for confidence, view, points in _faces(tried, turns):
+                if confidence > best:
+                    best, found = confidence, Facing(solid, view, points)
+            if best >= SURE:
+                break
+        if found is not None and best >= LIKELY:
+            return found
+    return Failed("no face was found on the mesh from any direction")
+
+
+def _faces(solid: Solid, turns: F64) -> Iterator[tuple[float, View, NDArray[np.float32]]]:
+    """Confidence, view and points (81, 2) of each face seen along one of the axes (n, 3, 3)."""
+    for axes in turns:
+        view = solid.whole(axes, SEEK)
+        for face in landmarker().detect(solid.picture(view)[0]):
+            yield face.confidence, view, face.points
+
+
+def _rough(solid: Solid) -> Solid:
+    """A few thousand faces at most: vertices in one cell of a grid become one."""
+    low = solid.vertices.min(0)
+    step = max(float(np.ptp(solid.vertices, axis=0).max()), 1e-300) / CELLS
+    cell = np.floor((solid.vertices - low) / step).astype(np.int64) @ (1, 2 * CELLS, 4 * CELLS * CELLS)
+    _, label = np.unique(cell, return_inverse=True)
+    vertices, normals = (_means(label, values) for values in (solid.vertices, solid.normals))
+    faces = label[solid.faces]
+    solid_ones = (faces != np.roll(faces, 1, axis=1)).all(1)
+    return Solid(vertices, faces[solid_ones], unit(normals)) if solid_ones.any() else solid
+
+
+def _means(label: NDArray[np.intp], values: F64) -> F64:
+    """Means (k, 3) of the values (n, 3) with the labels 0..k - 1."""
+    sums = np.stack([np.bincount(label, column) for column in values.T], axis=1)
+    return np.asarray(sums / np.bincount(label)[:, None])
+
+
+def _right_angles() -> F64:
+    """(23, 3, 3): all turns by right angles but none at all."""
+    every = (
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
+    )
+    return np.array([turn for turn in every if np.linalg.det(turn) > 0 and np.trace(turn) < 3])
+
+
+def _any_ways() -> F64:
+    """(n, 3, 3) turns spread evenly over all: super-Fibonacci spirals (Alexa 2022)."""
+    from scipy.spatial.transform import Rotation
+
+    number = np.arange(ANYWAYS) + 0.5
+    a, b = (2 * np.pi * number / by for by in (np.sqrt(2), 1.533751168755204288))
+    inner, outer = np.sqrt(number / ANYWAYS), np.sqrt(1 - number / ANYWAYS)
+    turns = [inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)]
+    return np.asarray(Rotation.from_quat(np.stack(turns, axis=1)).as_matrix())

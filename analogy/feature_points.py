@@ -1,0 +1,180 @@
+"""The 20 MPEG-4 feature points of a head mesh: found by looking at it, or read from a file and corrected.
+
+Pictures of the mesh from many sides show the landmarker the same points; where their lines of sight meet is the
+point, whatever the surface does there (holes for eyes, nostrils, a nose that hides its own wing).  It is then moved
+by the difference between the definitions and put onto the surface that is seen.  Left and right are the person's.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from aam.similarity import Failed
+from analogy.facing import seek
+from analogy.mesh import Mesh
+from analogy.sighting import sighted
+from analogy.views import Solid
+
+F64 = NDArray[np.float64]
+Int = NDArray[np.intp]
+
+# Name -> the point of scheme `face81`, and the way from it in hundredths of the eye width: to the person's left, up,
+# forward.  The ways are the means of two definitions, those of the rendered people and of the ICT head
+# (`benchmarks/mesh/landmarks.py --shifts`); the outer ends of the brows, which differ most, are the people's.
+DEFINITIONS: dict[str, tuple[int, tuple[float, float, float]]] = {
+    "mouth_corner_right": (48, (-0.4, -0.1, -0.4)),
+    "mouth_corner_left": (54, (0.4, -0.1, -0.4)),
+    "upper_lip_top": (51, (0.0, 1.6, 1.6)),
+    "lower_lip_bottom": (57, (0.0, -0.1, 0.1)),
+    "upper_lip_inner": (62, (0.0, -0.7, 1.7)),
+    "lower_lip_inner": (66, (0.0, -0.1, -0.6)),
+    "nose_tip": (30, (0.0, -1.4, 2.4)),
+    "nose_bridge": (27, (0.0, -0.5, 4.2)),
+    "nose_base": (33, (0.0, -1.3, 0.0)),
+    "nose_wing_right": (31, (-3.3, -3.9, 1.1)),
+    "nose_wing_left": (35, (3.3, -3.9, 1.1)),
+    "eye_right_outer": (36, (-1.9, 0.7, -0.5)),
+    "eye_right_inner": (39, (-2.8, 0.9, -0.5)),
+    "eye_left_inner": (42, (2.8, 0.9, -0.5)),
+    "eye_left_outer": (45, (1.9, 0.7, -0.5)),
+    "chin": (8, (0.0, 0.8, 6.0)),
+    "brow_right_outer": (17, (16.5, 5.3, 16.6)),
+    "brow_right_inner": (21, (-1.3, 6.9, 4.6)),
+    "brow_left_inner": (22, (1.3, 6.9, 4.6)),
+    "brow_left_outer": (26, (-16.5, 5.3, 16.6)),
+}
+NAMES = tuple(DEFINITIONS)
+POINTS = np.array([point for point, _ in DEFINITIONS.values()])
+SHIFTS = np.array([shift for _, shift in DEFINITIONS.values()]) / 100
+
+FAR = 0.05  # of the mesh's diagonal, from which a position does not belong to it
+AGREED = 0.05  # eye widths within which a line of sight agrees
+
+
+class FeaturePointsError(ValueError):
+    """A file of feature points that cannot be used; one sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeaturePoints:
+    """The points in the order of `NAMES`.
+
+    Parameters
+    ----------
+    positions : (20, 3) on the surface, in the mesh's unit.   vertices : (20,) the nearest vertices.
+    confidence : (20,) in [0, 1], the share of pictures that agree about the point.
+    """
+
+    positions: F64
+    vertices: Int
+    confidence: F64
+
+    @property
+    def eye_width(self) -> float:
+        """Distance between the outer eye corners, by which errors are told."""
+        right, left = (self.positions[NAMES.index(f"eye_{side}_outer")] for side in ("right", "left"))
+        return float(np.linalg.norm(left - right))
+
+    def as_json(self) -> dict[str, list[float]]:
+        """Name -> position, as a file holds them."""
+        return {name: [float(f"{x:.7g}") for x in at] for name, at in zip(NAMES, self.positions, strict=True)}
+
+    def save(self, path: str | Path) -> None:
+        """Write a file that `load` reads."""
+        lines = (f"  {json.dumps(name)}: {json.dumps(at)}" for name, at in self.as_json().items())
+        Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+
+def find(mesh: Mesh) -> FeaturePoints | Failed:
+    """The feature points of a head, turned in any way; `Failed` when no face is seen on it.
+
+    Heads, busts and masks; with or without eyes, eyes and teeth as parts of their own.
+    """
+    facing = seek(mesh)
+    seen = facing if isinstance(facing, Failed) else sighted(facing)
+    if isinstance(seen, Failed):
+        return Failed(f"{seen.reason}: give the points with --landmarks FILE")
+    wanted = seen.points[POINTS] + seen.eye_width * SHIFTS @ seen.axes
+    agreed = (seen.off[:, POINTS] < AGREED * seen.eye_width).mean(0)
+    return _on(mesh, seen.on_surface(wanted), agreed)
+
+
+def load(path: str | Path, mesh: Mesh, found: FeaturePoints | None = None) -> FeaturePoints:
+    """Points from a JSON file: name -> 0-based vertex of the mesh, or position [x, y, z] near its surface.
+
+    found : takes the names that the file leaves out; without it all 20 must be there.
+
+    Raises
+    ------
+    FeaturePointsError
+        When the file is no such file, a name or vertex is unknown, a position is far from the mesh, or names lack.
+    """
+    given = _read(Path(path))
+    _check_names(given, Path(path), complete=found is None)
+    positions = np.zeros((len(NAMES), 3)) if found is None else found.positions.copy()
+    confidence = np.ones(len(NAMES)) if found is None else found.confidence.copy()
+    for name, at in given.items():
+        positions[NAMES.index(name)] = _position(name, at, mesh, Path(path))
+        confidence[NAMES.index(name)] = 1
+    return _on(mesh, positions, confidence)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        given = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FeaturePointsError(f"there is no readable file of feature points at {path}") from error
+    except ValueError as error:
+        raise FeaturePointsError(f"{path} must be JSON, name -> vertex or [x, y, z], got: {error}") from error
+    if not isinstance(given, dict):
+        raise FeaturePointsError(
+            f"{path} must hold a JSON object, name -> vertex or [x, y, z], got a {type(given).__name__}"
+        )
+    return given
+
+
+def _check_names(given: dict[str, Any], path: Path, *, complete: bool) -> None:
+    unknown = [name for name in given if name not in NAMES]
+    if unknown:
+        raise FeaturePointsError(
+            f"{path}: {unknown[0]!r} is no feature point; the names are {', '.join(NAMES)}"
+        )
+    missing = [name for name in NAMES if name not in given]
+    if complete and missing:
+        raise FeaturePointsError(
+            f"{path} must give all {len(NAMES)} feature points, {', '.join(missing)} missing"
+        )
+
+
+def _position(name: str, at: Any, mesh: Mesh, path: Path) -> F64:
+    """The place (3,) that a file's entry tells."""
+    count = len(mesh.vertices)
+    if isinstance(at, int) and not isinstance(at, bool):
+        if not 0 <= at < count:
+            raise FeaturePointsError(f"{path}: {name} must be a vertex from 0 to {count - 1}, got {at}")
+        return np.asarray(mesh.vertices[at])
+    numbers = isinstance(at, list) and len(at) == 3 and all(type(x) in (int, float) for x in at)
+    if not numbers or not np.isfinite(at).all():
+        raise FeaturePointsError(
+            f"{path}: {name} must be a vertex or three finite numbers [x, y, z], got {at!r}"
+        )
+    place = np.array(at, np.float64)
+    off = float(np.linalg.norm(Solid.of(mesh).nearest(place[None])[0] - place))
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    if off > FAR * size:
+        raise FeaturePointsError(
+            f"{path}: {name} is {off:.3g} away from a mesh that is {size:.3g} across; is the file another mesh's?"
+        )
+    return place
+
+
+def _on(mesh: Mesh, positions: F64, confidence: F64) -> FeaturePoints:
+    _, nearest = cKDTree(mesh.vertices).query(positions)
+    return FeaturePoints(positions, np.asarray(nearest, np.intp), confidence)

@@ -1,0 +1,143 @@
+"""Shaded grey pictures of a mesh from any side, and the way back from a pixel to the mesh.
+
+Any unit of length; pixels, x right, y down, pixel centres at integers.  Seen from far away: sight lines are parallel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analogy.mesh import Mesh
+from analogy.tents import tips
+from render.visibility import Visibility, visible
+
+F64 = NDArray[np.float64]
+Int = NDArray[np.intp]
+Image = NDArray[np.uint8]
+
+LIGHT = np.array([0.3, 0.5, 1.0]) / np.sqrt(1.34)  # from the viewer's upper right, in the axes of a view
+AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 0.3, 128  # grey values; the inside's share; the background's
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A square window onto a mesh, seen from far away.
+
+    Parameters
+    ----------
+    axes : (3, 3) orthonormal rows: to the right, up and towards the viewer, in the mesh's coordinates.
+    centre : (3,) seen in the middle.   half : half the window's side, in the mesh's unit.   pixels : its side.
+    """
+
+    axes: F64
+    centre: F64
+    half: float
+    pixels: int
+
+    def project(self, places: F64) -> F64:
+        """Pixels x, y and depth (n, 3), smaller is nearer, of places (n, 3)."""
+        across = (places - self.centre) @ self.axes.T * (self.pixels / (2 * self.half))
+        return np.asarray(across * (1, -1, -1) + ((self.pixels - 1) / 2, (self.pixels - 1) / 2, 0))
+
+    def unproject(self, points: NDArray[np.floating]) -> F64:
+        """Where the lines of sight of pixels (n, 2) pass, along the first two axes from the mesh's origin."""
+        across = (np.asarray(points, np.float64) - (self.pixels - 1) / 2) * (2 * self.half / self.pixels)
+        return np.asarray(across * (1, -1) + self.axes[:2] @ self.centre)
+
+    def turned(self, yaw: float, pitch: float) -> View:
+        """The same from `yaw` degrees further to the left and `pitch` degrees further up."""
+        y, p = np.radians([yaw, pitch])
+        around = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
+        over = np.array([[1, 0, 0], [0, np.cos(p), -np.sin(p)], [0, np.sin(p), np.cos(p)]])
+        return replace(self, axes=over @ around @ self.axes)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Vertices (N, 3) and triangles (m, 3), of which pictures are made."""
+
+    vertices: F64
+    faces: Int
+    normals: F64
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Solid:
+        """Of a mesh."""
+        return cls(mesh.vertices, mesh.faces, unit(tips(mesh.vertices, mesh.rings)))
+
+    def inside_out(self) -> Solid:
+        """The same seen from its other side."""
+        return Solid(self.vertices, self.faces[:, ::-1], -self.normals)
+
+    def near(self, centre: F64, reach: float) -> Solid:
+        """The triangles with a corner within `reach` of a place."""
+        away = np.linalg.norm(self.vertices - centre, axis=1)
+        return self.part((away < reach)[self.faces].any(1))
+
+    def times(self, matrix: F64) -> Solid:
+        """The same with its vertices multiplied by a matrix (3, 3)."""
+        return Solid(self.vertices @ matrix, self.faces, self.normals)
+
+    def part(self, kept: NDArray[np.bool_]) -> Solid:
+        """The triangles of a mask (m,), and their vertices."""
+        used, faces = np.unique(self.faces[kept], return_inverse=True)
+        return Solid(self.vertices[used], faces.reshape(-1, 3).astype(np.intp), self.normals[used])
+
+    def nearest(self, places: F64) -> F64:
+        """The points (n, 3) of the surface that are nearest to places (n, 3)."""
+        corners = self.vertices[self.faces]
+        middle = corners.mean(1)
+        radius = np.linalg.norm(corners - middle[:, None], axis=2).max(1)
+        return np.array([_nearest(place, corners, middle, radius) for place in places])
+
+    def picture(self, view: View) -> tuple[Image, Visibility]:
+        """The solid in a studio's light, RGB uint8 (pixels, pixels, 3), its inside dark; and what is seen where."""
+        seen = visible(view.project(self.vertices), self.faces, (view.pixels, view.pixels))
+        normal = unit(seen.interpolated(self.normals, self.faces)) @ view.axes.T
+        grey = AMBIENT + BRIGHT * np.clip(normal @ LIGHT, 0, None)
+        grey[normal[:, 2] < 0] *= INSIDE
+        picture = np.full(seen.triangle.shape, BEHIND, np.uint8)
+        picture[seen.covered] = grey
+        return np.repeat(picture[:, :, None], 3, axis=2), seen
+
+    def whole(self, axes: F64, pixels: int) -> View:
+        """The view along `axes` that holds all."""
+        across = self.vertices @ axes.T
+        low, high = across.min(0), across.max(0)
+        half = 0.56 * float((high - low)[:2].max())
+        return View(axes, (low + high) / 2 @ axes, max(half, 1e-300), pixels)
+
+
+def unit(vectors: NDArray[np.floating]) -> F64:
+    """Vectors (..., 3) of length 1, zero where they were."""
+    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(size > 0, size, 1))
+
+
+def _nearest(place: F64, corners: F64, middle: F64, radius: F64) -> F64:
+    """The point (3,) of triangles (m, 3, 3), given with middles and radii, that is nearest to a place (3,)."""
+    away = np.linalg.norm(middle - place, axis=1)
+    points = _nearest_of(place, corners[away - radius <= (away + radius).min()])
+    return np.asarray(points[np.argmin(np.linalg.norm(points - place, axis=1))])
+
+
+def _nearest_of(place: F64, corners: F64) -> F64:
+    """The point (m, 3) of each of the triangles (m, 3, 3) that is nearest to a place (3,)."""
+    a, b, c = corners.transpose(1, 0, 2)
+    sides = np.stack([b - a, c - a], axis=2)
+    within = np.einsum("mij,mj->mi", np.linalg.pinv(sides), place - a)
+    inside = (within >= 0).all(1) & (within.sum(1) <= 1)
+    points = a + np.einsum("mij,mj->mi", sides, within)
+    ends = np.stack([_nearest_on(place, *side) for side in ((a, b), (b, c), (c, a))])
+    closest = ends[np.linalg.norm(ends - place, axis=2).argmin(0), np.arange(len(a))]
+    return np.asarray(np.where(inside[:, None], points, closest))
+
+
+def _nearest_on(place: F64, start: F64, end: F64) -> F64:
+    """The points (m, 3) of lines from `start` to `end` (m, 3) that are nearest to a place (3,)."""
+    way = end - start
+    share = ((place - start) * way).sum(1) / np.maximum((way**2).sum(1), 1e-300)
+    return np.asarray(start + np.clip(share, 0, 1)[:, None] * way)
