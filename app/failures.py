@@ -62,6 +62,11 @@ def user_mistakes() -> tuple[type[Exception], ...]:
     from aam.landmarks import LandmarkError
     from aam.model import ModelError
     from aam.training import TrainingError
+    from analogy.feature_points import FeaturePointsError
+    from analogy.mesh import MeshError
+    from analogy.register import RegistrationError
+    from analogy.solver import SolverError
+    from analogy.photo.pictures import PhotoError
     from app.deidentify.options import DeidentifyError
     from app.enrol import EnrolError
     from app.measure.faces import MeasureError
@@ -75,6 +80,8 @@ def user_mistakes() -> tuple[type[Exception], ...]:
     return (
         MediaError, LandmarkError, ModelError, TrainingError, EnrolError, RendererError, ReferenceMismatchError,
         OutputError, SwapError, MeasureError, RecogniserError, DeidentifyError, StudioError,
+        MeshError, FeaturePointsError, RegistrationError, SolverError,
+        PhotoError,
     )  # fmt: skip
 
 

@@ -137,10 +137,12 @@ class PoseRemover:
     Parameters
     ----------
     frame : ReferenceFrame.
+
+    depth : (81,) grid pixels by which each point goes as the head turns by a degree.
     """
 
     def __init__(self, frame: ReferenceFrame) -> None:
-        depth = frame.yaw_mode[:, 0] - np.average(frame.yaw_mode[:, 0], weights=RIGID_WEIGHTS)
+        self.depth = depth = frame.yaw_mode[:, 0] - np.average(frame.yaw_mode[:, 0], weights=RIGID_WEIGHTS)
         x, y = (frame.points - frame.points.mean(0)).T
         zero, one = np.zeros(POINTS), np.ones(POINTS)
         columns = [(one, zero), (zero, one), (x, y), (-y, x), (depth, zero), (zero, depth)]
@@ -161,6 +163,11 @@ class PoseRemover:
         spread = (look.components.deviations.astype(np.float64) ** 2)[:, None] * turns
         known = turns.T @ spread + (NOISE * self._degree) ** 2 * np.eye(2)
         return (np.eye(len(turns)) - spread @ np.linalg.solve(known, turns.T)).astype(np.float32)
+
+    def angles(self, displacement: F64) -> tuple[float, float]:
+        """Degrees by which a displacement (81, 2), grid pixels, turns the head to the image right, and down."""
+        right, down = self._solve[4:] @ displacement.ravel() / self._degree
+        return float(right), float(down)
 
     def without(self, displacement: F64) -> F64:
         """A displacement (81, 2), grid pixels, without its pose."""

@@ -1,0 +1,174 @@
+"""A photo moved by the expressions of a clip: the analogy of photos, frame by frame."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.landmarks import Landmarker, open_landmarker
+from analogy.photo import PhotoAnalogy, PhotoError
+from app.media import EncodeOptions, Frame, open_sink, open_source
+from app.media.images import DeepImage, looks_like_image
+from app.meshes.outputs import require_outputs
+from app.outputs import OutputError, synthetic_tags
+from app.photos.driver import Driver, Tracking, follow, picture_of
+from app.photos.faces import Photo, in_colours, in_colours_of, warnings
+from app.photos.facing import Facing
+from app.photos.image import USUAL, How, Notes, Role, opened
+from app.remake import remake
+from app.run import Progress, Say, mute, silent
+from app.threads import one_thread
+
+F64 = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+AROUND = 0.5  # of the face's size, that is read around it
+UNTOLD, ENCODING = Tracking(), EncodeOptions()
+
+
+@dataclass(frozen=True)
+class AnimateReport:
+    """What a run did.
+
+    Parameters
+    ----------
+    frames : written; `animated` of them show the clip's expression, `held` the one before, as the face was not found or
+        turned too far.
+    neutral : what the expressions are measured from: a photo, or a frame of the clip.
+    setup_seconds : once, for S and T.   seconds : wall time of everything; work_seconds : of these in making pictures.
+    """
+
+    output: str
+    frames: int
+    animated: int
+    held: int
+    neutral: str
+    method: str
+    mouth: str
+    strength: float
+    setup_seconds: float
+    work_seconds: float
+    seconds: float
+    problems: tuple[str, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frames per second, from files to file."""
+        return self.frames / max(self.seconds, 1e-9)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return {**asdict(self), "frames_per_second": round(self.frames_per_second, 2)}
+
+    def __str__(self) -> str:
+        """One line for a person to read."""
+        return (
+            f"{self.output}: {self.animated} of {self.frames} frames animated, {self.held} held; "
+            f"neutral is {self.neutral}; {self.seconds:.1f} s, {self.frames_per_second:.1f} frames per second"
+        )
+
+
+def animate_file(
+    source: Path | None, clip: Path, target: Path, output: Path, how: How = USUAL, tracking: Tracking = UNTOLD, *,
+    landmarks: dict[Role, Path | None] | None = None, encode: EncodeOptions = ENCODING,
+    progress: Progress = silent, say: Say = mute,
+) -> AnimateReport:  # fmt: skip
+    """Write a video of `target` with the expressions of the person in `clip`, with its sound and time stamps.
+
+    Parameters
+    ----------
+    source : a neutral photo of that person, or None for the frame of the clip that is nearest to a face at rest.
+    clip : a video, or a folder of images.   target : a neutral photo.
+    output : of the target's size, grown to even where the encoder needs it.
+    landmarks : files of landmarks of the photos.   tracking : of the clip.
+    progress : called with the stage and the share of it that is done.   say : called with notes for the user.
+
+    Raises
+    ------
+    MediaError, LandmarkError, PhotoError, OutputError, ModelError
+        For a user's mistake; nothing is then left behind.
+    """
+    start = time.perf_counter()
+    notes = Notes(say)
+    _check(source, clip, target, output, force=how.force)
+    landmarker, files = open_landmarker(how.landmarker), landmarks or {}
+    t = in_colours(opened("t", target, files.get("t"), landmarker, notes), None, notes)
+    size = t.image.pixels.shape[1], t.image.pixels.shape[0]
+    with (
+        open_source(clip) as media,
+        open_sink(output, media, encode, force=how.force, tags=synthetic_tags(), size=size) as sink,
+    ):
+        driver = follow(clip, tracking, progress, notes)
+        s, neutral = _neutral(source, files.get("s"), clip, driver, landmarker, t, notes)
+        notes.all(warnings(s, Photo(clip, s.image, driver.points[driver.resting]), t))
+        with one_thread():
+            puppet = _Animator(s, t, how, driver)
+            total = media.frame_count or len(driver.points)
+            stats = remake(media, sink, puppet.step, progress=lambda done: progress("moving", done / total))
+    for problem in stats.problems:
+        say(f"{media.name}: {problem}")
+    return AnimateReport(
+        str(output), stats.frames, puppet.animated, stats.frames - puppet.animated, neutral, how.method, how.mouth,
+        how.strength, round(puppet.setup_seconds, 4), round(stats.work_seconds, 3),
+        round(time.perf_counter() - start, 3), stats.problems, tuple(notes.said),
+    )  # fmt: skip
+
+
+class _Animator:
+    """Makes the pictures; frames come in order."""
+
+    def __init__(self, source: Photo, target: Photo, how: How, driver: Driver) -> None:
+        start = time.perf_counter()
+        self._driver, self._strength, self._facing = driver, how.strength, Facing(source.points)
+        self._picture = target.image.rgb8()
+        self._analogy = PhotoAnalogy(
+            source.image.rgb8(), source.points, self._picture, target.points, how.method, how.mouth
+        )
+        self.setup_seconds = time.perf_counter() - start
+        self.animated = 0
+
+    def step(self, frame: Frame) -> Frame:
+        """The picture for a frame; the last one where there is no expression to take."""
+        points = self._driver.usable(frame.index)
+        if points is not None:
+            part, corner = _around(frame, points)
+            self._picture = self._analogy(part, points - corner, self._strength, self._facing(points))
+            self.animated += 1
+        return Frame.from_rgb(self._picture)
+
+
+def _around(frame: Frame, points: F64) -> tuple[Picture, F64]:
+    """The rectangle around a face (81, 2) as RGB, and where its corner lies."""
+    low, high = points.min(0), points.max(0)
+    x, y, width, height = frame.align_roi(*(low - AROUND * (high - low)), *(high + AROUND * (high - low)))
+    return frame.rgb_roi(x, y, width, height), np.array([x, y], np.float64)
+
+
+def _neutral(
+    source: Path | None, landmarks: Path | None, clip: Path, driver: Driver, landmarker: Landmarker, target: Photo,
+    say: Say,
+) -> tuple[Photo, str]:  # fmt: skip
+    """What the expressions are measured from, in the target's colours, and its name."""
+    if source is not None:
+        return in_colours_of(opened("s", source, landmarks, landmarker, say), target, say), str(source)
+    index = driver.resting
+    return Photo(
+        clip, DeepImage(picture_of(clip, index)), driver.points[index]
+    ), f"frame {index} of {clip.name}"
+
+
+def _check(source: Path | None, clip: Path, target: Path, output: Path, *, force: bool) -> None:
+    """Raise what can be known before any work."""
+    if looks_like_image(clip):
+        raise PhotoError(f"{clip} is a picture, not a clip: use guise analogy image for it")
+    if looks_like_image(output):
+        raise OutputError(
+            f"{output} is a picture by its name: name a video, such as {output.with_suffix('.mp4')}"
+        )
+    require_outputs([output], [path for path in (source, clip, target) if path is not None], force=force)

@@ -1,0 +1,161 @@
+"""The person in a clip whose expressions drive a photo: landmarks of every frame, and the frame in which they rest.
+
+Pixels, x right, y down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.appearance import neutral_frames
+from aam.follow import PersonFollower
+from aam.landmarks import Follower, Landmarker, Smoother, interocular, load_annotations, open_landmarker
+from aam.model import Identity
+from aam.reference import ReferenceFrame
+from aam.tracker import FEATURE_RESOLUTION, Fit
+from analogy.photo import PhotoError
+from app.media import Frame, Sink, open_source, process
+from app.photos.faces import CONFIDENT, LEAST_EYES, MOST_TURN, turned
+from app.run import Progress, Say
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How the person in a clip is followed.
+
+    Parameters
+    ----------
+    model : of that person, whose tracker follows them, or None for a landmarker.
+    landmarker : see `aam.landmarks.open_landmarker`; finds the face, and follows it without a model.
+    landmarks : a file of landmarks for the clip, instead of both.
+    """
+
+    model: Path | None = None
+    landmarker: str = "builtin"
+    landmarks: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Driver:
+    """Landmarks (frames, 81, 2) of a clip, NaN where the face was not found."""
+
+    points: F64
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(frames,) where the face was found."""
+        return np.asarray(np.isfinite(self.points).all((1, 2)))
+
+    def usable(self, index: int) -> F64 | None:
+        """Landmarks (81, 2) of a frame whose expression can be taken, else None: turned far, a face tells little."""
+        points = self.points[index]
+        usable = bool(np.isfinite(points).all()) and max(map(abs, turned(points))) <= MOST_TURN
+        return np.asarray(points) if usable else None
+
+    @property
+    def resting(self) -> int:
+        """The frame nearest to a face at rest: mouth shut, lids, brows and head as usual in the clip."""
+        seen = np.flatnonzero(self.found)
+        frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
+        return int(seen[neutral_frames(self.points[seen], frame, 1)[0]])
+
+
+def follow(clip: Path, tracking: Tracking, progress: Progress, say: Say) -> Driver:
+    """The landmarks of the person in a clip, steadied.
+
+    Raises
+    ------
+    MediaError, LandmarkError, ModelError, PhotoError
+        When there is nobody to follow.
+    """
+    points = (
+        _from_file(clip, tracking, say) if tracking.landmarks else _tracked(clip, tracking, progress, say)
+    )
+    driver = Driver(points)
+    if not driver.found.any():
+        raise PhotoError(
+            f"no face found in the {len(points)} frames of {clip}: use a clip that shows one from the front"
+        )
+    eyes = float(np.median(interocular(points[driver.found])))
+    if eyes < LEAST_EYES:
+        raise PhotoError(
+            f"the face in {clip} is too small, {eyes:.0f} pixels between the outer eye corners instead of at least "
+            f"{LEAST_EYES}: use a clip that shows it larger"
+        )
+    return driver
+
+
+def picture_of(clip: Path, index: int) -> NDArray[np.uint8]:
+    """A frame of a clip (h, w, 3)."""
+    with open_source(clip) as media:
+        return next(frame.rgb() for frame in media if frame.index == index)
+
+
+class _ByLandmarker:
+    """One face, by a landmarker and its smoother."""
+
+    def __init__(self, landmarker: Landmarker, say: Say) -> None:
+        self._follower = Follower(landmarker, CONFIDENT, report=say)
+        self._smoother = Smoother()
+
+    def __call__(self, frame: Frame) -> F64 | None:
+        face = self._follower.step(frame.rgb())
+        if face is None:
+            return None
+        seconds = float(frame.pts * frame.time_base)
+        return self._smoother.step(face.points, face.point_confidence, seconds).astype(np.float64)
+
+
+class _ByModel:
+    """One person, by the tracker of their model."""
+
+    def __init__(self, model: Identity, finder: Landmarker) -> None:
+        self._follower = PersonFollower(model.tracker, finder)
+
+    def __call__(self, frame: Frame) -> F64 | None:
+        fit = self._follower.step(frame.luma)
+        return fit.shape if isinstance(fit, Fit) else None
+
+
+class _Nowhere(Sink):
+    """Takes the frames of a pass that only looks."""
+
+    needs_frames = False
+
+    def write(self, frame: Frame) -> None:
+        pass
+
+
+def _tracked(clip: Path, tracking: Tracking, progress: Progress, say: Say) -> F64:
+    landmarker = open_landmarker(tracking.landmarker)
+    model = None if tracking.model is None else Identity.load(tracking.model)
+    step = _ByLandmarker(landmarker, say) if model is None else _ByModel(model, landmarker)
+    rows: list[F64] = []
+
+    def look(frame: Frame) -> None:
+        points = step(frame)
+        rows.append(np.full((81, 2), np.nan) if points is None else points)
+
+    with open_source(clip) as media:
+        total = media.frame_count or 0
+        process(
+            media, _Nowhere(clip, force=True), look,
+            progress=lambda done: progress("tracking", done / total if total else 0.0),
+        )  # fmt: skip
+    return np.array(rows).reshape(-1, 81, 2)
+
+
+def _from_file(clip: Path, tracking: Tracking, say: Say) -> F64:
+    assert tracking.landmarks is not None
+    annotations = load_annotations(tracking.landmarks)
+    with open_source(clip) as media:
+        annotations.require_frames(sum(1 for _ in media))
+    if annotations.note:
+        say(annotations.note)
+    return annotations.points.astype(np.float64)
