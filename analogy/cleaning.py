@@ -31,6 +31,7 @@ Int = NDArray[np.intp]
 
 FLAT = 1e-5  # height by longest side up to which a triangle has no area: what float32 positions round to
 GOES_ON = 0.5  # cosine between the normals of a seam's two sides, in the mean
+TOGETHER = 1e-4  # of the largest displacement, up to which two vertices move together
 SAME = 1e-3  # difference of unit normals up to which they are equal
 
 
@@ -125,12 +126,14 @@ def _welded(
     """(n,) the first of the vertices that each is joined with."""
     left, right = _facing_borders(vertices, polygons)
     if together is not None:
-        same = (together[left] == together[right]).all(axis=(1, 2))
+        same = (np.abs(together[left] - together[right]) <= TOGETHER * np.abs(together).max()).all(
+            axis=(1, 2)
+        )
         left, right = left[same], right[same]
     if not len(left):
         return np.arange(len(vertices))
     runs = _runs(left, right, len(vertices))
-    seam = _goes_on(normals if normals is not None else smooth(vertices, polygons), left, right, runs)
+    seam = _goes_on(_filled(normals, vertices, polygons), left, right, runs)
     if apart is not None and len(np.unique(polygons.corners)) < len(polygons.corners):
         seam &= np.bincount(runs, _told_apart(normals, apart, left, right)) > 0
     chosen = seam[runs]
@@ -190,6 +193,12 @@ def _joined(a: Int, b: Int, count: int) -> Int:
     """(count,) labels of what pairs a - b join."""
     graph = sp.coo_array((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], np.intp)
+
+
+def _filled(normals: F64 | None, vertices: F64, polygons: Polygons) -> F64:
+    """Normals (n, 3), computed where the file gives none."""
+    own = smooth(vertices, polygons)
+    return own if normals is None else np.where(normals.any(axis=1, keepdims=True), normals, own)
 
 
 def _goes_on(normals: F64, left: Int, right: Int, runs: Int) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analogy.cleaning import Cleaned
+from analogy.gltf import GltfDocument
 from analogy.mesh import Mesh, MeshError
 from analogy.normals import Normals
 from analogy.obj import ObjDocument, positions
@@ -125,11 +126,13 @@ def read_mesh(path: Path) -> MeshFile:
 
 def _cleaned(held: Document) -> Cleaned:
     count = len(held.vertices)
+    shapes = list(held.displacements.values()) if isinstance(held, GltfDocument) else []
     return Cleaned.of(
         held.vertices,
         held.polygons,
         normals=_of_vertices(held.normals, held.normal_ids, held.polygons, count),
         apart=None if held.uvs is None else _apart(held, count),
+        together=np.concatenate(shapes, axis=1) if shapes else None,
     )
 
 
@@ -154,6 +157,8 @@ def _document(path: Path) -> Document:
         return ObjDocument(_bytes(path))
     if kind == ".ply":
         return PlyDocument(_bytes(path))
+    if kind in (".glb", ".gltf"):
+        return GltfDocument(_bytes(path), path.parent)
     raise MeshError(_UNKNOWN)
 
 
