@@ -23,7 +23,7 @@ from app.deidentify.people import enrol
 from app.deidentify.pieces import open_piece, read_piece
 from app.deidentify.render import AGAIN, Artist, Find, audit, entries_of, with_finds
 from app.deidentify.work import Work
-from app.media import Frame, Sink, open_source, process
+from app.media import Frame, Sink, Source, open_source, process
 from app.media.reader import Problems
 from app.media.segments import read_frames
 from app.memory import given_back
@@ -120,9 +120,7 @@ def render(case: Case, segment: int) -> None:
     with Artist(case, segment, entries) as artist, open_source(case.input) as source:
         for attempt in range(1 + AGAIN):
             artist.entries = with_finds(entries, covered, first, last)
-            frames = _Frames(case, piece.first, last)
-            with open_piece(case, source, segment) as sink:
-                process(frames, _From(sink, first), artist.draw)
+            _encode(case, source, segment, artist)
             finds = list(audit(read_piece(case, segment), artist))
             if not finds or attempt == AGAIN:
                 break
@@ -132,6 +130,15 @@ def render(case: Case, segment: int) -> None:
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     told = [_told(find, True) for find in covered] + [_told(find, False) for find in finds]
     case.work.save_json(f"render.{segment}.json", {"audit": told, "renderer": renderer, "problems": problems})
+
+
+@given_back()
+def _encode(case: Case, source: Source, segment: int, artist: Artist) -> None:
+    """Write a segment as the artist draws it; the encoder, which is large, ends with this."""
+    first, last = case.span(segment)
+    frames = _Frames(case, case.scan.segments[segment].first, last)
+    with open_piece(case, source, segment) as sink:
+        process(frames, _From(sink, first), artist.draw)
 
 
 def _told(find: Find, covered: bool) -> dict[str, Any]:
