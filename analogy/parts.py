@@ -1,9 +1,8 @@
 """Parts of a head beside its skin: eyes, teeth, tongue, lashes, and how the skin takes them along.
 
-The skin is the connected part with the largest area, and whatever else is not small beside it.  Of the other parts,
-those that are mostly open border (cards: lashes, brows) follow the skin under them vertex by vertex; the others keep
-their form and move as most of the skin around them does, so that an eye stays when its lid closes, and the lower teeth
-go with the chin.
+The skin are the large components (`analogy.register.skin_of`).  Of the other parts, those that are mostly open border
+(cards: lashes, brows) follow the skin under them vertex by vertex; the others keep their form and move as most of the
+skin around them does, so that an eye stays when its lid closes, and the lower teeth go with the chin.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from analogy.rigid import fit_most, moved
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
-SMALL = 0.1  # of the largest part's area, below which a part is not skin
 OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards
 AROUND = 64  # skin vertices that say how a part moves
 UNDER = 4  # skin vertices that a vertex of a card follows
@@ -29,12 +27,6 @@ def areas(mesh: Mesh) -> F64:
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     face = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
     return np.asarray(mesh.rings.around @ face)
-
-
-def skin_of(mesh: Mesh) -> NDArray[np.bool_]:
-    """(N,) which vertices are skin."""
-    size = np.bincount(mesh.components, areas(mesh))
-    return np.asarray((size >= SMALL * size.max())[mesh.components])
 
 
 def restricted(mesh: Mesh, kept: NDArray[np.bool_]) -> Mesh:
@@ -51,12 +43,15 @@ class Parts:
 
     Parameters
     ----------
-    mesh : neutral.   skin : (N,) bool.
+    mesh : neutral.   skin : (N,) bool.   still : what is not skin stays where it is instead.
     """
 
-    def __init__(self, mesh: Mesh, skin: NDArray[np.bool_]) -> None:
+    def __init__(self, mesh: Mesh, skin: NDArray[np.bool_], still: bool) -> None:
         self._vertices = mesh.vertices
         self._skin = np.flatnonzero(skin)
+        self._still = still or bool(skin.all())
+        if self._still:
+            return
         tree = cKDTree(mesh.vertices[self._skin])
         border = _on_border(mesh)
         labels = [np.flatnonzero(mesh.components == label) for label in np.unique(mesh.components[~skin])]
@@ -66,16 +61,22 @@ class Parts:
         self._under, self._shares = self._beneath(tree)
         self._around = np.array([self._surroundings(part, tree) for part in self._solid], np.intp)
 
-    def __call__(self, made: F64) -> F64:
-        """Vertices (N, 3) of which those of the skin are right: the others brought along."""
-        out = made.copy()
-        way = made - self._vertices
+    def __call__(self, skin: F64) -> F64:
+        """All vertices (N, 3) for those of the skin (n, 3)."""
+        if len(skin) == len(self._vertices):
+            return skin
+        out = self._vertices.copy()
+        out[self._skin] = skin
+        return out if self._still else self._brought_along(out)
+
+    def _brought_along(self, out: F64) -> F64:
+        way = out - self._vertices
         if len(self._cards):
             shift = np.einsum("nk,nki->ni", self._shares, way[self._under])
             out[self._cards] = self._vertices[self._cards] + shift
         if self._solid:
             turn, shift = fit_most(
-                self._vertices[self._around], made[self._around], np.ones(self._around.shape)
+                self._vertices[self._around], out[self._around], np.ones(self._around.shape)
             )
             for part, r, t in zip(self._solid, turn, shift, strict=True):
                 out[part] = moved(self._vertices[part], r, t)

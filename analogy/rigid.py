@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-ROUNDS = 12  # of reweighting
-SHARPER = 0.6  # the tolerance of each round, of the one before
+ROUNDS = 6  # of reweighting
+SHARPER = 0.4  # the tolerance of each round, of the one before
 
 
 def fit(source: F64, target: F64, weights: F64) -> tuple[F64, F64]:
@@ -23,7 +23,7 @@ def fit(source: F64, target: F64, weights: F64) -> tuple[F64, F64]:
     middle, to = (w * source).sum(-2), (w * target).sum(-2)
     z = np.swapaxes(w * (target - to[..., None, :]), -1, -2) @ (source - middle[..., None, :])
     u, _, vt = np.linalg.svd(z)
-    u[..., :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[..., None]
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     turn = u @ vt
     return turn, to - np.einsum("...ij,...j->...i", turn, middle)
 

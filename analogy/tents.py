@@ -64,6 +64,11 @@ class Rings:
         return cls(count, both[:, 0], both[:, 1], split)
 
     @cached_property
+    def corners(self) -> Int:
+        """(3, t) the triangles, corner by corner."""
+        return np.ascontiguousarray(self.triangles.T)
+
+    @cached_property
     def around(self) -> sp.csr_array:
         """(N, t) of ones: sums what the triangles hold at their vertices."""
         columns = np.repeat(np.arange(len(self.triangles)), 3)
@@ -85,21 +90,22 @@ class Rings:
         return sp.csr_array(sp.coo_array((share, (ends, columns)), shape=(self.count, len(ends) // 2)))
 
 
-def crossed(a: F64, b: F64) -> F64:
-    """a x b (n, 3), several times as quick as NumPy's."""
-    (ax, ay, az), (bx, by, bz) = a.T, b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
-
-
 def tips(vertices: F64, rings: Rings) -> F64:
     """The tips nu (N, 3) relative to their vertices: along the normal, as long as the ring's mean edge."""
-    a, b, c = (vertices.take(rings.triangles[:, k], axis=0) for k in range(3))
-    normals = np.asarray(rings.around @ crossed(b - a, c - a))
+    columns = np.ascontiguousarray(vertices.T)  # by coordinate, several times as quick
+    normals = np.asarray(rings.around @ _normals(columns, rings.corners).T)
     start, end = rings.sides
-    edges = vertices.take(end, axis=0) - vertices.take(start, axis=0)
-    mean = np.asarray(rings.mean @ np.sqrt(np.einsum("ei,ei->e", edges, edges)))
+    square = sum(np.square(x.take(end) - x.take(start)) for x in columns)
+    mean = np.asarray(rings.mean @ np.sqrt(square))
     size = np.sqrt(np.einsum("ni,ni->n", normals, normals))
     return np.asarray(normals * (mean / np.where(size > 0, size, 1))[:, None])
+
+
+def _normals(columns: F64, corners: Int) -> F64:
+    """(3, t) normals of triangles (3, t), as long as twice their areas, of coordinates (3, N)."""
+    a, b, c = (columns.take(corner, axis=1) for corner in corners)
+    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
 
 
 class Tents:

@@ -14,12 +14,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.similarity import Similarity, align
+from aam.similarity import Failed, Similarity, align
 from analogy.baselines import Cloning, GradientTransfer
 from analogy.correspondence import Correspondence
+from analogy.feature_points import FeaturePointsError, find
 from analogy.filling import Filling
 from analogy.mesh import Mesh, MeshError
-from analogy.parts import Parts, areas, restricted, skin_of
+from analogy.parts import Parts, areas, restricted
+from analogy.register import register, skin_of
 from analogy.rigid import fit_most
 from analogy.tents import TentTransfer
 
@@ -30,7 +32,7 @@ Core = Callable[[F64], F64]
 
 REACH = 0.15  # of the head's radius: the length over which tents rule
 FADE = 0.3  # of the head's radius: how far an expression goes on where the source has nothing
-SAMPLE = 2000  # vertices that say how the head as a whole moves
+SAMPLE = 1000  # vertices that say how the head as a whole moves
 
 
 class Transfer:
@@ -67,10 +69,10 @@ class Transfer:
         keep_rigid: bool = False,
     ) -> None:
         self.source, self.target = source, target
-        self._skin = skin_of(target)
-        found = _found(source, target, correspondence, self._skin)
-        skin = restricted(target, self._skin)
-        self._carry = correspondence.matrix(len(source.vertices))[np.flatnonzero(self._skin)]
+        on_skin = skin_of(target)
+        found = _found(source, target, correspondence, on_skin)
+        skin = restricted(target, on_skin)
+        self._carry = correspondence.matrix(len(source.vertices))[np.flatnonzero(on_skin)]
         size = areas(skin) * found
         self.pose = _aligned(self._carry @ source.vertices, skin.vertices, size)
         radius = _radius(skin.vertices, size)
@@ -78,7 +80,7 @@ class Transfer:
         apart = self._fill(self.pose.apply(self._carry @ source.vertices) - skin.vertices)
         self._neutral = skin.vertices + apart
         self._core = _core(method, self._neutral, skin, REACH * radius)
-        self._parts = None if keep_rigid or self._skin.all() else Parts(target, self._skin)
+        self._parts = Parts(target, on_skin, keep_rigid)
         self._sample = _sampled(np.flatnonzero(skin_of(source)))
 
     def __call__(self, expressive: F64) -> F64:
@@ -91,18 +93,43 @@ class Transfer:
         """
         _check(expressive, self.source)
         motion = self._motion(expressive)
-        way = motion.inverse().apply(expressive) - self.source.vertices
-        on_target = self._fill((self._carry @ way) @ self.pose.linear.T)
-        made = self.target.vertices.copy()
-        made[self._skin] = self._core(self._neutral + on_target)
-        if self._parts is not None:
-            made = self._parts(made)
+        way = (motion.inverse().apply(expressive) - self.source.vertices) @ self.pose.linear.T
+        made = self._parts(self._core(self._neutral + self._fill(self._carry @ way)))
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
 
     def _motion(self, expressive: F64) -> Similarity:
         """How the source's head as a whole moved."""
         before, after = self.source.vertices[self._sample], expressive[self._sample]
         return Similarity(1.0, *fit_most(before, after, np.ones(len(before))))
+
+
+def prepare(
+    source: Mesh,
+    target: Mesh,
+    points: tuple[F64, F64] | None = None,
+    method: Method = "tents",
+    keep_rigid: bool = False,
+) -> Transfer:
+    """A transfer between two heads that are registered first.
+
+    points : (k, 3) on the source and (k, 3) on the target that belong together; None: the feature points are found.
+
+    Raises
+    ------
+    FeaturePointsError, RegistrationError, MeshError, SolverError
+        When there is no face to be found, and as the steps do.
+    """
+    if points is None:
+        points = _feature_points(source, "source"), _feature_points(target, "target")
+    correspondence = register(source, target, points).correspondence()
+    return Transfer(source, target, correspondence, method, keep_rigid)
+
+
+def _feature_points(mesh: Mesh, name: str) -> F64:
+    found = find(mesh)
+    if isinstance(found, Failed):
+        raise FeaturePointsError(f"no face was found on the {name}: {found.reason}")
+    return found.positions
 
 
 def _core(method: Method, source: F64, target: Mesh, reach: float) -> Core:
@@ -137,7 +164,7 @@ def _found(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Boo
 
 def _aligned(source: F64, target: F64, weights: F64) -> Similarity:
     pose = align(source, target, weights)
-    if not pose:
+    if isinstance(pose, Failed):
         raise MeshError(f"the source cannot be aligned with the target: {pose.reason}")
     return pose
 
