@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from app.cli_analogy import analogy
 from app.cli_deidentify import deidentify
 from app.cli_live import live
 from app.cli_measure import measure
@@ -357,6 +358,7 @@ app.command()(live)
 app.command()(studio)
 app.command()(deidentify)
 app.command()(measure)
+app.add_typer(analogy, name="analogy")
 
 
 def _settings(

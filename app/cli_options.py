@@ -96,3 +96,9 @@ BoxDetectorSpec = Annotated[
         "--detector", metavar="lbp|yunet:PATH", help="What finds faces; default: the landmarker's own."
     ),
 ]
+
+
+def help_without_command(context: typer.Context) -> None:
+    """Show a group's help when it is called without a command, which is no mistake."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())

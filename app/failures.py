@@ -64,9 +64,9 @@ def user_mistakes() -> tuple[type[Exception], ...]:
     from aam.training import TrainingError
     from analogy.feature_points import FeaturePointsError
     from analogy.mesh import MeshError
+    from analogy.photo.pictures import PhotoError
     from analogy.register import RegistrationError
     from analogy.solver import SolverError
-    from analogy.photo.pictures import PhotoError
     from app.deidentify.options import DeidentifyError
     from app.enrol import EnrolError
     from app.measure.faces import MeasureError

@@ -1,0 +1,1 @@
+"""What stands behind `guise analogy mesh`: from files through `analogy` to files, pictures and reports."""

@@ -1,0 +1,78 @@
+"""`guise analogy mesh landmarks`, and where the other commands have feature points from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from aam.similarity import Failed
+from analogy.feature_points import NAMES, FeaturePoints, find, load
+from analogy.mesh import Mesh, MeshError
+from analogy.mesh_io import MeshFile, read_mesh
+from app.meshes.outputs import require_outputs
+from app.meshes.pictures import landmarks as drawn
+from app.meshes.reports import LandmarksReport
+from app.meshes.work import Work
+from app.outputs import write_whole
+from app.pictures import save_picture
+
+AUTO = "auto"
+
+
+def points_of(head: MeshFile, given: str = AUTO) -> FeaturePoints:
+    """Feature points of a head: from a file, or found.
+
+    Raises
+    ------
+    MeshError, FeaturePointsError
+        When they are not found, or the file is none of feature points.
+    """
+    if given != AUTO:
+        return load(given, of_file(head))
+    found = find(head.mesh)
+    if isinstance(found, Failed):
+        raise MeshError(
+            f"{head.path}: {_bare(found)}; mark the points in a file (see `guise analogy mesh landmarks --help`) and "
+            "give it with --landmarks"
+        )
+    return found
+
+
+def landmarks_file(path: Path, output: Path | None, edit: Path | None, work: Work) -> LandmarksReport:
+    """Find the feature points of a head, or put corrected ones in their place, and write them.
+
+    Raises
+    ------
+    MeshError, FeaturePointsError, OutputError
+    """
+    output = output or path.with_name(f"{path.stem}.landmarks.json")
+    require_outputs([output, work.picture], [path, *filter(None, [edit])], force=work.force)
+    with work.stage("reading"):
+        head = read_mesh(path)
+    with work.stage("landmarks"):
+        points = _edited(head, edit)
+    write_whole(output, points.save)
+    if work.picture is not None:
+        with work.stage("drawing"):
+            save_picture(work.picture, drawn(head.mesh, points.positions))
+    confidence = dict(zip(NAMES, points.confidence.round(3).tolist(), strict=True))
+    return LandmarksReport(path, output, points.as_json(), confidence, work.picture, work.seconds)
+
+
+def _edited(head: MeshFile, edit: Path | None) -> FeaturePoints:
+    found = find(head.mesh)
+    if edit is not None:
+        return load(edit, of_file(head), None if isinstance(found, Failed) else found)
+    if isinstance(found, Failed):
+        raise MeshError(f"{head.path}: {_bare(found)}; give all 20 points with --edit")
+    return found
+
+
+def of_file(head: MeshFile) -> Mesh:
+    """The faces of the clean mesh over all vertices of the file, so that vertices have the file's numbers."""
+    kept = head.cleaned.kept
+    return Mesh(head.document.vertices, kept[head.mesh.triangles], kept[head.mesh.quads])
+
+
+def _bare(failure: Failed) -> str:
+    """Why no points were found, without advice that is not for every command."""
+    return failure.reason.partition(":")[0]

@@ -1,0 +1,101 @@
+"""`guise analogy mesh transfer`: expressions of one head as files of another."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analogy.mesh_io import read_mesh
+from app.meshes import pictures
+from app.meshes.outputs import require_outputs
+from app.meshes.pair import Carrier, How, open_carrier
+from app.meshes.reports import AmountError, Carried, TransferReport, versions
+from app.meshes.work import Work
+from app.pictures import save_picture
+
+F64 = NDArray[np.float64]
+
+MOST_DRAWN = 4  # expressions in a picture
+READING, CARRYING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
+
+
+def transfer_files(
+    source: Path, expressions: Sequence[Path], target: Path, folder: Path | None, how: How, work: Work
+) -> TransferReport:
+    """Carry expressions over, each to a file in `folder` named after it, in the target's format.
+
+    Raises
+    ------
+    MeshError, FeaturePointsError, SolverError, OutputError
+        Before anything is written.
+    """
+    folder = folder or target.with_name(f"{target.stem}_expressions")
+    outputs = [folder / f"{path.stem}{target.suffix}" for path in expressions]
+    extra = [work.picture, work.report]
+    require_outputs([*outputs, *extra], [source, target, *expressions], force=work.force, made=folder)
+    with work.stage(READING):
+        neutral, head = read_mesh(source), read_mesh(target)
+        faces = [neutral.expression(path) for path in expressions]
+    carrier = open_carrier(neutral, head, how, work)
+    names = [(str(path), str(output)) for path, output in zip(expressions, outputs, strict=True)]
+    made, carried = carry_all(carrier, faces, names, work)
+    with work.stage(WRITING):
+        for vertices, output in zip(made, outputs, strict=True):
+            head.write(output, vertices)
+    draw(carrier, faces, made, work)
+    return report_of(carrier, how, folder, carried, work)
+
+
+def carry_all(
+    carrier: Carrier, faces: Sequence[F64], names: Sequence[tuple[str, str]], work: Work
+) -> tuple[list[F64], list[Carried]]:
+    """The target (N_t, 3) with each expression (N_s, 3), and what is told of it.
+
+    names : input and output of each.
+    """
+    made, carried = [], []
+    with work.stage(CARRYING):
+        for number, (expressive, (name, output)) in enumerate(zip(faces, names, strict=True)):
+            start = time.perf_counter()
+            made.append(carrier.transfer(expressive))
+            seconds = round(time.perf_counter() - start, 4)
+            carried.append(told(carrier, expressive, made[-1], name, output, seconds))
+            work.progress(CARRYING, (number + 1) / len(faces))
+    return made, carried
+
+
+def told(carrier: Carrier, expressive: F64, made: F64, name: str, output: str, seconds: float) -> Carried:
+    """What is told of one expression."""
+    way = np.linalg.norm(made - carrier.pair.target.mesh.vertices, axis=1)
+    return Carried(
+        name, output, float(f"{way.max():.6g}"), AmountError.of(carrier.error(expressive, made)), seconds
+    )
+
+
+def draw(carrier: Carrier, faces: Sequence[F64], made: Sequence[F64], work: Work) -> None:
+    """The picture, if one is wanted: a row for each of the first expressions."""
+    if work.picture is None:
+        return
+    source, target = carrier.pair.source.mesh, carrier.pair.target.mesh
+    points = carrier.pair.points
+    places = None if points is None else (points[0].positions, points[1].positions)
+    with work.stage(DRAWING):
+        rows = [
+            pictures.carried_over(source, before, target, after, places)
+            for before, after in zip(faces[:MOST_DRAWN], made[:MOST_DRAWN], strict=True)
+        ]
+        save_picture(work.picture, np.concatenate(rows))
+
+
+def report_of(
+    carrier: Carrier, how: How, output: Path, carried: Sequence[Carried], work: Work, skipped: int = 0
+) -> TransferReport:
+    """What was done."""
+    return TransferReport(
+        carrier.pair.source.path, carrier.pair.target.path, output, how.method, carrier.pair.facts, tuple(carried),
+        skipped, work.seconds, work.picture, versions(),
+    )  # fmt: skip
