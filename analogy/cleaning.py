@@ -96,7 +96,7 @@ def _check(vertices: F64, polygons: Polygons) -> None:
 
 def _faces(vertices: F64, polygons: Polygons) -> tuple[Int, Int]:
     """Triangles (t, 3) and quads (q, 4) with area, each once; a quad of which a half has none is its other half."""
-    fans = polygons.corners[polygons.fans()]
+    fans = polygons.corners[polygons.fans]
     good = ~_flat(vertices, fans)
     owner = np.repeat(np.arange(len(polygons.sizes)), polygons.sizes - 2)
     halves = np.bincount(owner, good, len(polygons.sizes))

@@ -7,6 +7,8 @@ as they are.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -103,17 +105,13 @@ class GltfDocument:
 
     def __init__(self, data: bytes, folder: Path) -> None:
         self._data = data
-        try:
+        with undamaged():
             self.container = Container.read(data, folder)
             self.parts = parts_of(self.container)
             self.vertices = self._gathered("POSITION", 3)
             for part in self.parts:
                 self.vertices[part.rows] = part.to_scene(self.vertices[part.rows], place=True)
             self.polygons = self._polygons()
-        except MeshError:
-            raise
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-            raise MeshError(f"its glTF document is damaged ({type(error).__name__}: {error})") from error
 
     @cached_property
     def normals(self) -> F64 | None:
@@ -139,13 +137,19 @@ class GltfDocument:
         return None if self.uvs is None else self.polygons.corners
 
     @cached_property
+    def colours(self) -> F64 | None:
+        """(n, 3) from 0 to 1, linear; 0 for parts without."""
+        return self._gathered("COLOR_0", 3) if self._has("COLOR_0") else None
+
+    @cached_property
     def displacements(self) -> dict[str, F64]:
         """Of each morph target (n, 3), by name; a name that several meshes have is one."""
         found: dict[str, F64] = {}
-        for part in self.parts:
-            for name, target in zip(target_names(self.container, part), part.targets(), strict=False):
-                held = found.setdefault(name, np.zeros(self.vertices.shape))
-                held[part.rows] = part.displacement(self.container, target)
+        with undamaged():
+            for part in self.parts:
+                for name, target in zip(target_names(self.container, part), part.targets(), strict=True):
+                    held = found.setdefault(name, np.zeros(self.vertices.shape))
+                    held[part.rows] = part.displacement(self.container, target)
         return found
 
     def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
@@ -171,7 +175,7 @@ class GltfDocument:
         for part in self.parts:
             index = part.primitives[0]["attributes"].get(name)
             if index is not None:
-                found[part.rows] = self.container.array(index)
+                found[part.rows] = self.container.array(index)[:, :width]
         return found
 
     def _polygons(self) -> Polygons:
@@ -188,6 +192,17 @@ class GltfDocument:
                 mirrored = np.linalg.det(part.matrix[:3, :3]) < 0
                 triangles.append((faces[:, ::-1] if mirrored else faces) + part.rows.start)
         return Polygons.of(np.concatenate(triangles))
+
+
+@contextmanager
+def undamaged() -> Iterator[None]:
+    """What goes wrong within, in reading a document that does not hold what it should, is a MeshError."""
+    try:
+        yield
+    except MeshError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise MeshError(f"its glTF document is damaged ({type(error).__name__}: {error})") from error
 
 
 def target_names(container: Container, part: Part) -> list[str]:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.gltf import GltfDocument, Part, parts_of
+from analogy.gltf import GltfDocument, Part, parts_of, undamaged
 from analogy.gltf_container import VERTICES, Container, Json, content
 from analogy.mesh import MeshError
 from analogy.normals import Normals
 
 F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
 Bool = NDArray[np.bool_]
 
 
@@ -37,7 +38,7 @@ def rigged(
     names: list[str] = []
     for name, vertices in shapes:
         names.append(name)
-        turned = None if normals is None else normals.moved(document.vertices, vertices)
+        turned = None if normals is None else normals.moved(vertices)
         for part, own in parts:
             target = _target(made, document, part, vertices, turned)
             for primitive in own.primitives:
@@ -95,8 +96,8 @@ def _embed(made: Container, folder: Path) -> None:
             del image["uri"]
 
 
-def frames(document: GltfDocument, rate: float | None) -> Iterator[tuple[float, F64]]:
-    """Times in seconds and vertices (n, 3) in the scene, of the first animation that moves morph targets.
+def frames(document: GltfDocument, rate: float | None) -> Iterator[F64]:
+    """Vertices (n, 3) in the scene, frame after frame of the first animation that moves morph targets.
 
     rate : in frames per second; None for the times of the animation's keys.  Nodes stand as they are.
 
@@ -105,38 +106,39 @@ def frames(document: GltfDocument, rate: float | None) -> Iterator[tuple[float, 
     MeshError
         When there is no such animation.
     """
-    times, weights = _animation(document.container, rate)
-    deltas = [_deltas(document, part) for part in document.parts]
-    at_rest = [_weights_at_rest(document.container, part) for part in document.parts]
-    for i, time in enumerate(times.tolist()):
-        vertices = document.vertices.copy()
-        for part, delta, rest in zip(document.parts, deltas, at_rest, strict=True):
-            if len(delta):
-                now = weights[part.node][i] if part.node in weights else rest
-                vertices[part.rows] += (now[: len(delta)].astype(np.float32) @ delta).reshape(-1, 3)
-        yield time, vertices
+    with undamaged():
+        count, weights = _animation(document.container, rate)
+        deltas = [_deltas(document, part) for part in document.parts]
+        tracks = [weights.get(part.node, _at_rest(document.container, part)) for part in document.parts]
+    parts = list(zip(document.parts, deltas, tracks, strict=True))
+    return (_frame(document, parts, i) for i in range(count))
 
 
-def _animation(container: Container, rate: float | None) -> tuple[F64, dict[int, F64]]:
-    """Times (f,) and of each animated node the weights (f, k)."""
+def _frame(document: GltfDocument, parts: list[tuple[Part, F32, F64]], frame: int) -> F64:
+    vertices = document.vertices.copy()
+    for part, delta, weights in parts:
+        if len(delta):
+            now = weights[min(frame, len(weights) - 1)].astype(np.float32)
+            vertices[part.rows] += (now @ delta).reshape(-1, 3)
+    return vertices
+
+
+def _animation(container: Container, rate: float | None) -> tuple[int, dict[int, F64]]:
+    """The number f of frames, and the weights (f, k) of each animated node."""
     for candidate in container.json.get("animations", []):
         channels = [c for c in candidate["channels"] if c["target"]["path"] == "weights"]
         if channels:
             samplers = {c["target"]["node"]: candidate["samplers"][c["sampler"]] for c in channels}
-            keys = {
-                node: container.array(held["input"])[:, 0].astype(np.float64)
-                for node, held in samplers.items()
-            }
+            keys = {node: _numbers(container, held["input"])[:, 0] for node, held in samplers.items()}
             times = np.unique(np.concatenate(list(keys.values())))
             if rate is not None:
                 times = times[0] + np.arange(int((times[-1] - times[0]) * rate + 1e-6) + 1) / rate
-            return times, {
-                node: _sampled(container, held, keys[node], times) for node, held in samplers.items()
-            }
+            made = {node: _sampled(container, held, keys[node], times) for node, held in samplers.items()}
+            return len(times), made
     raise MeshError("it has no animation of morph targets")
 
 
-def _deltas(document: GltfDocument, part: Part) -> NDArray[np.float32]:
+def _deltas(document: GltfDocument, part: Part) -> F32:
     """(k, 3 m) the displacements of a part's morph targets, in the scene."""
     count = part.rows.stop - part.rows.start
     found = np.zeros((len(part.targets()), 3 * count), np.float32)
@@ -145,15 +147,16 @@ def _deltas(document: GltfDocument, part: Part) -> NDArray[np.float32]:
     return found
 
 
-def _weights_at_rest(container: Container, part: Part) -> F64:
+def _at_rest(container: Container, part: Part) -> F64:
+    """(1, k) the weights of a part that nothing animates."""
     mesh = container.json["meshes"][part.mesh].get("weights", [0.0] * len(part.targets()))
-    return np.array(container.json["nodes"][part.node].get("weights", mesh), np.float64)
+    return np.array([container.json["nodes"][part.node].get("weights", mesh)], np.float64)
 
 
-def _sampled(held: Container, sampler: Json, keys: F64, times: F64) -> F64:
+def _sampled(container: Container, sampler: Json, keys: F64, times: F64) -> F64:
     """(f, k) the weights of a sampler at times (f,)."""
     method = sampler.get("interpolation", "LINEAR")
-    values = held.array(sampler["output"]).astype(np.float64)
+    values = _numbers(container, sampler["output"])
     at = np.clip(np.searchsorted(keys, times, "right") - 1, 0, max(len(keys) - 2, 0))
     after = np.minimum(at + 1, len(keys) - 1)
     span = np.where(after > at, keys[after] - keys[at], 1.0)
@@ -167,3 +170,7 @@ def _sampled(held: Container, sampler: Json, keys: F64, times: F64) -> F64:
     if method == "STEP":
         s = np.floor(s)
     return (1 - s) * grid[at] + s * grid[after]
+
+
+def _numbers(container: Container, accessor: int) -> F64:
+    return np.asarray(container.array(accessor), np.float64)

@@ -7,7 +7,8 @@ colours and comments stay.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 
 from analogy.cleaning import Cleaned
 from analogy.gltf import GltfDocument
+from analogy.gltf_made import made_glb
+from analogy.gltf_rig import frames, rigged
+from analogy.materials import Material, libraries, read_materials
 from analogy.mesh import Mesh, MeshError
 from analogy.normals import Normals
 from analogy.obj import ObjDocument, positions
@@ -30,6 +34,7 @@ Int = NDArray[np.intp]
 T = TypeVar("T")
 
 LARGEST = 1 << 30  # bytes of a file
+STILL = 1e-7  # of the size of a mesh, up to which a vertex does not move
 
 
 class Document(Protocol):
@@ -53,6 +58,10 @@ class Document(Protocol):
     @property
     def uv_ids(self) -> Int | None:
         """(c,) those of each corner."""
+
+    @property
+    def colours(self) -> F64 | None:
+        """(n, 3) from 0 to 1."""
 
     def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
         """The file with other vertices and normals."""
@@ -81,7 +90,7 @@ class MeshFile:
         if path.suffix.lower() != self.path.suffix.lower():
             raise MeshError(f"cannot write {path}: its suffix must be {self.path.suffix}, as of {self.path}")
         placed = self.placed(self.mesh.moved(vertices).vertices)
-        normals = None if self._normals is None else self._normals.moved(self.document.vertices, placed)
+        normals = None if self._normals is None else self._normals.moved(placed)
         _put(path, self.document.replaced(placed, normals))
 
     def placed(self, vertices: F64) -> F64:
@@ -98,18 +107,18 @@ class MeshFile:
             When they are not as many, or not finite.
         """
         found = _named(path, _positions, path)
-        if len(found) != len(self.document.vertices):
-            raise MeshError(
-                f"{path} has {len(found)} vertices, but its neutral {self.path} has {len(self.document.vertices)}"
-            )
+        self.check(path, len(found))
         return _named(path, self.mesh.moved, found[self.cleaned.kept]).vertices
+
+    def check(self, path: Path, count: int) -> None:
+        """MeshError when another file has not as many vertices."""
+        if count != len(self.document.vertices):
+            own = f"its neutral {self.path} has {len(self.document.vertices)}"
+            raise MeshError(f"{path} has {count} vertices, but {own}; both must be of one topology")
 
     @cached_property
     def _normals(self) -> Normals | None:
-        held = self.document
-        if held.normals is None or held.normal_ids is None:
-            return None
-        return Normals(held.normals, held.normal_ids, held.polygons, self.cleaned.ids)
+        return _normals(self.document, self.cleaned.ids)
 
 
 def read_mesh(path: Path) -> MeshFile:
@@ -122,6 +131,125 @@ def read_mesh(path: Path) -> MeshFile:
     """
     document = _named(path, _document, path)
     return MeshFile(path, document, _named(path, _cleaned, document))
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A mesh with named shapes.
+
+    Parameters
+    ----------
+    file : of the neutral mesh, N vertices clean.   names : k.   shapes : (k, N, 3), absolute.
+    """
+
+    file: MeshFile
+    names: tuple[str, ...]
+    shapes: F64
+
+
+def read_rig(path: Path) -> Rig:
+    """The morph targets of a glTF or GLB file.
+
+    Raises
+    ------
+    MeshError
+        When the file cannot be used, or has none.
+    """
+    found = read_mesh(path)
+    shapes = found.document.displacements if isinstance(found.document, GltfDocument) else {}
+    if not shapes:
+        raise MeshError(f"cannot use {path}: it has no morph targets; a rig is a GLB or glTF file with some")
+    kept = found.cleaned.kept
+    return Rig(found, tuple(shapes), np.stack([found.mesh.vertices + way[kept] for way in shapes.values()]))
+
+
+def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -> None:
+    """A GLB of a target, of any format, with a morph target for each of its shapes (k, N, 3) and their names.
+
+    Normals and materials go with it; morph targets that the target had are left out.
+
+    Raises
+    ------
+    MeshError
+        When the suffix is not .glb, or names and shapes do not fit.
+    """
+    if path.suffix.lower() != ".glb":
+        raise MeshError(f"cannot write {path}: a rig's suffix must be .glb")
+    if len(names) != len(shapes) or shapes.shape[1:] != target.mesh.vertices.shape:
+        raise MeshError(
+            f"shapes must be ({len(names)}, {len(target.mesh.vertices)}, 3) for these names, got {shapes.shape}"
+        )
+    document, origin = _as_glb(target)
+    normals = _normals(document, target.cleaned.ids[origin])
+    size = float(np.ptp(target.mesh.vertices, axis=0).max())
+    moving = np.abs(shapes - target.mesh.vertices).max(axis=(0, 2)) > STILL * size
+    placed = ((name, target.placed(shape)[origin]) for name, shape in zip(names, shapes, strict=True))
+    _put(path, rigged(document, normals, placed, moving[target.cleaned.ids[origin]], target.path.parent))
+
+
+def read_frames(path: Path, neutral: MeshFile, rate: float | None = None) -> Iterator[tuple[str, F64]]:
+    """Names and vertices (N, 3) of the frames of a sequence, one read at a time.
+
+    path : a folder of OBJ or PLY files, in natural order; or a glTF or GLB file with animated morph targets.
+    neutral : of the same vertices as all frames, N of them clean.
+    rate : in frames per second, of an animation; None for its keys.
+
+    Raises
+    ------
+    MeshError
+        When there are none, or one has other vertices than the neutral.
+    """
+    if not path.is_dir():
+        yield from _animated(path, neutral, rate)
+        return
+    files = sorted((file for file in path.iterdir() if file.suffix.lower() in (".obj", ".ply")), key=_natural)
+    if not files:
+        raise MeshError(f"the folder {path} holds no OBJ or PLY files")
+    for file in files:
+        yield file.stem, neutral.expression(file)
+
+
+def _animated(path: Path, neutral: MeshFile, rate: float | None) -> Iterator[tuple[str, F64]]:
+    held = _named(path, _document, path)
+    if not isinstance(held, GltfDocument):
+        raise MeshError(
+            f"cannot use {path}: a sequence is a folder of OBJ or PLY files, or an animated GLB or glTF file"
+        )
+    neutral.check(path, len(held.vertices))
+    for i, vertices in enumerate(_named(path, frames, held, rate)):
+        yield f"{i:04d}", vertices[neutral.cleaned.kept]
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Frame 9 before frame 10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+
+
+def _as_glb(target: MeshFile) -> tuple[GltfDocument, Int]:
+    """A target as a GLB, and (m,) which of its own vertices those are."""
+    held = target.document
+    if isinstance(held, GltfDocument):
+        return held, np.arange(len(held.vertices))
+    materials, ids = _materials(target)
+    data, origin = made_glb(held, target.cleaned.kept[target.cleaned.ids], materials, ids)
+    return GltfDocument(data, target.path.parent), origin
+
+
+def _materials(target: MeshFile) -> tuple[list[Material], Int]:
+    """The materials of a target, and (p,) that of each polygon."""
+    held, folder = target.document, target.path.parent
+    if isinstance(held, ObjDocument):
+        names, ids = held.material_ids()
+        known = read_materials(libraries(folder, held.libraries()))
+        return [known.get(name, Material(name)) for name in names], ids
+    picture = folder / held.texture if isinstance(held, PlyDocument) and held.texture else None
+    return [Material(picture=picture)], np.zeros(len(held.polygons.sizes), np.intp)
+
+
+def _normals(held: Document, places: Int) -> Normals | None:
+    if held.normals is None or held.normal_ids is None:
+        return None
+    return Normals(held.normals, held.normal_ids, held.vertices, held.polygons, places)
 
 
 def _cleaned(held: Document) -> Cleaned:

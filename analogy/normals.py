@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from analogy.polygons import Polygons
@@ -21,42 +22,50 @@ class Normals:
 
     Parameters
     ----------
-    normals : (k, 3).   ids : (c,) the one of each corner.
-    polygons : over the file's vertices.   places : (n,) the same for vertices that a seam splits.
+    normals : (k, 3), of vertices (n, 3).   ids : (c,) the one of each corner.
+    polygons : over the vertices.   places : (n,) the same for vertices that a seam splits.
     """
 
-    def __init__(self, normals: F64, ids: Int, polygons: Polygons, places: Int) -> None:
-        self._normals, self._ids, self._polygons = normals, ids, polygons
-        steps = np.rint(unit(normals) * ALIKE).astype(np.int64) + ALIKE
-        side = 2 * ALIKE + 1
-        coded = np.unique((steps[:, 0] * side + steps[:, 1]) * side + steps[:, 2], return_inverse=True)[1]
-        both = places[polygons.corners] * len(normals) + coded[ids]
-        self._fan = np.unique(both, return_inverse=True)[1]  # corners at one place with one normal
+    def __init__(self, normals: F64, ids: Int, vertices: F64, polygons: Polygons, places: Int) -> None:
+        self._normals, self._polygons = normals, polygons
+        self._sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+        alike = np.unique(_coded(normals), return_inverse=True)[1]
+        both = places[polygons.corners] * len(normals) + alike[ids]
+        fans = np.unique(both, return_inverse=True)[1]  # corners at one place with one normal
+        self._fans = _sums(fans, polygons.owners, int(fans.max()) + 1, len(polygons.sizes))
+        share = 1 / np.bincount(ids, minlength=len(normals)).clip(1)
+        self._means = _sums(ids, fans, len(normals), int(fans.max()) + 1, share[ids])
+        self._before = self._of_fans(vertices)
 
-    def moved(self, before: F64, after: F64) -> F64:
-        """The normals (k, 3) for vertices `after` (n, 3), where they are those given for `before`."""
-        turned = self._of_fans(after) - self._of_fans(before)
-        used = np.bincount(self._ids, minlength=len(self._normals)).clip(1)
-        change = _summed(self._ids, turned[self._fan], len(self._normals)) / used[:, None]
-        still = ~change.any(axis=1, keepdims=True)
-        size = np.linalg.norm(self._normals, axis=1, keepdims=True)
-        return np.where(still, self._normals, unit(self._normals + change * size) * size)
+    def moved(self, vertices: F64) -> F64:
+        """The normals (k, 3) for other vertices (n, 3)."""
+        change = np.asarray(self._means @ (self._of_fans(vertices) - self._before))
+        turned = unit(self._normals + change * self._sizes) * self._sizes
+        return np.where(change.any(axis=1, keepdims=True), turned, self._normals)
 
     def _of_fans(self, vertices: F64) -> F64:
-        areas = self._polygons.areas(vertices)[self._polygons.owners]
-        return unit(_summed(self._fan, areas, int(self._fan.max()) + 1))
+        return unit(np.asarray(self._fans @ self._polygons.areas(vertices)))
 
 
 def smooth(vertices: F64, polygons: Polygons) -> F64:
     """(n, 3) the normal of each vertex (n, 3), of length 1, by the areas of its polygons; 0 where it has none."""
-    areas = polygons.areas(vertices)[polygons.owners]
-    return unit(_summed(polygons.corners, areas, len(vertices)))
-
-
-def _summed(ids: Int, vectors: F64, count: int) -> F64:
-    return np.stack([np.bincount(ids, vectors[:, axis], count) for axis in range(3)], axis=1)
+    sums = _sums(polygons.corners, polygons.owners, len(vertices), len(polygons.sizes))
+    return unit(np.asarray(sums @ polygons.areas(vertices)))
 
 
 def unit(vectors: F64) -> F64:
     """Vectors (n, 3) of length 1; 0 stays 0."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-300))
+    return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None].clip(1e-150))
+
+
+def _sums(rows: Int, columns: Int, height: int, width: int, weights: F64 | None = None) -> sp.csr_array:
+    """What adds up values of columns in rows, by weights."""
+    held = np.ones(len(rows)) if weights is None else weights
+    return sp.csr_array(sp.coo_array((held, (rows, columns)), shape=(height, width)))
+
+
+def _coded(normals: F64) -> Int:
+    """(k,) one number for each direction, the same within the rounding of files."""
+    steps = np.rint(unit(normals) * ALIKE).astype(np.intp) + ALIKE
+    side = 2 * ALIKE + 1
+    return np.asarray((steps[:, 0] * side + steps[:, 1]) * side + steps[:, 2], np.intp)

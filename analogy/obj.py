@@ -66,17 +66,17 @@ class ObjDocument:
         columns = _vectors(self.lines, self._where[b"v"], 3)
         return columns[:, 3:6] if columns.shape[1] >= 6 else None
 
-    def materials(self) -> tuple[list[str], Int]:
-        """The names that `usemtl` gives, "" before the first, and (p,) the one of each polygon."""
+    def material_ids(self) -> tuple[list[str], Int]:
+        """The names that `usemtl` lines give, "" before the first, and (p,) the one of each polygon."""
         changes = [i for i, line in enumerate(self.lines) if line.lstrip().startswith(b"usemtl")]
-        called = [_text(self.lines[i].split(None, 1)[1:]) for i in changes]
+        called = [_rest(self.lines[i]) for i in changes]
         names = list(dict.fromkeys(["", *called]))
-        after = np.searchsorted(changes, self._face_lines)
-        return names, np.array([0, *(names.index(name) for name in called)])[after]
+        ids = np.array([0, *(names.index(name) for name in called)], np.intp)
+        return names, ids[np.searchsorted(changes, self._face_lines)]
 
     def libraries(self) -> list[str]:
-        """The material files that it names, as written."""
-        return [_text(line.split(None, 1)[1:]) for line in self.lines if line.lstrip().startswith(b"mtllib")]
+        """What its `mtllib` lines name."""
+        return [_rest(line) for line in self.lines if line.lstrip().startswith(b"mtllib")]
 
     def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
         """The file with other vertices (n, 3) and normals (k, 3)."""
@@ -174,11 +174,12 @@ def _numeric(text: bytes) -> bool:
 
 def _bad(lines: list[bytes], place: int, wrong: str) -> MeshError:
     number = sum(line.count(b"\n") + 1 for line in lines[:place]) + 1
-    return MeshError(f"line {number} {wrong}, got: {_text([lines[place]])[:60]}")
+    return MeshError(f"line {number} {wrong}, got: {lines[place].strip().decode('utf-8', 'replace')[:60]}")
 
 
-def _text(words: list[bytes]) -> str:
-    return b" ".join(words).strip().decode("utf-8", "replace")
+def _rest(line: bytes) -> str:
+    """What follows a line's keyword."""
+    return b"".join(line.split(None, 1)[1:]).strip().decode("utf-8", "replace")
 
 
 def _faces(lines: list[bytes], where: dict[bytes, list[int]]) -> tuple[Int, Int, Int]:

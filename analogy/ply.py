@@ -7,6 +7,7 @@ what they do not know.
 
 from __future__ import annotations
 
+import re
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +47,7 @@ class PlyDocument:
 
     def __init__(self, data: bytes, *, positions_only: bool = False) -> None:
         order, elements, start = _header(data)
+        self._head = data[:start]
         names = [element.name for element in elements]
         if "vertex" not in names:
             raise MeshError("it has no element `vertex`")
@@ -89,6 +91,12 @@ class PlyDocument:
         """(n, 3) from 0 to 1."""
         found = self._columns(COLOUR)
         return None if found is None else found / self._white
+
+    @property
+    def texture(self) -> str | None:
+        """The picture that a comment names, as MeshLab writes it."""
+        found = re.search(rb"^comment TextureFile (.+?)\s*$", self._head, re.MULTILINE)
+        return found[1].decode("utf-8", "replace") if found else None
 
     def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
         """The file with other vertices (n, 3) and normals (n, 3)."""

@@ -46,6 +46,7 @@ class Polygons:
         """(c,) the polygon of each corner."""
         return np.repeat(np.arange(len(self.sizes)), self.sizes)
 
+    @cached_property
     def fans(self) -> Int:
         """(t, 3) places in `corners`: every polygon as a fan of triangles around its first corner."""
         first = np.repeat(self.starts, self.sizes - 2)
@@ -59,5 +60,9 @@ class Polygons:
         >>> Polygons.of(np.array([[0, 1, 2]])).areas(np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])).tolist()
         [[0.0, 0.0, 2.0]]
         """
-        around = vertices[self.corners] - vertices[self.corners[self.starts]][self.owners]
-        return np.asarray(np.add.reduceat(np.cross(around, around[self.following]), self.starts) / 2)
+        a, b, c = (vertices.T[:, self.corners[self.fans[:, k]]] for k in range(3))
+        (px, py, pz), (qx, qy, qz) = b - a, c - a
+        halves = np.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx], axis=1) / 2
+        if len(halves) == len(self.sizes):
+            return halves
+        return np.asarray(np.add.reduceat(halves, np.cumsum(self.sizes - 2) - (self.sizes - 2)))

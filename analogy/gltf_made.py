@@ -1,0 +1,124 @@
+"""A GLB made of a mesh of another format: triangles, normals, texture coordinates, colours, materials, pictures.
+
+Quads become triangles and groups are dropped, for glTF has neither.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analogy.gltf_container import INDICES, VERTICES, Container, Json
+from analogy.materials import Material
+from analogy.normals import smooth, unit
+from analogy.polygons import Polygons
+
+F64 = NDArray[np.float64]
+Int = NDArray[np.intp]
+
+ROUGHNESS = 0.7  # of skin, for materials that say nothing of it
+
+
+class Source(Protocol):
+    """What a GLB can be made of; see `analogy.mesh_io.Document`."""
+
+    vertices: F64
+    polygons: Polygons
+
+    @property
+    def normals(self) -> F64 | None: ...
+
+    @property
+    def normal_ids(self) -> Int | None: ...
+
+    @property
+    def uvs(self) -> F64 | None: ...
+
+    @property
+    def uv_ids(self) -> Int | None: ...
+
+    @property
+    def colours(self) -> F64 | None: ...
+
+
+def made_glb(source: Source, places: Int, materials: list[Material], material_ids: Int) -> tuple[bytes, Int]:
+    """A GLB, and (m,) the vertex of the source that each of its vertices is.
+
+    places : (n,) the same for vertices that a seam splits.   material_ids : (p,) of the polygons.
+    """
+    corners, uvs = source.polygons.corners, source.uvs
+    smoothed = smooth(source.vertices, Polygons(places[corners], source.polygons.sizes))[places]
+    normals, normal_ids = (source.normals, source.normal_ids)
+    if normals is None or normal_ids is None:
+        normals, normal_ids = smoothed, corners
+    first, ids = _distinct([corners, normal_ids, *(() if source.uv_ids is None else (source.uv_ids,))])
+    origin = corners[first]
+
+    out = Container({"asset": {"version": "2.0", "generator": "guise"}}, bytearray())
+    upright = np.where(normals.any(axis=1, keepdims=True), unit(normals), (0.0, 0.0, 1.0))
+    attributes = {
+        "POSITION": _floats(out, source.vertices[origin]),
+        "NORMAL": _floats(out, upright[normal_ids[first]]),
+    }
+    if uvs is not None and source.uv_ids is not None:
+        attributes["TEXCOORD_0"] = _floats(out, uvs[source.uv_ids[first]] * (1, -1) + (0, 1))
+    if source.colours is not None:
+        attributes["COLOR_0"] = _floats(out, _linear(source.colours[origin]))
+    fans = source.polygons.fans
+    of_fan = material_ids[source.polygons.owners[fans[:, 0]]]
+    primitives = []
+    for number in np.unique(of_fan).tolist():
+        indices = out.append(ids[fans[of_fan == number]].reshape(-1, 1).astype(np.uint32), INDICES)
+        look = _material(out, materials[number])
+        primitives.append({"attributes": dict(attributes), "indices": indices, "material": look})
+    out.json |= {
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "head"}],
+        "meshes": [{"name": "head", "primitives": primitives}],
+    }
+    return out.glb(), origin
+
+
+def _distinct(columns: list[Int]) -> tuple[Int, Int]:
+    """Of corners (c,) with several ids each: one of each kind (m,), in the order of the first ids; the kinds (c,)."""
+    kinds = columns[0]
+    for column in columns[1:]:
+        kinds = np.unique(kinds * (column.max() + 1) + column, return_inverse=True)[1]
+    _, first, ids = np.unique(kinds, return_index=True, return_inverse=True)
+    return first, ids
+
+
+def _floats(out: Container, values: F64) -> int:
+    return out.append(values.astype(np.float32), VERTICES)
+
+
+def _linear(colours: F64) -> F64:
+    """Colours as glTF wants them, from those of sRGB."""
+    clipped = colours.clip(0, 1)
+    return np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
+
+
+def _material(out: Container, material: Material) -> int:
+    """The id of a material put into the document."""
+    surface: Json = {
+        "baseColorFactor": list(material.colour),
+        "metallicFactor": 0.0,
+        "roughnessFactor": ROUGHNESS,
+    }
+    data = material.picture.read_bytes() if material.picture and material.picture.is_file() else b""
+    kind = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+    mime = next((name for start, name in kind.items() if data.startswith(start)), None)
+    if mime:
+        out.entries("images").append({"bufferView": out.append_bytes(data), "mimeType": mime})
+        out.entries("textures").append({"source": len(out.json["images"]) - 1})
+        surface["baseColorTexture"] = {"index": len(out.json["textures"]) - 1}
+    held: Json = {"pbrMetallicRoughness": surface, "doubleSided": True}
+    if material.name:
+        held["name"] = material.name
+    if material.colour[3] < 1:
+        held["alphaMode"] = "BLEND"
+    out.entries("materials").append(held)
+    return len(out.json["materials"]) - 1

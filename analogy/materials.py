@@ -1,0 +1,56 @@
+"""Materials of OBJ files (MTL): what glTF can say of them, and the files that they are in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material: name, colour (r, g, b, opacity) from 0 to 1, and the picture it is multiplied with."""
+
+    name: str = ""
+    colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    picture: Path | None = None
+
+
+def read_materials(paths: list[Path]) -> dict[str, Material]:
+    """The materials of MTL files, by name; a file that is not there, or a line that is not understood, is left out."""
+    found: dict[str, Material] = {}
+    for path in paths:
+        current = Material()
+        for line in path.read_text("utf-8", "replace").splitlines() if path.is_file() else ():
+            keyword, _, rest = line.strip().partition(" ")
+            if keyword == "newmtl":
+                current = Material(rest.strip())
+            else:
+                current = _changed(current, keyword, rest.strip(), path.parent)
+            found[current.name] = current
+    found.pop("", None)
+    return found
+
+
+def libraries(folder: Path, names: list[str]) -> list[Path]:
+    """The files that `mtllib` lines name: each one, or several with spaces between."""
+    whole = [folder / name for name in names]
+    return [
+        one
+        for path, name in zip(whole, names, strict=True)
+        for one in ([path] if path.is_file() else [folder / word for word in name.split()])
+    ]
+
+
+def _changed(material: Material, keyword: str, rest: str, folder: Path) -> Material:
+    red, green, blue, opacity = material.colour
+    try:
+        if keyword == "Kd":
+            red, green, blue = (float(word) for word in rest.split()[:3])
+        elif keyword in ("d", "Tr"):
+            opacity = float(rest.split()[-1]) if keyword == "d" else 1 - float(rest.split()[-1])
+        elif keyword == "map_Kd" and rest:
+            name = rest.split()[-1] if rest.startswith("-") else rest
+            return replace(material, picture=folder / name.replace("\\", "/"))
+    except (ValueError, IndexError):
+        return material
+    return replace(material, colour=(red, green, blue, opacity))
