@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aam.landmarks.schemes import INNER_LIPS
+from analogy.photo.change import agreement, carried
 from analogy.photo.grids import Grid, Places, drawn, face, own
 from analogy.photo.heights import DARK, asked, heights
 from analogy.photo.motion import Motion
@@ -137,12 +138,12 @@ class PhotoAnalogy:
         if self.method == "ratio":
             field = np.log(ratio(neutral, shown @ LUMINANCE, width)) * faded(region, width)
             return np.asarray(field, np.float32)
-        warped = sampled(self._coarse, own(self._grid.size) + seen.values[..., :2]) @ LUMINANCE
-        right, down = asked(heights(neutral), heights(shown @ LUMINANCE), heights(warped))
-        if self.mouth == "fill":
-            right *= ~(seen.between[:, 1:] | seen.between[:, :-1])
-            down *= ~(seen.between[1:] | seen.between[:-1])
-        return integrated(right, down, region)
+        warped = heights(sampled(self._coarse, own(self._grid.size) + seen.values[..., :2]) @ LUMINANCE)
+        before, after = heights(neutral), heights(shown @ LUMINANCE)
+        mouth = seen.between & (self.mouth == "fill")
+        taken = carried(after - before, agreement(before, warped, width), mouth, width)
+        taken = (taken - np.median(taken[region])) * faded(region, width)
+        return integrated(*asked(before, before + taken, warped), region)
 
     def _lit(self, picture: F32, change: F32) -> F32:
         """A picture (h, w, 3) with its luminance changed, its colours kept."""

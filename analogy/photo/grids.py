@@ -14,7 +14,7 @@ from render.visibility import visible
 
 FINEST = 512  # pixels across the face, above which appearance is computed on a coarser grid
 SMALLEST = 32  # pixels across the face
-INWARD = 0.08  # of the way to the face's middle, by which its contour is pulled inward
+INWARD = 0.04
 
 
 @dataclass(frozen=True)
