@@ -114,8 +114,8 @@ def register(source: Mesh, target: Mesh, points: tuple[F64, F64] | None = None) 
     if points is None:
         similarity = _aligned_by_places(source, surface, size)
     else:
-        points = _checked(points)
-        similarity = _aligned_by_points(*points)
+        points = checked(points)
+        similarity = aligned_by_points(*points)
     skin = np.flatnonzero(skin_of(source))
     faces = _renumbered(_faces_of(source, skin_of(source)), skin, len(source.vertices))
     rest = similarity.apply(source.vertices)
@@ -182,7 +182,8 @@ def _skin_surface(mesh: Mesh) -> tuple[Surface, float]:
     return Surface(mesh.vertices, _faces_of(mesh, skin_of(mesh)), TURN * size), size
 
 
-def _checked(points: tuple[F64, F64]) -> tuple[F64, F64]:
+def checked(points: tuple[F64, F64]) -> tuple[F64, F64]:
+    """Points (k, 3) of two meshes that belong together; RegistrationError when they can be no such."""
     first, second = (np.asarray(p, np.float64) for p in points)
     if first.shape != second.shape or first.ndim != 2 or first.shape[1] != 3:
         raise RegistrationError(f"points must be (k, 3) on both meshes, got {first.shape} and {second.shape}")
@@ -193,7 +194,8 @@ def _checked(points: tuple[F64, F64]) -> tuple[F64, F64]:
     return first, second
 
 
-def _aligned_by_points(first: F64, second: F64) -> Similarity:
+def aligned_by_points(first: F64, second: F64) -> Similarity:
+    """Takes points (k, 3) of the source to those of the target; RegistrationError when they do not belong together."""
     for name, points in (("source", first), ("target", second)):
         spread = np.linalg.svd(points - points.mean(0), compute_uv=False)
         if spread[1] <= THIN * spread[0] or spread[0] == 0:
