@@ -110,6 +110,73 @@ def transfer(
 
 
 @mesh.command()
+def rig(
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE_RIG", help="A head with morph targets (.glb, .gltf).")
+    ],
+    target: Target,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="RIG.glb", help="The target with those morph targets.")
+    ],
+    method: Method = MethodName.tents,
+    correspondence: Matching = CorrespondenceName.dense,
+    landmarks: Landmarks = None,
+    keep_rigid: KeepRigid = False,
+    picture: PictureOut = None,
+    report: ReportOut = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Give a head all morph targets of another, with their names."""
+    from app.meshes.rigging import rig_file
+
+    how = _how(method, correspondence, landmarks, keep_rigid)
+    _run(lambda work: rig_file(source, target, output, how, work), force, quiet, json, picture, report)
+
+
+@mesh.command()
+def sequence(
+    source: SourceNeutral,
+    frames: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FRAMES", help="A folder of .obj or .ply, one a frame, or a .glb whose morph targets move."
+        ),
+    ],
+    target: Target,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="The folder for one file per frame, in TARGET's format."
+        ),
+    ],
+    method: Method = MethodName.tents,
+    correspondence: Matching = CorrespondenceName.dense,
+    landmarks: Landmarks = None,
+    keep_rigid: KeepRigid = False,
+    fps: Annotated[
+        float | None,
+        typer.Option(min=1, max=1000, help="Frames a second of a .glb; default: one for each of its keys."),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where an earlier run stopped; its frames are left as they are.")
+    ] = False,
+    picture: PictureOut = None,
+    report: ReportOut = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:  # fmt: skip
+    """Carry an animation of one head over to another, frame by frame."""
+    from app.meshes.sequences import Frames, sequence_files
+
+    wanted = Frames(frames, output, fps, resume)
+    how = _how(method, correspondence, landmarks, keep_rigid)
+    _run(lambda work: sequence_files(source, wanted, target, how, work), force, quiet, json, picture, report)
+
+
+@mesh.command()
 def register(
     template: Annotated[
         Path, typer.Argument(metavar="TEMPLATE", help="The head that is deformed, at rest.")

@@ -15,7 +15,6 @@ from app.version import version
 
 F64 = NDArray[np.float64]
 
-MOST_TOLD = 12  # expressions of which a line is said
 UNSURE = 0.5  # confidence of a feature point below which one should look at it
 KEPT = 1e-3  # error E below which a vertex moved as far as in the source
 
@@ -81,7 +80,8 @@ class TransferReport:
     ----------
     source, target, output : files or folders.   method : tents, gradients or cloning.
     correspondence : how the heads were matched, and how well.
-    expressions : each; skipped : of a sequence, how many were there already.
+    kind : expression, morph target or frame.   expressions : each.
+    skipped : of a sequence, how many were there already.
     seconds : by stage.   picture : that was drawn.   versions : of what did it.
     """
 
@@ -90,6 +90,7 @@ class TransferReport:
     output: Path
     method: str
     correspondence: Mapping[str, Any]
+    kind: str
     expressions: tuple[Carried, ...]
     skipped: int
     seconds: Mapping[str, float]
@@ -98,18 +99,20 @@ class TransferReport:
 
     def lines(self) -> list[str]:
         """For people."""
-        shown = [f"  {Path(one.output).name}: {one.words()}" for one in self.expressions[:MOST_TOLD]]
-        if len(self.expressions) > MOST_TOLD:
-            shown.append(f"  and {len(self.expressions) - MOST_TOLD} more")
-        kind, found = self.correspondence["kind"], self.correspondence["found"]
-        each = 1e3 * float(np.mean([one.seconds for one in self.expressions] or [0.0]))
+        count, known = len(self.expressions), self.correspondence
         skipped = f", {self.skipped} were there" if self.skipped else ""
+        each = [f"  {Path(one.output).name}: {one.words()}" for one in self.expressions]
         return [
-            f"{self.output}: {_many(len(self.expressions), 'expression')}{skipped}, {sum(self.seconds.values()):.1f} s",
-            f"  matched: {kind}, {found:.1%} of the target found on the source; {each:.0f} ms an expression",
-            *shown,
+            f"{self.output}: {_many(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
+            f"  heads matched: {known['kind']}, {known['found']:.1%} of the target is found on the source",
+            *([self._speed()] if self.kind == "frame" else each),
             *([f"  picture: {self.picture}"] if self.picture else []),
         ]
+
+    def _speed(self) -> str:
+        rate = len(self.expressions) / max(self.seconds["carrying"], 1e-9)
+        alone = 1e3 * float(np.mean([one.seconds for one in self.expressions] or [0.0]))
+        return f"  {rate:.1f} frames a second, reading and writing included; {alone:.1f} ms a frame without"
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""

@@ -9,17 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from analogy.feature_points import FeaturePoints
+from analogy.mesh import Mesh
 from analogy.mesh_io import read_mesh
-from app.meshes import pictures
 from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
+from app.meshes.pictures import Head, Picture, Stand, strip
 from app.meshes.reports import AmountError, Carried, TransferReport, versions
 from app.meshes.work import Work
 from app.pictures import save_picture
 
 F64 = NDArray[np.float64]
 
-MOST_DRAWN = 4  # expressions in a picture
+MOST_DRAWN = 6  # expressions in a picture
+SIDES = (0.0, 25.0)  # degrees
 READING, CARRYING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
 
 
@@ -46,8 +49,8 @@ def transfer_files(
     with work.stage(WRITING):
         for vertices, output in zip(made, outputs, strict=True):
             head.write(output, vertices)
-    draw(carrier, faces, made, work)
-    return report_of(carrier, how, folder, carried, work)
+    draw(carrier, faces, made, [path.stem for path in expressions], work)
+    return report_of(carrier, how, folder, "expression", carried, work)
 
 
 def carry_all(
@@ -76,26 +79,42 @@ def told(carrier: Carrier, expressive: F64, made: F64, name: str, output: str, s
     )
 
 
-def draw(carrier: Carrier, faces: Sequence[F64], made: Sequence[F64], work: Work) -> None:
-    """The picture, if one is wanted: a row for each of the first expressions."""
+def draw(
+    carrier: Carrier, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], work: Work
+) -> None:
+    """The picture, if one is wanted: the source with the first expressions, and below it the target."""
     if work.picture is None:
         return
-    source, target = carrier.pair.source.mesh, carrier.pair.target.mesh
-    points = carrier.pair.points
-    places = None if points is None else (points[0].positions, points[1].positions)
     with work.stage(DRAWING):
-        rows = [
-            pictures.carried_over(source, before, target, after, places)
-            for before, after in zip(faces[:MOST_DRAWN], made[:MOST_DRAWN], strict=True)
-        ]
+        points = carrier.pair.points or (None, None)
+        sides = (carrier.pair.source.mesh, faces, points[0]), (carrier.pair.target.mesh, made, points[1])
+        rows = [_row(*side, name, names) for side, name in zip(sides, ("source", "target"), strict=True)]
         save_picture(work.picture, np.concatenate(rows))
 
 
+def _row(
+    head: Mesh, faces: Sequence[F64], points: FeaturePoints | None, name: str, names: Sequence[str]
+) -> Picture:
+    """A head at rest and with the first expressions; a single one is seen from two sides."""
+    stand = Stand.of(head.vertices, None if points is None else points.positions)
+    shown = [Head(head.vertices, head.faces, name, stand)]
+    shown += [
+        Head(face, head.faces, title, stand) for face, title in zip(faces[:MOST_DRAWN], names, strict=False)
+    ]
+    return strip(shown, SIDES if len(shown) == 2 else SIDES[1:])
+
+
 def report_of(
-    carrier: Carrier, how: How, output: Path, carried: Sequence[Carried], work: Work, skipped: int = 0
+    carrier: Carrier,
+    how: How,
+    output: Path,
+    kind: str,
+    carried: Sequence[Carried],
+    work: Work,
+    skipped: int = 0,
 ) -> TransferReport:
-    """What was done."""
+    """What was done; kind: what was carried over."""
     return TransferReport(
-        carrier.pair.source.path, carrier.pair.target.path, output, how.method, carrier.pair.facts, tuple(carried),
-        skipped, work.seconds, work.picture, versions(),
+        carrier.pair.source.path, carrier.pair.target.path, output, how.method, carrier.pair.facts, kind,
+        tuple(carried), skipped, work.seconds, work.picture, versions(),
     )  # fmt: skip
