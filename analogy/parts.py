@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from analogy.geometry import Surface
+from analogy.geometry import border as borders
 from analogy.mesh import Mesh
 from analogy.rigid import fit_most, moved
 
@@ -19,7 +21,7 @@ Int = NDArray[np.intp]
 
 OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards
 AROUND = 64  # skin vertices that say how a part moves
-UNDER = 4  # skin vertices that a vertex of a card follows
+FEWEST = 8  # of them that are different ones
 
 
 def areas(mesh: Mesh) -> F64:
@@ -52,14 +54,13 @@ class Parts:
         self._still = still or bool(skin.all())
         if self._still:
             return
-        tree = cKDTree(mesh.vertices[self._skin])
-        border = _on_border(mesh)
+        border = borders(mesh.faces, len(mesh.vertices))
         labels = [np.flatnonzero(mesh.components == label) for label in np.unique(mesh.components[~skin])]
         cards = [part for part in labels if border[part].mean() >= OPEN]
         self._solid = [part for part in labels if border[part].mean() < OPEN]
         self._cards = np.concatenate([np.empty(0, np.intp), *cards])
-        self._under, self._shares = self._beneath(tree)
-        self._around = np.array([self._surroundings(part, tree) for part in self._solid], np.intp)
+        self._under, self._shares = self._beneath(mesh.faces[skin[mesh.faces[:, 0]]])
+        self._around = np.array([self._surroundings(part) for part in self._solid], np.intp)
 
     def __call__(self, skin: F64) -> F64:
         """All vertices (N, 3) for those of the skin (n, 3)."""
@@ -82,29 +83,18 @@ class Parts:
                 out[part] = moved(self._vertices[part], r, t)
         return out
 
-    def _beneath(self, tree: cKDTree) -> tuple[Int, F64]:
-        """For each vertex of the cards UNDER skin vertices (n, k) and their shares (n, k)."""
-        if not len(self._cards):
-            return np.empty((0, UNDER), np.intp), np.empty((0, UNDER))
-        away, near = tree.query(self._vertices[self._cards], UNDER)
-        share = 1 / np.square(away).clip(1e-12 * np.square(away).mean() + 1e-300)
-        return self._skin[near], share / share.sum(1, keepdims=True)
+    def _beneath(self, faces: Int) -> tuple[Int, F64]:
+        """For each vertex of the cards the corners of the skin's place closest to it and their shares, (n, 3) each."""
+        points = self._vertices[self._cards]
+        if not len(points):
+            return np.empty((0, 3), np.intp), np.empty((0, 3))
+        places = Surface(self._vertices, faces, 0.0).closest(points, np.zeros_like(points))
+        return faces[places.faces], places.weights
 
-    def _surroundings(self, part: Int, tree: cKDTree) -> Int:
-        """AROUND skin vertices that lie no farther from the part than its own radius, evenly taken."""
+    def _surroundings(self, part: Int) -> Int:
+        """AROUND skin vertices that lie no farther from the part than its own radius, evenly taken, or its nearest."""
         points = self._vertices[part]
         radius = np.linalg.norm(points - points.mean(0), axis=1).max()
-        away, _ = cKDTree(points).query(tree.data)
-        order = np.argsort(away, kind="stable")
-        near = order[: max(AROUND, int((away <= radius).sum()))]
+        away, _ = cKDTree(points).query(self._vertices[self._skin])
+        near = np.argsort(away, kind="stable")[: max(FEWEST, int((away <= radius).sum()))]
         return np.asarray(self._skin[near[np.linspace(0, len(near) - 1, AROUND).round().astype(int)]])
-
-
-def _on_border(mesh: Mesh) -> NDArray[np.bool_]:
-    """(N,) whether a vertex has an edge with one face only."""
-    face = [(mesh.triangles, 3), (mesh.quads, 4)]
-    edges = np.concatenate([part[:, [k, (k + 1) % n]] for part, n in face for k in range(n)])
-    _, at, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
-    out = np.zeros(len(mesh.vertices), bool)
-    out[edges[count[at.ravel()] == 1]] = True
-    return out

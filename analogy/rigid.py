@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-ROUNDS = 6  # of reweighting
+ROUNDS = 8  # of reweighting
 SHARPER = 0.4  # the tolerance of each round, of the one before
 
 
