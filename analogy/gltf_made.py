@@ -5,11 +5,10 @@ Quads become triangles and groups are dropped, for glTF has neither.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
+from analogy.documents import Document
 from analogy.gltf_container import INDICES, VERTICES, Container, Json
 from analogy.materials import Material
 from analogy.normals import smooth, unit
@@ -21,29 +20,9 @@ Int = NDArray[np.intp]
 ROUGHNESS = 0.7  # of skin, for materials that say nothing of it
 
 
-class Source(Protocol):
-    """What a GLB can be made of; see `analogy.mesh_io.Document`."""
-
-    vertices: F64
-    polygons: Polygons
-
-    @property
-    def normals(self) -> F64 | None: ...
-
-    @property
-    def normal_ids(self) -> Int | None: ...
-
-    @property
-    def uvs(self) -> F64 | None: ...
-
-    @property
-    def uv_ids(self) -> Int | None: ...
-
-    @property
-    def colours(self) -> F64 | None: ...
-
-
-def made_glb(source: Source, places: Int, materials: list[Material], material_ids: Int) -> tuple[bytes, Int]:
+def made_glb(
+    source: Document, places: Int, materials: list[Material], material_ids: Int
+) -> tuple[bytes, Int]:
     """A GLB, and (m,) the vertex of the source that each of its vertices is.
 
     places : (n,) the same for vertices that a seam splits.   material_ids : (p,) of the polygons.

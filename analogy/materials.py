@@ -41,6 +41,22 @@ def libraries(folder: Path, names: list[str]) -> list[Path]:
     ]
 
 
+def textures(paths: list[Path]) -> list[Path]:
+    """The pictures that MTL files name, of all kinds."""
+    found = []
+    for path in paths:
+        for line in path.read_text("utf-8", "replace").splitlines() if path.is_file() else ():
+            keyword, _, rest = line.strip().partition(" ")
+            if keyword.lower().startswith(("map_", "bump", "norm", "disp", "decal", "refl")):
+                found.append(path.parent / _picture(rest.strip()))
+    return found
+
+
+def _picture(rest: str) -> str:
+    """The name of a picture; options stand before it."""
+    return (rest.split()[-1] if rest.startswith("-") else rest).replace("\\", "/")
+
+
 def _changed(material: Material, keyword: str, rest: str, folder: Path) -> Material:
     red, green, blue, opacity = material.colour
     try:
@@ -49,8 +65,7 @@ def _changed(material: Material, keyword: str, rest: str, folder: Path) -> Mater
         elif keyword in ("d", "Tr"):
             opacity = float(rest.split()[-1]) if keyword == "d" else 1 - float(rest.split()[-1])
         elif keyword == "map_Kd" and rest:
-            name = rest.split()[-1] if rest.startswith("-") else rest
-            return replace(material, picture=folder / name.replace("\\", "/"))
+            return replace(material, picture=folder / _picture(rest))
     except (ValueError, IndexError):
         return material
     return replace(material, colour=(red, green, blue, opacity))

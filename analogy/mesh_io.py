@@ -8,24 +8,23 @@ colours and comments stay.
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analogy.cleaning import Cleaned
+from analogy.documents import Document, companions, materials_of, read_document, read_positions
 from analogy.gltf import GltfDocument
 from analogy.gltf_made import made_glb
 from analogy.gltf_rig import frames, rigged
-from analogy.materials import Material, libraries, read_materials
 from analogy.mesh import Mesh, MeshError
 from analogy.normals import Normals
-from analogy.obj import ObjDocument, positions
-from analogy.ply import PlyDocument
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
@@ -33,38 +32,7 @@ Int = NDArray[np.intp]
 
 T = TypeVar("T")
 
-LARGEST = 1 << 30  # bytes of a file
 STILL = 1e-7  # of the size of a mesh, up to which a vertex does not move
-
-
-class Document(Protocol):
-    """A mesh file's contents."""
-
-    vertices: F64  # (n, 3)
-    polygons: Polygons
-
-    @property
-    def normals(self) -> F64 | None:
-        """(k, 3)."""
-
-    @property
-    def normal_ids(self) -> Int | None:
-        """(c,) the normal of each corner of the polygons."""
-
-    @property
-    def uvs(self) -> F64 | None:
-        """(m, 2) texture coordinates."""
-
-    @property
-    def uv_ids(self) -> Int | None:
-        """(c,) those of each corner."""
-
-    @property
-    def colours(self) -> F64 | None:
-        """(n, 3) from 0 to 1."""
-
-    def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
-        """The file with other vertices and normals."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +50,8 @@ class MeshFile:
     def write(self, path: Path, vertices: F64) -> None:
         """The file with the clean mesh's vertices (N, 3) moved there, as `path`, of the same format.
 
+        Material files and pictures that it names are copied along where they are not there yet.
+
         Raises
         ------
         MeshError
@@ -92,6 +62,11 @@ class MeshFile:
         placed = self.placed(self.mesh.moved(vertices).vertices)
         normals = None if self._normals is None else self._normals.moved(placed)
         _put(path, self.document.replaced(placed, normals))
+        for own in self._companions:
+            other = path.parent / own.resolve().relative_to(self.path.parent.resolve())
+            if not other.exists():
+                other.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(own, other)
 
     def placed(self, vertices: F64) -> F64:
         """All vertices (n, 3) of the file, for those (N, 3) of the clean mesh."""
@@ -106,7 +81,7 @@ class MeshFile:
         MeshError
             When they are not as many, or not finite.
         """
-        found = _named(path, _positions, path)
+        found = _named(path, read_positions, path)
         self.check(path, len(found))
         return _named(path, self.mesh.moved, found[self.cleaned.kept]).vertices
 
@@ -115,6 +90,10 @@ class MeshFile:
         if count != len(self.document.vertices):
             own = f"its neutral {self.path} has {len(self.document.vertices)}"
             raise MeshError(f"{path} has {count} vertices, but {own}; both must be of one topology")
+
+    @cached_property
+    def _companions(self) -> list[Path]:
+        return companions(self.document, self.path.parent)
 
     @cached_property
     def _normals(self) -> Normals | None:
@@ -129,7 +108,7 @@ def read_mesh(path: Path) -> MeshFile:
     MeshError
         When it cannot be read or used.
     """
-    document = _named(path, _document, path)
+    document = _named(path, read_document, path)
     return MeshFile(path, document, _named(path, _cleaned, document))
 
 
@@ -210,7 +189,7 @@ def read_frames(path: Path, neutral: MeshFile, rate: float | None = None) -> Ite
 
 
 def _animated(path: Path, neutral: MeshFile, rate: float | None) -> Iterator[tuple[str, F64]]:
-    held = _named(path, _document, path)
+    held = _named(path, read_document, path)
     if not isinstance(held, GltfDocument):
         raise MeshError(
             f"cannot use {path}: a sequence is a folder of OBJ or PLY files, or an animated GLB or glTF file"
@@ -230,20 +209,9 @@ def _as_glb(target: MeshFile) -> tuple[GltfDocument, Int]:
     held = target.document
     if isinstance(held, GltfDocument):
         return held, np.arange(len(held.vertices))
-    materials, ids = _materials(target)
+    materials, ids = materials_of(held, target.path.parent)
     data, origin = made_glb(held, target.cleaned.kept[target.cleaned.ids], materials, ids)
     return GltfDocument(data, target.path.parent), origin
-
-
-def _materials(target: MeshFile) -> tuple[list[Material], Int]:
-    """The materials of a target, and (p,) that of each polygon."""
-    held, folder = target.document, target.path.parent
-    if isinstance(held, ObjDocument):
-        names, ids = held.material_ids()
-        known = read_materials(libraries(folder, held.libraries()))
-        return [known.get(name, Material(name)) for name in names], ids
-    picture = folder / held.texture if isinstance(held, PlyDocument) and held.texture else None
-    return [Material(picture=picture)], np.zeros(len(held.polygons.sizes), np.intp)
 
 
 def _normals(held: Document, places: Int) -> Normals | None:
@@ -277,40 +245,6 @@ def _of_vertices(values: F64 | None, ids: Int | None, polygons: Polygons, count:
     one = np.zeros(count, np.intp)
     one[polygons.corners] = ids
     return values[one] if (one[polygons.corners] == ids).all() else None
-
-
-def _document(path: Path) -> Document:
-    kind = path.suffix.lower()
-    if kind == ".obj":
-        return ObjDocument(_bytes(path))
-    if kind == ".ply":
-        return PlyDocument(_bytes(path))
-    if kind in (".glb", ".gltf"):
-        return GltfDocument(_bytes(path), path.parent)
-    raise MeshError(_UNKNOWN)
-
-
-def _positions(path: Path) -> F64:
-    kind = path.suffix.lower()
-    if kind == ".obj":
-        return positions(_bytes(path))
-    if kind == ".ply":
-        return PlyDocument(_bytes(path), positions_only=True).vertices
-    return _document(path).vertices
-
-
-_UNKNOWN = "its suffix must be .obj, .ply, .glb or .gltf"
-
-
-def _bytes(path: Path) -> bytes:
-    if not path.is_file():
-        raise MeshError("there is no such file")
-    size = path.stat().st_size
-    if size > LARGEST:
-        raise MeshError(
-            f"it has {size >> 20} MB, and more than {LARGEST >> 20} MB are not read; decimate it first"
-        )
-    return path.read_bytes()
 
 
 def _put(path: Path, data: bytes) -> None:
