@@ -104,7 +104,7 @@ class Plane:
         pixels = np.column_stack([self._pixels(places), -distance])
         seen = visible(pixels, triangles, (AROUND, int((high - low) * self._scale) + 2))
         self._triangle = np.pad(seen.triangle, 1, constant_values=-1)
-        self._distance = np.zeros(self._triangle.shape)
+        self._distance = np.full(self._triangle.shape, np.inf)
         self._distance[1:-1, 1:-1][seen.covered] = seen.interpolated(distance[:, None], triangles)[:, 0]
 
     def hides(self, places: F64, distance: F64) -> F64:
@@ -113,15 +113,15 @@ class Plane:
         around = [self._distance[row + dy, column + dx] for dy, dx in _AROUND]
         return np.asarray(np.min(around, axis=0) - distance)
 
-    def find(self, places: F64) -> tuple[Int, F64, Bool]:
-        """The triangles (n,) seen at places (n, 2), weights (n, 3) in them, and where there is one.
+    def find(self, places: F64) -> tuple[Int, F64]:
+        """The triangles (n,) seen at places (n, 2), and weights (n, 3) in them; all -inf where there is none.
 
         A triangle smaller than a pixel may not be seen in it: of those around, the one that the place lies in, or
-        nearest to, is taken.
+        else that it lies least outside of, is taken; weights are negative there.
         """
         row, column = self._at(places)
         best = np.full(len(places), -np.inf)
-        chosen, weights = np.zeros(len(places), np.intp), np.zeros((len(places), 3))
+        chosen, weights = np.zeros(len(places), np.intp), np.full((len(places), 3), -np.inf)
         for dy, dx in _AROUND:
             left = np.flatnonzero(best < 0)
             triangle = self._triangle[row[left] + dy, column[left] + dx]
@@ -131,10 +131,7 @@ class Plane:
             better = least > best[left]
             at = left[better]
             best[at], chosen[at], weights[at] = least[better], triangle[better], inside[better]
-        weights = np.maximum(weights, 0)
-        found = best >= -OUTSIDE
-        weights[found] /= weights[found].sum(1, keepdims=True)
-        return chosen, weights, found
+        return chosen, weights
 
     def _pixels(self, places: F64) -> F64:
         return np.asarray((places - (-self._length / 2, self._low)) * self._scale - (0.5, 0))
@@ -169,9 +166,15 @@ class MeshImage:
         self.depth = self._plane.hides(places, distance)
 
     def find(self, places: F64) -> tuple[Int, F64, Bool]:
-        """As `Plane.find`, of the mesh's faces; u may be some turns further."""
+        """The faces (n,) seen at places (n, 2), weights (n, 3) in them, and where there is one.
+
+        u may be some turns further.
+        """
         within = np.column_stack([_nearest_turn(places[:, 0], 0.0, self._length), places[:, 1]])
-        triangles, weights, found = self._plane.find(within)
+        triangles, weights = self._plane.find(within)
+        found = weights.min(1) >= -OUTSIDE
+        weights = np.maximum(weights, 0)
+        weights[found] /= weights[found].sum(1, keepdims=True)
         return self._owners[triangles], weights, found
 
 
@@ -238,9 +241,12 @@ class FeatureMap:
 
     def __call__(self, places: F64) -> F64:
         """(n, 2) places on the source of places (n, 2) on the target."""
-        triangles, weights, found = self._plane.find(places)
-        out = np.einsum("nk,nkd->nd", weights, self._to[self._plane.triangles[triangles]])
-        return np.where(found[:, None], out, places)
+        triangles, weights = self._plane.find(places)
+        inside = np.isfinite(weights[:, 0])
+        out = places.copy()
+        corners = self._plane.triangles[triangles[inside]]
+        out[inside] = np.einsum("nk,nkd->nd", weights[inside], self._to[corners])
+        return out
 
 
 def _nearest_turn(u: F64, to: F64 | float, length: float) -> F64:
@@ -295,6 +301,8 @@ def _with_hidden(
 ) -> Correspondence:
     """What was not seen on the cylinder, moved along with what was, takes the nearest place that faces its way."""
     at = np.flatnonzero(~outer)
+    if not len(at):
+        return Correspondence(corners, weights, outer)
     points = target.vertices[at]
     if outer.any():
         seen = np.einsum("nk,nkd->nd", weights[outer], surface.vertices[corners[outer]])
