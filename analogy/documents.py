@@ -54,6 +54,8 @@ class Document(Protocol):
 
 def read_document(path: Path) -> Document:
     """An OBJ, PLY, glTF or GLB file; MeshError when it cannot be read."""
+    if not path.exists():
+        raise MeshError("there is no such file")
     kind = path.suffix.lower()
     if kind == ".obj":
         return ObjDocument(_bytes(path))
@@ -67,16 +69,16 @@ def read_document(path: Path) -> Document:
 def read_positions(path: Path) -> F64:
     """The vertices (n, 3) of a file, whose faces are not looked at where that saves time."""
     kind = path.suffix.lower()
-    if kind == ".obj":
+    if kind == ".obj" and path.is_file():
         return positions(_bytes(path))
-    if kind == ".ply":
+    if kind == ".ply" and path.is_file():
         return PlyDocument(_bytes(path), positions_only=True).vertices
     return read_document(path).vertices
 
 
 def _bytes(path: Path) -> bytes:
     if not path.is_file():
-        raise MeshError("there is no such file")
+        raise MeshError("it is no file")
     size = path.stat().st_size
     if size > LARGEST:
         raise MeshError(
