@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.similarity import Failed
 from analogy.mesh import Mesh
 from analogy.views import Solid, View, unit
 
@@ -26,7 +25,7 @@ F64 = NDArray[np.float64]
 
 SEEK = 160  # pixels, the side of a picture in which a face is sought
 CELLS = 64  # along the longest side of a mesh: vertices in one are merged for the search
-SURE, LIKELY = 0.9, 0.5  # the landmarker's probability at which the search ends; below which there is no face
+LIKELY = 0.5  # the landmarker's probability from which a face is worth a look from the front
 ANYWAYS = 96  # turns tried when right angles do not do
 
 
@@ -36,7 +35,7 @@ class Facing:
 
     Parameters
     ----------
-    solid : its triangles turned so that the face is seen from outside.   points : (81, 2) pixels of the view.
+    points : (81, 2) pixels of the view.
     """
 
     solid: Solid
@@ -52,32 +51,26 @@ def landmarker() -> BuiltinLandmarker:
     return BuiltinLandmarker()
 
 
-def seek(mesh: Mesh) -> Facing | Failed:
-    """The view of a mesh in which it looks most like a face, among those tried until one surely does.
+def facings(mesh: Mesh) -> Iterator[Facing]:
+    """Views of a mesh in which a face is seen, as they are found.
 
-    A mesh whose faces are inside out is tried last.
+    Pictures shaded by the mesh's normals come before such by depths, which stand noise, pepper holes and faces that
+    are inside out.
     """
     whole = Solid.of(mesh)
     rough = _rough(whole)
-    for solid, tried in ((whole, rough), (whole.inside_out(), rough.inside_out())):
-        best, found = 0.0, None
-        for turns in (np.eye(3)[None], _right_angles(), _any_ways()):
-            for confidence, view, points in _faces(tried, turns):
-                if confidence > best:
-                    best, found = confidence, Facing(solid, view, points)
-            if best >= SURE:
-                break
-        if found is not None and best >= LIKELY:
-            return found
-    return Failed("no face was found on the mesh from any direction")
+    for turns in (np.eye(3)[None], _right_angles(), _any_ways()):
+        for solid, tried in ((whole, rough), (whole.plain(), rough.plain())):
+            yield from _seen(solid, tried, turns)
 
 
-def _faces(solid: Solid, turns: F64) -> Iterator[tuple[float, View, NDArray[np.float32]]]:
-    """Confidence, view and points (81, 2) of each face seen along one of the axes (n, 3, 3)."""
+def _seen(solid: Solid, rough: Solid, turns: F64) -> Iterator[Facing]:
+    """The faces of a solid seen along axes (n, 3, 3), sought on a rough one."""
     for axes in turns:
-        view = solid.whole(axes, SEEK)
-        for face in landmarker().detect(solid.picture(view)[0]):
-            yield face.confidence, view, face.points
+        view = rough.whole(axes, SEEK)
+        for face in landmarker().detect(rough.picture(view)[0]):
+            if face.confidence >= LIKELY:
+                yield Facing(solid, view, face.points)
 
 
 def _rough(solid: Solid) -> Solid:
@@ -86,10 +79,11 @@ def _rough(solid: Solid) -> Solid:
     step = max(float(np.ptp(solid.vertices, axis=0).max()), 1e-300) / CELLS
     cell = np.floor((solid.vertices - low) / step).astype(np.int64) @ (1, 2 * CELLS, 4 * CELLS * CELLS)
     _, label = np.unique(cell, return_inverse=True)
-    vertices, normals = (_means(label, values) for values in (solid.vertices, solid.normals))
+    vertices = _means(label, solid.vertices)
+    normals = None if solid.normals is None else unit(_means(label, solid.normals))
     faces = label[solid.faces]
     solid_ones = (faces != np.roll(faces, 1, axis=1)).all(1)
-    return Solid(vertices, faces[solid_ones], unit(normals)) if solid_ones.any() else solid
+    return Solid(vertices, faces[solid_ones], normals) if solid_ones.any() else solid
 
 
 def _means(label: NDArray[np.intp], values: F64) -> F64:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from aam.similarity import Failed
-from analogy.facing import seek
+from analogy.facing import facings
 from analogy.mesh import Mesh
 from analogy.sighting import sighted
 from analogy.views import Solid
@@ -55,6 +56,7 @@ POINTS = np.array([point for point, _ in DEFINITIONS.values()])
 SHIFTS = np.array([shift for _, shift in DEFINITIONS.values()]) / 100
 
 FAR = 0.05  # of the mesh's diagonal, from which a position does not belong to it
+TRIES = 8  # of what looks like a face from one side
 AGREED = 0.05  # eye widths within which a line of sight agrees
 
 
@@ -97,10 +99,12 @@ def find(mesh: Mesh) -> FeaturePoints | Failed:
 
     Heads, busts and masks; with or without eyes, eyes and teeth as parts of their own.
     """
-    facing = seek(mesh)
-    seen = facing if isinstance(facing, Failed) else sighted(facing)
-    if isinstance(seen, Failed):
-        return Failed(f"{seen.reason}: give the points with --landmarks FILE")
+    tried = (sighted(facing) for facing in islice(facings(mesh), TRIES))
+    seen = next((one for one in tried if not isinstance(one, Failed)), None)
+    if seen is None:
+        return Failed(
+            "no face was found on the mesh from any direction: give the points with --landmarks FILE"
+        )
     wanted = seen.points[POINTS] + seen.eye_width * SHIFTS @ seen.axes
     agreed = (seen.off[:, POINTS] < AGREED * seen.eye_width).mean(0)
     return _on(mesh, seen.on_surface(wanted), agreed)

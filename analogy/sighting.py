@@ -32,7 +32,7 @@ FRONT = 16  # degrees of yaw up to which what is seen counts as the face's surfa
 SETTLED, ROUNDS = 8.0, 4  # degrees, by which the front may still change; how often it is sought
 DEPTH = 0.4  # what a distance in depth counts beside one across, for the nearest point of the surface
 STEPS, LOOSE = 6, 1.5  # rounds of weighting, and the medians of distance at which a line weighs one half
-RIGHT_EYE, LEFT_EYE, MOUTH = slice(36, 42), slice(42, 48), slice(48, 60)
+RIGHT_EYE, LEFT_EYE, MOUTH, NOSE_TIP = slice(36, 42), slice(42, 48), slice(48, 60), 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,10 @@ def sighted(facing: Facing) -> Sighted | Failed:
         start, before, view = seen.points, view, _frontal(seen.points)
         if _angle(before.axes, view.axes) < SETTLED:
             break
-    return _observed(facing.solid, view, THEN, start)
+    seen = _observed(facing.solid, view, THEN, start)
+    if not isinstance(seen, Failed) and not _stands_out(seen):
+        return Failed("what looks like a face on the mesh is hollow")
+    return seen
 
 
 def _observed(
@@ -86,8 +89,8 @@ def _observed(
         if face is not None:
             rows.append(view.axes[:2])
             lines.append(view.unproject(face.points))
-    if len(rows) < 2:
-        return Failed("the face on the mesh is seen from one side only")
+    if len(rows) <= len(turns) / 2:
+        return Failed("what looks like a face on the mesh does not from other sides")
     points, off = meeting(np.array(rows), np.array(lines))
     return Sighted(points, off, frontal_axes(points), _width(points), near.part(shown))
 
@@ -122,6 +125,12 @@ def frontal_axes(points: F64) -> F64:
     rise = (left + right) / 2 - mouth
     up = unit(rise - (rise @ across) * across)
     return np.stack([across, up, np.cross(across, up)])
+
+
+def _stands_out(seen: Sighted) -> bool:
+    """Whether the nose is before the eyes: a mask from behind looks like a face, too."""
+    nose = seen.points[NOSE_TIP] - seen.points[list(OUTER_EYE_CORNERS)].mean(0)
+    return float(nose @ seen.axes[2]) > 0
 
 
 def _frontal(points: F64) -> View:

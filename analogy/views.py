@@ -20,6 +20,7 @@ Image = NDArray[np.uint8]
 
 LIGHT = np.array([0.3, 0.5, 1.0]) / np.sqrt(1.34)  # from the viewer's upper right, in the axes of a view
 AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 0.3, 128  # grey values; the inside's share; the background's
+SMOOTH = 2.0  # pixels, by which depths are smoothed before they are shaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +58,23 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Vertices (N, 3) and triangles (m, 3), of which pictures are made."""
+    """Vertices (N, 3) and triangles (m, 3), of which pictures are made.
+
+    normals : (N, 3), unit; None when they are not to be trusted: pictures are then shaded by their depths.
+    """
 
     vertices: F64
     faces: Int
-    normals: F64
+    normals: F64 | None
 
     @classmethod
     def of(cls, mesh: Mesh) -> Solid:
         """Of a mesh."""
         return cls(mesh.vertices, mesh.faces, unit(tips(mesh.vertices, mesh.rings)))
 
-    def inside_out(self) -> Solid:
-        """The same seen from its other side."""
-        return Solid(self.vertices, self.faces[:, ::-1], -self.normals)
+    def plain(self) -> Solid:
+        """The same without normals."""
+        return Solid(self.vertices, self.faces, None)
 
     def near(self, centre: F64, reach: float) -> Solid:
         """The triangles with a corner within `reach` of a place."""
@@ -84,7 +88,8 @@ class Solid:
     def part(self, kept: NDArray[np.bool_]) -> Solid:
         """The triangles of a mask (m,), and their vertices."""
         used, faces = np.unique(self.faces[kept], return_inverse=True)
-        return Solid(self.vertices[used], faces.reshape(-1, 3).astype(np.intp), self.normals[used])
+        normals = None if self.normals is None else self.normals[used]
+        return Solid(self.vertices[used], faces.reshape(-1, 3).astype(np.intp), normals)
 
     def nearest(self, places: F64) -> F64:
         """The points (n, 3) of the surface that are nearest to places (n, 3)."""
@@ -95,13 +100,16 @@ class Solid:
 
     def picture(self, view: View) -> tuple[Image, Visibility]:
         """The solid in a studio's light, RGB uint8 (pixels, pixels, 3), its inside dark; and what is seen where."""
-        seen = visible(view.project(self.vertices), self.faces, (view.pixels, view.pixels))
+        places = view.project(self.vertices)
+        seen = visible(places, self.faces, (view.pixels, view.pixels))
+        if self.normals is None:
+            return _coloured(_relief(_depths(places, self.faces, seen))), seen
         normal = unit(seen.interpolated(self.normals, self.faces)) @ view.axes.T
-        grey = AMBIENT + BRIGHT * np.clip(normal @ LIGHT, 0, None)
+        grey = _lit(normal)
         grey[normal[:, 2] < 0] *= INSIDE
         picture = np.full(seen.triangle.shape, BEHIND, np.uint8)
         picture[seen.covered] = grey
-        return np.repeat(picture[:, :, None], 3, axis=2), seen
+        return _coloured(picture), seen
 
     def whole(self, axes: F64, pixels: int) -> View:
         """The view along `axes` that holds all."""
@@ -115,6 +123,33 @@ def unit(vectors: NDArray[np.floating]) -> F64:
     """Vectors (..., 3) of length 1, zero where they were."""
     size = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.where(size > 0, size, 1))
+
+
+def _coloured(grey: Image) -> Image:
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def _lit(normal: F64) -> F64:
+    """Grey values of normals (..., 3) in the axes of a view."""
+    return np.asarray(AMBIENT + BRIGHT * np.clip(normal @ LIGHT, 0, None))
+
+
+def _depths(places: F64, faces: Int, seen: Visibility) -> NDArray[np.float32]:
+    """(h, w), infinite where nothing is seen."""
+    depth = np.full(seen.triangle.shape, np.inf, np.float32)
+    depth[seen.covered] = seen.interpolated(places[:, 2:], faces)[:, 0]
+    return depth
+
+
+def _relief(depth: NDArray[np.float32]) -> Image:
+    """Grey values (h, w) of a surface told by depths (h, w), which may be noisy and have small holes."""
+    import cv2
+
+    far = np.float32(depth[np.isfinite(depth)].max(initial=0) + 1)
+    closed = cv2.medianBlur(np.where(np.isfinite(depth), depth, far), 5)
+    down, right = np.gradient(cv2.GaussianBlur(closed, (0, 0), SMOOTH))
+    grey = _lit(unit(np.stack([right, -down, np.ones_like(down)], axis=2)))
+    return np.where(closed < far, grey, BEHIND).astype(np.uint8)
 
 
 def _nearest(place: F64, corners: F64, middle: F64, radius: F64) -> F64:
