@@ -9,7 +9,7 @@ Mesh coordinates: x to the viewer's right, y up, z towards the viewer; a head lo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TypeVar
 
@@ -22,7 +22,7 @@ from render.visibility import Visibility, visible
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-Int = NDArray[np.intp]
+Faces = NDArray[np.integer]
 Picture = NDArray[np.uint8]
 Paint = Callable[[F64], F64]
 _Float = TypeVar("_Float", np.float32, np.float64)
@@ -45,6 +45,14 @@ _INSIDE = 0.35  # of the light reaches the inner side of a surface
 _ROUND, _STEPS, _REACH = 8, 3, 0.085
 _DEPTH, _FLAT = 1.3, 0.12  # strength, and the sine up to which a slope is no hollow
 _BEHIND = 1e9  # depth of the backdrop
+
+# Exposure: directions (yaw, pitch) looked from, pixels of a look, share of looks that is open, and the least light.
+_DIRECTIONS = (
+    [(yaw, 0) for yaw in range(0, 360, 45)]
+    + [(yaw, 50) for yaw in range(0, 360, 90)]
+    + [(yaw, -50) for yaw in range(45, 360, 90)]
+)
+_GLANCE, _OPEN, _DARK = 256, 0.2, 0.06
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +105,7 @@ def shaded(
     colours: ArrayLike | None = None,
     *,
     paint: Paint | None = None,
+    light: ArrayLike | None = None,
     camera: Camera | None = None,
 ) -> Picture:
     """A picture of a mesh on a dark backdrop.
@@ -107,6 +116,7 @@ def shaded(
     yaw, pitch : degrees by which the head is turned to the viewer's right, and up.
     colours : (N, 3) sRGB in 0..1 of the vertices; with `paint`, any values (N, d) of them. None is clay.
     paint : turns values at pixels (p, d) into their colours (p, 3): patterns and colour maps stay sharp.
+    light : (N,) share of the light that reaches the vertices, such as their `exposure` at rest.
     camera : instead of one around these vertices with that yaw and pitch, for pictures that belong together.
 
     Returns
@@ -120,6 +130,7 @@ def shaded(
     """
     points, faces = np.asarray(vertices, np.float64), np.asarray(triangles)
     _check(points, faces, colours)
+    faces = outwards(points, faces)
     eye = camera or Camera.around(points, yaw, pitch)
     fine = size[0] * _SAMPLES, size[1] * _SAMPLES
     place = eye.project(points, fine)
@@ -130,13 +141,46 @@ def shaded(
         ball = _Ball.lit()
         towards, inside = _normals(place, faces, seen)
         own = _painted(colours, paint, faces, seen)
-        light = _occlusion(place, faces, seen)[covered, None] * np.where(inside, _INSIDE, 1)[:, None]
-        picture[covered] = own * ball.diffuse(towards) * light + ball.gloss(towards) * light
+        lit = _occlusion(place, faces, seen)[covered, None] * np.where(inside, _INSIDE, 1)[:, None]
+        if light is not None:
+            lit *= seen.interpolated(np.asarray(light, np.float64)[:, None], faces)
+        picture[covered] = (own * ball.diffuse(towards) + ball.gloss(towards)) * lit
     small = cv2.resize(_srgb(picture), size, interpolation=cv2.INTER_AREA)
     return np.asarray(np.rint(small * 255), np.uint8)
 
 
-def _check(points: F64, triangles: NDArray[np.integer], colours: ArrayLike | None) -> None:
+def exposure(vertices: ArrayLike, triangles: ArrayLike) -> F64:
+    """How open a surface lies: from how many directions each vertex (N,) is seen, as the light that reaches it.
+
+    1 where it is open, down to a little inside a closed mouth: given for all expressions of a head at rest, it keeps
+    the inside of an opened mouth dark.
+    """
+    points = np.asarray(vertices, np.float64)
+    faces = outwards(points, np.asarray(triangles))
+    times = np.zeros(len(points))
+    around = Camera.around(points)
+    for yaw, pitch in _DIRECTIONS:
+        place = replace(around, yaw=yaw, pitch=pitch).project(points, (_GLANCE, _GLANCE))
+        numbers = np.unique(visible(place, faces, (_GLANCE, _GLANCE)).triangle)
+        shown = faces[numbers[numbers >= 0]]
+        (ux, uy), (vx, vy) = ((place[shown[:, k], :2] - place[shown[:, 0], :2]).T for k in (1, 2))
+        hit = np.zeros(len(points), bool)
+        hit[shown[ux * vy < uy * vx]] = True  # its outer side: y runs down
+        times += hit
+    return _blurred(_DARK + (1 - _DARK) * np.minimum(1, times / (_OPEN * len(_DIRECTIONS))), faces)
+
+
+def _blurred(values: F64, triangles: Faces) -> F64:
+    """Values of vertices (N,), averaged over the triangles around."""
+    mean = values[triangles].mean(1)
+    total, count = (
+        sum(np.bincount(triangles[:, k], w, len(values)) for k in range(3))
+        for w in (mean, np.ones(len(mean)))
+    )
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), values))
+
+
+def _check(points: F64, triangles: Faces, colours: ArrayLike | None) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points).all():
         raise RendererError(f"vertices must be (N, 3), N > 0, and finite, got {points.shape}")
     if colours is not None:
@@ -145,7 +189,13 @@ def _check(points: F64, triangles: NDArray[np.integer], colours: ArrayLike | Non
             raise RendererError(f"colours must be ({len(points)}, d) and finite, got {values.shape}")
 
 
-def vertex_normals(vertices: F64, triangles: NDArray[np.integer]) -> F64:
+def outwards(vertices: F64, triangles: Faces) -> Faces:
+    """The triangles (t, 3), all turned over where on the whole they face the middle of the vertices (N, 3)."""
+    a, b, c = (vertices[triangles[:, k]] - vertices.mean(0) for k in range(3))
+    return triangles if (np.cross(b - a, c - a) * (a + b + c)).sum() >= 0 else triangles[:, ::-1]
+
+
+def vertex_normals(vertices: F64, triangles: Faces) -> F64:
     """(N, 3) unit normals, of the triangles around weighted by their areas; zero where these cancel out."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     weighted = np.cross(b - a, c - a)
@@ -156,7 +206,7 @@ def vertex_normals(vertices: F64, triangles: NDArray[np.integer]) -> F64:
     return _unit(out)
 
 
-def _normals(place: F64, triangles: Int, seen: Visibility) -> tuple[F32, NDArray[np.bool_]]:
+def _normals(place: F64, triangles: Faces, seen: Visibility) -> tuple[F32, NDArray[np.bool_]]:
     """Normals (p, 3) right, up, towards the viewer at covered pixels, and where the inner side is seen."""
     axes = place * (1, -1, -1)
     normal = _unit(seen.interpolated(vertex_normals(axes, triangles), triangles).astype(np.float32))
@@ -165,7 +215,7 @@ def _normals(place: F64, triangles: Int, seen: Visibility) -> tuple[F32, NDArray
     return normal, inside
 
 
-def _painted(colours: ArrayLike | None, paint: Paint | None, triangles: Int, seen: Visibility) -> F32:
+def _painted(colours: ArrayLike | None, paint: Paint | None, triangles: Faces, seen: Visibility) -> F32:
     """Linear colours (p, 3) of the covered pixels, or (3,) of clay."""
     if colours is None:
         return _linear(np.array(CLAY, np.float32))
@@ -173,7 +223,7 @@ def _painted(colours: ArrayLike | None, paint: Paint | None, triangles: Int, see
     return _linear(np.asarray(values if paint is None else paint(np.asarray(values)), np.float32))
 
 
-def _occlusion(place: F64, triangles: Int, seen: Visibility) -> F32:
+def _occlusion(place: F64, triangles: Faces, seen: Visibility) -> F32:
     """(h, w) share of the surroundings that reaches a pixel, from depths around it, at a quarter of the samples."""
     depth = np.full(seen.triangle.shape, _BEHIND, np.float32)
     depth[seen.covered] = seen.interpolated(place[:, 2:], triangles)[:, 0]

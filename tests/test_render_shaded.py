@@ -5,7 +5,7 @@ import pytest
 from test_render_visibility import sphere
 
 from render.errors import RendererError
-from render.shaded import Camera, shaded, vertex_normals
+from render.shaded import Camera, exposure, shaded, vertex_normals
 
 SIZE = (81, 101)
 RED, BLUE = (0.9, 0.05, 0.05), (0.05, 0.05, 0.9)
@@ -66,6 +66,26 @@ def test_the_inner_side_of_a_surface_is_dark() -> None:
     outside = shaded(points, triangles[front], SIZE)[50, 40].mean()
     camera = Camera.around(points, yaw=180)
     assert shaded(points, triangles[front], SIZE, camera=camera)[50, 40].mean() < 0.7 * outside
+
+
+def test_a_closed_in_surface_is_not_exposed_and_light_can_be_kept_from_it() -> None:
+    points, triangles = ball()
+    count = len(points)
+    both = np.concatenate([points, points / 2])
+    light = exposure(both, np.concatenate([triangles, triangles + count]))
+    assert light[:count].min() > 0.6
+    assert light[:count].mean() > 0.95
+    assert light[count:].max() < 0.2
+    inner = shaded(points, triangles, SIZE, light=light[count:])
+    assert inner[50, 40].mean() < 0.6 * shaded(points, triangles, SIZE, light=light[:count])[50, 40].mean()
+
+
+def test_faces_that_are_all_turned_inwards_are_drawn_as_if_they_were_not() -> None:
+    points, triangles = ball()
+    turned = triangles[:, ::-1]
+    np.testing.assert_allclose(exposure(points, turned), exposure(points, triangles))
+    apart = np.abs(shaded(points, turned, SIZE).astype(int) - shaded(points, triangles, SIZE))
+    assert (apart > 2).mean() < 0.02  # the outline
 
 
 def test_paint_is_sharp_where_colours_of_vertices_blur() -> None:

@@ -7,7 +7,7 @@ uint8 (h, w, 3).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from analogy.correspondence import Correspondence
 from analogy.feature_points import NAMES
 from analogy.mesh import Mesh
 from app.media import Frame, Source, open_sink
-from render.shaded import Camera, Paint, shaded
+from render.shaded import Camera, Paint, exposure, shaded
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -44,27 +44,41 @@ TILTED = 15.0  # degrees from which a head is put upright
 class Stand:
     """How a head is put before the camera: turned, then looked at; one for all expressions of it.
 
-    turned : (3, 3) from mesh axes to right, up, forward.   camera : in those axes.
+    rest : (N, 3) at rest.   turned : (3, 3) from mesh axes to right, up, forward.   camera : in those axes.
     """
 
+    rest: F64
     turned: F64
     camera: Camera
+    _light: list[F64] = field(default_factory=list)
 
     @classmethod
     def of(cls, neutral: F64, points: F64 | None = None) -> Stand:
         """Of a head at rest (N, 3); with its feature points (20, 3) a portrait, upright however the file's axes are."""
         if points is None:
-            return cls(np.eye(3), Camera.around(neutral))
+            return cls(neutral, np.eye(3), Camera.around(neutral))
         axes = _face_axes(points)
         angle = np.degrees(np.arccos(np.clip((np.trace(axes) - 1) / 2, -1, 1)))
         turned = axes if angle > TILTED else np.eye(3)
-        return cls(turned, _portrait(neutral @ turned.T, points @ turned.T))
+        return cls(neutral, turned, _portrait(neutral @ turned.T, points @ turned.T))
 
     def draw(self, head: Head, yaw: float) -> Picture:
         """The head seen from a side, degrees."""
         camera = replace(self.camera, yaw=yaw)
         vertices = head.vertices @ self.turned.T
-        picture = shaded(vertices, head.faces, SIZE, colours=head.values, paint=head.paint, camera=camera)
+        if (
+            not self._light
+        ):  # at rest, so that mouths are dark inside; all heads of a stand have the same faces
+            self._light.append(exposure(self.rest, head.faces))
+        picture = shaded(
+            vertices,
+            head.faces,
+            SIZE,
+            colours=head.values,
+            paint=head.paint,
+            light=self._light[0],
+            camera=camera,
+        )
         if head.dots is not None:
             self._mark(picture, head.dots, camera)
         return picture
