@@ -5,14 +5,16 @@ Landmarks are (81, 2) of scheme face81, pixels of their own picture, x right, y 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aam.landmarks.schemes import INNER_LIPS
-from analogy.photo.change import agreement, carried
-from analogy.photo.grids import Grid, Places, drawn, face, own
+from analogy.photo.change import carried
+from analogy.photo.flow import followed, left
+from analogy.photo.grids import Grid, Seen, drawn, face, own, wide
 from analogy.photo.heights import DARK, asked, heights
 from analogy.photo.motion import Motion
 from analogy.photo.mouth import filled, light, opened
@@ -30,7 +32,7 @@ from analogy.photo.pictures import (
 )
 from analogy.photo.poisson import integrated
 from analogy.photo.ratio import faded, ratio
-from analogy.photo.template import OUTLINE, ring, template
+from analogy.photo.template import ring, template
 
 Method = Literal["tents", "ratio", "warp"]
 Mouth = Literal["fill", "none"]
@@ -74,11 +76,11 @@ class PhotoAnalogy:
         self._ring = ring(second)
         self._grid = Grid.around(second, self._ring, self._target.shape)
         self._face = unit(self._grid.of(self._target), "target")
-        self._coarse = self._grid.coarse(self._face)
         self._vertices = self._mesh.vertices(second, self._ring)
-        self._neutral, self._neutral_places = self._source(unit(source, "source"), first, ring(first))
-        places = second - self._grid.origin
-        self._light = light(unit(source, "source"), first, self._face, places)
+        picture = unit(source, "source")
+        neutral, self._neutral_places = self._source(picture, first, ring(first))
+        self._neutral = neutral @ LUMINANCE
+        self._light = light(picture, first, self._face, second - self._grid.origin)
 
     def __call__(
         self, expressive: Picture, points: ArrayLike, strength: float = 1.0, facing: ArrayLike | None = None
@@ -96,60 +98,74 @@ class PhotoAnalogy:
             When the picture or its landmarks cannot be used.
         """
         moved = checked_points(points, "points")
-        made = self._motion(moved if facing is None else checked_points(facing, "facing"), strength)
         pose = self._motion.pose(moved).inverse()
-        picture, places = self._source(
-            unit(expressive, "expressive"), moved, pose.apply(ring(self._motion.source))
+        around = pose.apply(ring(self._motion.source))
+        picture, places = self._source(unit(expressive, "expressive"), moved, around)
+        seen = self._drawn(
+            self._motion(moved if facing is None else checked_points(facing, "facing"), strength), places
         )
-        seen = self._drawn(made, places)
-        shown = sampled(picture, seen.values[..., 4:6])
+        shown = sampled(picture, seen.values[..., 4:])
+        if self.method == "tents":
+            seen = self._refined(seen, shown @ LUMINANCE)
         out = self._warped(seen)
         if self.method != "warp":
-            out = self._lit(out, self._change(seen, shown, made) * strength)
+            out = self._lit(out, strength * self._change(seen, shown @ LUMINANCE, out))
         if self.mouth == "fill":
             out = self._filled(out, shown, seen, opened(self._motion.source, moved) * min(strength, 1))
         return self._written(out, seen)
 
     def _source(self, picture: F32, points: F64, around: F64) -> tuple[F32, F64]:
         """A picture of the source no finer than the grid, and the mesh's vertices (V, 2) in it."""
-        width = float(np.ptp(self._motion.target[list(OUTLINE), 0])) * self._grid.factor
-        factor = width / max(float(np.ptp(points[list(OUTLINE), 0])), 1e-6)
+        factor = self._grid.factor * wide(self._motion.target) / max(wide(points), 1e-6)
         small, held = shrunk(picture, np.concatenate([points, around]), factor)
         return small, self._mesh.vertices(held[: len(points)], held[len(points) :])
 
-    def _drawn(self, made: F64, places: F64) -> Places:
-        """Displacements to T, places in S and in S' of the pixels of T'."""
+    def _drawn(self, made: F64, places: F64) -> Seen:
+        """The mesh at the landmarks (81, 2) of T', its vertices in S' given (V, 2)."""
         grid = self._grid
         vertices = grid.places(self._mesh.vertices(made, self._ring))
         values = [grid.places(self._vertices) - vertices, self._neutral_places, places]
-        return drawn(self._mesh, vertices, np.concatenate(values, axis=1), grid.size)
+        return drawn(
+            self._mesh,
+            vertices,
+            np.concatenate(values, axis=1),
+            grid.size,
+            face(grid.places(made), grid.size),
+        )
 
-    def _warped(self, seen: Places) -> F32:
+    def _refined(self, seen: Seen, shown: F32) -> Seen:
+        """The places in T and S, moved by what landmarks leave of the motion to S', whose luminance is shown."""
+        neutral = sampled(self._neutral, seen.values[..., 2:4])
+        moved = left(heights(shown), heights(neutral), seen.face & ~seen.between, self._width)
+        values = seen.values.copy()
+        values[..., :4] = followed(seen.values[..., :4], own(self._grid.size) + moved)
+        values[..., :2] += moved
+        return replace(seen, values=values)
+
+    def _warped(self, seen: Seen) -> F32:
         """The target's rectangle (h, w, 3), warped."""
         grid = self._grid
-        moved = grid.fine(np.ascontiguousarray(seen.values[..., :2])) / np.float32(grid.factor)
+        moved = grid.fine(seen.values[..., :2]) / np.float32(grid.factor)
         return sampled(self._face, own(grid.within) + moved)
 
-    def _change(self, seen: Places, shown: F32, made: F64) -> F32:
+    def _change(self, seen: Seen, shown: F32, warped: F32) -> F32:
         """(h, w) on the grid: by how much the logarithm of the luminance changes."""
-        neutral = sampled(self._neutral, seen.values[..., 2:4]) @ LUMINANCE
-        region = face(self._grid.places(made), self._grid.size) & seen.covered
-        width = float(np.ptp(made[list(OUTLINE), 0])) * self._grid.factor
+        neutral = sampled(self._neutral, seen.values[..., 2:4])
+        share = faded(seen.face, self._width)
         if self.method == "ratio":
-            field = np.log(ratio(neutral, shown @ LUMINANCE, width)) * faded(region, width)
-            return np.asarray(field, np.float32)
-        warped = heights(sampled(self._coarse, own(self._grid.size) + seen.values[..., :2]) @ LUMINANCE)
-        before, after = heights(neutral), heights(shown @ LUMINANCE)
+            return np.asarray(np.log(ratio(neutral, shown, self._width)) * share, np.float32)
+        before, after = heights(neutral), heights(shown)
+        target = heights(self._grid.coarse(warped) @ LUMINANCE)
         mouth = seen.between & (self.mouth == "fill")
-        taken = carried(after - before, agreement(before, warped, width), mouth, width)
-        taken = (taken - np.median(taken[region])) * faded(region, width)
-        return integrated(*asked(before, before + taken, warped), region)
+        taken = carried(before, after, target, mouth, self._width)
+        taken = (taken - np.median(taken[seen.face])) * share
+        return integrated(*asked(before, before + taken, target), seen.face)
 
     def _lit(self, picture: F32, change: F32) -> F32:
         """A picture (h, w, 3) with its luminance changed, its colours kept."""
         return np.asarray((picture + DARK) * np.exp(self._grid.fine(change))[:, :, None] - DARK, np.float32)
 
-    def _filled(self, picture: F32, shown: F32, seen: Places, share: float) -> F32:
+    def _filled(self, picture: F32, shown: F32, seen: Seen, share: float) -> F32:
         """A picture (h, w, 3) with the inside of the mouth of S' (on the grid)."""
         if share == 0:
             return picture
@@ -158,10 +174,14 @@ class PhotoAnalogy:
         corners = self._motion.target[[INNER_LIPS[0], INNER_LIPS[4]]]
         return filled(picture, inside, between, share, float(np.linalg.norm(corners[1] - corners[0])))
 
-    def _written(self, made: F32, seen: Places) -> Picture:
+    def _written(self, made: F32, seen: Seen) -> Picture:
         """T with what the mesh covers replaced."""
         covered: NDArray[np.bool_] = self._grid.fine(seen.covered.astype(np.float32)) > 0.5
         out = self._target.copy()
-        view = self._grid.of(out)
-        view[covered] = like(np.clip(made, 0, 1), self._target)[covered]
+        self._grid.of(out)[covered] = like(np.clip(made, 0, 1), self._target)[covered]
         return out
+
+    @property
+    def _width(self) -> float:
+        """Of the target's face, in pixels of the grid."""
+        return self._grid.factor * wide(self._motion.target)

@@ -12,6 +12,8 @@ from analogy.photo.pictures import F32, F64, PhotoError
 from analogy.photo.template import OUTLINE, Template
 from render.visibility import visible
 
+Mask = NDArray[np.bool_]
+
 FINEST = 512  # pixels across the face, above which appearance is computed on a coarser grid
 SMALLEST = 32  # pixels across the face
 INWARD = 0.04
@@ -32,7 +34,7 @@ class Grid:
     @classmethod
     def around(cls, points: F64, ring: F64, picture: tuple[int, ...]) -> Grid:
         """What holds the ring (r, 2) around landmarks (81, 2), as far as the picture (h, w, ..) does."""
-        width = float(np.ptp(points[list(OUTLINE), 0]))
+        width = wide(points)
         if width < SMALLEST:
             raise PhotoError(f"the target's face is {width:.0f} pixels wide, at least {SMALLEST} are needed")
         low = np.maximum(np.floor(ring.min(0)), 0).astype(int)
@@ -68,25 +70,32 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class Seen:
     """What the mesh shows at each pixel of a grid.
 
-    covered : (h, w) bool.   between : (h, w) bool, between the lips.   values : (h, w, d) float32 of the vertices.
+    covered : (h, w) bool.   face : (h, w) bool, within its contour, which is pulled inward.
+    between : (h, w) bool, between the lips.   values : (h, w, d) float32 of the vertices; zero beyond them.
     """
 
-    covered: NDArray[np.bool_]
-    between: NDArray[np.bool_]
+    covered: Mask
+    face: Mask
+    between: Mask
     values: F32
 
 
-def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int]) -> Places:
-    """Values (V, d) over a grid of a size (width, height), the mesh lying at vertices (V, 2); zero beyond it."""
+def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int], within: Mask) -> Seen:
+    """Values (V, d) over a grid of a size (width, height), the mesh lying at vertices (V, 2), the face within."""
     flat = np.column_stack([vertices, np.zeros(len(vertices))])
     seen = visible(flat, mesh.triangles, size)
     out = np.zeros((*seen.triangle.shape, values.shape[1]), np.float32)
     out[seen.covered] = seen.interpolated(values.astype(np.float32), mesh.triangles)
     between = (seen.triangle >= mesh.skin) & (seen.triangle < mesh.skin + mesh.mouth)
-    return Places(seen.covered, between, out)
+    return Seen(seen.covered, within & seen.covered, between, out)
+
+
+def wide(points: F64) -> float:
+    """Pixels across the face of landmarks (81, 2)."""
+    return float(np.ptp(points[list(OUTLINE), 0]))
 
 
 def own(size: tuple[int, int]) -> F32:
@@ -95,7 +104,7 @@ def own(size: tuple[int, int]) -> F32:
     return np.stack([x, y], axis=2)
 
 
-def face(points: F64, size: tuple[int, int]) -> NDArray[np.bool_]:
+def face(points: F64, size: tuple[int, int]) -> Mask:
     """(h, w), where the face of landmarks (81, 2) is, its contour pulled inward."""
     outline = points[list(OUTLINE)]
     pulled = outline + INWARD * (outline.mean(0) - outline)

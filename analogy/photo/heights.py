@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 
 DARK = np.float32(0.02)  # luminance added before the logarithm, so that noise in black is no relief
-STEEPNESS = 0.5  # k: pixels by which a vertex rises for e times the luminance
+STEEPNESS = 2.0  # k: pixels by which a vertex rises for e times the luminance
 
 
 def heights(luminance: F32) -> F32:

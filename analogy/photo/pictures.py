@@ -66,5 +66,7 @@ def shrunk(picture: F32, points: F64, factor: float) -> tuple[F32, F64]:
 
 def sampled(picture: F32, places: F32) -> F32:
     """Bicubic samples of a picture (h, w) or (h, w, 3) at places (m, n, 2), its border repeated; in 0 .. 1."""
-    made = cv2.remap(picture, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+    made = cv2.remap(
+        picture, np.ascontiguousarray(places), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )  # type: ignore[call-overload]
     return np.asarray(np.clip(made, 0, 1), np.float32)
