@@ -15,7 +15,7 @@ from app.meshes.outputs import require_outputs
 from app.meshes.pair import MATCHING, both_points
 from app.meshes.reports import RegisterReport, versions
 from app.meshes.work import Work
-from app.outputs import write_whole
+from app.outputs import OutputError, write_whole
 from app.pictures import save_picture
 
 
@@ -30,6 +30,8 @@ def register_files(
         Before anything is written.
     """
     output = output or template.with_name(f"{template.stem}_fitted{template.suffix}")
+    if output.suffix.lower() != template.suffix.lower():
+        raise OutputError(f"{output} must end in {template.suffix}, as {template} does")
     table = output.with_suffix(".npz")
     require_outputs([output, table, work.picture, work.report], [template, target], force=work.force)
     with work.stage("reading"):

@@ -9,12 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.feature_points import FeaturePoints
 from analogy.mesh import Mesh
 from analogy.mesh_io import read_mesh
 from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
-from app.meshes.pictures import Head, Picture, Stand, strip
+from app.meshes.pictures import Head, Picture, Stand, carried_over, strip
 from app.meshes.reports import AmountError, Carried, TransferReport, versions
 from app.meshes.work import Work
 from app.pictures import save_picture
@@ -22,7 +21,7 @@ from app.pictures import save_picture
 F64 = NDArray[np.float64]
 
 MOST_DRAWN = 6  # expressions in a picture
-SIDES = (0.0, 25.0)  # degrees
+SIDE = 25.0  # degrees from which several are seen
 READING, CARRYING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
 
 
@@ -82,26 +81,27 @@ def told(carrier: Carrier, expressive: F64, made: F64, name: str, output: str, s
 def draw(
     carrier: Carrier, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], work: Work
 ) -> None:
-    """The picture, if one is wanted: the source with the first expressions, and below it the target."""
+    """The picture, if one is wanted: the source with the first expressions above the target."""
     if work.picture is None:
         return
+    source, target, points = carrier.pair.source.mesh, carrier.pair.target.mesh, carrier.pair.points
+    places = None if points is None else (points[0].positions, points[1].positions)
     with work.stage(DRAWING):
-        points = carrier.pair.points or (None, None)
-        sides = (carrier.pair.source.mesh, faces, points[0]), (carrier.pair.target.mesh, made, points[1])
-        rows = [_row(*side, name, names) for side, name in zip(sides, ("source", "target"), strict=True)]
-        save_picture(work.picture, np.concatenate(rows))
+        if len(faces) == 1:
+            picture = carried_over(source, faces[0], target, made[0], places)
+        else:
+            first, second = places or (None, None)
+            above, below = _row(source, faces, first, names), _row(target, made, second, names)
+            picture = np.concatenate([above, below])
+        save_picture(work.picture, picture)
 
 
-def _row(
-    head: Mesh, faces: Sequence[F64], points: FeaturePoints | None, name: str, names: Sequence[str]
-) -> Picture:
-    """A head at rest and with the first expressions; a single one is seen from two sides."""
-    stand = Stand.of(head.vertices, None if points is None else points.positions)
-    shown = [Head(head.vertices, head.faces, name, stand)]
-    shown += [
-        Head(face, head.faces, title, stand) for face, title in zip(faces[:MOST_DRAWN], names, strict=False)
-    ]
-    return strip(shown, SIDES if len(shown) == 2 else SIDES[1:])
+def _row(head: Mesh, faces: Sequence[F64], points: F64 | None, names: Sequence[str]) -> Picture:
+    """A head at rest and with the first expressions."""
+    stand = Stand.of(head.vertices, points)
+    still = Head(head.vertices, head.faces, "at rest", stand)
+    some = zip(faces[:MOST_DRAWN], names, strict=False)
+    return strip([still, *(Head(face, head.faces, name, stand) for face, name in some)], [SIDE])
 
 
 def report_of(
