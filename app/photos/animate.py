@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Landmarker, open_landmarker
+from aam.landmarks import open_landmarker
 from analogy.photo import PhotoAnalogy, PhotoError
 from app.media import EncodeOptions, Frame, open_sink, open_source
 from app.media.images import DeepImage, looks_like_image
@@ -99,18 +99,20 @@ def animate_file(
     _check(source, clip, target, output, force=how.force)
     landmarker, files = open_landmarker(how.landmarker), landmarks or {}
     t = in_colours(opened("t", target, files.get("t"), landmarker, notes), None, notes)
+    given = None if source is None else opened("s", source, files.get("s"), landmarker, notes)
     size = t.image.pixels.shape[1], t.image.pixels.shape[0]
     with (
         open_source(clip) as media,
         open_sink(output, media, encode, force=how.force, tags=synthetic_tags(), size=size) as sink,
     ):
         driver = follow(clip, tracking, progress, notes)
-        s, neutral = _neutral(source, files.get("s"), clip, driver, landmarker, t, notes)
+        s = in_colours_of(given, t, notes) if given else _resting(clip, driver)
         notes.all(warnings(s, Photo(clip, s.image, driver.points[driver.resting]), t))
         with one_thread():
             puppet = _Animator(s, t, how, driver)
             total = media.frame_count or len(driver.points)
             stats = remake(media, sink, puppet.step, progress=lambda done: progress("moving", done / total))
+    neutral = str(source) if source else f"frame {driver.resting} of {clip.name}"
     for problem in stats.problems:
         say(f"{media.name}: {problem}")
     return AnimateReport(
@@ -150,17 +152,10 @@ def _around(frame: Frame, points: F64) -> tuple[Picture, F64]:
     return frame.rgb_roi(x, y, width, height), np.array([x, y], np.float64)
 
 
-def _neutral(
-    source: Path | None, landmarks: Path | None, clip: Path, driver: Driver, landmarker: Landmarker, target: Photo,
-    say: Say,
-) -> tuple[Photo, str]:  # fmt: skip
-    """What the expressions are measured from, in the target's colours, and its name."""
-    if source is not None:
-        return in_colours_of(opened("s", source, landmarks, landmarker, say), target, say), str(source)
+def _resting(clip: Path, driver: Driver) -> Photo:
+    """The frame of the clip that is nearest to a face at rest."""
     index = driver.resting
-    return Photo(
-        clip, DeepImage(picture_of(clip, index)), driver.points[index]
-    ), f"frame {index} of {clip.name}"
+    return Photo(clip, DeepImage(picture_of(clip, index)), driver.points[index])
 
 
 def _check(source: Path | None, clip: Path, target: Path, output: Path, *, force: bool) -> None:
