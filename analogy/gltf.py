@@ -172,10 +172,11 @@ class GltfDocument:
     def _gathered(self, name: str, width: int) -> F64:
         """(n, width) an attribute of all parts."""
         found = np.zeros((self.parts[-1].rows.stop if self.parts else 0, width))
-        for part in self.parts:
-            index = part.primitives[0]["attributes"].get(name)
-            if index is not None:
-                found[part.rows] = self.container.array(index)[:, :width]
+        with undamaged():
+            for part in self.parts:
+                index = part.primitives[0]["attributes"].get(name)
+                if index is not None:
+                    found[part.rows] = self.container.array(index)[:, :width]
         return found
 
     def _polygons(self) -> Polygons:
@@ -201,7 +202,7 @@ def undamaged() -> Iterator[None]:
         yield
     except MeshError:
         raise
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise MeshError(f"its glTF document is damaged ({type(error).__name__}: {error})") from error
 
 

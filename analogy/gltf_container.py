@@ -27,6 +27,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 VERTICES = 34962  # ARRAY_BUFFER
 INDICES = 34963  # ELEMENT_ARRAY_BUFFER
+LARGEST = 1 << 30  # bytes of an accessor
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 
@@ -144,6 +145,8 @@ class Container:
             accessor["count"],
         )
         if "bufferView" not in accessor:
+            if not 0 <= count * width * kind.itemsize < LARGEST:
+                raise MeshError(f"it is damaged: an accessor has {count} elements")
             return np.zeros((count, width), kind)
         view = self.json["bufferViews"][accessor["bufferView"]]
         begin = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)

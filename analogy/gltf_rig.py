@@ -109,7 +109,8 @@ def frames(document: GltfDocument, rate: float | None) -> Iterator[F64]:
     with undamaged():
         count, weights = _animation(document.container, rate)
         deltas = [_deltas(document, part) for part in document.parts]
-        tracks = [weights.get(part.node, _at_rest(document.container, part)) for part in document.parts]
+        given = [weights.get(part.node, _at_rest(document.container, part)) for part in document.parts]
+        tracks = [np.broadcast_to(w, (count, len(d))) for w, d in zip(given, deltas, strict=True)]
     parts = list(zip(document.parts, deltas, tracks, strict=True))
     return (_frame(document, parts, i) for i in range(count))
 
@@ -117,9 +118,7 @@ def frames(document: GltfDocument, rate: float | None) -> Iterator[F64]:
 def _frame(document: GltfDocument, parts: list[tuple[Part, F32, F64]], frame: int) -> F64:
     vertices = document.vertices.copy()
     for part, delta, weights in parts:
-        if len(delta):
-            now = weights[min(frame, len(weights) - 1)].astype(np.float32)
-            vertices[part.rows] += (now @ delta).reshape(-1, 3)
+        vertices[part.rows] += (weights[frame].astype(np.float32) @ delta).reshape(-1, 3)
     return vertices
 
 
@@ -159,8 +158,8 @@ def _sampled(container: Container, sampler: Json, keys: F64, times: F64) -> F64:
     values = _numbers(container, sampler["output"])
     at = np.clip(np.searchsorted(keys, times, "right") - 1, 0, max(len(keys) - 2, 0))
     after = np.minimum(at + 1, len(keys) - 1)
-    span = np.where(after > at, keys[after] - keys[at], 1.0)
-    s = np.clip((times - keys[at]) / span, 0, 1)[:, None]
+    span = keys[after] - keys[at]
+    s = np.clip((times - keys[at]) / np.where(span > 0, span, 1.0), 0, 1)[:, None]
     if method == "CUBICSPLINE":
         into, value, out = values.reshape(len(keys), 3, -1).transpose(1, 0, 2)
         start, end = value[at], value[after]

@@ -162,7 +162,8 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -
     normals = _normals(document, target.cleaned.ids[origin])
     size = float(np.ptp(target.mesh.vertices, axis=0).max())
     moving = np.abs(shapes - target.mesh.vertices).max(axis=(0, 2)) > STILL * size
-    placed = ((name, target.placed(shape)[origin]) for name, shape in zip(names, shapes, strict=True))
+    whole = (target.placed(target.mesh.moved(shape).vertices) for shape in shapes)
+    placed = ((name, vertices[origin]) for name, vertices in zip(names, whole, strict=True))
     _put(path, rigged(document, normals, placed, moving[target.cleaned.ids[origin]], target.path.parent))
 
 
@@ -196,7 +197,7 @@ def _animated(path: Path, neutral: MeshFile, rate: float | None) -> Iterator[tup
         )
     neutral.check(path, len(held.vertices))
     for i, vertices in enumerate(_named(path, frames, held, rate)):
-        yield f"{i:04d}", vertices[neutral.cleaned.kept]
+        yield f"{i:04d}", _named(path, neutral.mesh.moved, vertices[neutral.cleaned.kept]).vertices
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

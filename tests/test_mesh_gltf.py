@@ -1,0 +1,553 @@
+"""glTF and GLB: meshes, rigs and animations written, and read by ourselves and by trimesh."""
+
+import base64
+import copy
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+from test_mesh import grid, sheet, slit
+
+from analogy.gltf import GltfDocument
+from analogy.gltf_container import Container
+from analogy.mesh import MeshError
+from analogy.mesh_io import MeshFile, read_frames, read_mesh, read_rig, write_rig
+from analogy.normals import smooth
+from analogy.polygons import Polygons
+
+F64 = NDArray[np.float64]
+Json = dict[str, Any]
+
+KINDS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 16: "MAT4"}
+SIDE2 = 81
+TRIANGLES = np.concatenate([grid()[:, [0, 1, 2]], grid()[:, [0, 2, 3]]])
+
+
+class Glb:
+    """A GLB put together by hand."""
+
+    def __init__(self) -> None:
+        self.json: Json = {
+            "asset": {"version": "2.0"},
+            "scenes": [{"nodes": []}],
+            "nodes": [],
+            "meshes": [],
+            "bufferViews": [],
+            "accessors": [],
+            "buffers": [{}],
+        }
+        self.buffer = b""
+
+    def view(self, values: NDArray[Any]) -> int:
+        self.json["bufferViews"].append(
+            {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": values.nbytes}
+        )
+        self.buffer += values.tobytes() + bytes(-values.nbytes % 4)
+        return len(self.json["bufferViews"]) - 1
+
+    def accessor(self, values: NDArray[Any], kind: str = "f4", **more: Any) -> int:
+        held = np.asarray(values, "<" + kind).reshape(len(values), -1)
+        made = {"bufferView": self.view(held), "componentType": KINDS[kind], "count": len(held)}
+        self.json["accessors"].append(
+            {**made, "type": WIDTHS[held.shape[1]], "min": held.min(0).tolist(), "max": held.max(0).tolist()}
+            | more
+        )
+        return len(self.json["accessors"]) - 1
+
+    def mesh(self, vertices: F64, triangles: NDArray[np.intp], targets: dict[str, F64] | None = None) -> int:
+        attributes = {
+            "POSITION": self.accessor(vertices),
+            "NORMAL": self.accessor(smooth(vertices, Polygons.of(triangles))),
+        }
+        primitive: Json = {"attributes": attributes, "indices": self.accessor(triangles.ravel(), "u2")}
+        made: Json = {"primitives": [primitive]}
+        if targets:
+            primitive["targets"] = [{"POSITION": self.accessor(way)} for way in targets.values()]
+            made["extras"] = {"targetNames": list(targets)}
+        self.json["meshes"].append(made)
+        return len(self.json["meshes"]) - 1
+
+    def node(self, **node: Any) -> int:
+        self.json["nodes"].append(copy.deepcopy(node))
+        self.json["scenes"][0]["nodes"].append(len(self.json["nodes"]) - 1)
+        return len(self.json["nodes"]) - 1
+
+    def data(self) -> bytes:
+        self.json["buffers"][0]["byteLength"] = len(self.buffer)
+        text = json.dumps(self.json).encode()
+        text += b" " * (-len(text) % 4)
+        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+        chunks += struct.pack("<II", len(self.buffer), 0x004E4942) + self.buffer
+        return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
+
+    def read(self, tmp_path: Path) -> MeshFile:
+        (tmp_path / "made.glb").write_bytes(self.data())
+        return read_mesh(tmp_path / "made.glb")
+
+
+def ways(count: int = 3) -> dict[str, F64]:
+    """Displacements of the sheet, by name; whole 64ths, which float32 holds."""
+    generator = np.random.default_rng(1)
+    return {f"jawOpen {k}": generator.integers(-32, 32, (SIDE2, 3)) / 64 for k in range(count)}
+
+
+def head(targets: dict[str, F64] | None = None, **node: Any) -> Glb:
+    made = Glb()
+    made.node(mesh=made.mesh(sheet(), TRIANGLES, targets), **node)
+    return made
+
+
+def document(path: Path) -> Json:
+    data = path.read_bytes()
+    (length,) = struct.unpack_from("<I", data, 12)
+    return dict(json.loads(data[20 : 20 + length]))
+
+
+PLACED = {"translation": [1.0, 2, 3], "rotation": [0.0, 0.6, 0, 0.8], "scale": [2.0, 2, 2]}
+
+
+def gathered(scene: Any) -> F64:
+    """The vertices of all meshes of a trimesh scene, by the meshes' names."""
+    meshes = sorted(scene.dump(), key=lambda mesh: str(mesh.metadata["name"]))
+    return np.concatenate([mesh.vertices for mesh in meshes])
+
+
+def test_a_glb_of_another_program_goes_through(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    ball = trimesh.creation.icosphere(2)
+    assert len(ball.vertex_normals)
+    scene.add_geometry(ball, transform=trimesh.transformations.rotation_matrix(0.5, [1, 2, 3], [0, 1, 0]))
+    box = trimesh.creation.box((1, 2, 3))
+    box.visual.vertex_colors = [255, 0, 0, 255]
+    scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
+    scene.export(tmp_path / "a.glb")
+    file = read_mesh(tmp_path / "a.glb")
+    assert_allclose(file.mesh.vertices, gathered(scene), atol=1e-6)
+    file.write(tmp_path / "b.glb", file.mesh.vertices)
+    assert (tmp_path / "b.glb").read_bytes() == (tmp_path / "a.glb").read_bytes()
+    file.write(tmp_path / "c.glb", file.mesh.vertices @ np.diag([1.0, 2, 1]))
+    stretched = trimesh.load(tmp_path / "c.glb", process=False)
+    assert_allclose(gathered(stretched), file.mesh.vertices * (1, 2, 1), atol=1e-5)
+    assert_allclose(stretched.bounds, scene.bounds * (1, 2, 1), atol=1e-5)
+    assert set(stretched.geometry) == set(scene.geometry)
+    before, after = document(tmp_path / "a.glb"), document(tmp_path / "c.glb")
+    assert {**before, "accessors": 0} == {**after, "accessors": 0}
+
+
+@pytest.mark.parametrize(
+    "node",
+    [
+        {},
+        PLACED,
+        {"scale": [-1.0, 1, 1]},
+        {"matrix": [0.0, 0, 3, 0, 0, 2, 0, 0, -1, 0, 0, 0, 7, 8, 9, 1]},
+    ],
+)
+def test_nodes_place_their_meshes(node: Json, tmp_path: Path) -> None:
+    """As trimesh places them; normals look out of the faces; written back to where they were."""
+    made = head(**node)
+    above = made.node(translation=[0.0, 0, 10], children=[0])
+    made.json["scenes"][0]["nodes"] = [above]
+    file = made.read(tmp_path)
+    (seen,) = trimesh.load(file.path, process=False).dump()
+    assert_allclose(file.mesh.vertices, seen.vertices, atol=1e-5)
+    faces = Polygons.of(file.mesh.triangles).areas(file.mesh.vertices)
+    normals = file.document.normals
+    assert normals is not None
+    assert (np.einsum("ij,ikj->ik", faces, normals[file.mesh.triangles]) > 0).all()
+    bent = file.mesh.vertices + 0.1 * file.mesh.vertices[:, :1] ** 2
+    file.write(tmp_path / "bent.glb", bent)
+    back = read_mesh(tmp_path / "bent.glb")
+    assert_allclose(back.mesh.vertices, bent, rtol=1e-6, atol=1e-6)
+    wanted = smooth(bent, Polygons.of(file.mesh.triangles))
+    assert back.document.normals is not None
+    assert float(np.abs((back.document.normals * wanted).sum(1)).min()) > 0.95
+
+
+def test_a_seam_of_a_glb_is_closed_and_written_to_both_sides(tmp_path: Path) -> None:
+    vertices, quads, origin = slit(sheet(), grid())
+    made = Glb()
+    mesh = made.mesh(vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+    uvs = np.arange(2.0 * len(vertices)).reshape(-1, 2)
+    whole = smooth(sheet(), Polygons.of(TRIANGLES))[origin]
+    more = {"TEXCOORD_0": made.accessor(uvs), "NORMAL": made.accessor(whole)}
+    made.json["meshes"][mesh]["primitives"][0]["attributes"] |= more
+    made.node(mesh=mesh)
+    file = made.read(tmp_path)
+    assert_allclose(file.mesh.vertices, sheet(), atol=1e-7)
+    bent = file.mesh.vertices + file.mesh.vertices**2
+    file.write(tmp_path / "bent.glb", bent)
+    written = GltfDocument((tmp_path / "bent.glb").read_bytes(), tmp_path)
+    assert_allclose(written.vertices, bent[origin], atol=1e-6)
+    assert written.normals is not None
+    assert_array_equal(written.normals[SIDE2:], written.normals[origin[SIDE2:]])
+    assert_array_equal(written.uvs, uvs)
+
+
+def test_numbers_of_all_kinds_are_read(tmp_path: Path) -> None:
+    """Whole, normalised, interleaved and sparse."""
+    made = head(ways(2))
+    primitive = made.json["meshes"][0]["primitives"][0]
+    steps = np.rint(sheet() * 1000)
+    primitive["attributes"]["POSITION"] = made.accessor(steps, "i2")
+    primitive["attributes"]["NORMAL"] = made.accessor(np.tile([0, 0, 127], (SIDE2, 1)), "i1", normalized=True)
+    first, second = primitive["targets"]
+    made.json["accessors"][first["POSITION"]].pop("bufferView")
+    rows = np.array([3, 5, 80])
+    made.json["accessors"][first["POSITION"]]["sparse"] = {
+        "count": 3,
+        "indices": {"bufferView": made.view(rows.astype("<u2")), "componentType": KINDS["u2"]},
+        "values": {"bufferView": made.view(np.full((3, 3), 7, "<f4"))},
+    }
+    both = np.concatenate([ways()["jawOpen 1"], ways()["jawOpen 0"]], axis=1).astype("<f4")
+    made.json["accessors"][second["POSITION"]] |= {"bufferView": made.view(both), "byteOffset": 12}
+    made.json["bufferViews"][-1]["byteStride"] = 24
+    made.json["extensionsRequired"] = made.json["extensionsUsed"] = ["KHR_mesh_quantization"]
+    file = made.read(tmp_path)
+    assert_array_equal(file.mesh.vertices, steps)
+    assert_array_equal(file.document.normals, np.tile([0, 0, 1], (SIDE2, 1)))
+    rig = read_rig(file.path)
+    sparse = np.zeros((SIDE2, 3))
+    sparse[rows] = 7
+    assert_array_equal(rig.shapes - steps, [sparse, ways()["jawOpen 0"]])
+    file.write(tmp_path / "moved.glb", steps + 0.25)
+    assert_array_equal(read_mesh(tmp_path / "moved.glb").mesh.vertices, steps + 0.25)
+
+
+OBJ = (
+    "mtllib sheet.mtl\n"
+    + "".join(f"v {x} {y} {z}\n" for x, y, z in sheet())
+    + "".join(f"vt {u} {v}\n" for u, v in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    + "usemtl skin\n"
+    + "".join("f " + " ".join(f"{v + 1}/{k + 1}" for k, v in enumerate(quad)) + "\n" for quad in grid()[:40])
+    + "usemtl lips\n"
+    + "".join("f " + " ".join(f"{v + 1}/{k + 1}" for k, v in enumerate(quad)) + "\n" for quad in grid()[40:])
+)
+MTL = "newmtl skin\nKd 1 0.5 0.25\nmap_Kd skin.png\nnewmtl lips\nKd 1 0 0\nd 0.5\n"
+
+
+def targets(tmp_path: Path, suffix: str) -> MeshFile:
+    path = tmp_path / f"target{suffix}"
+    if suffix == ".obj":
+        path.write_text(OBJ)
+        (tmp_path / "sheet.mtl").write_text(MTL)
+        (tmp_path / "skin.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    elif suffix == ".ply":
+        ball = trimesh.Trimesh(sheet(), TRIANGLES, process=False)
+        ball.visual.vertex_colors = [255, 188, 0, 255]
+        ball.export(path)
+    else:
+        path.write_bytes(head({"old": sheet()}, **PLACED).data())
+    return read_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+def test_a_rig_is_what_was_written(suffix: str, tmp_path: Path) -> None:
+    target = targets(tmp_path, suffix)
+    shapes = target.mesh.vertices + np.stack(list(ways().values()))
+    write_rig(tmp_path / "rig.glb", target, list(ways()), shapes)
+    rig = read_rig(tmp_path / "rig.glb")
+    assert rig.names == tuple(ways())
+    assert_allclose(rig.file.mesh.vertices, target.mesh.vertices, atol=1e-6)
+    assert_allclose(rig.shapes, shapes, atol=1e-6)
+    seen = trimesh.load(tmp_path / "rig.glb", process=False)
+    assert_allclose(seen.bounds, [target.mesh.vertices.min(0), target.mesh.vertices.max(0)], atol=1e-5)
+    assert sum(len(part.faces) for part in seen.dump()) == len(target.mesh.faces)
+    made = document(tmp_path / "rig.glb")
+    assert made["meshes"][0]["extras"]["targetNames"] == list(ways())
+    assert all(len(primitive["targets"]) == 3 for primitive in made["meshes"][0]["primitives"])
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+def test_a_rig_turns_its_normals(suffix: str, tmp_path: Path) -> None:
+    """A head thrown back by 30 degrees has its normals turned by as much."""
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    target = targets(tmp_path, suffix)
+    write_rig(tmp_path / "rig.glb", target, ["back"], (target.mesh.vertices @ turn.T)[None])
+    data = (tmp_path / "rig.glb").read_bytes()
+    container, held = Container.read(data, tmp_path), GltfDocument(data, tmp_path)
+    (part,) = held.parts
+    local = container.array(part.primitives[0]["attributes"]["NORMAL"])
+    moved = local + container.array(part.targets()[0]["NORMAL"])
+    assert held.normals is not None
+    assert_allclose(part.normals_to_scene(moved), held.normals @ turn.T, atol=1e-2)
+
+
+def test_a_rig_of_an_obj_has_its_materials(tmp_path: Path) -> None:
+    target = targets(tmp_path, ".obj")
+    write_rig(tmp_path / "rig.glb", target, ["a"], target.mesh.vertices[None] + 1)
+    made = document(tmp_path / "rig.glb")
+    skin, lips = made["materials"]
+    assert (skin["name"], lips["name"]) == ("skin", "lips")
+    assert skin["pbrMetallicRoughness"]["baseColorFactor"] == [1, 0.5, 0.25, 1]
+    assert made["images"][made["textures"][0]["source"]]["mimeType"] == "image/png"
+    assert (lips["alphaMode"], lips["pbrMetallicRoughness"]["baseColorFactor"]) == ("BLEND", [1, 0, 0, 0.5])
+    counts = [made["accessors"][p["indices"]]["count"] for p in made["meshes"][0]["primitives"]]
+    assert counts == [240, 144]
+    held = GltfDocument((tmp_path / "rig.glb").read_bytes(), tmp_path)
+    assert held.uvs is not None
+    assert_array_equal(np.unique(held.uvs, axis=0), [[0, 0], [0, 1], [1, 0], [1, 1]])
+    assert_array_equal(held.uvs[(held.vertices == held.vertices[0]).all(1)], [[0, 1]])  # v up becomes v down
+
+
+def test_a_rig_of_a_ply_has_its_colours(tmp_path: Path) -> None:
+    target = targets(tmp_path, ".ply")
+    write_rig(tmp_path / "rig.glb", target, ["a"], target.mesh.vertices[None] + 1)
+    held = GltfDocument((tmp_path / "rig.glb").read_bytes(), tmp_path)
+    assert_allclose(
+        held.colours, np.tile([1, 0.5029, 0], (SIDE2, 1)), atol=1e-4
+    )  # 188 is half as bright as 255
+
+
+def test_only_meshes_that_move_get_targets(tmp_path: Path) -> None:
+    made = head(ways(2))
+    made.node(mesh=made.mesh(sheet() / 8, TRIANGLES), translation=[0.0, 0, 3])
+    source = made.read(tmp_path)
+    shapes = read_rig(source.path).shapes
+    write_rig(tmp_path / "rig.glb", source, ["x", "y"], shapes)
+    meshes = document(tmp_path / "rig.glb")["meshes"]
+    assert meshes[0]["extras"]["targetNames"] == ["x", "y"]
+    assert "targets" not in meshes[1]["primitives"][0]
+    assert_allclose(read_rig(tmp_path / "rig.glb").shapes, shapes, atol=1e-6)
+
+
+def test_targets_of_one_name_on_several_meshes_are_one(tmp_path: Path) -> None:
+    first, second, third = ways().values()
+    made = head({"smile": first, "blink": second})
+    made.node(mesh=made.mesh(sheet() + 4, TRIANGLES, {"blink": third}), scale=[2.0, 2, 2])
+    rig = read_rig(made.read(tmp_path).path)
+    assert rig.names == ("smile", "blink")
+    moved = rig.shapes - rig.file.mesh.vertices
+    assert_array_equal(moved, [np.concatenate([first, 0 * first]), np.concatenate([second, 2 * third])])
+
+
+def test_targets_without_names_are_numbered(tmp_path: Path) -> None:
+    made = head(ways(2))
+    made.json["meshes"][0]["extras"]["targetNames"] = ["only one"]
+    assert read_rig(made.read(tmp_path).path).names == ("only one", "target_01")
+
+
+def test_lips_that_a_rig_opens_stay_apart(tmp_path: Path) -> None:
+    vertices, quads, _ = slit(sheet(), grid())
+    opening = np.zeros_like(vertices)
+    opening[SIDE2:] = (0, 0.5, 0)
+    made = Glb()
+    made.node(
+        mesh=made.mesh(
+            vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), {"open": opening}
+        )
+    )
+    rig = read_rig(made.read(tmp_path).path)
+    assert_array_equal(rig.shapes[0] - rig.file.mesh.vertices, opening)
+
+
+def animated(method: str = "LINEAR") -> Glb:
+    """Two targets at keys 0, 1 and 3 s; a node that turns besides."""
+    made = head(ways(2), **PLACED)
+    made.node(mesh=made.mesh(sheet() + 9, TRIANGLES, ways(1)), weights=[0.5])
+    keys = made.accessor(np.array([0.0, 1, 3]))
+    values = np.array([[0, 1], [1, 0], [0.5, 0.25]])
+    if method == "CUBICSPLINE":
+        values = np.stack([values - 1, values, values + 2], axis=1)  # into a key, at it, out of it
+    moves = {"input": made.accessor(np.array([0.0, 1, 3])), "output": made.accessor(np.zeros((3, 3)))}
+    weights = {"input": keys, "output": made.accessor(values.reshape(-1, 1)), "interpolation": method}
+    made.json["animations"] = [
+        {"channels": [{"sampler": 0, "target": {"node": 0, "path": path}}], "samplers": [sampler]}
+        for path, sampler in (("translation", moves), ("weights", weights))
+    ]
+    return made
+
+
+def weights_of(made: Glb, tmp_path: Path, rate: float | None) -> tuple[list[str], F64]:
+    """Names of the frames, and the weights (f, 2) that explain them."""
+    file = made.read(tmp_path)
+    frames = list(read_frames(file.path, file, rate))
+    (first, _) = GltfDocument(made.data(), tmp_path).parts
+    shapes = np.stack(list(ways(2).values())) @ first.matrix[:3, :3].T
+    moved = np.stack([vertices - file.mesh.vertices for _, vertices in frames])
+    assert_allclose(
+        moved[:, SIDE2:], np.broadcast_to(ways()["jawOpen 0"] / 2, moved[:, SIDE2:].shape), atol=1e-6
+    )
+    solved = np.linalg.lstsq(shapes.reshape(2, -1).T, moved[:, :SIDE2].reshape(len(frames), -1).T, rcond=None)
+    assert_allclose(solved[1], 0, atol=1e-9)
+    return [name for name, _ in frames], solved[0].T
+
+
+@pytest.mark.parametrize("method", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_the_keys_of_an_animation_are_frames(method: str, tmp_path: Path) -> None:
+    names, weights = weights_of(animated(method), tmp_path, None)
+    assert names == ["0000", "0001", "0002"]
+    assert_allclose(weights, [[0, 1], [1, 0], [0.5, 0.25]], atol=1e-6)
+
+
+def test_an_animation_is_sampled_between_its_keys(tmp_path: Path) -> None:
+    linear = [[0, 1], [0.5, 0.5], [1, 0], [0.875, 0.0625], [0.75, 0.125], [0.625, 0.1875], [0.5, 0.25]]
+    assert_allclose(weights_of(animated(), tmp_path, 2)[1], linear, atol=1e-6)
+    step = [[0, 1], [0, 1], [1, 0], [1, 0], [1, 0], [1, 0], [0.5, 0.25]]
+    assert_allclose(weights_of(animated("STEP"), tmp_path, 2)[1], step, atol=1e-6)
+
+
+def test_splines_are_those_of_scipy(tmp_path: Path) -> None:
+    from scipy.interpolate import CubicHermiteSpline
+
+    names, weights = weights_of(animated("CUBICSPLINE"), tmp_path, 5)
+    values = np.array([[0, 1], [1, 0], [0.5, 0.25]])
+    first = CubicHermiteSpline([0, 1], values[:2], [values[0] + 2, values[1] - 1])
+    second = CubicHermiteSpline([1, 3], values[1:], [values[1] + 2, values[2] - 1])
+    times = np.arange(16) / 5
+    assert len(names) == 16
+    assert_allclose(weights, np.where(times[:, None] <= 1, first(times), second(times)), atol=1e-6)
+
+
+def test_what_animates_old_targets_is_dropped(tmp_path: Path) -> None:
+    source = animated().read(tmp_path)
+    write_rig(tmp_path / "rig.glb", source, ["x"], source.mesh.vertices[None] + 1)
+    made = document(tmp_path / "rig.glb")
+    assert [c["target"]["path"] for a in made["animations"] for c in a["channels"]] == ["translation"]
+    assert all("weights" not in node for node in made["nodes"])
+
+
+def test_a_skinned_mesh_stands_as_it_is_bound(tmp_path: Path) -> None:
+    """Joints at rest undo what the nodes above do; a pose is refused."""
+    made = head(skin=0, **PLACED)
+    made.node(translation=[0.0, 1, 0], children=[2], scale=[0.01, 0.01, 0.01])
+    made.json["nodes"].append({"translation": [0.0, 50, 0]})
+    binds = np.stack([np.eye(4), np.eye(4)])
+    binds[0][1, 3], binds[1][1, 3] = -1, -1.5
+    binds = np.linalg.inv(np.diag([0.01, 0.01, 0.01, 1])) @ binds
+    held = made.accessor(binds.transpose(0, 2, 1).reshape(2, 16))
+    made.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": held}]
+    assert_allclose(made.read(tmp_path).mesh.vertices, sheet(), atol=1e-6)
+    made.json["nodes"][2]["rotation"] = PLACED["rotation"]
+    with pytest.raises(MeshError, match=r"its skeleton is posed; export it .* \(rest pose\)"):
+        made.read(tmp_path)
+
+
+def test_a_gltf_with_its_files(tmp_path: Path) -> None:
+    """Its buffer is put into what is written, its picture goes along; a rig holds both."""
+    made = head()
+    made.json["buffers"][0] |= {"uri": "my%20data.bin", "byteLength": len(made.buffer)}
+    made.json["images"] = [{"uri": "maps/skin.jpg"}]
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "skin.jpg").write_bytes(b"\xff\xd8\xff0")
+    (tmp_path / "my data.bin").write_bytes(made.buffer)
+    (tmp_path / "a.gltf").write_text(json.dumps(made.json))
+    file = read_mesh(tmp_path / "a.gltf")
+    file.write(tmp_path / "out" / "b.gltf", file.mesh.vertices + 1)
+    assert_allclose(read_mesh(tmp_path / "out" / "b.gltf").mesh.vertices, sheet() + 1, atol=1e-6)
+    assert (tmp_path / "out" / "maps" / "skin.jpg").is_file()
+    write_rig(tmp_path / "rig.glb", file, ["x"], file.mesh.vertices[None] + 1)
+    rig = document(tmp_path / "rig.glb")
+    assert rig["images"] == [{"bufferView": len(rig["bufferViews"]) - 1, "mimeType": "image/jpeg"}]
+    (tmp_path / "my data.bin").unlink()
+    with pytest.raises(MeshError, match=r"it names the file my%20data\.bin, which is not in"):
+        read_mesh(tmp_path / "a.gltf")
+
+
+def spoilt(change: Any) -> bytes:
+    made = head(ways(1))
+    change(made)
+    return made.data()
+
+
+BAD = {
+    "no json": (b"glTF" + bytes(60), "no JSON"),
+    "text": (b"hello", "no JSON"),
+    "old": (spoilt(lambda g: g.json["asset"].update(version="1.0")), "it is glTF 1.0, and only 2.0 is read"),
+    "draco": (
+        spoilt(lambda g: g.json.update(extensionsUsed=["KHR_draco_mesh_compression"])),
+        "without compression",
+    ),
+    "strips": (spoilt(lambda g: g.json["meshes"][0]["primitives"][0].update(mode=5)), "strips or fans"),
+    "lines": (spoilt(lambda g: g.json["meshes"][0]["primitives"][0].update(mode=1)), "no vertices"),
+    "twice": (spoilt(lambda g: g.node(mesh=0)), "its mesh 0 is in the scene more than once"),
+    "flat": (
+        spoilt(lambda g: g.json["nodes"][0].update(scale=[1, 0, 1], name="eye")),
+        "node eye is scaled to nothing",
+    ),
+    "no scene": (spoilt(lambda g: g.json["scenes"][0].update(nodes=[])), "no vertices"),
+    "a face": (
+        spoilt(lambda g: g.json["accessors"][0].update(count=40)),
+        "vertex 80, but its part has 40",
+    ),
+    "a view": (spoilt(lambda g: g.json["bufferViews"].clear()), "its glTF document is damaged"),
+    "a buffer": (spoilt(lambda g: g.json["accessors"][0].update(byteOffset=10**6)), "its buffer ends before"),
+    "half": (head().data()[:-100], "it ends too early"),
+    "nan": (
+        spoilt(lambda g: setattr(g, "buffer", b"\xff" * 972 + g.buffer[972:])),
+        "81 of its 81 vertices are not finite",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_glb_is_said_in_a_sentence(name: str, tmp_path: Path) -> None:
+    data, said = BAD[name]
+    (tmp_path / "bad.glb").write_bytes(data)
+    with pytest.raises(MeshError, match=rf"^cannot use .*bad\.glb: .*{said}"):
+        read_mesh(tmp_path / "bad.glb")
+
+
+def test_a_document_with_anything_in_it_is_a_sentence_or_a_mesh(tmp_path: Path) -> None:
+    """Every value of the JSON in turn is another."""
+    path, whole = tmp_path / "made.gltf", animated()
+    address = "data:;base64," + base64.b64encode(whole.buffer).decode()
+    whole.json["buffers"] = [{"uri": address}]
+
+    def places(held: Any, way: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+        inner = held.items() if isinstance(held, dict) else enumerate(held) if isinstance(held, list) else ()
+        return [way, *(place for key, value in inner for place in places(value, (*way, key)))]
+
+    said = []
+    odd = (None, -1, 10**9, "x")
+    for i, way in enumerate(places(whole.json)[1:]):
+        for other in (odd[i % 4], odd[(i + 1) % 4]):
+            held = spoilt = copy.deepcopy(whole.json)
+            for key in way[:-1]:
+                held = held[key]
+            held[way[-1]] = other
+            path.write_text(json.dumps(spoilt))
+            try:
+                list(read_frames(path, read_rig(path).file))
+            except MeshError as error:
+                said.append(str(error))
+    assert len(said) > 100
+    assert not any("\n" in sentence for sentence in said)
+
+
+def test_a_rig_needs_targets_and_a_sequence_an_animation(tmp_path: Path) -> None:
+    file = head().read(tmp_path)
+    with pytest.raises(MeshError, match=r"made\.glb: it has no morph targets; a rig is a GLB or glTF file"):
+        read_rig(file.path)
+    with pytest.raises(MeshError, match=r"made\.glb: it has no animation of morph targets"):
+        next(read_frames(file.path, file))
+    (tmp_path / "other.glb").write_bytes(animated().data())
+    with pytest.raises(MeshError, match=r"other\.glb has 162 vertices, but its neutral .*made\.glb has 81"):
+        next(read_frames(tmp_path / "other.glb", file))
+
+
+def test_a_rig_is_a_glb_with_a_shape_for_each_name(tmp_path: Path) -> None:
+    file = head().read(tmp_path)
+    with pytest.raises(MeshError, match=r"a rig's suffix must be \.glb"):
+        write_rig(tmp_path / "rig.gltf", file, ["x"], file.mesh.vertices[None])
+    with pytest.raises(MeshError, match=r"shapes must be \(2, 81, 3\) for these names, got \(1, 81, 3\)"):
+        write_rig(tmp_path / "rig.glb", file, ["x", "y"], file.mesh.vertices[None])
+    with pytest.raises(MeshError, match="not finite"):
+        write_rig(tmp_path / "rig.glb", file, ["x"], file.mesh.vertices[None] * np.nan)
+    assert not (tmp_path / "rig.glb").exists()
+
+
+def test_data_in_an_address_is_read(tmp_path: Path) -> None:
+    made = head()
+    address = "data:application/octet-stream;base64," + base64.b64encode(made.buffer).decode()
+    made.json["buffers"] = [{"byteLength": len(made.buffer), "uri": address}]
+    (tmp_path / "a.gltf").write_text(json.dumps(made.json))
+    assert_allclose(read_mesh(tmp_path / "a.gltf").mesh.vertices, sheet(), atol=1e-7)
