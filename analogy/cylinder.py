@@ -74,7 +74,9 @@ class Cylinder:
         across = unit(np.cross(up, forward))
         axes = np.stack([across, up, np.cross(across, up)])
         low, high = (level @ axes.T).min(0), (level @ axes.T).max(0)
-        return cls(axes, (low + high) / 2 @ axes, float(high[0] - low[0]) / 2)
+        radius, middle = float(high[0] - low[0]) / 2, (low + high) / 2
+        middle[2] = min(middle[2], high[2] - radius)  # a mask ends before the middle of the head
+        return cls(axes, middle @ axes, radius)
 
     @property
     def length(self) -> float:

@@ -260,7 +260,9 @@ def _squares(vertices: F64) -> Paint:
     """Paints values (x, y, z, known) by a chessboard wound around the head (N, 3), seamless at its back."""
     low, high = vertices.min(0), vertices.max(0)
     middle, side = (low + high) / 2, (high[1] - low[1]) / SQUARES
-    around = 2 * max(1, round(np.pi * float(np.ptp(vertices[:, 0])) / 2 / side))
+    radius = float(np.ptp(vertices[vertices[:, 1] > middle[1], 0])) / 2
+    middle[2] = min(middle[2], high[2] - radius)  # a mask ends before the middle of the head
+    around = 2 * max(1, round(np.pi * radius / side))
 
     def paint(values: F64) -> F64:
         x, y, z = (values[:, :3] - middle).T
