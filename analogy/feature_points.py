@@ -45,10 +45,10 @@ DEFINITIONS: dict[str, tuple[int, tuple[float, float, float]]] = {
     "eye_right_inner": (39, (-2.8, 0.9, -0.5)),
     "eye_left_inner": (42, (2.8, 0.9, -0.5)),
     "eye_left_outer": (45, (1.9, 0.7, -0.5)),
-    "chin": (8, (0.0, 0.8, 6.0)),
+    "chin": (8, (0.0, 0.8, 5.6)),
     "brow_right_outer": (17, (16.5, 5.3, 16.6)),
-    "brow_right_inner": (21, (-1.3, 6.9, 4.6)),
-    "brow_left_inner": (22, (1.3, 6.9, 4.6)),
+    "brow_right_inner": (21, (-1.3, 6.2, 4.0)),
+    "brow_left_inner": (22, (1.3, 6.2, 4.0)),
     "brow_left_outer": (26, (-16.5, 5.3, 16.6)),
 }
 NAMES = tuple(DEFINITIONS)

@@ -30,7 +30,7 @@ FIRST = (
 THEN = tuple((yaw, pitch) for yaw in (-30, -15, 0, 15, 30) for pitch in (-14, 0, 14))
 FRONT = 16  # degrees of yaw up to which what is seen counts as the face's surface
 SETTLED, ROUNDS = 8.0, 4  # degrees, by which the front may still change; how often it is sought
-DEPTH = 0.4  # what a distance in depth counts beside one across, for the nearest point of the surface
+DEPTH = 0.3  # what a distance in depth counts beside one across, for the nearest point of the surface
 STEPS, LOOSE = 6, 1.5  # rounds of weighting, and the medians of distance at which a line weighs one half
 RIGHT_EYE, LEFT_EYE, MOUTH, NOSE_TIP = slice(36, 42), slice(42, 48), slice(48, 60), 30
 

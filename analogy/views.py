@@ -19,7 +19,7 @@ Int = NDArray[np.intp]
 Image = NDArray[np.uint8]
 
 LIGHT = np.array([0.3, 0.5, 1.0]) / np.sqrt(1.34)  # from the viewer's upper right, in the axes of a view
-AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 0.3, 128  # grey values; the inside's share; the background's
+AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 25, 128  # grey values: of skin, of what is seen from inside, of nothing
 SMOOTH = 2.0  # pixels, by which depths are smoothed before they are shaded
 
 
@@ -99,14 +99,14 @@ class Solid:
         return np.array([_nearest(place, corners, middle, radius) for place in places])
 
     def picture(self, view: View) -> tuple[Image, Visibility]:
-        """The solid in a studio's light, RGB uint8 (pixels, pixels, 3), its inside dark; and what is seen where."""
+        """The solid in a studio's light, RGB uint8 (pixels, pixels, 3), its inside black; and what is seen where."""
         places = view.project(self.vertices)
         seen = visible(places, self.faces, (view.pixels, view.pixels))
         if self.normals is None:
             return _coloured(_relief(_depths(places, self.faces, seen))), seen
         normal = unit(seen.interpolated(self.normals, self.faces)) @ view.axes.T
         grey = _lit(normal)
-        grey[normal[:, 2] < 0] *= INSIDE
+        grey[normal[:, 2] < 0] = INSIDE
         picture = np.full(seen.triangle.shape, BEHIND, np.uint8)
         picture[seen.covered] = grey
         return _coloured(picture), seen
