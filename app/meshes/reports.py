@@ -15,6 +15,7 @@ from app.version import version
 
 F64 = NDArray[np.float64]
 
+MOST_TOLD = 12  # expressions of which a line is said
 UNSURE = 0.5  # confidence of a feature point below which one should look at it
 KEPT = 1e-3  # error E below which a vertex moved as far as in the source
 
@@ -101,7 +102,8 @@ class TransferReport:
         """For people."""
         count, known = len(self.expressions), self.correspondence
         skipped = f", {self.skipped} were there" if self.skipped else ""
-        each = [f"  {Path(one.output).name}: {one.words()}" for one in self.expressions]
+        each = [f"  {Path(one.output).name}: {one.words()}" for one in self.expressions[:MOST_TOLD]]
+        each += [f"  and {count - MOST_TOLD} more; --report tells of all"] if count > MOST_TOLD else []
         return [
             f"{self.output}: {_many(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
             f"  heads matched: {known['kind']}, {known['found']:.1%} of the target is found on the source",

@@ -81,7 +81,7 @@ def told(carrier: Carrier, expressive: F64, made: F64, name: str, output: str, s
 def draw(
     carrier: Carrier, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], work: Work
 ) -> None:
-    """The picture, if one is wanted: the source with the first expressions above the target."""
+    """The picture, if one is wanted: the source with those that move most above the target."""
     if work.picture is None:
         return
     source, target, points = carrier.pair.source.mesh, carrier.pair.target.mesh, carrier.pair.points
@@ -91,17 +91,24 @@ def draw(
             picture = carried_over(source, faces[0], target, made[0], places)
         else:
             first, second = places or (None, None)
-            above, below = _row(source, faces, first, names), _row(target, made, second, names)
+            chosen = _most_moved(target, made)
+            above = _row(source, [(faces[k], names[k]) for k in chosen], first)
+            below = _row(target, [(made[k], names[k]) for k in chosen], second)
             picture = np.concatenate([above, below])
         save_picture(work.picture, picture)
 
 
-def _row(head: Mesh, faces: Sequence[F64], points: F64 | None, names: Sequence[str]) -> Picture:
-    """A head at rest and with the first expressions."""
+def _most_moved(head: Mesh, made: Sequence[F64]) -> list[int]:
+    """The expressions that are drawn, in their order."""
+    ways = [float(np.square(face - head.vertices).sum()) for face in made]
+    return sorted(int(k) for k in np.argsort(ways)[::-1][:MOST_DRAWN])
+
+
+def _row(head: Mesh, faces: Sequence[tuple[F64, str]], points: F64 | None) -> Picture:
+    """A head at rest and with expressions, which have names."""
     stand = Stand.of(head.vertices, points)
     still = Head(head.vertices, head.faces, "at rest", stand)
-    some = zip(faces[:MOST_DRAWN], names, strict=False)
-    return strip([still, *(Head(face, head.faces, name, stand) for face, name in some)], [SIDE])
+    return strip([still, *(Head(face, head.faces, name, stand) for face, name in faces)], [SIDE])
 
 
 def report_of(
