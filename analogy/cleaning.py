@@ -29,6 +29,7 @@ from analogy.polygons import Polygons
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
+FURTHEST = 1e30  # coordinate that float32 holds
 FLAT = 1e-5  # height by longest side up to which a triangle has no area: what float32 positions round to
 GOES_ON = 0.5  # cosine between the normals of a seam's two sides, in the mean
 TOGETHER = 1e-4  # of the largest displacement, up to which two vertices move together
@@ -89,9 +90,9 @@ def _check(vertices: F64, polygons: Polygons) -> None:
         raise MeshError("it has no vertices")
     if not len(polygons.sizes):
         raise MeshError(f"it has {len(vertices)} vertices but no faces; a point cloud cannot be used")
-    bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
+    bad = int(np.count_nonzero(~(np.abs(vertices) <= FURTHEST).all(axis=1)))
     if bad:
-        raise MeshError(f"{bad} of its {len(vertices)} vertices are not finite (NaN or infinite)")
+        raise MeshError(f"{bad} of its {len(vertices)} vertices are not finite (NaN, or beyond {FURTHEST:g})")
 
 
 def _faces(vertices: F64, polygons: Polygons) -> tuple[Int, Int]:

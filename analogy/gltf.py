@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analogy.gltf_container import Container, Json
-from analogy.mesh import MeshError
-from analogy.normals import unit
+from analogy.mesh import MeshError, shown
+from analogy.normals import sound, unit
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
@@ -118,7 +118,7 @@ class GltfDocument:
         """(n, 3) in the scene; 0 for parts without."""
         if not self._has("NORMAL"):
             return None
-        found = self._gathered("NORMAL", 3)
+        found = sound(self._gathered("NORMAL", 3))
         for part in self.parts:
             found[part.rows] = part.normals_to_scene(found[part.rows])
         return found
@@ -203,7 +203,9 @@ def undamaged() -> Iterator[None]:
     except MeshError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise MeshError(f"its glTF document is damaged ({type(error).__name__}: {error})") from error
+        raise MeshError(
+            f"its glTF document is damaged ({type(error).__name__}: {shown(str(error))})"
+        ) from error
 
 
 def target_names(container: Container, part: Part) -> list[str]:

@@ -99,3 +99,12 @@ def _check_vertices(vertices: F64, count: int) -> None:
     bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
     if bad:
         raise MeshError(f"{bad} of {count} vertices are not finite (NaN or infinite)")
+
+
+def shown(text: str) -> str:
+    """Text of a file as a short line, for a sentence.
+
+    >>> shown("v 1\\t2\\x00\\n3")
+    'v 1 2 3'
+    """
+    return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())[:60]

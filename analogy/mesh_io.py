@@ -70,8 +70,9 @@ class MeshFile:
 
     def placed(self, vertices: F64) -> F64:
         """All vertices (n, 3) of the file, for those (N, 3) of the clean mesh."""
-        ids = self.cleaned.ids
-        return np.asarray(vertices[ids] + (self.document.vertices - self.mesh.vertices[ids]))
+        own, ids = self.document.vertices, self.cleaned.ids
+        with_nearest = own + (vertices - self.mesh.vertices)[ids]
+        return np.where(own == self.mesh.vertices[ids], vertices[ids], with_nearest)
 
     def expression(self, path: Path) -> F64:
         """The clean mesh's vertices (N, 3) as they stand in another file of the same vertices.

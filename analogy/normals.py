@@ -11,6 +11,7 @@ from analogy.polygons import Polygons
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
+BEYOND = 1e30  # what a coordinate of a normal is not
 ALIKE = 1000  # steps of a coordinate of a normal within which two are one
 
 
@@ -51,6 +52,11 @@ def smooth(vertices: F64, polygons: Polygons) -> F64:
     """(n, 3) the normal of each vertex (n, 3), of length 1, by the areas of its polygons; 0 where it has none."""
     sums = _sums(polygons.corners, polygons.owners, len(vertices), len(polygons.sizes))
     return unit(np.asarray(sums @ polygons.areas(vertices)))
+
+
+def sound(normals: F64) -> F64:
+    """Normals (n, 3) as a file gives them; 0 where they can be none."""
+    return np.where((np.abs(normals) < BEYOND).all(axis=1, keepdims=True), normals, 0.0)
 
 
 def unit(vectors: F64) -> F64:

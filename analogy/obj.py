@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.mesh import MeshError
+from analogy.mesh import MeshError, shown
+from analogy.normals import sound
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
@@ -54,7 +55,7 @@ class ObjDocument:
 
     @cached_property
     def normals(self) -> F64 | None:
-        return None if self.normal_ids is None else _vectors(self.lines, self._where[b"vn"], 3)[:, :3]
+        return None if self.normal_ids is None else sound(_vectors(self.lines, self._where[b"vn"], 3)[:, :3])
 
     @cached_property
     def uvs(self) -> F64 | None:
@@ -174,7 +175,7 @@ def _numeric(text: bytes) -> bool:
 
 def _bad(lines: list[bytes], place: int, wrong: str) -> MeshError:
     number = sum(line.count(b"\n") + 1 for line in lines[:place]) + 1
-    return MeshError(f"line {number} {wrong}, got: {lines[place].strip().decode('utf-8', 'replace')[:60]}")
+    return MeshError(f"line {number} {wrong}, got: {shown(lines[place].decode('utf-8', 'replace'))}")
 
 
 def _rest(line: bytes) -> str:

@@ -13,8 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.mesh import MeshError
-from analogy.ply_rows import Binary, Element, Rows, Text
+from analogy.mesh import MeshError, shown
+from analogy.normals import sound
+from analogy.ply_rows import Binary, Change, Element, Rows, Text
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
@@ -68,7 +69,8 @@ class PlyDocument:
     @cached_property
     def normals(self) -> F64 | None:
         """(n, 3), where its vertices have them."""
-        return self._columns(NORMAL)
+        found = self._columns(NORMAL)
+        return None if found is None else sound(found)
 
     @property
     def normal_ids(self) -> Int | None:
@@ -100,9 +102,9 @@ class PlyDocument:
 
     def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
         """The file with other vertices (n, 3) and normals (n, 3)."""
-        changes = dict(zip(PLACE, vertices.T, strict=True))
-        if normals is not None:
-            changes |= dict(zip(NORMAL, normals.T, strict=True))
+        changes = [Change(PLACE, vertices, (vertices != self.vertices).any(axis=1))]
+        if normals is not None and self.normals is not None:
+            changes.append(Change(NORMAL, normals, (normals != self.normals).any(axis=1)))
         return self._body.replaced("vertex", changes)
 
     def _columns(self, names: tuple[str, ...]) -> F64 | None:
@@ -132,7 +134,7 @@ def _header(data: bytes) -> tuple[str, list[Element], int]:
             elif words[:1] == ["property"]:
                 _add(elements[-1], _property(words))
         except (KeyError, IndexError, ValueError):
-            raise MeshError(f"its header has a line that cannot be understood: {line.strip()[:60]}") from None
+            raise MeshError(f"its header has a line that cannot be understood: {shown(line)}") from None
     if order is None:
         raise MeshError("its header names no format")
     return order, elements, stop + 1

@@ -43,6 +43,15 @@ class Rows:
     sizes: dict[str, Int] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Other numbers of some properties: names (w,), values (count, w), and the rows (count,) that have them."""
+
+    names: tuple[str, ...]
+    values: F64
+    rows: NDArray[np.bool_]
+
+
 class Binary:
     """A binary body.
 
@@ -76,8 +85,8 @@ class Binary:
                 return _of_table(element, table)
         return self._ragged(element)
 
-    def replaced(self, name: str, changes: dict[str, F64]) -> bytes:
-        """The file with other numbers (count,) of properties of an element, where they are not those it has.
+    def replaced(self, name: str, changes: list[Change]) -> bytes:
+        """The file with other numbers in an element.
 
         Raises
         ------
@@ -89,9 +98,9 @@ class Binary:
         place, kind, count = self._tables[name]
         data = bytearray(self._data)
         table = np.frombuffer(data, kind, count, place)
-        for key, column in changes.items():
-            moved = table[key] != column
-            table[key][moved] = column[moved]
+        for change in changes:
+            for key, column in zip(change.names, change.values.T, strict=True):
+                table[key][change.rows] = column[change.rows]
         return bytes(data)
 
     def _row(self, element: Element) -> np.dtype[Any]:
@@ -156,9 +165,7 @@ class Text:
         self._head, self._lines = data[:start], data[start:].split(b"\n")
         self._filled = [i for i, line in enumerate(self._lines) if line.strip()]
         self._at = 0
-        self._read: dict[
-            str, tuple[list[int], list[str], Rows]
-        ] = {}  # lines, properties and numbers without lists
+        self._read: dict[str, tuple[list[int], list[str]]] = {}  # lines and properties of those without lists
 
     def rows(self, element: Element) -> Rows:
         """Those of the next element.
@@ -175,11 +182,11 @@ class Text:
         rows = _alike(element, numbers) or _ragged(element, numbers)
         self._at += element.count
         if not rows.sizes:
-            self._read[element.name] = lines, [name for name, _, _ in element.properties], rows
+            self._read[element.name] = lines, [name for name, _, _ in element.properties]
         return rows
 
-    def replaced(self, name: str, changes: dict[str, F64]) -> bytes:
-        """The file with other numbers (count,) of properties of an element, where they are not those it has.
+    def replaced(self, name: str, changes: list[Change]) -> bytes:
+        """The file with other numbers in an element.
 
         Raises
         ------
@@ -188,16 +195,13 @@ class Text:
         """
         if name not in self._read:
             raise MeshError(f"its element `{name}` has lists, which cannot be written")
-        places, names, rows = self._read[name]
-        moved = np.any([rows.values[key] != column for key, column in changes.items()], axis=0)
-        columns = {names.index(key): _texts(column) for key, column in changes.items()}
+        places, names = self._read[name]
         lines = list(self._lines)
-        for row in np.flatnonzero(moved).tolist():
-            line = lines[places[row]]
-            words = line.split()
-            for column, texts in columns.items():
-                words[column] = texts[row]
-            lines[places[row]] = b" ".join(words) + (b"\r" if line.endswith(b"\r") else b"")
+        for change in changes:
+            columns = [names.index(key) for key in change.names]
+            values = change.values[change.rows].tolist()
+            for row, new in zip(np.flatnonzero(change.rows).tolist(), values, strict=True):
+                lines[places[row]] = _with_numbers(lines[places[row]], columns, new)
         return self._head + b"\n".join(lines)
 
     def _numbers(self, lines: list[int], name: str) -> F64:
@@ -206,6 +210,13 @@ class Text:
             return np.fromstring(text, sep=" ") if text else np.empty(0)
         except ValueError:
             raise MeshError(f"a row of its element `{name}` holds something else than numbers") from None
+
+
+def _with_numbers(line: bytes, columns: list[int], values: list[float]) -> bytes:
+    words = line.split()
+    for column, value in zip(columns, values, strict=True):
+        words[column] = b"%.9g" % value
+    return b" ".join(words) + (b"\r" if line.endswith(b"\r") else b"")
 
 
 def _alike(element: Element, numbers: F64) -> Rows | None:
@@ -249,10 +260,6 @@ def _ragged(element: Element, numbers: F64) -> Rows:
         raise MeshError(f"the rows of its element `{element.name}` are not as its header says")
     found = {name: np.array(numbers) for name, numbers in values.items()}
     return Rows(found, {name: np.array(size, np.intp) for name, size in sizes.items()})
-
-
-def _texts(numbers: F64) -> list[bytes]:
-    return (b"%.9g\n" * len(numbers) % tuple(numbers.tolist())).split()
 
 
 def _length(name: str) -> str:
