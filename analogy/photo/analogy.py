@@ -106,7 +106,7 @@ class PhotoAnalogy:
         )
         shown = sampled(picture, seen.values[..., 4:])
         if self.method == "tents":
-            seen = self._refined(seen, shown @ LUMINANCE)
+            seen = self._refined(seen, shown @ LUMINANCE, strength if facing is None else 0.0)
         out = self._warped(seen)
         if self.method != "warp":
             out = self._lit(out, strength * self._change(seen, shown @ LUMINANCE, out))
@@ -133,13 +133,17 @@ class PhotoAnalogy:
             face(grid.places(made), grid.size),
         )
 
-    def _refined(self, seen: Seen, shown: F32) -> Seen:
-        """The places in T and S, moved by what landmarks leave of the motion to S', whose luminance is shown."""
+    def _refined(self, seen: Seen, shown: F32, share: float) -> Seen:
+        """The places in S, and by a share in T, moved by what landmarks leave of the motion to S', which is shown.
+
+        Of a turned head that is the turn's, and none of T's.
+        """
         neutral = sampled(self._neutral, seen.values[..., 2:4])
         moved = left(heights(shown), heights(neutral), seen.face & ~seen.between, self._width)
         values = seen.values.copy()
-        values[..., :4] = followed(seen.values[..., :4], own(self._grid.size) + moved)
-        values[..., :2] += moved
+        values[..., 2:4] = followed(seen.values[..., 2:4], own(self._grid.size) + moved)
+        moved *= np.float32(share)
+        values[..., :2] = followed(seen.values[..., :2], own(self._grid.size) + moved) + moved
         return replace(seen, values=values)
 
     def _warped(self, seen: Seen) -> F32:

@@ -15,8 +15,9 @@ from app.deidentify.page import COUNTS, HEADLINES
 from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, title
 from app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
 from app.studio.questions import agreed
-from app.studio.site import Studio, heading, page, show_job, uploader
+from app.studio.site import Studio, heading, page, show_job
 from app.studio.store import Clip, JobRow, StudioError
+from app.studio.uploads import uploader
 
 PATH = "/deidentify"
 REVIEW, RENDER = "deidentify-review", "deidentify-render"

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,11 +19,11 @@ from app.deidentify.options import Audio, CoverStyle, DeidentifyError, Options
 from app.deidentify.report import outcome, verdict
 from app.deidentify.tracks import Action
 from app.deidentify.work import Work
-from app.failures import user_mistakes
 from app.media.containers import suffix_for
 from app.outputs import write_whole
 from app.pictures import save_picture
 from app.run import Progress, mute
+from app.studio.naming import called
 
 STEM = "out"
 TRACKS = f"{STEM}.tracks.json"
@@ -63,7 +61,7 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     """
     source = Path(about["source"])
     output = folder / (STEM + suffix_for(source, Options().encode.encoder))
-    with _called(source, about["name"]), open_engine("local") as engine:
+    with called({source: about["name"]}), open_engine("local") as engine:
         deidentify_file(source, output, Options(), engine, review=True, progress=progress, say=mute)
     case = Case(Work(_work(output)))
     shown = pictures(case, "pictures")
@@ -88,7 +86,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     write_whole(folder / TRACKS, lambda part: part.write_text(_edited(before / TRACKS, choices)))
     options = Options(cover=choices.cover, alpha=choices.alpha, audio=choices.audio)
     names = about["name"] + source.suffix, download_name(about["name"], output.name)
-    with _called(source, about["name"]), open_engine("local") as engine:
+    with called({source: about["name"]}), open_engine("local") as engine:
         report = deidentify_file(
             source, output, options, engine, resume=True, names=names, progress=progress, say=mute
         )
@@ -124,13 +122,3 @@ def _edited(tracks: Path, choices: Choices) -> str:
         action, donor = choices.actions[str(track["track"])], choices.donors[str(track["person"])]
         track |= {"action": action, "donor": donor}
     return json.dumps(value)
-
-
-@contextmanager
-def _called(source: Path, name: str) -> Iterator[None]:
-    """A user's mistake told with the user's name for the clip."""
-    try:
-        yield
-    except user_mistakes() as error:
-        told = str(error).replace(str(source), name).replace(source.name, name)
-        raise DeidentifyError(told) from error

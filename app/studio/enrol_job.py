@@ -8,11 +8,10 @@ from typing import Any
 from aam.model import Identity
 from app.enrol import LandmarkSource
 from app.enrolling import enrol_file
-from app.failures import user_mistakes
 from app.montage import montage
 from app.pictures import save_picture
 from app.studio.jobs import Progress
-from app.studio.store import StudioError
+from app.studio.naming import called
 
 KIND = "enrol"
 
@@ -23,10 +22,8 @@ def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[s
     about : "clip" and "model", paths; "called", the clip's name; "name", the person's.
     """
     model, done, clip = Path(about["model"]), folder / "model.guise", Path(about["clip"])
-    try:
+    with called({clip: about["called"]}):
         report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
-    except user_mistakes() as error:
-        raise StudioError(str(error).replace(str(clip), about["called"])) from error
     save_picture(model.with_suffix(".png"), montage(Identity.load(done)))
     done.replace(model)  # at last, since a person is shown as soon as it is there
     return {"held_out_error": report.held_out_error, "seconds": report.seconds}

@@ -14,8 +14,9 @@ from app.montage import draw
 from app.studio.enrol_job import KIND, enrol_job
 from app.studio.questions import agreed
 from app.studio.recorder import Recorder
-from app.studio.site import Studio, heading, page, show_job, uploader
+from app.studio.site import Studio, heading, page, show_job
 from app.studio.store import Clip, JobRow, Person
+from app.studio.uploads import uploader
 
 LOOK = 1.0  # seconds between two looks at what other tabs have changed
 

@@ -15,7 +15,7 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 
 from app.failures import user_mistakes
-from app.studio import deidentify, landmarks, live, people
+from app.studio import analogy, deidentify, landmarks, live, people
 from app.studio.guard import Guard
 from app.studio.jobs import Jobs
 from app.studio.site import Studio, StudioOptions, serve_files
@@ -25,7 +25,7 @@ HOST = "127.0.0.1"
 PATIENCE = (
     15.0  # seconds for which a page that does not answer is kept; the processor may be busy with other work
 )
-PAGES = (live, people, landmarks, deidentify)
+PAGES = (live, people, landmarks, deidentify, analogy)
 
 
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:

@@ -1,4 +1,4 @@
-"""What the studio's pages share: layout, uploads, progress of jobs, files to show and the faces to choose from."""
+"""What the studio's pages share: layout, progress of jobs, files to show and the faces to choose from."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from typing import Any
 from urllib.parse import quote
 
 from nicegui import app as nicegui_app
-from nicegui import events, run, ui
+from nicegui import ui
 from starlette.requests import Request
 
-from app.deidentify.inputs import VIDEO_SUFFIXES
 from app.donors import gallery
 from app.failures import explain, user_mistakes
-from app.media import MediaError, open_source
-from app.studio.guard import too_large
 from app.studio.jobs import Jobs
-from app.studio.store import Clip, JobRow, Store, StudioError
+from app.studio.store import FOLDERS, JobRow, Store, StudioError
 
-LINKS = {"Live": "/", "People": "/people", "Landmarks": "/landmarks", "De-identify": "/deidentify"}
+LINKS = {
+    "Live": "/",
+    "People": "/people",
+    "Landmarks": "/landmarks",
+    "De-identify": "/deidentify",
+    "Analogy": "/analogy",
+}
 REFRESH = 0.3  # seconds between two looks at a job
-_ADVICE = "use an .mp4, .webm, .mov or .mkv."
 _COLOUR = "#0b7a70"  # readable under white and on both backgrounds
 _STYLE = """
 :focus-visible { outline: 3px solid #f59e0b; outline-offset: 2px; }
@@ -67,7 +69,7 @@ class Studio:
 
 def serve_files(studio: Studio) -> None:
     """Let the pages show what lies in the studio's folder; the base is not among it."""
-    for name in ("clips", "people", "jobs"):
+    for name in FOLDERS:
         nicegui_app.add_static_files(f"/files/{name}", studio.store.folder / name, max_cache_age=0)
 
 
@@ -78,7 +80,7 @@ def page(studio: Studio, path: str, title: str, build: Build, *, patience: float
     """
 
     async def shown(request: Request) -> None:
-        ui.on_exception(_tell)
+        ui.on_exception(tell)
         with _layout(studio, title, path):
             try:
                 done = build(**request.path_params)
@@ -88,56 +90,6 @@ def page(studio: Studio, path: str, title: str, build: Build, *, patience: float
                 ui.label(explain(error)[0])
 
     ui.page(path, title=f"{title} · Guise", reconnect_timeout=patience)(shown)
-
-
-async def read_upload(studio: Studio, event: events.UploadEventArguments) -> Clip:
-    """The clip of an upload, which is on the disk by now.
-
-    Raises StudioError when it is no video; nothing of it is kept then.
-    """
-    clip = studio.store.add_clip(Path(event.file.name).stem, Path(event.file.name).suffix)
-    part = clip.path.with_suffix(clip.path.suffix + ".part")
-    try:
-        await event.file.save(part)
-        await run.io_bound(_require_video, part, clip.name)
-        part.replace(clip.path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        studio.store.remove_clip(clip.id)
-        raise
-    return clip
-
-
-def uploader(studio: Studio, label: str, done: Callable[[Clip], Awaitable[None] | None]) -> ui.upload:
-    """A button that uploads a video as soon as it is chosen, and says why when it cannot be taken."""
-
-    async def uploaded(event: events.UploadEventArguments) -> None:
-        then = done(await read_upload(studio, event))
-        if then is not None:
-            await then
-
-    def refuse(reason: str) -> None:
-        large = reason == "max-file-size"
-        _tell(StudioError(too_large(studio.options.limit) if large else f"This is no video: {_ADVICE}"))
-
-    def ended(failed: bool) -> None:
-        button.props(remove="loading")
-        field.reset()
-        if failed:
-            _tell(StudioError("The upload was broken off: try again."))
-
-    field = ui.upload(auto_upload=True, max_file_size=studio.options.limit, on_upload=uploaded).classes(
-        "hidden"
-    )
-    field.props["accept"] = ",".join(("video/*", *sorted(VIDEO_SUFFIXES)))
-    button = ui.button(label, icon="upload")
-    button.on("click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()")
-    field.on("uploading", lambda: button.props("loading"))
-    field.on("uploaded", lambda: ended(False), args=[])
-    field.on("failed", lambda: ended(True), args=[])
-    why = "(entries) => emit(entries[0].failedPropValidation)"
-    field.on("rejected", lambda event: refuse(event.args), js_handler=why)
-    return field
 
 
 def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
@@ -167,13 +119,6 @@ def heading(text: str, level: int = 2) -> ui.label:
     """A heading that screen readers know as one."""
     look = "text-h5 mb-4" if level == 1 else "text-h6 mt-4"
     return ui.label(text).props(f"role=heading aria-level={level}").classes(look)
-
-
-def _require_video(path: Path, name: str) -> None:
-    try:
-        open_source(path).close()
-    except MediaError as error:
-        raise StudioError(f"{name} is no video that can be read: {_ADVICE}") from error
 
 
 @contextmanager
@@ -211,5 +156,6 @@ def _colour_choice(studio: Studio) -> None:
             ui.menu_item(name, partial(choose, value)).props("role=menuitem")
 
 
-def _tell(error: Exception) -> None:
+def tell(error: Exception) -> None:
+    """Show what went wrong, in a sentence that goes away."""
     ui.notify(explain(error)[0], type="negative", multi_line=True)

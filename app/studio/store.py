@@ -1,6 +1,7 @@
-"""What the studio keeps: clips, people and jobs, in one folder.
+"""What the studio keeps: clips, people, pictures, meshes and jobs, in one folder.
 
-FOLDER/studio.sqlite holds the rows; files lie at FOLDER/clips/ID.mp4, FOLDER/people/ID.guise and FOLDER/jobs/ID/.
+FOLDER/studio.sqlite holds the rows; files lie at FOLDER/clips/ID.mp4, FOLDER/people/ID.guise, FOLDER/uploads/ID.png
+and FOLDER/jobs/ID/.
 Ids are drawn here; names are the user's own text and never part of a path.  Times are UTC in ISO 8601.
 """
 
@@ -20,10 +21,12 @@ from app.deidentify.inputs import VIDEO_SUFFIXES
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
+FOLDERS = ("clips", "people", "uploads", "jobs")
 LONGEST_NAME = 80  # characters
 _TABLES = """
 CREATE TABLE IF NOT EXISTS clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT);
 CREATE TABLE IF NOT EXISTS people (id TEXT PRIMARY KEY, name TEXT, created TEXT, clip TEXT);
+CREATE TABLE IF NOT EXISTS uploads (id TEXT PRIMARY KEY, name TEXT, created TEXT, kind TEXT, suffix TEXT);
 CREATE TABLE IF NOT EXISTS jobs (id TEXT PRIMARY KEY, kind TEXT, about TEXT, state TEXT, stage TEXT, share REAL,
     sentence TEXT, result TEXT, created TEXT);
 CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT);
@@ -58,6 +61,22 @@ class Person:
     def montage(self) -> Path:
         """The picture of the model."""
         return self.path.with_suffix(".png")
+
+
+@dataclass(frozen=True)
+class Upload:
+    """A picture or a mesh, as `kind` says; it is complete when the file at `path` exists."""
+
+    id: str
+    name: str
+    created: str
+    kind: str
+    path: Path
+
+    @property
+    def preview(self) -> Path:
+        """A small picture of it."""
+        return self.path.with_name(f"{self.id}.preview.png")
 
 
 @dataclass(frozen=True)
@@ -152,6 +171,28 @@ class Store:
         person.montage.unlink(missing_ok=True)
         self._run("DELETE FROM people WHERE id = ?", (id,))
 
+    def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
+        """A place for a picture or a mesh; the caller writes its file."""
+        row = (_new_id(), _clean(name), _now(), kind, suffix.lower())
+        self._run("INSERT INTO uploads VALUES (?, ?, ?, ?, ?)", row)
+        return self._upload(row)
+
+    def uploads(self, kind: str) -> list[Upload]:
+        """The complete uploads of a kind, newest first."""
+        found = self._run("SELECT * FROM uploads WHERE kind = ? ORDER BY rowid DESC", (kind,))
+        return [upload for upload in map(self._upload, found) if upload.path.exists()]
+
+    def upload(self, id: str) -> Upload:
+        """The upload of an id.  StudioError when there is none."""
+        return self._upload(self._one("uploads", id, "file"))
+
+    def remove_upload(self, id: str) -> None:
+        """Forget an upload and delete its file and its preview."""
+        upload = self.upload(id)
+        for path in (upload.path, upload.preview):
+            path.unlink(missing_ok=True)
+        self._run("DELETE FROM uploads WHERE id = ?", (id,))
+
     def add_job(self, kind: str, about: dict[str, Any]) -> JobRow:
         """A job that waits, and its empty folder."""
         row = (_new_id(), kind, json.dumps(about), "waiting", "", 0.0, "", "{}", _now())
@@ -213,6 +254,10 @@ class Store:
         id, name, created, suffix = row
         return Clip(id, name, created, self.folder / "clips" / f"{id}{suffix}")
 
+    def _upload(self, row: tuple[Any, ...]) -> Upload:
+        id, name, created, kind, suffix = row
+        return Upload(id, name, created, kind, self.folder / "uploads" / f"{id}{suffix}")
+
     def _person(self, row: tuple[Any, ...]) -> Person:
         id, name, created, clip = row
         return Person(id, name, created, clip, self.folder / "people" / f"{id}.guise")
@@ -222,7 +267,7 @@ def _open(folder: Path) -> sqlite3.Connection:
     """The base, which no other process can open until it is closed."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)  # faces are nobody else's business
-        for name in ("clips", "people", "jobs"):
+        for name in FOLDERS:
             (folder / name).mkdir(exist_ok=True)
         base = sqlite3.connect(folder / "studio.sqlite", timeout=0.5, check_same_thread=False)
         base.executescript(

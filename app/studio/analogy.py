@@ -1,0 +1,203 @@
+"""The page Analogy: the expression of one photo or clip on another photo, and of one head on another.
+
+What is made are jobs "analogy-photo" and "analogy-head", listed under the form that starts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from app.studio.analogy_jobs import MONTAGE, PICTURE, TARGET, ZIP, head, photo
+from app.studio.analogy_slots import Slot
+from app.studio.analogy_view import HeadView
+from app.studio.questions import agreed
+from app.studio.site import Studio, heading, page, show_job
+from app.studio.store import Clip, JobRow, StudioError
+from app.studio.uploads import CLIP, MESH
+from app.studio.uploads import PICTURE as IMAGE
+
+PATH = "/analogy"
+PHOTO, HEAD = "analogy-photo", "analogy-head"
+PHOTO_METHODS = {"tents": "Vertex tents", "ratio": "Ratio images", "warp": "Geometry only"}
+HEAD_METHODS = {
+    "tents": "Vertex tents",
+    "gradients": "Deformation gradients",
+    "cloning": "Expression cloning",
+}
+MOUTHS = {"fill": "Filled", "none": "As the paper does"}
+PHOTO_INTRO = (
+    "S is to S' as T is to T': the expression that changes S into S' is put on T, with wrinkles and shading."
+)
+HEAD_INTRO = (
+    "The expressions of one head are carried over to another, of any number of vertices. No landmark has to be "
+    "set: faces are found."
+)
+
+
+def register(studio: Studio) -> None:
+    """Add the page and its jobs."""
+    studio.jobs.register(PHOTO, photo)
+    studio.jobs.register(HEAD, head)
+    page(studio, PATH, "Analogy", lambda: _page(studio))
+
+
+def _page(studio: Studio) -> None:
+    with ui.tabs().classes("w-full") as tabs:
+        photos, heads = ui.tab("Photos"), ui.tab("Heads")
+    with ui.tab_panels(tabs, value=photos).classes("w-full bg-transparent"):
+        with ui.tab_panel(photos).classes("p-0"):
+            _Photos(studio).build()
+        with ui.tab_panel(heads).classes("p-0"):
+            _Heads(studio).build()
+
+
+class _Part:
+    """A form, and what was made with it.   kind : of its jobs."""
+
+    kind = ""
+
+    def __init__(self, studio: Studio) -> None:
+        self.studio = studio
+
+    def _start(self, about: Callable[[], dict[str, Any]]) -> None:
+        self.studio.jobs.start(self.kind, about())
+        self._made.refresh()
+
+    @ui.refreshable_method
+    def _made(self) -> None:
+        """Newest first; not what was cancelled."""
+        jobs = [job for job in self.studio.store.jobs() if job.kind == self.kind and job.state != "cancelled"]
+        if jobs:
+            heading("Made")
+        for job in jobs:
+            with ui.card().classes("w-full"):
+                self._job(job)
+
+    def _job(self, job: JobRow) -> None:
+        with ui.row().classes("w-full items-center"):
+            ui.label(job.about["title"]).classes("text-bold grow break-all").props(
+                "role=heading aria-level=3"
+            )
+            if job.ended:
+                button = ui.button("Delete", color=None, on_click=partial(self._delete, job)).props("flat")
+                button.props["aria-label"] = f"Delete {job.about['title']}"
+        if not job.ended:
+            show_job(self.studio, job.id, lambda _: self._made.refresh())
+        elif job.state == "failed":
+            ui.label(job.sentence).props('role="status"')
+        else:
+            self._result(job, self.studio.store.folder_of(job.id))
+            for note in (job.result["sentence"], *job.result["notes"]):
+                ui.label(note).classes("opacity-70")
+
+    def _result(self, job: JobRow, folder: Path) -> None:
+        raise NotImplementedError
+
+    def _link(self, words: str, path: Path, name: str) -> None:
+        ui.link(words, self.studio.url(path)).props["download"] = name + path.suffix
+
+    async def _delete(self, job: JobRow) -> None:
+        if await agreed(
+            "What was made will be deleted. The files that were uploaded stay.", "Delete", "Keep"
+        ):
+            self.studio.store.remove_job(job.id)
+            self._made.refresh()
+
+
+class _Photos(_Part):
+    kind = PHOTO
+
+    def build(self) -> None:
+        """The form, and what was made."""
+        ui.label(PHOTO_INTRO).classes("mb-2")
+        with ui.card().classes("w-full"):
+            with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
+                self._s = Slot(self.studio, "S: a person at rest", (IMAGE,))
+                self._s1 = Slot(self.studio, "S': the same with an expression, or a clip", (IMAGE, CLIP))
+                self._t = Slot(self.studio, "T: another person at rest", (IMAGE,))
+            ui.label("With a clip, S may be left out: the frame nearest to a face at rest is taken.").classes(
+                "opacity-70"
+            )
+            self._method = one_of("Method", PHOTO_METHODS)
+            self._mouth = one_of("Open mouth", MOUTHS)
+            with ui.row().classes("items-center w-full no-wrap pr-4"):
+                ui.label("Strength").classes("w-24")
+                self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
+                self._strength.props('label aria-label="Strength"')
+            ui.button("Make the picture", on_click=lambda: self._start(self._about))
+        self._made()
+
+    def _about(self) -> dict[str, Any]:
+        s, s1, t = self._s.chosen, self._s1.chosen, self._t.chosen
+        if not s1 or not t:
+            raise StudioError("choose S' and T first")
+        moves = isinstance(s1[0], Clip)
+        if not s and not moves:
+            raise StudioError("choose S first: only with a clip can it be left out")
+        files = {str(row.path): row.name for row in (*s, *s1, *t)}
+        return {
+            "files": files, "s": str(s[0].path) if s else None, "s1": str(s1[0].path), "t": str(t[0].path),
+            "moves": moves, "title": f"{t[0].name}, as {s1[0].name}",
+            "method": self._method.value, "mouth": self._mouth.value, "strength": self._strength.value,
+        }  # fmt: skip
+
+    def _result(self, job: JobRow, folder: Path) -> None:
+        made, title = folder / job.result["output"], job.about["title"]
+        if made.name == PICTURE:
+            ui.image(self.studio.url(folder / MONTAGE)).props(f'alt="S, S\', T and the result of {title}"')
+            with ui.row():
+                self._link("Download picture", made, title)
+                self._link("Download all four", folder / MONTAGE, f"{title}, all")
+        else:
+            video = ui.video(self.studio.url(made)).classes("w-full").style("max-height: 70vh")
+            video.props["aria-label"] = f"The video {title}"
+            self._link("Download video", made, title)
+
+
+class _Heads(_Part):
+    kind = HEAD
+
+    def build(self) -> None:
+        """The form, and what was made."""
+        ui.label(HEAD_INTRO).classes("mb-2")
+        with ui.card().classes("w-full"):
+            with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
+                self._source = Slot(self.studio, "Source: a head at rest, or a rig", (MESH,))
+                self._expressions = Slot(
+                    self.studio, "Its expressions, unless it is a rig", (MESH,), several=True
+                )
+                self._target = Slot(self.studio, "Target: another head at rest", (MESH,))
+            self._method = one_of("Method", HEAD_METHODS)
+            self._keep_rigid = ui.switch("Leave eyes and teeth where they are")
+            ui.button("Carry over", on_click=lambda: self._start(self._about))
+        self._made()
+
+    def _about(self) -> dict[str, Any]:
+        source, expressions, target = self._source.chosen, self._expressions.chosen, self._target.chosen
+        if not source or not target:
+            raise StudioError("choose a source and a target first")
+        files = {str(row.path): row.name for row in (*source, *expressions, *target)}
+        return {
+            "files": files, "source": str(source[0].path), "expressions": [str(row.path) for row in expressions],
+            "target": str(target[0].path), "title": f"{target[0].name}, as {source[0].name}",
+            "method": self._method.value, "keep_rigid": self._keep_rigid.value,
+        }  # fmt: skip
+
+    def _result(self, job: JobRow, folder: Path) -> None:
+        HeadView(self.studio, job, folder).build()
+        with ui.row():
+            self._link("Download rig (GLB)", folder / TARGET, job.about["title"])
+            self._link("Download a mesh for each expression (ZIP)", folder / ZIP, job.about["title"])
+
+
+def one_of(words: str, values: dict[str, str]) -> ui.toggle:
+    """A row of buttons, the first of which is chosen."""
+    with ui.row().classes("items-center"):
+        ui.label(words).classes("w-24")
+        toggle = ui.toggle(values, value=next(iter(values)))
+    return toggle.props(f'no-caps role="group" aria-label="{words}"')

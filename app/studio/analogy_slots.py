@@ -1,0 +1,79 @@
+"""A place for a file on the page Analogy: one that is here already is chosen, or one is uploaded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from nicegui import ui
+
+from app.studio.questions import agreed
+from app.studio.site import Studio
+from app.studio.store import Clip, Upload
+from app.studio.uploads import CLIP, Kind, forget, uploader
+
+
+class Slot:
+    """A choice among the files of some kinds, with previews and an upload.   several : more than one may be chosen."""
+
+    def __init__(self, studio: Studio, label: str, kinds: Sequence[Kind], *, several: bool = False) -> None:
+        self._studio, self._kinds, self._several = studio, kinds, several
+        with ui.column().classes("w-full min-w-0"):
+            self._select = ui.select(
+                {}, label=label, multiple=several, on_change=lambda: self._previews.refresh()
+            )
+            self._select.props(
+                "clearable outlined dense use-chips" if several else "clearable outlined dense"
+            )
+            self._select.classes("w-full").on("popup-show", self._offer)
+            with ui.row().classes("items-center"):
+                field = uploader(studio, "Upload", self._uploaded, kinds, several=several)
+                field.props["aria-label"] = f"Upload for {label}"
+                remove = ui.button(icon="delete", color=None, on_click=self._remove).props("flat round")
+                remove.props["aria-label"] = f"Delete what is chosen for {label}"
+                remove.bind_visibility_from(self._select, "value", bool)
+            self._offer()
+            self._previews()
+
+    @property
+    def chosen(self) -> list[Clip | Upload]:
+        """What is chosen and still there."""
+        rows = self._rows()
+        ids = self._select.value if self._several else [self._select.value]
+        return [rows[id] for id in ids or [] if id in rows]
+
+    def _rows(self) -> dict[str, Clip | Upload]:
+        store = self._studio.store
+        found: list[Clip | Upload] = []
+        for kind in self._kinds:
+            found += store.clips() if kind is CLIP else store.uploads(kind.name)
+        return {row.id: row for row in found}
+
+    def _offer(self) -> None:
+        """Whatever is there by now, uploaded here or elsewhere."""
+        value = self._select.value
+        self._select.set_options({id: row.name for id, row in self._rows().items()}, value=value)
+
+    def _uploaded(self, row: Clip | Upload) -> None:
+        value = [*(self._select.value or []), row.id] if self._several else row.id
+        self._select.set_options({id: row.name for id, row in self._rows().items()}, value=value)
+
+    @ui.refreshable_method
+    def _previews(self) -> None:
+        with ui.row().classes("w-full gap-2"):
+            for row in self.chosen:
+                if isinstance(row, Clip):
+                    video = ui.video(self._studio.url(row.path)).classes("h-32")
+                    video.props["aria-label"] = f"The clip {row.name}"
+                else:
+                    small = "h-20 w-20" if self._several else "h-40 w-full"
+                    picture = ui.image(self._studio.url(row.preview)).props("fit=contain no-transition")
+                    picture.classes(small).props["alt"] = row.name
+
+    async def _remove(self) -> None:
+        rows = self.chosen
+        names = ", ".join(row.name for row in rows)
+        if await agreed(f"Delete {names}? This cannot be undone.", "Delete", "Keep"):
+            self._select.value = [] if self._several else None
+            for row in rows:
+                forget(self._studio, row)
+            self._offer()

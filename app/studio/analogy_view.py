@@ -1,0 +1,84 @@
+"""Two heads side by side that can be turned, the source and what was made, with one of their expressions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+
+from app.studio.analogy_jobs import SOURCE, TARGET
+from app.studio.site import Studio
+from app.studio.store import JobRow
+
+APART = 0.62  # of the middle of the scene, in heights of a head
+UPRIGHT = np.array(
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]], float
+)  # from right, up, forward to the scene's axes: z is up
+PAPER = "#1b1d20"
+SHOW = """
+const show = (tries) => {
+  const heads = getElement(%d)?.objects, ids = %s;
+  heads?.get("scene").mesh.traverse((light) => {  // as in a studio: shapes are seen by their shadows
+    if (light.isAmbientLight) light.intensity = 0.6;
+    if (light.isDirectionalLight) { light.intensity = 2.2; light.position.set(-4, -6, 5); }
+  });
+  const there = ids.map((id) => heads?.get(id)?.mesh).filter(Boolean);
+  there.forEach((head) => head.traverse((part) => {
+    part.morphTargetInfluences?.fill(0);
+    if (part.morphTargetInfluences && %d >= 0) part.morphTargetInfluences[%d] = %f;
+  }));
+  if (there.length < ids.length && tries) setTimeout(() => show(tries - 1), 100);
+};
+show(100);
+"""
+
+
+class HeadView:
+    """A result on the page.   job : it.   folder : where its files are."""
+
+    def __init__(self, studio: Studio, job: JobRow, folder: Path) -> None:
+        self._studio, self._job, self._folder = studio, job, folder
+        self._heads: list[str] = []
+
+    def build(self) -> None:
+        """The scene, and what is shown in it."""
+        names = self._job.result["names"]
+        with ui.element("div").classes("w-full rounded overflow-hidden"):
+            self._scene = ui.scene(
+                grid=False, background_color=PAPER, camera=ui.scene.perspective_camera(fov=30)
+            )
+        self._scene.classes("w-full h-96").props('role="img"')
+        self._scene.props["aria-label"] = (
+            f"Source and target of {self._job.about['title']}; drag to turn them"
+        )
+        self._scene.move_camera(0, -2.6, 0, 0, 0, 0, duration=0)
+        self._scene.on("init", self._show)
+        places = zip((SOURCE, TARGET), self._job.result["stands"], (-APART, APART), strict=True)
+        with self._scene:
+            for file, stand, x in places:
+                self._heads.append(self._head(self._studio.url(self._folder / file), stand, x))
+        with ui.row().classes("w-full items-center no-wrap"):
+            options: dict[int, str] = {-1: "at rest"} | dict(enumerate(names))
+            self._shape = ui.select(options, value=0, label="Expression", on_change=self._show).classes(
+                "w-48"
+            )
+            self._amount = ui.slider(min=0, max=1.5, step=0.05, value=1.0, on_change=self._show)
+            self._amount.props('label aria-label="Amount"')
+        ui.label().bind_text_from(self._shape, "value", self._told).classes("opacity-70")
+
+    def _head(self, url: str, stand: dict[str, Any], x: float) -> str:
+        """The id of a head that stands upright, as high as the unit."""
+        turned, scale = UPRIGHT @ np.array(stand["turned"]), 1 / stand["height"]
+        middle = scale * UPRIGHT @ np.array(stand["centre"])
+        made = self._scene.gltf(url).scale(scale).rotate_R(turned.tolist())
+        made.move(x - middle[0], -middle[1], -middle[2])
+        return made.id
+
+    def _show(self) -> None:
+        shape, amount = int(self._shape.value), float(self._amount.value)
+        ui.run_javascript(SHOW % (self._scene.id, self._heads, shape, shape, amount))
+
+    def _told(self, shape: int) -> str:
+        return "" if shape < 0 else f"{self._job.result['names'][shape]}: {self._job.result['told'][shape]}."
