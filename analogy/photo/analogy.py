@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aam.landmarks.schemes import INNER_LIPS
-from analogy.photo.change import carried
+from analogy.photo.change import carried, steadied
 from analogy.photo.flow import followed, left
 from analogy.photo.grids import Grid, Seen, drawn, face, own, wide
 from analogy.photo.heights import DARK, asked, heights
@@ -162,7 +162,7 @@ class PhotoAnalogy:
         target = heights(self._grid.coarse(warped) @ LUMINANCE)
         mouth = seen.between & (self.mouth == "fill")
         taken = carried(before, after, target, mouth, self._width)
-        taken = (taken - np.median(taken[seen.face])) * share
+        taken = steadied(taken, seen.face) * share
         return integrated(*asked(before, before + taken, target), seen.face)
 
     def _lit(self, picture: F32, change: F32) -> F32:

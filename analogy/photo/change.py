@@ -14,6 +14,9 @@ SAME = 1e-4
 COARSE = 0.02  # of the face's width: sigma of what is taken where S and T differ
 NOISE = 1.5  # of the median power of detail
 LIPS_TRUST = 3
+STEP = 6  # pixels between those by which light is judged
+ROUNDS = 6  # of reweighting
+LEAST = 0.005  # heights within which all is alike
 LIPS = 0.012  # of the face's width, by which the mouth's inside is widened
 
 
@@ -36,8 +39,26 @@ def carried(before: F32, after: F32, target: F32, mouth: NDArray[np.bool_], widt
     return np.asarray(coarse + kept * _signal(detail, same, NEAR * width) * detail, np.float32)
 
 
+def steadied(change: F32, face: NDArray[np.bool_]) -> F32:
+    """A change of heights (h, w) less the plane that most of the face shows: S and S' were lit a little differently.
+
+    Least distances, by reweighted least squares.
+    """
+    y, x = np.nonzero(face[::STEP, ::STEP])
+    if len(x) < 3:
+        return change
+    terms = np.column_stack([np.ones(len(x)), x * STEP, y * STEP])
+    values, weights = change[y * STEP, x * STEP].astype(np.float64), np.ones(len(x))
+    for _ in range(ROUNDS):
+        plane = np.linalg.lstsq(terms * weights[:, None], values * weights, rcond=None)[0]
+        weights = 1 / np.sqrt(np.maximum(np.abs(values - terms @ plane), LEAST))
+    height, width = change.shape
+    light = plane[0] + plane[1] * np.arange(width) + (plane[2] * np.arange(height))[:, None]
+    return np.asarray(change - light, np.float32)
+
+
 def _agreement(source: F32, target: F32, sigma: float) -> tuple[F32, F32]:
-    """Two fields 0 to 1: how alike heights are around each pixel, whatever their levels (flat ones are); if the same."""
+    """Two fields 0 to 1: how alike heights are around each pixel, whatever their levels; whether they are the same."""
     one, two = source - _blurred(source, sigma), target - _blurred(target, sigma)
     both = 2 * _blurred(one * two, sigma)
     power = _blurred(one * one + two * two, sigma)

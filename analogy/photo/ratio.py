@@ -14,6 +14,7 @@ from analogy.photo.pictures import F32
 
 WIDEST = 0.02  # of the face's width: the Gaussian's sigma where nothing correlates
 LEVELS = 4  # Gaussians between which is chosen
+RIM = 0.03  # of the face's width, over which it fades
 NEAR = 2  # pixels to each side in a neighbourhood
 DARK = np.float32(0.02)  # luminance added to both, so that black divides
 MOST = 4.0  # by which a pixel becomes brighter or darker
@@ -47,4 +48,4 @@ def correlation(one: F32, other: F32) -> F32:
 def faded(region: NDArray[np.bool_], width: float) -> F32:
     """(h, w) 1 inside a region, falling to 0 at its rim, for a face of a width in pixels."""
     away = cv2.distanceTransform(region.astype(np.uint8), cv2.DIST_L2, 3)
-    return np.asarray(np.clip(away / (3 * WIDEST * width), 0, 1), np.float32)
+    return np.asarray(np.clip(away / (RIM * width), 0, 1), np.float32)

@@ -1,0 +1,1 @@
+"""Benchmarks of expression analogy between photographs."""
