@@ -43,6 +43,7 @@ DEEP = 0.01  # the same: what lies deeper under the outermost layer is hidden
 FAR, BORDER_FAR = 0.15, 0.03  # the same: from which a hidden vertex has no counterpart, and none on a border
 MOVED_ALONG = 8  # outer vertices that a hidden one moves along with
 AXIS = 0.3  # the same: points of the map are so far from the axis
+ALIKE = 0.5  # cosine of the angle between the normals of places that correspond, at least
 OUTSIDE = 0.05  # barycentric weights may be so negative, which a gap between pixels explains
 
 
@@ -287,7 +288,10 @@ def cylindrical(source: Mesh, target: Mesh, source_points: F64, target_points: F
     chosen, weights, found = image.find(warp(own.places))
     found &= skin & (own.depth <= DEEP * cylinder.radius)
     surface = Surface(source.vertices, faces, TURN * cylinder.radius)
-    done = _with_hidden(surface, moved, faces[chosen], weights, found, cylinder.radius)
+    normals = vertex_normals(moved.vertices, moved.faces)
+    there = np.einsum("nk,nkd->nd", weights, surface.vertex_normals[faces[chosen]])
+    found &= (unit(there) * normals).sum(1) > ALIKE  # upper lips are not matched with lower ones
+    done = _with_hidden(surface, moved.vertices, normals, faces[chosen], weights, found, cylinder.radius)
     return Correspondence(done.corners, done.weights, done.found & skin)
 
 
@@ -299,19 +303,19 @@ def _usable(cylinder: Cylinder, source: F64, target: F64) -> tuple[F64, F64]:
 
 
 def _with_hidden(
-    surface: Surface, target: Mesh, corners: Int, weights: F64, outer: Bool, radius: float
+    surface: Surface, vertices: F64, normals: F64, corners: Int, weights: F64, outer: Bool, radius: float
 ) -> Correspondence:
     """What was not seen on the cylinder, moved along with what was, takes the nearest place that faces its way."""
     at = np.flatnonzero(~outer)
     if not len(at):
         return Correspondence(corners, weights, outer)
-    points = target.vertices[at]
+    points = vertices[at]
     if outer.any():
-        seen = np.einsum("nk,nkd->nd", weights[outer], surface.vertices[corners[outer]])
-        tree = cKDTree(target.vertices[outer])
-        near = tree.query(points, k=min(MOVED_ALONG, len(seen)))[1].reshape(len(at), -1)
-        points = points + (seen - target.vertices[outer])[near].mean(1)
-    places = surface.closest(points, vertex_normals(target.vertices, target.faces)[at])
+        moves = np.einsum("nk,nkd->nd", weights[outer], surface.vertices[corners[outer]]) - vertices[outer]
+        facing = np.concatenate([vertices, surface.turn * normals], axis=1)
+        near = cKDTree(facing[outer]).query(facing[at], k=min(MOVED_ALONG, len(moves)))[1]
+        points = points + moves[near.reshape(len(at), -1)].mean(1)
+    places = surface.closest(points, normals[at])
     corners[at], weights[at] = surface.faces[places.faces], places.weights
     on_border = (surface.border[corners[at]] | (places.weights < 1e-9)).all(1)
     limit = radius * np.where(on_border, BORDER_FAR, FAR)

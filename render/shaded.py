@@ -52,7 +52,7 @@ _DIRECTIONS = (
     + [(yaw, 50) for yaw in range(0, 360, 90)]
     + [(yaw, -50) for yaw in range(45, 360, 90)]
 )
-_GLANCE, _OPEN, _DARK = 256, 0.2, 0.06
+_GLANCE, _OPEN, _DARK = 256, 0.2, 0.1
 
 
 @dataclass(frozen=True, eq=False)
