@@ -127,6 +127,35 @@ def test_a_lining_takes_the_lining() -> None:
     assert apart.max() < 0.05
 
 
+def lips(rows: int, columns: int) -> tuple[Mesh, np.ndarray]:
+    """A head cut through at the mouth, where both sides are rolled inwards; and which vertices are the upper part's."""
+    parts = []
+    for low, high, edge in ((-0.9, -0.3, -1), (-0.3, 0.95, 0)):
+        places, faces = grid(rows, columns, low, high)
+        rim, _ = grid(2, columns, 0, 1)
+        inner = surface(rim[:columns, 0], np.full(columns, -0.3), 0.9)
+        inner[:, 1] = -0.3 * HIGH + (0.01 if edge == 0 else -0.01)
+        outer = np.arange(len(places)).reshape(rows, columns)[edge]
+        own = len(places) + np.arange(columns)
+        roll = np.stack([np.roll(outer, -1), outer, own, np.roll(own, -1)], axis=1)
+        roll = roll if edge == -1 else roll[:, ::-1]
+        roll = np.concatenate([roll[:, [0, 1, 2]], roll[:, [0, 2, 3]]])
+        parts.append((np.concatenate([surface(*places.T), inner]), np.concatenate([faces, roll])))
+    (below, one), (above, other) = parts
+    mesh = Mesh(np.concatenate([below, above]), np.concatenate([one, other + len(below)]), NO_QUADS)
+    return mesh, np.arange(len(mesh.vertices)) >= len(below)
+
+
+def test_upper_lips_are_not_matched_with_lower_ones() -> None:
+    source, above = lips(20, 60)
+    target, upper = lips(17, 53)
+    found = cylindrical(source, target, points(), points())
+    from_above = found.carry(above.astype(float))
+    rim = np.abs(target.vertices[:, 1] + 0.3 * HIGH) < 0.02
+    assert rim.sum() == 4 * 53
+    assert np.abs(from_above - upper)[rim].mean() < 0.05
+
+
 def test_what_the_source_has_not_is_not_found() -> None:
     source, _ = head(45, 70, low=-0.7)
     target, places = head(38, 53, low=-0.9)
