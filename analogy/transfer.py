@@ -1,9 +1,9 @@
 """Expressions of one head carried to another of any topology, scale and pose.
 
 The source is brought to the target's topology by a dense correspondence and into its frame by the similarity of the
-two neutral heads; vertices for which the source has nothing continue their surroundings.  A rigid motion of the whole
-expression is taken off before and put on again after, so that a nod is a nod and nothing more.  Any units; the results
-are in the target's.
+two neutral heads; vertices for which the source has nothing, or a place out of order with those around it, continue
+their surroundings.  A rigid motion of the whole expression is taken off before and put on again after, so that a nod
+is a nod and nothing more.  Any units; the results are in the target's.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from analogy.mesh import Mesh, MeshError
 from analogy.parts import Parts, areas, restricted
 from analogy.register import register, skin_of
 from analogy.rigid import fit_most
-from analogy.tents import TentTransfer
+from analogy.tents import Tents, TentTransfer
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -32,6 +32,7 @@ Core = Callable[[F64], F64]
 
 REACH = 0.15  # of the head's radius: the length over which tents rule
 FADE = 0.3  # of the head's radius: how far an expression goes on where the source has nothing
+STRETCHED, SQUEEZED = 3.0, 0.2  # of a ring on the source, from which its places are not believed
 SAMPLE = 1000  # vertices that say how the head as a whole moves
 
 
@@ -75,10 +76,12 @@ class Transfer:
         self._carry = correspondence.matrix(len(source.vertices))[np.flatnonzero(on_skin)]
         size = areas(skin) * found
         self.pose = _aligned(self._carry @ source.vertices, skin.vertices, size)
+        apart = self.pose.apply(self._carry @ source.vertices) - skin.vertices
         radius = _radius(skin.vertices, size)
+        continued = Filling(skin.vertices, skin.rings, found, FADE * radius)(apart)
+        found &= _in_order(skin.vertices + continued, skin)
         self._fill = Filling(skin.vertices, skin.rings, found, FADE * radius)
-        apart = self._fill(self.pose.apply(self._carry @ source.vertices) - skin.vertices)
-        self._neutral = skin.vertices + apart
+        self._neutral = skin.vertices + self._fill(apart)
         self._core = _core(method, self._neutral, skin, REACH * radius)
         self._parts = Parts(target, on_skin, keep_rigid)
         self._sample = _sampled(np.flatnonzero(skin_of(source)))
@@ -167,6 +170,14 @@ def _aligned(source: F64, target: F64, weights: F64) -> Similarity:
     if isinstance(pose, Failed):
         raise MeshError(f"the source cannot be aligned with the target: {pose.reason}")
     return pose
+
+
+def _in_order(carried: F64, target: Mesh) -> Bools:
+    """Of each vertex, whether its ring keeps about its form on the source: a place on the other lip tears it."""
+    change = Tents(target.vertices, target.rings).transformations(carried)
+    stretch = np.linalg.svd(change, compute_uv=False)
+    flipped = np.linalg.det(change) <= 0
+    return np.asarray((stretch[:, 0] < STRETCHED) & (stretch[:, 2] > SQUEEZED) & ~flipped)
 
 
 def _radius(vertices: F64, weights: F64) -> float:

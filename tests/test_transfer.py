@@ -184,6 +184,20 @@ def test_what_lies_beyond_the_source_comes_to_rest() -> None:
     assert way[0] < 0.3 * way.max()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_few_places_out_of_order_do_not_tear_the_mesh(method: Method) -> None:
+    """Three vertices of the lower half are matched with the upper half, which does not move."""
+    corners = LINK.corners.copy()
+    wrong = [60, 61, 62]
+    corners[wrong] = LINK.corners[-60:-57]
+    whole = Transfer(SOURCE, TARGET, LINK, method)(smiling(SOURCE.vertices))
+    torn = Correspondence(corners, LINK.weights, np.ones(len(corners), bool))
+    made = Transfer(SOURCE, TARGET, torn, method)(smiling(SOURCE.vertices))
+    way = np.linalg.norm(whole - TARGET.vertices, axis=1)
+    assert way[wrong].min() > 0.3 * way.max()
+    assert np.linalg.norm(made - whole, axis=1).max() < 0.2 * way.max()
+
+
 def test_places_that_all_fall_together_give_numbers() -> None:
     corners = np.where(places(*FINE)[:, :1] > 0, LINK.corners[:1], LINK.corners)
     together = Correspondence(corners, LINK.weights, np.ones(len(corners), bool))
