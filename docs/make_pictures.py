@@ -1,4 +1,4 @@
-"""Make the pictures of the README from the sample clips: docs/images/*.jpg.
+"""Make the pictures of the pages from the sample clips and heads: docs/images/*.jpg.
 
 python docs/make_pictures.py
 """
@@ -13,21 +13,40 @@ import cv2
 import numpy as np
 
 from aam.model import Identity
+from analogy.mesh_io import read_mesh, read_rig
 from app.deidentify.engines import open_engine
 from app.deidentify.job import deidentify_file
 from app.deidentify.options import Options
 from app.demo import FACE, HEAD, run_demo
 from app.media import open_source
+from app.media.images import read_deep
+from app.meshes.pair import How, open_carrier
+from app.meshes.points import landmarks_file
+from app.meshes.previewing import preview_files
+from app.meshes.registering import register_files
+from app.meshes.transferring import draw
+from app.meshes.work import Work
 from app.montage import montage
+from app.photos.image import analogy_image
 from app.pictures import Picture, labelled, save_picture, sheet
 from app.puppet import puppet_file
-from app.run import Settings
+from app.run import Settings, silent
 
 ROOT = Path(__file__).parents[1]
 SAMPLES, IMAGES = ROOT / "sample_videos", ROOT / "docs" / "images"
 FRAMES = (51, 77, 153)  # of the clip talk2: different mouths and head turns
 NOBODY = "p07"  # of the gallery
 WIDTH = 280  # pixels, of a frame
+HEADS = SAMPLES / "heads"
+SHOWN = ("anger", "open", "pucker", "smile", "surprise")  # morph targets of p01
+MESH_WIDTH = 1400  # pixels, of the widest picture of heads
+# Person and frame of talk2: at rest and with an expression, and another person at rest.
+ANALOGIES = (
+    (("p01", 126), ("p01", 116), ("p06", 132)),
+    (("p06", 173), ("p06", 62), ("p01", 0)),
+    (("p02", 0), ("p02", 158), ("p01", 126)),
+)
+HEAD_AND_SHOULDERS = np.s_[20:420, 140:500]  # of a frame
 
 
 def frames(video: Path) -> list[Picture]:
@@ -45,6 +64,45 @@ def size(picture: Picture) -> tuple[int, int]:
 def captioned(pictures: Sequence[Picture], text: str) -> list[Picture]:
     """The pictures with one caption under each."""
     return [labelled(picture, text) for picture in pictures]
+
+
+def analogies(folder: Path) -> list[list[Picture]]:
+    """Rows of S, S', T and T', small."""
+    rows = []
+    for number, faces in enumerate(ANALOGIES):
+        files = [folder / f"{number}{role}.png" for role in ("s", "s1", "t", "t1")]
+        for file, (person, index) in zip(files, faces, strict=False):
+            with open_source(SAMPLES / person / "talk2.mp4") as source:
+                picture = next(frame.rgb() for frame in source if frame.index == index)
+            save_picture(file, picture[HEAD_AND_SHOULDERS])
+        analogy_image(*files)
+        row = [read_deep(file).rgb8() for file in files]
+        rows.append([np.asarray(cv2.resize(p, size(p), interpolation=cv2.INTER_AREA), np.uint8) for p in row])
+    names = ["S, at rest", "S', with an expression", "T, at rest", "guise analogy image: T'"]
+    return [[labelled(p, name) for p, name in zip(row, names, strict=True)] for row in rows]
+
+
+def heads(folder: Path) -> None:
+    """The pictures of guise analogy mesh."""
+    source, target = HEADS / "p01.obj", HEADS / "p02.obj"
+    rig, head = read_rig(HEADS / "p01.glb"), read_mesh(target)
+    work = _work(folder / "mesh.png")
+    carrier = open_carrier(rig.file, head, How(), work)
+    faces = [rig.shapes[rig.names.index(name)] for name in SHOWN]
+    draw(carrier, faces, [carrier.transfer(face) for face in faces], SHOWN, work)
+    register_files(source, target, folder / "fitted.obj", None, _work(folder / "mesh-chessboard.png"))
+    landmarks_file(source, folder / "points.json", None, _work(folder / "mesh-landmarks.png"))
+    preview_files(source, HEADS / "p01_smile.obj", folder / "mesh-preview.png", _work(None))
+    for path in sorted(folder.glob("mesh*.png")):
+        picture = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+        width = min(MESH_WIDTH, picture.shape[1])
+        small = width, round(picture.shape[0] * width / picture.shape[1])
+        shrunk = np.asarray(cv2.resize(picture, small, interpolation=cv2.INTER_AREA), np.uint8)
+        save_picture(IMAGES / f"{path.stem}.jpg", shrunk)
+
+
+def _work(picture: Path | None) -> Work:
+    return Work(True, silent, print, picture)
 
 
 def main() -> None:
@@ -68,6 +126,8 @@ def main() -> None:
         ]
         save_picture(IMAGES / "swap.jpg", sheet(rows))
         save_picture(IMAGES / "model.jpg", montage(face, modes=4))
+        heads(out)
+        save_picture(IMAGES / "photo-analogy.jpg", sheet(analogies(out)))
     for picture in sorted(IMAGES.glob("*.jpg")):
         print(picture.relative_to(ROOT), picture.stat().st_size, "bytes")
 
