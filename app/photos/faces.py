@@ -114,7 +114,7 @@ def warnings(source: Photo, expressive: Photo, target: Photo) -> list[str]:
             f"{100 * apart:.1f} % of the distance of the eyes): the result shows the difference of two faces"
         )
     for one, other in ((source, expressive), (source, target)):
-        turn = float(np.hypot(*(np.array(turned(one.points)) - turned(other.points))))
+        turn = turn_between(one.points, other.points)
         if turn > TURN_APART:
             out.append(
                 f"the heads in {one.path.name} and {other.path.name} are turned {turn:.0f} degrees apart: better "
@@ -134,6 +134,11 @@ def turned(points: F64) -> tuple[float, float]:
     """Degrees by which the head of landmarks (81, 2) is turned to the image right, and down."""
     frame, remover = pose_remover()
     return remover.angles(frame.align(points) - frame.points)
+
+
+def turn_between(one: F64, other: F64) -> float:
+    """Degrees between the heads of landmarks (81, 2)."""
+    return float(np.hypot(*(np.array(turned(one)) - turned(other))))
 
 
 def shapes_apart(one: F64, other: F64) -> float:

@@ -16,7 +16,7 @@ from analogy.photo import Method, Mouth, PhotoAnalogy
 from app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
 from app.meshes.outputs import require_outputs
 from app.outputs import OutputError, synthetic_tags, write_whole
-from app.photos.faces import Photo, in_colours_of, lost_by, open_photo, warnings
+from app.photos.faces import Photo, in_colours_of, lost_by, open_photo, turn_between, warnings
 from app.photos.facing import Facing
 from app.pictures import Picture, labelled, sheet
 from app.run import Say, mute
@@ -44,6 +44,7 @@ class How:
 
 
 USUAL = How()
+SLIGHT = 4.0  # degrees between the heads in S and S' that are left in the motion
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def analogy_image(
         s.image.pixels, s.points, t.image.pixels, t.points, method=how.method, mouth=how.mouth
     )
     ready = time.perf_counter()
-    facing = Facing(s.points)(s1.points)
+    facing = Facing(s.points)(s1.points) if turn_between(s.points, s1.points) > SLIGHT else None
     made = replace(t.image, pixels=analogy(s1.image.pixels, s1.points, how.strength, facing))
     done = time.perf_counter()
     save(output, made)
