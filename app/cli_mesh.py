@@ -148,7 +148,8 @@ def sequence(
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="The folder for one file per frame, in TARGET's format."
+            "--output", "-o", metavar="DIR|OUT.glb",
+            help="A folder for one file per frame, in TARGET's format, or one animated file.",
         ),
     ],
     method: Method = MethodName.tents,
@@ -157,7 +158,9 @@ def sequence(
     keep_rigid: KeepRigid = False,
     fps: Annotated[
         float | None,
-        typer.Option(min=1, max=1000, help="Frames a second of a .glb; default: one for each of its keys."),
+        typer.Option(
+            min=1, max=1000, help="Frames a second of a .glb; default: one for each key of FRAMES, 30 in OUT.glb."
+        ),
     ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where an earlier run stopped; its frames are left as they are.")

@@ -11,7 +11,7 @@ from made_up import SAMPLES
 
 from analogy.feature_points import NAMES
 from analogy.gltf_container import VERTICES, Container
-from analogy.mesh_io import read_mesh, read_rig
+from analogy.mesh_io import read_frames, read_mesh, read_rig
 from app.cli import main
 
 HEADS = SAMPLES / "heads"
@@ -291,6 +291,23 @@ def test_an_animated_rig_is_a_sequence(here: Path, capsys: pytest.CaptureFixture
     assert len(list((here / "fast").iterdir())) == 9
 
 
+def test_a_sequence_becomes_a_film_whose_frames_are_those_of_the_files(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = frames(here / "in", 6)
+    call = ("sequence", P01, source, "--target", P02, "-q", "--correspondence", "cylinder", "-o")
+    assert run(capsys, *call, "files") == (0, "", "")
+    assert run(capsys, *call, "film.glb", "--fps", "12") == (0, "", "")
+    rest = read_mesh(here / "film.glb")
+    shown = list(read_frames(here / "film.glb", rest))
+    assert len(shown) == 6
+    size = np.ptp(rest.mesh.vertices, axis=0).max()
+    for name, (_, vertices_there) in zip(("f0", "f1", "f2", "f3", "f4", "f10"), shown, strict=True):
+        made = read_mesh(Path(P02)).expression(here / "files" / f"{name}.obj")
+        assert np.linalg.norm(vertices_there - made, axis=1).max() < 2e-4 * size
+    assert len(list(read_frames(here / "film.glb", rest, 24))) == 11  # 5 / 12 s
+
+
 def test_register_writes_the_fitted_template_and_where_each_vertex_is_on_it(
     here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -446,6 +463,9 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     ),
     "no frames a second": (
         lambda at: ("sequence", P01, frames(at / "in"), "--target", P01, "--fps", "0", "-o", "out"), "--fps",
+    ),
+    "a film that goes on": (
+        lambda at: ("sequence", P01, frames(at / "in"), "--target", P01, "-o", "x.glb", "--resume"), "--resume is for",
     ),
     "no face on the target": (
         lambda at: ("transfer", P01, SMILE, "--target", changed(P02, at / "box.obj", boxes), "-o", "out"),

@@ -1,0 +1,82 @@
+"""Frames of a head as one GLB: morph targets from which they are all mixed, and an animation of their weights.
+
+The morph targets are the principal components of the frames' displacements, as many as it takes for every vertex of
+every frame to be where it was, but for a ten-thousandth of the head.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analogy.gltf_container import Container
+from analogy.mesh_io import MeshFile, write_rig
+from app.outputs import write_whole
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+EXACT = 1e-4  # of the head's size
+FLOAT = 5126  # of glTF: float32
+
+
+def write_film(path: Path, target: MeshFile, frames: Sequence[F32], rate: float) -> int:
+    """Write frames (N, 3) of a target as an animated GLB, `rate` of them a second; how many morph targets it has."""
+    neutral = target.mesh.vertices
+    ways = np.stack(frames).reshape(len(frames), -1) - neutral.ravel().astype(np.float32)
+    modes, weights = components(ways, EXACT * float(np.ptp(neutral, axis=0).max()))
+    shapes = neutral + modes.reshape(len(modes), -1, 3)
+    names = [f"component {k + 1}" for k in range(len(modes))]
+    with tempfile.TemporaryDirectory() as folder:
+        rig = Path(folder) / "rig.glb"
+        write_rig(rig, target, names, shapes)
+        data = with_animation(rig.read_bytes(), weights, rate)
+    write_whole(path, lambda part: part.write_bytes(data))
+    return len(modes)
+
+
+def components(ways: F32, exact: float) -> tuple[F64, F64]:
+    """Modes (k, 3 N) and weights (f, k), at most 1, whose product is displacements (f, 3 N) to within `exact` a vertex.
+
+    >>> modes, weights = components(np.outer([1, -2, 0.5], np.arange(6)).astype(np.float32), 1e-3)
+    >>> modes.shape, weights.round(3).ravel().tolist()
+    ((1, 6), [-0.5, 1.0, -0.25])
+    """
+    values, vectors = np.linalg.eigh((ways @ ways.T).astype(np.float64))
+    order = np.argsort(values)[::-1]
+    count = 1
+    while True:
+        own = vectors[:, order[:count]]
+        modes = own.T @ ways
+        off = (ways - (own @ modes).astype(np.float32)).reshape(len(ways), -1, 3)
+        if count >= len(ways) or float(np.square(off).sum(2).max()) <= exact**2:
+            break
+        count = min(2 * count, len(ways))
+    most = np.take_along_axis(own, np.abs(own).argmax(0)[None], 0)[0]
+    return np.asarray(modes * most[:, None], np.float64), np.asarray(own / most)
+
+
+def with_animation(data: bytes, weights: F64, rate: float) -> bytes:
+    """A GLB with morph targets, whose weights (f, k) follow each other `rate` times a second."""
+    held = Container.read(data, Path())
+    times = _accessor(held, np.arange(len(weights)) / rate)
+    sampler = {"input": times, "output": _accessor(held, weights.ravel())}
+    moving = [k for k, mesh in enumerate(held.json["meshes"]) if "targets" in mesh["primitives"][0]]
+    nodes = [k for k, node in enumerate(held.json["nodes"]) if node.get("mesh") in moving]
+    channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
+    held.entries("animations").append({"name": "expressions", "samplers": [sampler], "channels": channels})
+    return held.glb()
+
+
+def _accessor(held: Container, numbers: F64) -> int:
+    """Numbers (n,) put into a document as float32."""
+    values = numbers.astype(np.float32)
+    ends = {"min": [float(values.min())], "max": [float(values.max())]}
+    view = held.append_bytes(values.tobytes())
+    entry = {"bufferView": view, "componentType": FLOAT, "count": len(values), "type": "SCALAR", **ends}
+    held.entries("accessors").append(entry)
+    return len(held.json["accessors"]) - 1
