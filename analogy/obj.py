@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from analogy.decimals import rows_of_text
 from analogy.mesh import MeshError, shown
 from analogy.normals import sound
 from analogy.polygons import Polygons
@@ -21,6 +22,7 @@ F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 KINDS = (b"v", b"vn", b"vt", b"f")
+SPACES = (ord(" "), ord("\t"))
 _NO_KEYWORD = bytes.maketrans(b"vntf", b"    ")
 _NO_SLASH = bytes.maketrans(b"/", b" ")
 
@@ -97,9 +99,32 @@ class ObjDocument:
 
 
 def positions(data: bytes) -> F64:
-    """The vertices (n, 3) of an OBJ file alone."""
+    """The vertices (n, 3) of an OBJ file alone.
+
+    Raises
+    ------
+    MeshError
+        When a `v` line cannot be understood.
+    """
+    block = _vertex_block(data)
+    quick = None if block is None else _table(*block, 3)
+    if quick is not None:
+        return quick[:, :3]
     lines, _ = _lines(data)
     return _vectors(lines, _where(lines)[b"v"], 3)[:, :3]
+
+
+def _vertex_block(data: bytes) -> tuple[bytes, int] | None:
+    """The text of the `v` lines of a file and their number, if they stand in one block, and no line is out of line."""
+    if any(odd in data for odd in (b"\\", b"\n ", b"\n\t")) or b"\n" not in data:
+        return None
+    letters = np.frombuffer(b"\n" + data + b"\n  ", np.uint8)
+    ends = np.flatnonzero(letters == ord("\n"))
+    at = np.flatnonzero((letters[ends[:-1] + 1] == ord("v")) & np.isin(letters[ends[:-1] + 2], SPACES))
+    if not len(at) or at[-1] - at[0] + 1 != len(at):
+        return None
+    text = data[ends[at[0]] : ends[at[-1] + 1] - 1]
+    return None if b"#" in text else (text.translate(_NO_KEYWORD), len(at))
 
 
 def _lines(data: bytes) -> tuple[list[bytes], bytes]:
@@ -119,30 +144,40 @@ def _lines(data: bytes) -> tuple[list[bytes], bytes]:
 
 def _where(lines: list[bytes]) -> dict[bytes, list[int]]:
     """The lines of each kind."""
-    found: dict[bytes, list[int]] = {kind: [] for kind in KINDS}
-    starts = {kind + space[:1] if len(kind) == 1 else kind: kind for kind in KINDS for space in (b" ", b"\t")}
-    for i, line in enumerate(lines):
-        kind = starts.get(line[:2]) or (starts.get(line.lstrip()[:2]) if line[:1] in (b" ", b"\t") else None)
-        if kind:
-            found[kind].append(i)
+    letters = np.array([line[:2] for line in lines], "S2").view(np.uint8).reshape(-1, 2)
+    for i in np.flatnonzero(np.isin(letters[:, 0], SPACES)).tolist():
+        letters[i] = np.array([lines[i].lstrip()[:2]], "S2").view(np.uint8)
+    space = np.isin(letters[:, 1], SPACES)
+    found = {}
+    for kind in KINDS:
+        second = space if len(kind) == 1 else letters[:, 1] == kind[1]
+        found[kind] = np.flatnonzero((letters[:, 0] == kind[0]) & second).tolist()
     return found
 
 
 def _vectors(lines: list[bytes], where: list[int], least: int) -> F64:
     """(n, columns) the numbers of lines, as many as all of them have, at least `least`."""
-    text = _values(lines, where)
+    found = _table(_values(lines, where), len(where), least)
+    if found is None:
+        for i in where:
+            if _table(_values(lines, [i]), 1, least) is None:
+                raise _bad(lines, i, f"must hold {least} numbers")
+    return np.zeros((0, least)) if found is None else found
+
+
+def _table(text: bytes, count: int, least: int) -> F64 | None:
+    """(count, columns) the numbers of lines, as many as all of them have; None when one has not `least` of them."""
     starts, owners = _tokens(text)
-    counts = np.bincount(owners, minlength=len(where))
-    short = np.flatnonzero(counts < least)
-    if len(short):
-        raise _bad(lines, where[short[0]], f"must have {least} numbers")
+    counts = np.bincount(owners, minlength=count)
+    if (counts < least).any():
+        return None
     try:
         numbers = np.fromstring(text, sep=" ") if len(starts) else np.empty(0)
     except ValueError:
-        numbers = np.empty(0)
+        return None
     if len(numbers) != len(starts):
-        raise _bad(lines, next(i for i in where if not _numeric(_values(lines, [i]))), "must hold numbers")
-    columns = int(counts.min()) if len(counts) else least
+        return None
+    columns = int(counts.min()) if count else least
     return np.asarray(numbers[(np.cumsum(counts) - counts)[:, None] + np.arange(columns)], np.float64)
 
 
@@ -164,13 +199,6 @@ def _tokens(text: bytes) -> tuple[Int, Int]:
     first[1:] &= ~dark[:-1]
     starts = np.flatnonzero(first)
     return starts, np.searchsorted(np.flatnonzero(symbols == ord("\n")), starts)
-
-
-def _numeric(text: bytes) -> bool:
-    try:
-        return len(np.fromstring(text, sep=" ")) == len(text.split())
-    except ValueError:
-        return False
 
 
 def _bad(lines: list[bytes], place: int, wrong: str) -> MeshError:
@@ -258,7 +286,6 @@ def _tail(line: bytes) -> bytes:
 def _rewrite(lines: list[bytes], tails: list[tuple[int, bytes]], keyword: bytes, old: F64, new: F64) -> None:
     """Other numbers in the lines whose vector changes, in place."""
     moved = np.flatnonzero((old != new).any(axis=1)).tolist()
-    texts = (b"%.9g %.9g %.9g\n" * len(moved) % tuple(new[moved].ravel().tolist())).split(b"\n")
-    for i, text in zip(moved, texts, strict=False):
+    for i, text in zip(moved, rows_of_text(new[moved]), strict=True):
         place, tail = tails[i]
         lines[place] = keyword + text + tail

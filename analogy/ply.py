@@ -158,12 +158,13 @@ def _polygons(rows: Rows | None, count: int) -> tuple[Polygons, F64 | None]:
     name = "vertex_index" if rows is not None and "vertex_index" in rows.sizes else "vertex_indices"
     if rows is None or name not in rows.sizes:
         return Polygons(np.zeros(0, np.intp), np.zeros(0, np.intp)), None
-    corners, sizes = rows.values[name].astype(np.intp), rows.sizes[name]
-    if len(corners) and not (corners.min() >= 0 and corners.max() < count):
-        wrong = corners[(corners < 0) | (corners >= count)][0]
+    named, sizes = rows.values[name], rows.sizes[name]
+    wrong = named[~((named >= 0) & (named < count))]
+    if len(wrong):
         raise MeshError(
-            f"a face names vertex {wrong}, but the ids of its {count} vertices end at {count - 1}"
+            f"a face names vertex {wrong[0]:g}, but the ids of its {count} vertices end at {count - 1}"
         )
+    corners = named.astype(np.intp)
     good = sizes >= 3
     used = np.repeat(good, sizes)
     wedges = rows.values.get("texcoord", np.zeros(0))

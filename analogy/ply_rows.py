@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analogy.decimals import rows_of_text
 from analogy.mesh import MeshError
 
 F64 = NDArray[np.float64]
@@ -199,8 +200,8 @@ class Text:
         lines = list(self._lines)
         for change in changes:
             columns = [names.index(key) for key in change.names]
-            values = change.values[change.rows].tolist()
-            for row, new in zip(np.flatnonzero(change.rows).tolist(), values, strict=True):
+            texts = rows_of_text(change.values[change.rows])
+            for row, new in zip(np.flatnonzero(change.rows).tolist(), texts, strict=True):
                 lines[places[row]] = _with_numbers(lines[places[row]], columns, new)
         return self._head + b"\n".join(lines)
 
@@ -212,10 +213,10 @@ class Text:
             raise MeshError(f"a row of its element `{name}` holds something else than numbers") from None
 
 
-def _with_numbers(line: bytes, columns: list[int], values: list[float]) -> bytes:
+def _with_numbers(line: bytes, columns: list[int], numbers: bytes) -> bytes:
     words = line.split()
-    for column, value in zip(columns, values, strict=True):
-        words[column] = b"%.9g" % value
+    for column, number in zip(columns, numbers.split(), strict=True):
+        words[column] = number
     return b" ".join(words) + (b"\r" if line.endswith(b"\r") else b"")
 
 
