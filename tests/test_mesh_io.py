@@ -153,7 +153,7 @@ def test_numbers_are_written_as_python_writes_them(rows: list[tuple[float, ...]]
 
 def test_as_many_decimals_as_the_largest_needs() -> None:
     assert rows_of_text(np.array([[0.25, -1 / 3, 100]])) == [b"0.250000 -0.333333 100.000000"]
-    assert rows_of_text(np.array([[-1e-9, 1 / 3, 0]])) == [b"-0.0000000010 0.3333333333 0.0000000000"]
+    assert rows_of_text(np.array([[-1e-9, 1 / 3, 0]])) == [b"-0.000000001 0.333333333 0.000000000"]
     assert rows_of_text(np.array([[1e10, 1, 0]])) == [b"1e+10 1 0"]
     assert rows_of_text(np.zeros((0, 3))) == []
 
