@@ -22,10 +22,10 @@ from studio_browser import (  # noqa: F401
 )
 
 from aam.landmarks.detector import FaceDetector
-from app.deidentify.options import DeidentifyError
 from app.run import silent
 from app.studio.deidentify_choices import timeline
 from app.studio.deidentify_jobs import render, review
+from app.studio.store import StudioError
 
 FRAMES = 30
 LONG = 120_000  # milliseconds, for a review or a rendering
@@ -270,14 +270,14 @@ def test_a_video_is_rendered_again_with_other_choices(work: dict[str, Any], tmp_
 
 
 def test_a_deleted_review_is_said(work: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(DeidentifyError, match="the review of Party: Ann's was deleted"):
+    with pytest.raises(StudioError, match="the review of Party: Ann's was deleted"):
         render(work | {"review": str(tmp_path / "gone")}, tmp_path, silent)
 
 
 def test_mistakes_are_told_with_the_name_of_the_clip(tmp_path: Path) -> None:
     source = tmp_path / "0123abcd.mp4"
     source.write_bytes(b"no video")
-    with pytest.raises(DeidentifyError) as error:
+    with pytest.raises(StudioError) as error:
         review({"source": str(source), "name": "Party"}, tmp_path, silent)
     assert str(error.value).startswith("Party is not a video that can be read")
     assert "0123abcd" not in str(error.value)

@@ -213,17 +213,17 @@ def test_dark_is_chosen_with_the_keyboard_and_remembered(
 
 def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
     seen = []
-    for _ in range(9):
+    for _ in range(10):
         page.keyboard.press("Tab")
         ring = "(style => style.outlineColor + style.boxShadow)(getComputedStyle(document.activeElement))"
         seen.append(tuple(page.evaluate(f"[document.activeElement.textContent.trim(), {ring}]")))
     words = [word for word, _ in seen]
-    assert words[:5] == ["Skip to content", "Live", "People", "Landmarks", "De-identify"]
+    assert words[:6] == ["Skip to content", "Live", "People", "Landmarks", "De-identify", "Analogy"]
     assert {"upload", "videocam"} <= {word.split("Upload")[0].split("Record")[0] for word in words}
     assert [word for word, style in seen if word and AMBER not in style] == []
 
 
-@pytest.mark.parametrize("path", ["/people", "/landmarks", "/deidentify"])
+@pytest.mark.parametrize("path", ["/people", "/landmarks", "/deidentify", "/analogy"])
 def test_pages_fit_a_phone(browser: Any, studio_server: StudioServer, path: str) -> None:
     phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
     with visit(browser, studio_server, path, **phone) as page:

@@ -117,9 +117,11 @@ class _Photos(_Part):
         ui.label(PHOTO_INTRO).classes("mb-2")
         with ui.card().classes("w-full"):
             with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
-                self._s = Slot(self.studio, "S: a person at rest", (IMAGE,))
-                self._s1 = Slot(self.studio, "S': the same with an expression, or a clip", (IMAGE, CLIP))
-                self._t = Slot(self.studio, "T: another person at rest", (IMAGE,))
+                self._s = Slot(self.studio, "S", "S: a person at rest", (IMAGE,))
+                self._s1 = Slot(
+                    self.studio, "S'", "S': the same with an expression, or a clip", (IMAGE, CLIP)
+                )
+                self._t = Slot(self.studio, "T", "T: another person at rest", (IMAGE,))
             ui.label("With a clip, S may be left out: the frame nearest to a face at rest is taken.").classes(
                 "opacity-70"
             )
@@ -129,7 +131,7 @@ class _Photos(_Part):
                 ui.label("Strength").classes("w-24")
                 self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
                 self._strength.props('label aria-label="Strength"')
-            ui.button("Make the picture", on_click=lambda: self._start(self._about))
+            ui.button("Make it", on_click=lambda: self._start(self._about))
         self._made()
 
     def _about(self) -> dict[str, Any]:
@@ -167,11 +169,11 @@ class _Heads(_Part):
         ui.label(HEAD_INTRO).classes("mb-2")
         with ui.card().classes("w-full"):
             with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
-                self._source = Slot(self.studio, "Source: a head at rest, or a rig", (MESH,))
+                self._source = Slot(self.studio, "Source", "Source: a head at rest, or a rig", (MESH,))
                 self._expressions = Slot(
-                    self.studio, "Its expressions, unless it is a rig", (MESH,), several=True
+                    self.studio, "Expressions", "Its expressions, unless it is a rig", (MESH,), several=True
                 )
-                self._target = Slot(self.studio, "Target: another head at rest", (MESH,))
+                self._target = Slot(self.studio, "Target", "Target: another head at rest", (MESH,))
             self._method = one_of("Method", HEAD_METHODS)
             self._keep_rigid = ui.switch("Leave eyes and teeth where they are")
             ui.button("Carry over", on_click=lambda: self._start(self._about))

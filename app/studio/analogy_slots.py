@@ -13,11 +13,17 @@ from app.studio.uploads import CLIP, Kind, forget, uploader
 
 
 class Slot:
-    """A choice among the files of some kinds, with previews and an upload.   several : more than one may be chosen."""
+    """A choice among the files of some kinds, with previews and an upload.
 
-    def __init__(self, studio: Studio, label: str, kinds: Sequence[Kind], *, several: bool = False) -> None:
+    name, label : short, and what is to be chosen.   several : more than one may be chosen.
+    """
+
+    def __init__(
+        self, studio: Studio, name: str, label: str, kinds: Sequence[Kind], *, several: bool = False
+    ) -> None:
         self._studio, self._kinds, self._several = studio, kinds, several
-        with ui.column().classes("w-full min-w-0"):
+        with ui.column().classes("w-full min-w-0").props("role=group") as group:
+            group.props["aria-label"] = name
             self._select = ui.select(
                 {}, label=label, multiple=several, on_change=lambda: self._previews.refresh()
             )
@@ -26,10 +32,9 @@ class Slot:
             )
             self._select.classes("w-full").on("popup-show", self._offer)
             with ui.row().classes("items-center"):
-                field = uploader(studio, "Upload", self._uploaded, kinds, several=several)
-                field.props["aria-label"] = f"Upload for {label}"
+                uploader(studio, "Upload", self._uploaded, kinds, several=several)
                 remove = ui.button(icon="delete", color=None, on_click=self._remove).props("flat round")
-                remove.props["aria-label"] = f"Delete what is chosen for {label}"
+                remove.props["aria-label"] = f"Delete what is chosen for {name}"
                 remove.bind_visibility_from(self._select, "value", bool)
             self._offer()
             self._previews()

@@ -1,0 +1,155 @@
+"""The page Analogy in a browser: an expression goes from photo to photo, from a clip, and from head to head."""
+# ruff: noqa: F811 (fixtures)
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from clips import cut
+from made_up import SAMPLES
+from sample_heads import write_heads
+from studio_browser import StudioServer, browser, page, studio_server, visit  # noqa: F401
+
+from analogy.mesh_io import read_mesh, read_rig
+from app.media import open_source
+from app.media.images import read_deep
+from app.pictures import save_picture
+
+LONG = 120_000  # milliseconds, on a busy machine
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """s.png, s1.png with another expression, t.png of another person."""
+    folder = tmp_path_factory.mktemp("photos")
+    for name, person, index in (("s", "p01", 0), ("s1", "p01", 60), ("t", "p06", 0)):
+        with open_source(SAMPLES / person / "talk.mp4") as source:
+            rgb = next(frame.rgb().copy() for frame in source if frame.index == index)
+        save_picture(folder / f"{name}.png", rgb)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def heads(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_heads(tmp_path_factory.mktemp("heads"))
+
+
+@pytest.fixture
+def desk(page: Any, studio_server: StudioServer) -> Any:
+    page.goto(studio_server.url("/analogy"))
+    return page
+
+
+def upload(desk: Any, slot: str, *files: Path) -> None:
+    """Upload files into a slot, and wait until they are shown."""
+    place = desk.get_by_role("group", name=slot, exact=True)
+    place.locator("input[type=file]").set_input_files([str(file) for file in files])
+    for file in files:
+        place.locator(f"[aria-label='{file.stem}'], video").first.wait_for()
+
+
+def downloaded(desk: Any, words: str) -> bytes:
+    with desk.expect_download() as waiting:
+        desk.get_by_role("link", name=words).first.click()
+    return Path(waiting.value.path()).read_bytes()
+
+
+def test_a_photo_gets_the_expression_of_another(desk: Any, photos: Path, tmp_path: Path) -> None:
+    for slot, name in (("S", "s"), ("S'", "s1"), ("T", "t")):
+        upload(desk, slot, photos / f"{name}.png")
+    desk.get_by_role("button", name="Make it").click()
+    desk.get_by_role("link", name="Download picture").wait_for(timeout=LONG)
+    made = tmp_path / "made.png"
+    made.write_bytes(downloaded(desk, "Download picture"))
+    before, after = (read_deep(path).rgb8().astype(int) for path in (photos / "t.png", made))
+    assert after.shape == before.shape
+    changed = np.abs(after - before).max(2) > 8
+    assert 0.002 < changed.mean() < 0.2  # the face, and nothing else
+    assert not changed[:40].any()
+    assert not changed[:, :40].any()
+    desk.get_by_role("button", name="Delete t, as s1").click()
+    desk.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
+    desk.get_by_role("link", name="Download picture").wait_for(state="detached")
+
+
+def test_a_clip_moves_a_photo(desk: Any, photos: Path, tmp_path: Path) -> None:
+    upload(desk, "S'", cut("p01", tmp_path / "talk.mp4", 12))
+    upload(desk, "T", photos / "t.png")
+    desk.get_by_role("button", name="Make it").click()
+    desk.get_by_text("12 of 12 frames move.").wait_for(timeout=LONG)
+    assert b"ftyp" in downloaded(desk, "Download video")[:16]
+
+
+def test_what_is_missing_is_said(desk: Any, photos: Path) -> None:
+    desk.get_by_role("button", name="Make it").click()
+    desk.get_by_text("choose S' and T first").wait_for()
+
+
+def test_what_is_no_picture_is_refused(desk: Any, tmp_path: Path, studio_server: StudioServer) -> None:
+    bad = tmp_path / "bad.png"
+    bad.write_bytes(b"no picture")
+    desk.get_by_role("group", name="T", exact=True).locator("input[type=file]").set_input_files(str(bad))
+    desk.get_by_text("bad is not an image that can be read").wait_for()
+    assert not list((studio_server.folder / "uploads").glob("*.part*"))
+
+
+def test_a_head_gets_the_expressions_of_another_and_both_can_be_turned(
+    desk: Any, heads: Path, tmp_path: Path
+) -> None:
+    desk.get_by_role("tab", name="Heads").click()
+    upload(desk, "Source", heads / "head.obj")
+    upload(desk, "Expressions", heads / "head_smile.obj", heads / "head_surprise.obj")
+    upload(desk, "Target", heads / "other.obj")
+    desk.get_by_role("button", name="Carry over").click()
+    desk.get_by_role("link", name="Download rig").wait_for(timeout=LONG)
+    rig = tmp_path / "rig.glb"
+    rig.write_bytes(downloaded(desk, "Download rig"))
+    assert sorted(read_rig(rig).names) == ["head_smile", "head_surprise"]
+    with zipfile.ZipFile(io.BytesIO(downloaded(desk, "Download a mesh for each"))) as packed:
+        assert len(packed.namelist()) == 2
+        packed.extract(packed.namelist()[0], tmp_path)
+    one = read_mesh(tmp_path / packed.namelist()[0]).mesh.vertices
+    rest = read_mesh(heads / "other.obj").mesh.vertices
+    assert one.shape == rest.shape
+    assert 0.02 < np.linalg.norm(one - rest, axis=1).max() < 1
+    _turn(desk)
+
+
+def _turn(desk: Any) -> None:
+    """What is seen changes when it is dragged, and when the expression is taken away."""
+    scene = desk.get_by_role("img", name="drag to turn them")
+    desk.wait_for_function(
+        "(id) => getElement(id).objects.size > 2", arg=int(scene.get_attribute("id").removeprefix("c"))
+    )
+    desk.wait_for_timeout(1500)
+    before = scene.screenshot()
+    box = scene.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    desk.mouse.move(x, y)
+    desk.mouse.down()
+    desk.mouse.move(x + 80, y, steps=5)
+    desk.mouse.up()
+    desk.wait_for_timeout(1000)
+    turned = scene.screenshot()
+    assert turned != before
+    desk.get_by_role("combobox", name="Expression", exact=True).click()
+    desk.get_by_role("option", name="at rest").click()
+    desk.wait_for_timeout(1500)
+    assert scene.screenshot() != turned
+
+
+def test_a_job_tells_of_files_by_the_names_that_the_user_gave_them(
+    desk: Any, photos: Path, tmp_path: Path
+) -> None:
+    empty = tmp_path / "wall.png"
+    save_picture(empty, np.full((240, 320, 3), 128, np.uint8))
+    upload(desk, "S", photos / "s.png")
+    upload(desk, "S'", photos / "s1.png")
+    upload(desk, "T", empty)
+    desk.get_by_role("button", name="Make it").click()
+    told = desk.get_by_role("status").filter(has_text="wall")
+    told.wait_for(timeout=LONG)
+    assert "/" not in told.inner_text()
