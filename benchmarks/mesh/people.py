@@ -1,0 +1,142 @@
+"""Accuracy of the transfer between six synthetic people: twelve expressions, all pairs, exact truth.
+
+Vertex to vertex in the people's own topology, and between three people remeshed three ways by their true
+correspondence.  p04 and p10, and all that has to do with them, had no part in any choice of constants.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analogy.correspondence import Correspondence
+from analogy.geometry import Surface, vertex_normals
+from analogy.mesh import Mesh
+from analogy.mesh_io import read_mesh
+from analogy.register import register
+from analogy.transfer import Transfer
+from benchmarks import common
+from benchmarks.common import Criterion, Report, Table
+from benchmarks.mesh.transfer import METHODS, err
+
+NAME, TITLE = "mesh.people", "Transfer of expressions between synthetic people"
+UNTOUCHED = {"p04", "p10"}
+TOPOLOGIES = ("t5k", "t12k", "t24k")
+CENTIMETRE = 0.1  # in the people's decimetres
+F64 = NDArray[np.float64]
+Link = Callable[["Person", "Person"], Correspondence]
+
+
+@dataclass(frozen=True, eq=False)
+class Person:
+    """A neutral head and its expressions (k, N, 3).
+
+    points : (20, 3) its feature points.   native : its mesh on the people's common head.
+    """
+
+    name: str
+    mesh: Mesh
+    expressions: F64
+    names: tuple[str, ...]
+    points: F64
+    native: Mesh
+
+
+def load_person(folder: Path, name: str, common_head: Mesh, topology: str = "") -> Person:
+    """A person of data/synthetic/mesh, in the own topology or remeshed."""
+    at = folder / name / topology
+    mesh = read_mesh(at / "neutral.obj").mesh
+    z = np.load(at / "expressions.npz")
+    ids = list(json.loads((at / "landmarks.json").read_text())["points"].values())
+    native = common_head
+    if topology:
+        to = np.load(at / "to_native.npz")
+        corners = to["native_triangles"][to["native_triangle"]]
+        places = np.einsum("nk,nki->ni", to["barycentric"], common_head.vertices[corners])
+        native = mesh.moved(places)
+    return Person(
+        f"{name} {topology}".strip(), mesh, z["vertices"].astype(np.float64), tuple(map(str, z["names"])),
+        mesh.vertices[ids], native,
+    )  # fmt: skip
+
+
+def opened(folder: Path) -> Mesh:
+    """A person's head with its mouth open, so that no two places on it touch."""
+    z = np.load(folder / "expressions.npz")
+    at = z["names"].tolist().index("open")
+    return read_mesh(folder / "neutral.obj").mesh.moved(z["vertices"][at].astype(np.float64))
+
+
+def true_link(source: Person, target: Person) -> Correspondence:
+    """By the head that both are remeshes of."""
+    if len(source.native.vertices) == len(target.native.vertices):
+        return Correspondence.identity(len(source.native.vertices))
+    head = source.native
+    normals = vertex_normals(target.native.vertices, target.native.faces)
+    places = Surface(head.vertices, head.faces, 0.02).closest(target.native.vertices, normals)
+    return Correspondence(head.faces[places.faces], places.weights, np.ones(len(normals), bool))
+
+
+def registered(source: Person, target: Person) -> Correspondence:
+    """By the feature points that come with the people."""
+    return register(source.mesh, target.mesh, (source.points, target.points)).correspondence()
+
+
+def errors(source: Person, target: Person, link: Correspondence) -> dict[str, float]:
+    """Mean err over the expressions, by method."""
+    out = {}
+    for method in METHODS:
+        transfer = Transfer(source.mesh, target.mesh, link, method)
+        pairs = zip(source.expressions, target.expressions, strict=True)
+        out[method] = float(
+            np.mean([err(target.mesh.vertices, truth, transfer(x), CENTIMETRE) for x, truth in pairs])
+        )
+    return out
+
+
+def tabled(title: str, pairs: Iterable[tuple[Person, Person]], link: Link, report: Report) -> None:
+    """A table of pairs, and its criteria: tents below both rivals, over all pairs and over the untouched ones."""
+    rows = []
+    for source, target in pairs:
+        common.say(f"{source.name} to {target.name}")
+        rows.append((source.name, target.name, *errors(source, target, link(source, target)).values()))
+    fresh = [row for row in rows if UNTOUCHED & {str(name).split()[0] for name in row[:2]}]
+    for which, chosen in (("all", rows), ("untouched", fresh)):
+        if not chosen:
+            continue
+        mean = np.mean([row[2:] for row in chosen], axis=0)
+        rows.append((f"mean, {which}", "", *mean))
+        report.criteria += [
+            Criterion(f"{title}, {which}: err of tents, of that of {rival}", float(mean[0] / other), "<", 1.0)
+            for rival, other in zip(METHODS[1:], mean[1:], strict=True)
+        ]
+    report.tables.append(Table(title, ("source", "target", *METHODS), rows))
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All pairs in the common topology, then between topologies."""
+    folder = options.shared / "data" / "synthetic" / "mesh"
+    names = sorted(path.parent.name for path in folder.glob("p*/neutral.obj"))
+    report = Report(NAME, TITLE)
+    head = opened(folder / names[0])
+    people = [load_person(folder, name, head) for name in names[: 2 if options.quick else None]]
+    tabled("Own topology", [(a, b) for a in people for b in people if a is not b], true_link, report)
+    if options.quick:
+        return report
+    made = {(n, t): load_person(folder, n, head, t) for n in ("p02", "p04", "p10") for t in TOPOLOGIES}
+    across = [(a, b) for (n, t), a in made.items() for (m, u), b in made.items() if n != m and t != u]
+    tabled("Between topologies, correspondence true", across, true_link, report)
+    tabled(
+        "Between topologies, registered", [across[k] for k in range(0, len(across), 6)], registered, report
+    )
+    return report
+
+
+if __name__ == "__main__":
+    common.run(measure, common.arguments(__doc__))
