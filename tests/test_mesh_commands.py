@@ -301,6 +301,7 @@ def test_a_sequence_becomes_a_film_whose_frames_are_those_of_the_files(
     rest = read_mesh(here / "film.glb")
     shown = list(read_frames(here / "film.glb", rest))
     assert len(shown) == 6
+    assert len(read_rig(here / "film.glb").names) < len(shown)
     size = np.ptp(rest.mesh.vertices, axis=0).max()
     for name, (_, vertices_there) in zip(("f0", "f1", "f2", "f3", "f4", "f10"), shown, strict=True):
         made = read_mesh(Path(P02)).expression(here / "files" / f"{name}.obj")

@@ -46,16 +46,17 @@ def components(ways: F32, exact: float) -> tuple[F64, F64]:
     >>> modes.shape, weights.round(3).ravel().tolist()
     ((1, 6), [-0.5, 1.0, -0.25])
     """
-    values, vectors = np.linalg.eigh((ways @ ways.T).astype(np.float64))
+    exactly = ways.astype(np.float64)  # in float32 the small components would be noise
+    values, vectors = np.linalg.eigh(exactly @ exactly.T)
     order = np.argsort(values)[::-1]
     count = 1
     while True:
         own = vectors[:, order[:count]]
-        modes = own.T @ ways
-        off = (ways - (own @ modes).astype(np.float32)).reshape(len(ways), -1, 3)
+        modes = own.T @ exactly
+        off = (exactly - own @ modes).reshape(len(ways), -1, 3)
         if count >= len(ways) or float(np.square(off).sum(2).max()) <= exact**2:
             break
-        count = min(2 * count, len(ways))
+        count = min(count + max(1, count // 4), len(ways))
     most = np.take_along_axis(own, np.abs(own).argmax(0)[None], 0)[0]
     return np.asarray(modes * most[:, None], np.float64), np.asarray(own / most)
 
