@@ -136,6 +136,13 @@ class GltfDocument:
     def uv_ids(self) -> Int | None:
         return None if self.uvs is None else self.polygons.corners
 
+    @property
+    def part_ids(self) -> Int:
+        """(n,) the part of each vertex."""
+        return np.repeat(
+            np.arange(len(self.parts)), [part.rows.stop - part.rows.start for part in self.parts]
+        )
+
     @cached_property
     def colours(self) -> F64 | None:
         """(n, 3) from 0 to 1, linear; 0 for parts without."""

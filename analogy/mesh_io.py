@@ -229,14 +229,21 @@ def _cleaned(held: Document) -> Cleaned:
         held.vertices,
         held.polygons,
         normals=_of_vertices(held.normals, held.normal_ids, held.polygons, count),
-        apart=None if held.uvs is None else _apart(held, count),
+        apart=_apart(held, count),
         together=np.concatenate(shapes, axis=1) if shapes else None,
     )
 
 
-def _apart(held: Document, count: int) -> F64:
-    """Texture coordinates (n, 2) of the vertices; zeros where one has several: then no seam needs to split it."""
+def _apart(held: Document, count: int) -> F64 | None:
+    """(n, d) why vertices may be split: texture coordinates, and parts of glTF, where there are any.
+
+    Zeros where a vertex has several texture coordinates: then no seam needs to split it.
+    """
+    if held.uvs is None:
+        return None
     found = _of_vertices(held.uvs, held.uv_ids, held.polygons, count)
+    if isinstance(held, GltfDocument) and found is not None:
+        return np.column_stack([found, held.part_ids])
     return np.zeros((count, 2)) if found is None else found
 
 

@@ -191,6 +191,23 @@ def test_a_seam_of_a_glb_is_closed_and_written_to_both_sides(tmp_path: Path) -> 
     assert_array_equal(written.uvs, uvs)
 
 
+def test_parts_of_several_materials_are_one_surface(tmp_path: Path) -> None:
+    """Their vertices along the border between them are the same, texture coordinates and all."""
+    made, upper = Glb(), (TRIANGLES >= SIDE2 // 2 - 4).all(axis=1)
+    whole, primitives = smooth(sheet(), Polygons.of(TRIANGLES)), []
+    for chosen in (TRIANGLES[upper], TRIANGLES[~upper]):
+        used, triangles = np.unique(chosen, return_inverse=True)
+        values = {"POSITION": sheet()[used], "NORMAL": whole[used], "TEXCOORD_0": sheet()[used, :2]}
+        attributes = {name: made.accessor(held) for name, held in values.items()}
+        primitives.append({"attributes": attributes, "indices": made.accessor(triangles.ravel(), "u2")})
+    made.json["meshes"] = [{"primitives": primitives}]
+    made.node(mesh=0)
+    file = made.read(tmp_path)
+    assert len(file.document.vertices) == SIDE2 + 9
+    assert len(file.mesh.vertices) == SIDE2
+    assert file.mesh.components.max() == 0
+
+
 def test_numbers_of_all_kinds_are_read(tmp_path: Path) -> None:
     """Whole, normalised, interleaved and sparse."""
     made = head(ways(2))
