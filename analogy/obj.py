@@ -22,6 +22,7 @@ F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 KINDS = (b"v", b"vn", b"vt", b"f")
+FAR = 1 << 40  # beyond any vertex
 SPACES = (ord(" "), ord("\t"))
 _NO_KEYWORD = bytes.maketrans(b"vntf", b"    ")
 _NO_SLASH = bytes.maketrans(b"/", b" ")
@@ -253,7 +254,9 @@ def _any_corners(lines: list[bytes], where: list[int]) -> Int:
     for place in where:
         try:
             for corner in _values(lines, [place]).split():
-                corners.append([int(part or 0) for part in (*corner.split(b"/"), b"", b"")[:3]])
+                corners.append(
+                    [max(-FAR, min(int(part or 0), FAR)) for part in (*corner.split(b"/"), b"", b"")[:3]]
+                )
         except ValueError:
             raise _bad(lines, place, "must hold vertex numbers") from None
     return np.array(corners, np.intp).reshape(-1, 3)

@@ -164,6 +164,7 @@ BAD = {
     "nan": (HEAD.replace(b"v 2 1 .75", b"v 2 nan 1"), r"line 10 must hold 3 numbers, got: v 2 nan 1"),
     "overflow": (HEAD.replace(b"v 2 1 .75", b"v 2 1e999 1"), r"1 of its 7 vertices are not finite"),
     "out of range": (HEAD.replace(b"f 1/", b"f 8/"), r"line 22 names a `v` line that is not there .* 7\)"),
+    "far": (HEAD.replace(b"f 1/1/1", b"f 99999999999999999999"), r"line 22 names a `v` line"),
     "zero": (HEAD.replace(b"f 1/", b"f 0/"), r"line 22 names a `v` line"),
     "before the first": (HEAD.replace(b"f 1/", b"f -8/"), r"line 22 names a `v` line"),
     "no such normal": (HEAD.replace(b"1/1/1 2", b"1/1/3 2"), r"line 22 names a `vn` line"),
