@@ -37,8 +37,8 @@ class AnimateReport:
 
     Parameters
     ----------
-    frames : written; `animated` of them show the clip's expression, `held` the one before, as the face was not found or
-        turned too far.
+    frames : written; `animated` of them show the clip's expression, `held` the one before, as the face was not found,
+        partly hidden, or turned too far.
     neutral : what the expressions are measured from: a photo, or a frame of the clip.
     setup_seconds : once, for S and T.   seconds : wall time of everything; work_seconds : of these in making pictures.
     """

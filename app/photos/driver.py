@@ -24,6 +24,10 @@ from app.run import Progress, Say
 
 F64 = NDArray[np.float64]
 
+# Confidence from which an expression is taken.  A hand before the face makes it 0.5 to 0.8; of a free one it is 0.86
+# and more, in extreme expressions and turns too.
+CLEAR = 0.85
+
 
 @dataclass(frozen=True)
 class Tracking:
@@ -43,7 +47,7 @@ class Tracking:
 
 @dataclass(frozen=True, eq=False)
 class Driver:
-    """Landmarks (frames, 81, 2) of a clip, NaN where the face was not found."""
+    """Landmarks (frames, 81, 2) of a clip, NaN where the face was not found, or something hides a part of it."""
 
     points: F64
 
@@ -109,7 +113,8 @@ class _ByLandmarker:
         if face is None:
             return None
         seconds = float(frame.pts * frame.time_base)
-        return self._smoother.step(face.points, face.point_confidence, seconds).astype(np.float64)
+        points = self._smoother.step(face.points, face.point_confidence, seconds)
+        return points.astype(np.float64) if face.confidence >= CLEAR else None
 
 
 class _ByModel:
