@@ -11,13 +11,14 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aam.landmarks.schemes import INNER_LIPS
 from analogy.photo.change import carried, steadied
+from analogy.photo.eyes import closed, opened_again
+from analogy.photo.filling import filled, lidded
 from analogy.photo.flow import followed, left
 from analogy.photo.grids import Grid, Seen, drawn, face, own, wide
 from analogy.photo.heights import DARK, asked, heights
 from analogy.photo.motion import Motion
-from analogy.photo.mouth import filled, light, opened
+from analogy.photo.mouth import light, opened
 from analogy.photo.pictures import (
     F32,
     F64,
@@ -97,22 +98,27 @@ class PhotoAnalogy:
         PhotoError
             When the picture or its landmarks cannot be used.
         """
-        moved = checked_points(points, "points")
-        pose = self._motion.pose(moved).inverse()
-        around = pose.apply(ring(self._motion.source))
-        picture, places = self._source(unit(expressive, "expressive"), moved, around)
-        seen = self._drawn(
-            self._motion(moved if facing is None else checked_points(facing, "facing"), strength), places
-        )
-        shown = sampled(picture, seen.values[..., 4:])
+        given = checked_points(points, "points")
+        told = given if facing is None else checked_points(facing, "facing")
+        shares = closed(self._motion.source, told, strength) if self.method == "tents" else np.zeros(2)
+        given, told = (self._unlidded(landmarks, shares) for landmarks in (given, told))
+        around = self._motion.pose(given).inverse().apply(ring(self._motion.source))
+        picture, places = self._source(unit(expressive, "expressive"), given, around)
+        share = opened(self._motion.source, given) * min(strength, 1) if self.mouth == "fill" else 0.0
+        seen = self._drawn(self._motion(told, strength), places)
+        shown, lids = sampled(picture, seen.values[..., 4:]), seen.eyes(shares)
         if self.method == "tents":
-            seen = self._refined(seen, shown @ LUMINANCE, strength if facing is None else 0.0)
+            seen = self._refined(seen, shown @ LUMINANCE, lids, strength if facing is None else 0.0)
         out = self._warped(seen)
         if self.method != "warp":
-            out = self._lit(out, strength * self._change(seen, shown @ LUMINANCE, out))
-        if self.mouth == "fill":
-            out = self._filled(out, shown, seen, opened(self._motion.source, moved) * min(strength, 1))
+            out = self._lit(out, strength * self._change(seen, shown @ LUMINANCE, out, lids))
+        out = self._completed(out, shown, lids, seen.between * np.float32(share))
         return self._written(out, seen)
+
+    def _unlidded(self, points: F64, shares: F64) -> F64:
+        """Landmarks (81, 2) of S' with the eyes, in shares (2,), as open as in S."""
+        rest = self._motion.pose(points).inverse().apply(self._motion.source)
+        return opened_again(points, rest, shares)
 
     def _source(self, picture: F32, points: F64, around: F64) -> tuple[F32, F64]:
         """A picture of the source no finer than the grid, and the mesh's vertices (V, 2) in it."""
@@ -133,13 +139,13 @@ class PhotoAnalogy:
             face(grid.places(made), grid.size),
         )
 
-    def _refined(self, seen: Seen, shown: F32, share: float) -> Seen:
+    def _refined(self, seen: Seen, shown: F32, lids: F32, share: float) -> Seen:
         """The places in S, and by a share in T, moved by what landmarks leave of the motion to S', which is shown.
 
         Of a turned head that is the turn's, and none of T's.
         """
         neutral = sampled(self._neutral, seen.values[..., 2:4])
-        moved = left(heights(shown), heights(neutral), seen.face & ~seen.between, self._width)
+        moved = left(heights(shown), heights(neutral), seen.face & ~seen.between & (lids == 0), self._width)
         values = seen.values.copy()
         values[..., 2:4] = followed(seen.values[..., 2:4], own(self._grid.size) + moved)
         moved *= np.float32(share)
@@ -152,7 +158,7 @@ class PhotoAnalogy:
         moved = grid.fine(seen.values[..., :2]) / np.float32(grid.factor)
         return sampled(self._face, own(grid.within) + moved)
 
-    def _change(self, seen: Seen, shown: F32, warped: F32) -> F32:
+    def _change(self, seen: Seen, shown: F32, warped: F32, lids: F32) -> F32:
         """(h, w) on the grid: by how much the logarithm of the luminance changes."""
         neutral = sampled(self._neutral, seen.values[..., 2:4])
         share = faded(seen.face, self._width)
@@ -160,8 +166,8 @@ class PhotoAnalogy:
             return np.asarray(np.log(ratio(neutral, shown, self._width)) * share, np.float32)
         before, after = heights(neutral), heights(shown)
         target = heights(self._grid.coarse(warped) @ LUMINANCE)
-        mouth = seen.between & (self.mouth == "fill")
-        taken = carried(before, after, target, mouth, self._width)
+        filled_in = (seen.between & (self.mouth == "fill")) | (lids > 0)
+        taken = carried(before, after, target, filled_in, self._width)
         taken = steadied(taken, seen.face) * share
         return integrated(*asked(before, before + taken, target), seen.face)
 
@@ -169,14 +175,14 @@ class PhotoAnalogy:
         """A picture (h, w, 3) with its luminance changed, its colours kept."""
         return np.asarray((picture + DARK) * np.exp(self._grid.fine(change))[:, :, None] - DARK, np.float32)
 
-    def _filled(self, picture: F32, shown: F32, seen: Seen, share: float) -> F32:
-        """A picture (h, w, 3) with the inside of the mouth of S' (on the grid)."""
-        if share == 0:
-            return picture
-        inside = self._grid.fine(shown * self._light)
-        between = self._grid.fine(seen.between.astype(np.float32)) > 0.5
-        corners = self._motion.target[[INNER_LIPS[0], INNER_LIPS[4]]]
-        return filled(picture, inside, between, share, float(np.linalg.norm(corners[1] - corners[0])))
+    def _completed(self, picture: F32, shown: F32, lids: F32, mouth: F32) -> F32:
+        """A picture (h, w, 3) with lids and the inside of the mouth of S', which is shown on the grid, in shares."""
+        fine, width = self._grid.fine, wide(self._motion.target)
+        if lids.any():
+            picture = lidded(picture, fine(shown), fine(lids), width)
+        if mouth.any():
+            picture = filled(picture, fine(shown), fine(mouth), self._light, width)
+        return picture
 
     def _written(self, made: F32, seen: Seen) -> Picture:
         """T with what the mesh covers replaced."""

@@ -15,43 +15,44 @@ COARSE = 0.02  # of the face's width: sigma of what is taken where S and T diffe
 NOISE = 1.5  # of the median power of detail
 LIPS_TRUST = 3
 STEP = 6  # pixels between those by which light is judged
-ROUNDS = 6  # of reweighting
-LEAST = 0.005  # heights within which all is alike
-LIPS = 0.012  # of the face's width, by which the mouth's inside is widened
+ROUNDS = 8  # of reweighting
+SPREAD = 0.01  # heights around the plane of light
+LIPS = 0.012  # of the face's width, by which what is filled is widened
 
 
-def carried(before: F32, after: F32, target: F32, mouth: NDArray[np.bool_], width: float) -> F32:
+def carried(before: F32, after: F32, target: F32, filled: NDArray[np.bool_], width: float) -> F32:
     """The change of heights from S to S', before to after, that the target's take.
 
     Its detail, in so far as S is there like T and the change no noise; else what is left of it when smoothed.  A
     fine change belongs to the structure that it changes: where T has none like it, it would be seen as a ghost.
-    The mouth's inside is taken as around it: teeth and the dark behind them are no change of the lips.
+    What is filled from S' is taken as around it: teeth and the dark behind them are no change of the lips.
     """
     change = after - before
     size = 2 * round(LIPS * width) + 1
-    widened = cv2.dilate(mouth.astype(np.uint8), np.ones((size, size), np.uint8))
+    widened = cv2.dilate(filled.astype(np.uint8), np.ones((size, size), np.uint8))
     outside = np.asarray(widened == 0, np.float32)
     sigma = COARSE * width
     coarse = _blurred(change * outside, sigma) / (_blurred(outside, sigma) + 1e-6)
     detail = change - coarse
     alike, same = _agreement(before, target, NEAR * width)
-    kept = np.where(outside > 0, alike, alike**LIPS_TRUST) * ~mouth
+    kept = np.where(outside > 0, alike, alike**LIPS_TRUST) * ~filled
     return np.asarray(coarse + kept * _signal(detail, same, NEAR * width) * detail, np.float32)
 
 
 def steadied(change: F32, face: NDArray[np.bool_]) -> F32:
     """A change of heights (h, w) less the plane that most of the face shows: S and S' were lit a little differently.
 
-    Least distances, by reweighted least squares.
+    The plane of Cauchy's likelihood, by reweighted least squares: an expression is far from it, not noise around it.
     """
-    y, x = np.nonzero(face[::STEP, ::STEP])
+    y, x = np.nonzero(face[::STEP, ::STEP]) * np.array(STEP)
     if len(x) < 3:
         return change
-    terms = np.column_stack([np.ones(len(x)), x * STEP, y * STEP])
-    values, weights = change[y * STEP, x * STEP].astype(np.float64), np.ones(len(x))
+    terms = np.column_stack([np.ones(len(x)), x, y])
+    values = change[y, x].astype(np.float64)
+    plane, hold = np.array([np.median(values), 0, 0]), 1e-9 * np.eye(3)
     for _ in range(ROUNDS):
-        plane = np.linalg.lstsq(terms * weights[:, None], values * weights, rcond=None)[0]
-        weights = 1 / np.sqrt(np.maximum(np.abs(values - terms @ plane), LEAST))
+        weighted = terms / ((values - terms @ plane) ** 2 + SPREAD**2)[:, None]
+        plane = np.linalg.solve(weighted.T @ terms + hold, weighted.T @ values)
     height, width = change.shape
     light = plane[0] + plane[1] * np.arange(width) + (plane[2] * np.arange(height))[:, None]
     return np.asarray(change - light, np.float32)

@@ -74,13 +74,23 @@ class Seen:
     """What the mesh shows at each pixel of a grid.
 
     covered : (h, w) bool.   face : (h, w) bool, within its contour, which is pulled inward.
-    between : (h, w) bool, between the lips.   values : (h, w, d) float32 of the vertices; zero beyond them.
+    part : (h, w) of the template that is seen, 0 where there is none.
+    values : (h, w, d) float32 of the vertices; zero beyond them.
     """
 
     covered: Mask
     face: Mask
-    between: Mask
+    part: NDArray[np.intp]
     values: F32
+
+    @property
+    def between(self) -> Mask:
+        """(h, w), between the lips."""
+        return np.asarray(self.part == 1)
+
+    def eyes(self, shares: F64) -> F32:
+        """(h, w) the shares (2,) of the right and the left eye where they are."""
+        return np.asarray(np.array([0, 0, *shares])[self.part], np.float32)
 
 
 def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int], within: Mask) -> Seen:
@@ -89,8 +99,8 @@ def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int], wit
     seen = visible(flat, mesh.triangles, size)
     out = np.zeros((*seen.triangle.shape, values.shape[1]), np.float32)
     out[seen.covered] = seen.interpolated(values.astype(np.float32), mesh.triangles)
-    between = (seen.triangle >= mesh.skin) & (seen.triangle < mesh.skin + mesh.mouth)
-    return Seen(seen.covered, within & seen.covered, between, out)
+    part = mesh.parts[seen.triangle] * seen.covered
+    return Seen(seen.covered, within & seen.covered, part, out)
 
 
 def wide(points: F64) -> float:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from analogy.photo.pictures import F32, F64
 
 OPENS = (0.005, 0.03)  # gap of the lips by their width, gained over the neutral one: nothing to all is filled
-WHITE = 75  # percentile of an eye that is taken for its white
-GAIN = 2.0  # at most, between two pictures' light
-SOFT = 0.006  # of the inner lips' width to a pixel: the fill's edge
+WHITE = 85  # percentile of an eye that is taken for its white
+GAIN = 1.4  # at most, between two pictures' light
 
 
 def opening(points: F64) -> float:
@@ -37,15 +35,6 @@ def light(source: F32, source_points: F64, target: F32, target_points: F64) -> F
     """
     gain = _white(target, target_points) / np.maximum(_white(source, source_points), 1e-3)
     return np.asarray(np.clip(gain, 1 / GAIN, GAIN), np.float32)
-
-
-def filled(made: F32, inside: F32, between: NDArray[np.bool_], share: float, width: float) -> F32:
-    """A picture (h, w, 3) with another between the lips, for inner lips of a width in pixels."""
-    sigma = max(SOFT * width, 0.5)
-    size = 2 * round(2 * sigma) + 1
-    wide = cv2.dilate(between.astype(np.float32), np.ones((size, size), np.uint8))
-    alpha = cv2.GaussianBlur(wide, (size, size), sigma) * np.float32(share)
-    return np.asarray(made + alpha[:, :, None] * (inside - made), np.float32)
 
 
 def _white(picture: F32, points: F64) -> F32:

@@ -39,13 +39,12 @@ class Template:
     ----------
     blend : (V, 81 + r) what of each landmark and ring point makes a vertex.
     triangles : (t, 3); skin first, so that lips and lids lie over what is between them.
-    skin, mouth : of the triangles, how many are skin, and how many after them lie between the lips.
+    parts : (t,) 0 of skin, 1 between the lips, 2 and 3 between the lids of the right and the left eye.
     """
 
     blend: F64
     triangles: Int
-    skin: int
-    mouth: int
+    parts: Int
 
     def vertices(self, points: F64, around: F64) -> F64:
         """(V, 2) of points (81, 2) and the ring (r, 2) around them, any one picture's pixels."""
@@ -72,7 +71,7 @@ def template() -> Template:
     skin = triangles[part == 0]
     blend = _bent(vertices, skin, len(held))
     blend = _filled(vertices, triangles[part > 0], blend)
-    return Template(_affine(vertices, held, blend), triangles[order], len(skin), int((part == 1).sum()))
+    return Template(_affine(vertices, held, blend), triangles[order], part[order])
 
 
 def inside(polygon: F64, places: F64) -> NDArray[np.bool_]:
@@ -115,14 +114,14 @@ def _along(curve: F64) -> F64:
 
 
 def _triangulated(vertices: F64, held: F64) -> tuple[Int, Int]:
-    """Triangles (t, 3) within the ring, and which part each is of: 0 skin, 1 mouth, 2 an eye."""
+    """Triangles (t, 3) within the ring, and the part each is of."""
     from scipy.spatial import Delaunay
 
     triangles = Delaunay(vertices).simplices.astype(np.intp)
     centres = vertices[triangles].mean(1)
     part = np.zeros(len(triangles), np.intp)
     for number, hole in enumerate(HOLES):
-        part[inside(held[list(hole)], centres)] = min(number, 1) + 1
+        part[inside(held[list(hole)], centres)] = number + 1
     kept = inside(held[81:], centres) & (_areas(vertices, triangles) > 1e-6)
     return triangles[kept], part[kept]
 
