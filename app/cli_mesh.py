@@ -55,14 +55,16 @@ Landmarks = Annotated[
     tuple[str, str] | None,
     typer.Option(
         metavar="SOURCE.json TARGET.json",
-        help="Feature points of both heads, as `landmarks` writes them; `auto` for one that is to be found.",
+        help="Feature points of both heads, as `landmarks` writes them; `auto` for a head on which they are found.",
     ),
 ]
 KeepRigid = Annotated[
     bool,
     typer.Option("--keep-rigid", help="Leave eyes, teeth and other parts of the target where they are."),
 ]
-PictureOut = Annotated[Path | None, typer.Option(metavar="OUT.png", help="Also draw what was done.")]
+PictureOut = Annotated[
+    Path | None, typer.Option(metavar="OUT.png", help="Also draw both heads, at rest and with expressions.")
+]
 ReportOut = Annotated[
     Path | None,
     typer.Option(metavar="OUT.json", help="Also write what was done, how well and how fast."),
@@ -197,7 +199,7 @@ def register(
         tuple[str, str] | None,
         typer.Option(
             metavar="TEMPLATE.json TARGET.json",
-            help="Feature points of both heads, as `landmarks` writes them; `auto` for one that is to be found.",
+            help="Feature points of both heads, as `landmarks` writes them; `auto` for a head on which they are found.",
         ),
     ] = None,
     picture: Annotated[
@@ -234,7 +236,8 @@ def landmarks(
     edit: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE.json", help="Corrected points: NAME to a vertex (from 0) or [x, y, z]; not all need be there."
+            metavar="FILE.json",
+            help="Points that are known better: a JSON object, name to vertex (from 0) or to x, y, z.",
         ),
     ] = None,
     picture: Annotated[
@@ -244,7 +247,7 @@ def landmarks(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:  # fmt: skip
-    """Find the 20 MPEG-4 feature points of a head."""
+    """Find the 20 feature points (MPEG-4) of a head: mouth, nose, eyes, brows, chin."""
     from app.meshes.points import landmarks_file
 
     _run(lambda work: landmarks_file(head, output, edit, work), force, quiet, json, picture)

@@ -31,8 +31,8 @@ def points_of(head: MeshFile, given: str = AUTO) -> FeaturePoints:
     found = find(head.mesh)
     if isinstance(found, Failed):
         raise MeshError(
-            f"{head.path}: {_bare(found)}; mark the points in a file (see `guise analogy mesh landmarks --help`) and "
-            "give it with --landmarks"
+            f"{head.path}: {_bare(found)}; give its feature points with --landmarks, from a file that "
+            "`guise analogy mesh landmarks MESH --edit FILE` writes"
         )
     return found
 

@@ -20,6 +20,7 @@ from app.pictures import save_picture
 
 F64 = NDArray[np.float64]
 
+STILL = 1e-6  # of a head's size, which vertices move by rounding
 MOST_DRAWN = 6  # expressions in a picture
 SIDE = 25.0  # degrees from which several are seen
 READING, CARRYING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
@@ -72,7 +73,10 @@ def carry_all(
 
 def told(carrier: Carrier, expressive: F64, made: F64, name: str, output: str, seconds: float) -> Carried:
     """What is told of one expression."""
-    way = np.linalg.norm(made - carrier.pair.target.mesh.vertices, axis=1)
+    neutral = carrier.pair.target.mesh.vertices
+    way = np.linalg.norm(made - neutral, axis=1)
+    if way.max() <= STILL * float(np.ptp(neutral, axis=0).max()):
+        return Carried(name, output, 0.0, None, seconds)
     return Carried(
         name, output, float(f"{way.max():.6g}"), AmountError.of(carrier.error(expressive, made)), seconds
     )
