@@ -152,11 +152,14 @@ class GltfDocument:
     def displacements(self) -> dict[str, F64]:
         """Of each morph target (n, 3), by name; a name that several meshes have is one."""
         found: dict[str, F64] = {}
-        with undamaged():
+        with undamaged(), np.errstate(invalid="ignore"):
             for part in self.parts:
                 for name, target in zip(target_names(self.container, part), part.targets(), strict=True):
                     held = found.setdefault(name, np.zeros(self.vertices.shape))
                     held[part.rows] = part.displacement(self.container, target)
+        bad = next((name for name, way in found.items() if not np.isfinite(way).all()), None)
+        if bad is not None:
+            raise MeshError(f"its morph target {shown(bad)} is not finite (NaN or infinite)")
         return found
 
     def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
@@ -179,7 +182,7 @@ class GltfDocument:
     def _gathered(self, name: str, width: int) -> F64:
         """(n, width) an attribute of all parts."""
         found = np.zeros((self.parts[-1].rows.stop if self.parts else 0, width))
-        with undamaged():
+        with undamaged(), np.errstate(invalid="ignore"):  # of NaN, which is found later
             for part in self.parts:
                 index = part.primitives[0]["attributes"].get(name)
                 if index is not None:

@@ -111,7 +111,8 @@ class PlyDocument:
         held = self._vertex.values
         if not all(name in held for name in names) or any(name in self._vertex.sizes for name in names):
             return None
-        return np.stack([held[name].astype(np.float64) for name in names], axis=1)
+        with np.errstate(invalid="ignore"):  # of NaN, which is found later
+            return np.stack([held[name].astype(np.float64) for name in names], axis=1)
 
 
 def _header(data: bytes) -> tuple[str, list[Element], int]:

@@ -475,7 +475,14 @@ def spoilt(change: Any) -> bytes:
     return made.data()
 
 
+def with_nan() -> bytes:
+    made = head({"smile": np.full((SIDE2, 3), np.nan)})
+    made.json["accessors"][-1]["min"] = made.json["accessors"][-1]["max"] = [0, 0, 0]
+    return made.data()
+
+
 BAD = {
+    "a target": (with_nan(), "its morph target smile is not finite"),
     "no json": (b"glTF" + bytes(60), "no JSON"),
     "text": (b"hello", "no JSON"),
     "old": (spoilt(lambda g: g.json["asset"].update(version="1.0")), "it is glTF 1.0, and only 2.0 is read"),
