@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analogy.documents import Document
 from analogy.gltf_container import INDICES, VERTICES, Container, Json
 from analogy.materials import Material
-from analogy.normals import smooth, unit
+from analogy.normals import smooth, sound, unit
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
@@ -71,7 +71,7 @@ def _distinct(columns: list[Int]) -> tuple[Int, Int]:
 
 
 def _floats(out: Container, values: F64) -> int:
-    return out.append(values.astype(np.float32), VERTICES)
+    return out.append(sound(values).astype(np.float32), VERTICES)
 
 
 def _linear(colours: F64) -> F64:

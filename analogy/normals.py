@@ -11,7 +11,7 @@ from analogy.polygons import Polygons
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
-BEYOND = 1e30  # what a coordinate of a normal is not
+BEYOND = 1e30  # any number that is meant
 ALIKE = 1000  # steps of a coordinate of a normal within which two are one
 
 
@@ -54,9 +54,9 @@ def smooth(vertices: F64, polygons: Polygons) -> F64:
     return unit(np.asarray(sums @ polygons.areas(vertices)))
 
 
-def sound(normals: F64) -> F64:
-    """Normals (n, 3) as a file gives them; 0 where they can be none."""
-    return np.where((np.abs(normals) < BEYOND).all(axis=1, keepdims=True), normals, 0.0)
+def sound(values: F64) -> F64:
+    """Values (n, d) as a file gives them; 0 where they cannot be meant (NaN, or beyond what float32 holds)."""
+    return np.where((np.abs(values) < BEYOND).all(axis=1, keepdims=True), values, 0.0)
 
 
 def unit(vectors: F64) -> F64:
