@@ -1,6 +1,7 @@
 """Which triangle of a mesh each pixel shows, and where in it: a float image with a depth test.
 
-Nothing is shaded here: colours, normals, depths or coordinates are looked up by triangle and weights afterwards.
+Nothing is shaded here: colours, normals, depths or coordinates are looked up by triangle and weights afterwards, and
+the weights are computed from the triangle when they are asked for, exactly.
 Pixels, x right, y down, pixel centres at integers; depth in any unit, smaller is nearer.  Vertices are snapped to
 1/256 pixel as in `render.mesh`, so that GL and its NumPy twin cover the same pixels.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import get_args
 
 import moderngl
@@ -37,16 +38,30 @@ class Visibility:
     """What each pixel shows.
 
     triangle : (h, w) int32, the nearest triangle that covers the pixel's centre, -1 where none does.
-    weights : (h, w, 3) float32, barycentric place of the centre in it (GL: to about 1e-3); zero where there is none.
+    planes : (2, 3, t), a, b, c of each triangle with a x + b y + c the weight of its corners 1 and 2 at pixel (x, y).
     """
 
     triangle: NDArray[np.int32]
-    weights: F32
+    planes: F64
 
-    @property
+    @cached_property
     def covered(self) -> NDArray[np.bool_]:
         """(h, w), where the mesh is seen."""
         return np.asarray(self.triangle >= 0)
+
+    @cached_property
+    def places(self) -> F32:
+        """(p, 3) barycentric weights of the covered pixels' centres in their triangles, row by row; sums are 1."""
+        line, column = np.nonzero(self.covered)
+        one, other = (_at(plane, self.triangle[self.covered], column, line) for plane in self.planes)
+        return np.stack([1 - one - other, one, other], axis=1).astype(np.float32)
+
+    @property
+    def weights(self) -> F32:
+        """(h, w, 3) the same as a picture, zero where nothing is seen."""
+        out = np.zeros((*self.triangle.shape, 3), np.float32)
+        out[self.covered] = self.places
+        return out
 
     def interpolated(
         self, values: NDArray[np.floating], triangles: NDArray[np.integer]
@@ -57,11 +72,10 @@ class Visibility:
         >>> seen.interpolated(np.array([[0.0], [4.0], [8.0]]), np.array([[0, 1, 2]])).tolist()
         [[0.0], [1.0]]
         """
-        covered = self.covered
-        corners, weights = triangles[self.triangle[covered]], self.weights[covered]
-        out = values[corners[:, 0]] * weights[:, :1]
+        corners = triangles[self.triangle[self.covered]]
+        out = values[corners[:, 0]] * self.places[:, :1]
         for k in (1, 2):
-            out += values[corners[:, k]] * weights[:, k : k + 1]
+            out += values[corners[:, k]] * self.places[:, k : k + 1]
         return np.asarray(out)
 
 
@@ -85,9 +99,10 @@ def visible(
     if renderer not in get_args(Renderer):
         raise RendererError(f"renderer must be one of {', '.join(get_args(Renderer))}, got {renderer!r}")
     snapped, depth, corners = _checked(points, triangles, size)
+    planes = _planes(snapped / SUBPIXELS, corners)
     if len(corners) and (renderer == "gl" or (renderer == "auto" and _hardware())):
-        return _drawer().draw(snapped, depth, corners, size)
-    return _on_cpu(snapped, depth, corners, size)
+        return Visibility(_drawer().draw(snapped, depth, corners, size), planes)
+    return Visibility(_on_cpu(snapped, _towards(planes, depth, corners), corners, size), planes)
 
 
 def _checked(points: ArrayLike, triangles: ArrayLike, size: tuple[int, int]) -> tuple[F64, F64, Int]:
@@ -107,23 +122,22 @@ def _checked(points: ArrayLike, triangles: ArrayLike, size: tuple[int, int]) -> 
     return snap(place[:, :2], len(place)), place[:, 2], np.asarray(corners, np.intp)
 
 
-def _on_cpu(snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> Visibility:
-    """The NumPy twin: every pixel of every triangle, of which the nearest stays."""
+def _on_cpu(snapped: F64, depths: F64, triangles: Int, size: tuple[int, int]) -> NDArray[np.int32]:
+    """The NumPy twin: of all triangles at every pixel (h, w), whose depths are planes (3, t), the nearest."""
     width, height = size
     owner, row, left, right = spans(snapped, triangles, width, height)
     length = right - left
     number = np.repeat(owner, length)
     column = np.arange(len(number)) - np.repeat(np.cumsum(length) - length - left, length)
     line = np.repeat(row, length)
-    planes = _planes(snapped / SUBPIXELS, triangles)
-    away = _at(_towards(planes, depth, triangles), number, column, line)
+    away = _at(depths, number, column, line)
     pixel = line * width + column
     nearest = np.full(width * height, np.inf)
     np.minimum.at(nearest, pixel, away)
     first = np.flatnonzero(away == nearest[pixel])[::-1]  # the last assigned stays
     seen = np.full(width * height, -1, np.int32)
     seen[pixel[first]] = number[first]
-    return Visibility(seen.reshape(height, width), _weights(seen, planes, size))
+    return seen.reshape(height, width)
 
 
 def _planes(places: F64, triangles: Int) -> F64:
@@ -144,18 +158,6 @@ def _towards(planes: F64, depth: F64, triangles: Int) -> F64:
     return np.asarray(out)
 
 
-def _weights(seen: NDArray[np.int32], planes: F64, size: tuple[int, int]) -> F32:
-    """(h, w, 3) weights at the pixels whose triangle is given in reading order (h w,)."""
-    width, height = size
-    out = np.zeros((width * height, 3), np.float32)
-    pixel = np.flatnonzero(seen >= 0)
-    line, column = np.divmod(pixel, width)
-    number = seen[pixel]
-    one, other = (_at(plane, number, column, line) for plane in planes)
-    out[pixel] = np.stack([1 - one - other, one, other], axis=1)
-    return out.reshape(height, width, 3)
-
-
 def _at(plane: F64, number: NDArray[np.integer], column: Int, line: Int) -> F64:
     """a x + b y + c (p,) of planes (3, t) chosen by number (p,)."""
     a, b, c = plane
@@ -172,15 +174,17 @@ class GLVisibility(Closing):
             self._target = self._new_target((1, 1))
             check(self._context, "building the shaders")
 
-    def draw(self, snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> Visibility:
-        """Places (N, 2) in whole 1/256 pixels, depths (N,), triangles (t, 3); at least one of them."""
+    def draw(self, snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> NDArray[np.int32]:
+        """The triangle (h, w) seen at each pixel, -1 for none.
+
+        Places (N, 2) in whole 1/256 pixels, depths (N,), triangles (t, 3); at least one of them.
+        """
         with self._context:
             self._resize(size)
             self._render(snapped, depth, triangles)
-            picture = np.frombuffer(self._target.read(components=4, dtype="f4"), np.float32)
+            picture = np.frombuffer(self._target.read(components=1, dtype="f4"), np.float32)
             check(self._context, "drawing a mesh's triangles")
-        picture = picture.reshape(size[1], size[0], 4)
-        return Visibility(picture[..., 0].astype(np.int32), np.ascontiguousarray(picture[..., 1:]))
+        return picture.reshape(size[1], size[0]).astype(np.int32)
 
     def close(self) -> None:
         """Release the context with everything in it."""
@@ -197,7 +201,7 @@ class GLVisibility(Closing):
         context.depth_func = "<"
         target.use()
         target.viewport = target.scissor = (0, 0, *target.size)
-        target.clear(-1.0, 0.0, 0.0, 0.0, depth=1.0)
+        target.clear(-1.0, depth=1.0)
         target.viewport = (whole.x0, whole.y0, whole.width, whole.height)
         array.render(moderngl.TRIANGLES)
         target.viewport = target.scissor
@@ -213,7 +217,7 @@ class GLVisibility(Closing):
 
     def _new_target(self, size: tuple[int, int]) -> moderngl.Framebuffer:
         context = self._context
-        return context.framebuffer([context.texture(size, 4, dtype="f4")], context.depth_texture(size))
+        return context.framebuffer([context.texture(size, 1, dtype="f4")], context.depth_texture(size))
 
 
 def _clip_depth(depth: F64) -> F32:

@@ -53,8 +53,8 @@ def test_weights_place_each_pixels_centre_in_its_triangle(renderer: str) -> None
     y, x = np.nonzero(seen.covered)
     place = seen.interpolated(points[:, :2], triangles)
     np.testing.assert_allclose(place, np.stack([x, y], 1), atol=0.01)  # vertices are snapped to 1/256 pixel
-    assert seen.weights.min() > -1e-3
-    np.testing.assert_allclose(seen.weights.sum(2), seen.covered, atol=1e-3)
+    assert seen.weights.min() > -1e-6
+    np.testing.assert_allclose(seen.weights.sum(2), seen.covered, atol=1e-6)
 
 
 @pytest.mark.parametrize("renderer", BOTH)
@@ -73,7 +73,7 @@ def test_gl_and_its_twin_see_the_same(size: tuple[int, int]) -> None:
     assert (gl.covered == cpu.covered).all()
     same = gl.triangle == cpu.triangle
     assert same.mean() > 0.995  # they may differ where two triangles are as good as equally deep
-    np.testing.assert_allclose(gl.weights[same], cpu.weights[same], atol=2e-3)
+    np.testing.assert_array_equal(gl.weights[same], cpu.weights[same])
 
 
 @pytest.mark.egl
@@ -82,7 +82,7 @@ def test_pictures_of_changing_size_from_one_context() -> None:
         for side in (8, 3, 8):
             seen = drawer.draw(WALL[:, :2] * 256.0, WALL[:, 2] * 1.0, np.array([[0, 1, 2]]), (side, side))
             y, x = np.mgrid[:side, :side]
-            np.testing.assert_array_equal(seen.covered, x + y < 8)
+            np.testing.assert_array_equal(seen, np.where(x + y < 8, 0, -1))
 
 
 coordinate = st.floats(-10, 20)
