@@ -370,14 +370,15 @@ def test_animate_by_a_photo_and_by_a_model(here: Path, capsys: pytest.CaptureFix
     assert 0 < max(np.abs(a - b).mean() for a, b in pairs) < 3
 
 
-def with_gap(path: Path, gap: slice) -> Path:
-    """The clip, with nobody to be seen in some frames."""
+def with_box(path: Path, frames: slice, box: tuple[slice, slice] = np.s_[:, :]) -> Path:
+    """The clip, with a part of the picture covered in some frames."""
     with open_source("clip.mp4") as source, av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", 30, {"qp": "0"})
         stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv444p"
         for frame in source:
             rgb = frame.rgb()
-            rgb[:] = 90 if frame.index in range(*gap.indices(8)) else rgb
+            if frame.index in range(*frames.indices(8)):
+                rgb[box] = 90
             picture = av.VideoFrame.from_ndarray(rgb, "rgb24")
             picture.pts, picture.time_base = frame.index, Fraction(1, 30)
             out.mux(stream.encode(picture))
@@ -385,10 +386,12 @@ def with_gap(path: Path, gap: slice) -> Path:
     return path
 
 
-def test_a_lost_face_holds_the_expression_and_is_counted(
-    here: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("hidden", ["everything", "mouth"])
+def test_a_lost_or_hidden_face_holds_the_expression_and_is_counted(
+    here: Path, capsys: pytest.CaptureFixture[str], hidden: str
 ) -> None:
-    with_gap(here / "gap.mp4", slice(3, 6))
+    middle = int(landmarks("p01", 3)[0, 33, 1])  # of the face, below the nose
+    with_box(here / "gap.mp4", slice(3, 6), np.s_[middle:, :] if hidden == "mouth" else np.s_[:, :])
     code, out, _ = run(capsys, "animate", "gap.mp4", "t.png", "-o", "out.mp4", "--lossless", "--json")
     assert code == 0
     report = json.loads(out)
@@ -400,7 +403,7 @@ def test_a_lost_face_holds_the_expression_and_is_counted(
 
 
 def test_before_the_face_is_seen_the_photo_is_itself(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with_gap(here / "late.mp4", slice(0, 2))
+    with_box(here / "late.mp4", slice(0, 2))
     assert run(capsys, "animate", "late.mp4", "t.png", "-o", "out.mkv", "--encoder", "ffv1")[0] == 0
     with open_source("out.mkv") as made:
         first = next(iter(made)).rgb()

@@ -13,7 +13,19 @@ from numpy.typing import NDArray
 
 from aam.appearance import neutral_frames
 from aam.follow import PersonFollower
-from aam.landmarks import Follower, Landmarker, Smoother, interocular, load_annotations, open_landmarker
+from aam.landmarks import (
+    INNER_LIPS,
+    LEFT_EYE,
+    OUTER_LIPS,
+    RIGHT_EYE,
+    Face,
+    Follower,
+    Landmarker,
+    Smoother,
+    interocular,
+    load_annotations,
+    open_landmarker,
+)
 from aam.model import Identity
 from aam.reference import ReferenceFrame
 from aam.tracker import FEATURE_RESOLUTION, Fit
@@ -24,9 +36,9 @@ from app.run import Progress, Say
 
 F64 = NDArray[np.float64]
 
-# Confidence from which an expression is taken.  A hand before the face makes it 0.5 to 0.8; of a free one it is 0.86
-# and more, in extreme expressions and turns too.
-CLEAR = 0.85
+# Mean confidence of a mouth's or the eyes' points from which their expression is taken.  Behind a hand, a mug or a box
+# it is 0.2 to 0.65; of free ones 0.88 and more, in extreme expressions too.
+CLEAR = 0.7
 
 
 @dataclass(frozen=True)
@@ -114,7 +126,14 @@ class _ByLandmarker:
             return None
         seconds = float(frame.pts * frame.time_base)
         points = self._smoother.step(face.points, face.point_confidence, seconds)
-        return points.astype(np.float64) if face.confidence >= CLEAR else None
+        return points.astype(np.float64) if _is_clear(face) else None
+
+
+def _is_clear(face: Face) -> bool:
+    """Whether nothing hides mouth or eyes, as far as the landmarker knows."""
+    sure = face.point_confidence
+    parts = ([*OUTER_LIPS, *INNER_LIPS], [*RIGHT_EYE, *LEFT_EYE])
+    return sure is None or all(float(sure[part].mean()) >= CLEAR for part in parts)
 
 
 class _ByModel:
