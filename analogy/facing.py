@@ -25,7 +25,7 @@ F64 = NDArray[np.float64]
 
 SEEK = 160  # pixels, the side of a picture in which a face is sought
 CELLS = 64  # along the longest side of a mesh: vertices in one are merged for the search
-LIKELY = 0.5  # the landmarker's probability from which a face is worth a look from the front
+LIKELY = 0.3  # the landmarker's probability from which a face is worth a look from the front
 ANYWAYS = 96  # turns tried when right angles do not do
 
 
@@ -59,9 +59,10 @@ def facings(mesh: Mesh) -> Iterator[Facing]:
     """
     whole = Solid.of(mesh)
     rough = _rough(whole)
-    for turns in (np.eye(3)[None], _right_angles(), _any_ways()):
-        for solid, tried in ((whole, rough), (whole.plain(), rough.plain())):
-            yield from _seen(solid, tried, turns)
+    upright, others = np.eye(3)[None], np.concatenate([_right_angles(), _any_ways()])
+    for turns in (upright, others):
+        yield from _seen(whole, rough, turns)
+        yield from _seen(whole.plain(), rough.plain(), turns)
 
 
 def _seen(solid: Solid, rough: Solid, turns: F64) -> Iterator[Facing]:

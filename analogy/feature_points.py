@@ -27,29 +27,29 @@ F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 # Name -> the point of scheme `face81`, and the way from it in hundredths of the eye width: to the person's left, up,
-# forward.  The ways are the means of two definitions, those of the rendered people and of the ICT head
+# forward.  The ways are the means of two definitions, those of the rendered people and of the ICT head, made symmetric
 # (`benchmarks/mesh/landmarks.py --shifts`); the outer ends of the brows, which differ most, are the people's.
 DEFINITIONS: dict[str, tuple[int, tuple[float, float, float]]] = {
-    "mouth_corner_right": (48, (-0.4, -0.1, -0.4)),
-    "mouth_corner_left": (54, (0.4, -0.1, -0.4)),
-    "upper_lip_top": (51, (0.0, 1.6, 1.6)),
-    "lower_lip_bottom": (57, (0.0, -0.1, 0.1)),
-    "upper_lip_inner": (62, (0.0, -0.7, 1.7)),
-    "lower_lip_inner": (66, (0.0, -0.1, -0.6)),
-    "nose_tip": (30, (0.0, -1.4, 2.4)),
-    "nose_bridge": (27, (0.0, -0.5, 4.2)),
-    "nose_base": (33, (0.0, -1.3, 0.0)),
-    "nose_wing_right": (31, (-3.3, -3.9, 1.1)),
-    "nose_wing_left": (35, (3.3, -3.9, 1.1)),
-    "eye_right_outer": (36, (-1.9, 0.7, -0.5)),
-    "eye_right_inner": (39, (-2.8, 0.9, -0.5)),
-    "eye_left_inner": (42, (2.8, 0.9, -0.5)),
-    "eye_left_outer": (45, (1.9, 0.7, -0.5)),
-    "chin": (8, (0.0, 0.8, 5.6)),
-    "brow_right_outer": (17, (16.5, 5.3, 16.6)),
-    "brow_right_inner": (21, (-1.3, 6.2, 4.0)),
-    "brow_left_inner": (22, (1.3, 6.2, 4.0)),
-    "brow_left_outer": (26, (-16.5, 5.3, 16.6)),
+    "mouth_corner_right": (48, (-0.2, -0.5, -1.1)),
+    "mouth_corner_left": (54, (0.2, -0.5, -1.1)),
+    "upper_lip_top": (51, (0.0, 1.6, 0.7)),
+    "lower_lip_bottom": (57, (0.0, 0.1, -0.6)),
+    "upper_lip_inner": (62, (0.0, -0.6, 0.5)),
+    "lower_lip_inner": (66, (0.0, -0.3, -1.6)),
+    "nose_tip": (30, (0.0, -1.2, 2.3)),
+    "nose_bridge": (27, (0.0, -0.9, 3.9)),
+    "nose_base": (33, (0.0, -1.5, -0.3)),
+    "nose_wing_right": (31, (-3.4, -3.8, -0.3)),
+    "nose_wing_left": (35, (3.4, -3.8, -0.3)),
+    "eye_right_outer": (36, (-1.9, 0.6, -0.7)),
+    "eye_right_inner": (39, (-2.6, 0.5, -1.1)),
+    "eye_left_inner": (42, (2.6, 0.5, -1.1)),
+    "eye_left_outer": (45, (1.9, 0.6, -0.7)),
+    "chin": (8, (0.0, -0.2, 4.5)),
+    "brow_right_outer": (17, (16.1, 5.5, 16.5)),
+    "brow_right_inner": (21, (-1.1, 6.9, 4.1)),
+    "brow_left_inner": (22, (1.1, 6.9, 4.1)),
+    "brow_left_outer": (26, (-16.1, 5.5, 16.5)),
 }
 NAMES = tuple(DEFINITIONS)
 POINTS = np.array([point for point, _ in DEFINITIONS.values()])

@@ -27,8 +27,7 @@ FIRST = (
     (20, 0),
     (0, 12),
 )  # degrees of yaw and pitch, until the head is seen from the front
-THEN = tuple((yaw, pitch) for yaw in (-30, -15, 0, 15, 30) for pitch in (-14, 0, 14))
-FRONT = 16  # degrees of yaw up to which what is seen counts as the face's surface
+THEN = tuple((yaw, pitch) for yaw in (-24, 0, 24) for pitch in (-12, 0, 12))
 SETTLED, ROUNDS = 8.0, 4  # degrees, by which the front may still change; how often it is sought
 DEPTH = 0.3  # what a distance in depth counts beside one across, for the nearest point of the surface
 STEPS, LOOSE = 6, 1.5  # rounds of weighting, and the medians of distance at which a line weighs one half
@@ -43,7 +42,7 @@ class Sighted:
     ----------
     points : (81, 3), not on the surface but near it.   off : (v, 81) distances of the v lines of sight from them.
     axes : (3, 3) rows: to the person's left, up, forward.   eye_width : between the outer eye corners.
-    surface : what is seen of the mesh from the front.
+    surface : what was seen of the mesh.
     """
 
     points: F64
@@ -83,8 +82,7 @@ def _observed(
     for yaw, pitch in turns:
         view = front.turned(yaw, pitch)
         picture, seen = near.picture(view)
-        if abs(yaw) <= FRONT:
-            shown[seen.triangle[seen.covered]] = True
+        shown[seen.triangle[seen.covered]] = True
         face = _face(picture, None if start is None else view.project(start)[:, :2])
         if face is not None:
             rows.append(view.axes[:2])

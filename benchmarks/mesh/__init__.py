@@ -1,0 +1,1 @@
+"""Benchmarks of expression analogy on meshes, beside its peers."""

@@ -1,0 +1,166 @@
+"""Automatic feature points on heads: how many are near their true place, upright and turned in any way, and how fast.
+
+Errors are distances to the true points in % of the eye width, the distance between the true outer eye corners.  The
+heads come from two sources that define the outer ends of the brows, and a little the inner ones and the chin,
+differently; `--shifts` prints how each source's points lie to those of the landmarker, of which
+`analogy.feature_points.DEFINITIONS` is made.  `--pictures` draws what was found, also where no truth is known.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from aam.similarity import Failed
+from analogy.facing import facings, landmarker
+from analogy.feature_points import NAMES, POINTS, FeaturePoints, find
+from analogy.mesh import Mesh
+from analogy.sighting import frontal_axes, sighted
+from analogy.views import Solid, View
+from benchmarks import common
+from benchmarks.common import F64, Criterion, Report, Table
+from benchmarks.mesh.marked_heads import Head, heads
+
+NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"
+NEAR = 0.08  # eye widths
+OUTER = [NAMES.index("eye_right_outer"), NAMES.index("eye_left_outer")]
+SIDES = ((0, 0), (-55, 0), (0, -30))  # degrees, of the pictures
+SIZE = 360  # pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What was found on a head: distances from the truth (20,) in eye widths, NaN where it is not known."""
+
+    points: FeaturePoints | Failed
+    errors: F64
+    seconds: float
+
+    @property
+    def wrong(self) -> int:
+        """How many of the known points are not near."""
+        return int(np.count_nonzero(self.errors >= NEAR))
+
+
+def answered(mesh: Mesh, truth: F64) -> Answer:
+    """The points of a mesh that was not seen before."""
+    start = time.perf_counter()
+    points = find(mesh)
+    seconds = time.perf_counter() - start
+    known = np.isfinite(truth[:, 0])
+    if isinstance(points, Failed):
+        return Answer(points, np.where(known, np.inf, np.nan), seconds)
+    width = float(np.linalg.norm(truth[OUTER[1]] - truth[OUTER[0]]))
+    return Answer(points, np.linalg.norm(points.positions - truth, axis=1) / width, seconds)
+
+
+def turned(head: Head, seed: int) -> tuple[Mesh, F64]:
+    """The head turned and scaled at random, and its truth."""
+    rng = np.random.default_rng(seed)
+    turn = Rotation.random(random_state=rng).as_matrix() * 10 ** rng.uniform(-2, 2)
+    return Mesh(head.mesh.vertices @ turn.T, head.mesh.triangles, head.mesh.quads), head.truth @ turn.T
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All heads, or every fifth."""
+    chosen = list(heads(options.shared))[:: 5 if options.quick else 1]
+    if options.shifts:
+        return shifts(chosen)
+    landmarker()
+    rows, upright, rolled = [], [], []
+    for number, head in enumerate(chosen):
+        fresh = Mesh(head.mesh.vertices, head.mesh.triangles, head.mesh.quads)
+        upright.append(answered(fresh, head.truth))
+        rolled.append(answered(*turned(head, number)))
+        rows.append(row(head, upright[-1], rolled[-1]))
+        common.say(" ".join(map(common.shown, rows[-1])))
+        if options.pictures and isinstance(upright[-1].points, FeaturePoints):
+            draw(options.pictures / f"{head.name.replace(' ', '_')}.png", head, upright[-1].points)
+    columns = (
+        "head", "faces", "points known", "within 8 %", "mean error, %", "worst", "s",
+        "turned: within 8 %", "mean error, %", "s",
+    )  # fmt: skip
+    slowest = max(a.seconds for a, head in zip(upright, chosen, strict=True) if len(head.mesh.faces) <= 40000)
+    criteria = [
+        Criterion("upright: points not within 8 %, most of any head", max(a.wrong for a in upright), "<=", 3),
+        Criterion("turned: points not within 8 %, most of any head", max(a.wrong for a in rolled), "<=", 3),
+        Criterion("slowest upright head of at most 40 000 faces", slowest, "<=", 1.5, "s"),
+    ]
+    return Report(NAME, TITLE, criteria, [Table("Heads", columns, rows)])
+
+
+def row(head: Head, upright: Answer, rolled: Answer) -> tuple[object, ...]:
+    """A head's line of the table."""
+    known = int(np.isfinite(head.truth[:, 0]).sum())
+    if known == 0:
+        missing = ["-" if isinstance(a.points, FeaturePoints) else "none found" for a in (upright, rolled)]
+        counts, means, worst = missing, ["-", "-"], "-"
+    else:
+        counts = [str(known - a.wrong) for a in (upright, rolled)]
+        means = [common.shown(100 * float(np.nanmean(a.errors))) for a in (upright, rolled)]
+        far = int(np.nanargmax(upright.errors))
+        worst = f"{NAMES[far]} {100 * upright.errors[far]:.0f}"
+    return (
+        head.name, len(head.mesh.faces), known, counts[0], means[0], worst, upright.seconds, counts[1], means[1],
+        rolled.seconds,
+    )  # fmt: skip
+
+
+def shifts(chosen: Iterable[Head]) -> Report:
+    """How far the true points are from the landmarker's, in % of the eye width: to the left, up, forward."""
+    found: dict[str, list[F64]] = {}
+    for head in chosen:
+        if np.isfinite(head.truth).all():
+            seen = sighted(next(facings(head.mesh)))
+            if not isinstance(seen, Failed):
+                way = (head.truth - seen.points[POINTS]) @ seen.axes.T
+                found.setdefault(head.source, []).append(100 * way / seen.eye_width)
+    rows = [
+        (name, *(told(np.array(ways)[:, number]) for ways in found.values()))
+        for number, name in enumerate(NAMES)
+    ]
+    columns = ("point", *(f"{source}, {len(ways)} heads" for source, ways in found.items()))
+    return Report(NAME, TITLE, tables=[Table("Mean and deviation between heads", columns, rows)])
+
+
+def told(ways: F64) -> str:
+    """Means of (n, 3) and the deviation."""
+    return f"{', '.join(f'{x:.1f}' for x in ways.mean(0))} ± {np.sqrt(ways.var(0).sum()):.1f}"
+
+
+def draw(path: Path, head: Head, points: FeaturePoints) -> None:
+    """The head from three sides, true points green, found ones red."""
+    solid, corners = Solid.of(head.mesh), np.zeros((81, 3))
+    corners[POINTS] = points.positions
+    for group, of in ((slice(36, 42), (36, 39)), (slice(42, 48), (42, 45)), (slice(48, 60), (48, 54))):
+        corners[group] = corners[list(of)].mean(0)
+    front = View(frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, SIZE)
+    shown = []
+    for yaw, pitch in SIDES:
+        view = front.turned(yaw, pitch)
+        picture = np.ascontiguousarray(solid.picture(view)[0])
+        for places, colour, size in ((head.truth, (0, 255, 0), 3), (points.positions, (255, 0, 0), 2)):
+            for x, y, _ in view.project(places[np.isfinite(places[:, 0])]):
+                cv2.circle(picture, (round(x), round(y)), size, colour, -1)
+        shown.append(picture)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.concatenate(shown, axis=1)[:, :, ::-1])
+
+
+def parser() -> argparse.ArgumentParser:
+    """The options."""
+    made = common.arguments(__doc__)
+    made.add_argument("--shifts", action="store_true", help="print the sources' definitions instead")
+    made.add_argument("--pictures", type=Path, help="folder for pictures of the points")
+    return made
+
+
+if __name__ == "__main__":
+    common.run(measure, parser())
