@@ -11,7 +11,7 @@ from made_up import SAMPLES
 
 from analogy.feature_points import NAMES
 from analogy.gltf_container import VERTICES, Container
-from analogy.mesh_io import read_frames, read_mesh, read_rig
+from analogy.mesh_io import MeshFile, read_frames, read_mesh, read_rig
 from app.cli import main
 
 HEADS = SAMPLES / "heads"
@@ -275,6 +275,21 @@ def test_an_interrupted_sequence_keeps_its_frames(
     said = run(capsys, "sequence", P01, frames(here / "in"), "--target", P01, "-o", "out")
     assert said == (130, "", "error: interrupted; 2 frames are kept in out: go on with --resume\n")
     assert sorted(path.name for path in (here / "out").iterdir()) == ["f0.obj", "f1.obj"]
+
+
+def test_an_interrupted_transfer_says_what_is_written(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = MeshFile.write
+
+    def interrupted(self: MeshFile, path: Path, at: np.ndarray) -> None:
+        if path.stem == "p01_surprise":
+            raise KeyboardInterrupt
+        write(self, path, at)
+
+    monkeypatch.setattr(MeshFile, "write", interrupted)
+    said = run(capsys, "transfer", P01, SMILE, SURPRISE, "--target", P01, "-o", "out")
+    assert said == (130, "", "error: interrupted; 1 of 2 files are written\n")
 
 
 def test_an_animated_rig_is_a_sequence(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analogy.mesh import Mesh
-from analogy.mesh_io import read_mesh
+from analogy.mesh_io import MeshFile, read_mesh
+from app.failures import Interrupted
 from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
 from app.meshes.pictures import Head, Picture, Stand, carried_over, strip
@@ -47,10 +48,19 @@ def transfer_files(
     names = [(str(path), str(output)) for path, output in zip(expressions, outputs, strict=True)]
     made, carried = carry_all(carrier, faces, names, work)
     with work.stage(WRITING):
-        for vertices, output in zip(made, outputs, strict=True):
-            head.write(output, vertices)
+        _write_all(head, made, outputs)
     draw(carrier, faces, made, [path.stem for path in expressions], work)
     return report_of(carrier, how, folder, "expression", carried, work)
+
+
+def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> None:
+    count = 0
+    try:
+        for vertices, output in zip(made, outputs, strict=True):
+            head.write(output, vertices)
+            count += 1
+    except KeyboardInterrupt:
+        raise Interrupted(f"interrupted; {count} of {len(outputs)} files are written") from None
 
 
 def carry_all(
