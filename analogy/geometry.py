@@ -51,6 +51,12 @@ def vertex_normals(vertices: F64, faces: Int) -> F64:
     return unit(np.asarray(sum(gathered(across, faces[:, k], len(vertices)) for k in range(3))))
 
 
+def vertex_areas(vertices: F64, faces: Int) -> F64:
+    """(N,) a third of the area of each vertex's faces."""
+    sixth = np.linalg.norm(face_normals(vertices, faces), axis=1) / 6
+    return np.bincount(faces.ravel(), np.repeat(sixth, 3), len(vertices)).astype(np.float64)
+
+
 def cotangent_laplacian(vertices: F64, faces: Int) -> tuple[sp.csr_array, F64]:
     """Minus the Laplacian as a matrix L (N, N), positive semidefinite, and the vertices' areas (N,).
 
@@ -58,17 +64,15 @@ def cotangent_laplacian(vertices: F64, faces: Int) -> tuple[sp.csr_array, F64]:
     well-shaped triangles alone and keeps L definite for slivers.
     """
     count = len(vertices)
-    area = np.zeros(count)
     weights = sp.csr_array((count, count))
     for k in range(3):
         i, j, opposite = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
         a, b = vertices[i] - vertices[opposite], vertices[j] - vertices[opposite]
         double = np.linalg.norm(np.cross(a, b), axis=1)
-        area += np.bincount(i, double / 6, count)
         half = np.clip((a * b).sum(1) / double.clip(TINY), 1e-3, 5) / 2
         weights += sp.csr_array(sp.coo_array((half, (i, j)), shape=(count, count)))
     weights = weights + weights.T
-    return sp.csr_array(sp.diags_array(weights.sum(axis=1)) - weights), area
+    return sp.csr_array(sp.diags_array(weights.sum(axis=1)) - weights), vertex_areas(vertices, faces)
 
 
 def border(faces: Int, count: int) -> Bool:
@@ -125,7 +129,8 @@ class Surface:
         self.sample_faces, weights = self._samples()
         self.samples = self._at(self.vertices, self.sample_faces, weights)
         self.normals = unit(self._at(self.vertex_normals, self.sample_faces, weights))
-        self.on_border = ((weights > 1 - 1e-9) & self.border[faces[self.sample_faces]]).any(axis=1)
+        at_vertex = (weights > 1 - 1e-9) & self.border[faces[self.sample_faces]]
+        self.on_border: Bool = np.asarray(at_vertex.any(axis=1))
         self._tree = cKDTree(np.concatenate([self.samples, turn * self.normals], axis=1))
 
     def nearest(self, points: F64, normals: F64) -> Int:

@@ -225,7 +225,7 @@ def _aligned_by_places(source: Mesh, surface: Surface, size: float) -> Similarit
         placed, facing = similarity.apply(at), normals @ similarity.rotation.T
         near = surface.nearest(placed, facing)
         far = np.linalg.norm(surface.samples[near] - placed, axis=1)
-        alike: Bool = np.asarray((surface.normals[near] * facing).sum(1) > np.cos(np.deg2rad(ANGLE)))
+        alike = np.asarray((surface.normals[near] * facing).sum(1) > np.cos(np.deg2rad(ANGLE)))
         alike &= (far <= np.quantile(far, CLOSEST)) & ~surface.on_border[near]
         step = align(at, surface.samples[near], alike.astype(np.float64))
         if isinstance(step, Failed):
