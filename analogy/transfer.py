@@ -33,7 +33,7 @@ Core = Callable[[F64], F64]
 REACH = 0.15  # of the head's radius: the length over which tents rule
 FADE = 0.3  # of the head's radius: how far an expression goes on where the source has nothing
 STRETCHED, SQUEEZED = 3.0, 0.2  # of a ring on the source, from which its places are not believed
-SAMPLE = 1000  # vertices that say how the head as a whole moves
+SAMPLE = 400  # vertices that say how the head as a whole moves
 
 
 class Transfer:
