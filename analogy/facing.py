@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from analogy.geometry import gathered, unit
 from analogy.mesh import Mesh
-from analogy.views import Solid, View, unit
+from analogy.views import Solid, View
 
 if TYPE_CHECKING:
     from aam.landmarks.builtin import BuiltinLandmarker
@@ -80,17 +81,12 @@ def _rough(solid: Solid) -> Solid:
     step = max(float(np.ptp(solid.vertices, axis=0).max()), 1e-300) / CELLS
     cell = np.floor((solid.vertices - low) / step).astype(np.int64) @ (1, 2 * CELLS, 4 * CELLS * CELLS)
     _, label = np.unique(cell, return_inverse=True)
-    vertices = _means(label, solid.vertices)
-    normals = None if solid.normals is None else unit(_means(label, solid.normals))
+    kinds = int(label.max()) + 1
+    vertices = gathered(solid.vertices, label, kinds) / np.bincount(label)[:, None]
+    normals = None if solid.normals is None else unit(gathered(solid.normals, label, kinds))
     faces = label[solid.faces]
     solid_ones = (faces != np.roll(faces, 1, axis=1)).all(1)
     return Solid(vertices, faces[solid_ones], normals) if solid_ones.any() else solid
-
-
-def _means(label: NDArray[np.intp], values: F64) -> F64:
-    """Means (k, 3) of the values (n, 3) with the labels 0..k - 1."""
-    sums = np.stack([np.bincount(label, column) for column in values.T], axis=1)
-    return np.asarray(sums / np.bincount(label)[:, None])
 
 
 def _right_angles() -> F64:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from aam.landmarks import OUTER_EYE_CORNERS, Face
 from aam.similarity import Failed
 from analogy.facing import Facing, landmarker
-from analogy.views import Image, Solid, View, unit
+from analogy.geometry import unit
+from analogy.views import Image, Solid, View
 
 F64 = NDArray[np.float64]
 

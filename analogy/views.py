@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from analogy.geometry import barycentric, unit, vertex_normals
 from analogy.mesh import Mesh
-from analogy.tents import tips
 from render.visibility import Visibility, visible
 
 F64 = NDArray[np.float64]
@@ -19,7 +19,7 @@ Int = NDArray[np.intp]
 Image = NDArray[np.uint8]
 
 LIGHT = np.array([0.3, 0.5, 1.0]) / np.sqrt(1.34)  # from the viewer's upper right, in the axes of a view
-AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 25, 128  # grey values: of skin, of what is seen from inside, of nothing
+AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 25, 128  # grey values: of skin, of an inside, of nothing
 SMOOTH = 2.0  # pixels, by which depths are smoothed before they are shaded
 
 
@@ -70,7 +70,7 @@ class Solid:
     @classmethod
     def of(cls, mesh: Mesh) -> Solid:
         """Of a mesh."""
-        return cls(mesh.vertices, mesh.faces, unit(tips(mesh.vertices, mesh.rings)))
+        return cls(mesh.vertices, mesh.faces, vertex_normals(mesh.vertices, mesh.faces))
 
     def plain(self) -> Solid:
         """The same without normals."""
@@ -104,7 +104,7 @@ class Solid:
         seen = visible(places, self.faces, (view.pixels, view.pixels))
         if self.normals is None:
             return _coloured(_relief(_depths(places, self.faces, seen))), seen
-        normal = unit(seen.interpolated(self.normals, self.faces)) @ view.axes.T
+        normal = unit(np.asarray(seen.interpolated(self.normals, self.faces), np.float64)) @ view.axes.T
         grey = _lit(normal)
         grey[normal[:, 2] < 0] = INSIDE
         picture = np.full(seen.triangle.shape, BEHIND, np.uint8)
@@ -117,12 +117,6 @@ class Solid:
         low, high = across.min(0), across.max(0)
         half = 0.56 * float((high - low)[:2].max())
         return View(axes, (low + high) / 2 @ axes, max(half, 1e-300), pixels)
-
-
-def unit(vectors: NDArray[np.floating]) -> F64:
-    """Vectors (..., 3) of length 1, zero where they were."""
-    size = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(size > 0, size, 1))
 
 
 def _coloured(grey: Image) -> Image:
@@ -155,24 +149,7 @@ def _relief(depth: NDArray[np.float32]) -> Image:
 def _nearest(place: F64, corners: F64, middle: F64, radius: F64) -> F64:
     """The point (3,) of triangles (m, 3, 3), given with middles and radii, that is nearest to a place (3,)."""
     away = np.linalg.norm(middle - place, axis=1)
-    points = _nearest_of(place, corners[away - radius <= (away + radius).min()])
+    close = corners[away - radius <= (away + radius).min()]
+    weights = barycentric(np.broadcast_to(place, (len(close), 3)), close)
+    points = np.einsum("mk,mki->mi", weights, close)
     return np.asarray(points[np.argmin(np.linalg.norm(points - place, axis=1))])
-
-
-def _nearest_of(place: F64, corners: F64) -> F64:
-    """The point (m, 3) of each of the triangles (m, 3, 3) that is nearest to a place (3,)."""
-    a, b, c = corners.transpose(1, 0, 2)
-    sides = np.stack([b - a, c - a], axis=2)
-    within = np.einsum("mij,mj->mi", np.linalg.pinv(sides), place - a)
-    inside = (within >= 0).all(1) & (within.sum(1) <= 1)
-    points = a + np.einsum("mij,mj->mi", sides, within)
-    ends = np.stack([_nearest_on(place, *side) for side in ((a, b), (b, c), (c, a))])
-    closest = ends[np.linalg.norm(ends - place, axis=2).argmin(0), np.arange(len(a))]
-    return np.asarray(np.where(inside[:, None], points, closest))
-
-
-def _nearest_on(place: F64, start: F64, end: F64) -> F64:
-    """The points (m, 3) of lines from `start` to `end` (m, 3) that are nearest to a place (3,)."""
-    way = end - start
-    share = ((place - start) * way).sum(1) / np.maximum((way**2).sum(1), 1e-300)
-    return np.asarray(start + np.clip(share, 0, 1)[:, None] * way)
