@@ -15,6 +15,8 @@ from analogy.tents import HELD, STILL, Rings, tips
 
 F64 = NDArray[np.float64]
 
+COLLAPSED = 0.05  # of the target's triangle: a source's that is thinner tells nothing, and keeps its form
+
 
 class GradientTransfer:
     """Deformation transfer; factorised once.
@@ -37,6 +39,8 @@ class GradientTransfer:
         self.source, self.target, self.rings = source, target, rings
         self._before = np.linalg.pinv(_with_normal(source, rings))
         self._planes, flat = _planes(target, rings)
+        least = np.linalg.svd(_sides(source, rings), compute_uv=False)[:, 1]
+        self._sound = least > COLLAPSED * np.linalg.svd(flat, compute_uv=False)[:, 1]
         system = _operator(np.asarray(np.linalg.pinv(flat), np.float64), rings)
         self._hold = HELD * float(system.power(2).sum()) / rings.count
         self._solve = least_squares(system, self._hold)
@@ -45,6 +49,7 @@ class GradientTransfer:
     def __call__(self, expressive: F64) -> F64:
         """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
         changed = _with_normal(expressive, self.rings) @ self._before - np.eye(3)
+        changed[~self._sound] = 0
         across = np.einsum("tij,tjk->tki", changed, self._planes).reshape(-1, 3)
         way = expressive - self.source
         return self.target + settled(self._solve(self._asked @ across + self._hold * way), way)

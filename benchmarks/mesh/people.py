@@ -35,7 +35,7 @@ Link = Callable[["Person", "Person"], Correspondence]
 
 @dataclass(frozen=True, eq=False)
 class Person:
-    """A neutral head and its expressions (k, N, 3).
+    """A neutral head and its expressions (k, N, 3), in the order of their names.
 
     points : (20, 3) its feature points.   native : its mesh on the people's common head.
     """
@@ -43,7 +43,6 @@ class Person:
     name: str
     mesh: Mesh
     expressions: F64
-    names: tuple[str, ...]
     points: F64
     native: Mesh
 
@@ -60,10 +59,8 @@ def load_person(folder: Path, name: str, common_head: Mesh, topology: str = "") 
         corners = to["native_triangles"][to["native_triangle"]]
         places = np.einsum("nk,nki->ni", to["barycentric"], common_head.vertices[corners])
         native = mesh.moved(places)
-    return Person(
-        f"{name} {topology}".strip(), mesh, z["vertices"].astype(np.float64), tuple(map(str, z["names"])),
-        mesh.vertices[ids], native,
-    )  # fmt: skip
+    expressions = z["vertices"][np.argsort(z["names"])].astype(np.float64)
+    return Person(f"{name} {topology}".strip(), mesh, expressions, mesh.vertices[ids], native)
 
 
 def opened(folder: Path) -> Mesh:
