@@ -27,22 +27,12 @@ def made_glb(
 
     places : (n,) the same for vertices that a seam splits.   material_ids : (p,) of the polygons.
     """
-    corners, uvs = source.polygons.corners, source.uvs
-    smoothed = smooth(source.vertices, Polygons(places[corners], source.polygons.sizes))[places]
-    normals, normal_ids = (source.normals, source.normal_ids)
-    if normals is None or normal_ids is None:
-        normals, normal_ids = smoothed, corners
-    first, ids = _distinct([corners, normal_ids, *(() if source.uv_ids is None else (source.uv_ids,))])
-    origin = corners[first]
-
+    given = _of_corners(source, places)
+    first, ids = _distinct([source.polygons.corners, *(rows for _, rows in given.values())])
+    origin = source.polygons.corners[first]
     out = Container({"asset": {"version": "2.0", "generator": "guise"}}, bytearray())
-    upright = np.where(normals.any(axis=1, keepdims=True), unit(normals), (0.0, 0.0, 1.0))
-    attributes = {
-        "POSITION": _floats(out, source.vertices[origin]),
-        "NORMAL": _floats(out, upright[normal_ids[first]]),
-    }
-    if uvs is not None and source.uv_ids is not None:
-        attributes["TEXCOORD_0"] = _floats(out, uvs[source.uv_ids[first]] * (1, -1) + (0, 1))
+    attributes = {"POSITION": _floats(out, source.vertices[origin])}
+    attributes |= {name: _floats(out, values[rows[first]]) for name, (values, rows) in given.items()}
     if source.colours is not None:
         attributes["COLOR_0"] = _floats(out, _linear(source.colours[origin]))
     fans = source.polygons.fans
@@ -59,6 +49,26 @@ def made_glb(
         "meshes": [{"name": "head", "primitives": primitives}],
     }
     return out.glb(), origin
+
+
+def _of_corners(source: Document, places: Int) -> dict[str, tuple[F64, Int]]:
+    """Attributes that a vertex may have several of: the values (k, d), none twice, and which one a corner (c,) has."""
+    corners = source.polygons.corners
+    normals, ids = source.normals, source.normal_ids
+    if normals is None or ids is None:
+        across_seams = Polygons(places[corners], source.polygons.sizes)
+        normals, ids = smooth(source.vertices, across_seams)[places], corners
+    upright = np.where(normals.any(axis=1, keepdims=True), unit(normals), (0.0, 0.0, 1.0))
+    found = {"NORMAL": _merged(upright, ids)}
+    if source.uvs is not None and source.uv_ids is not None:
+        found["TEXCOORD_0"] = _merged(source.uvs * (1, -1) + (0, 1), source.uv_ids)
+    return found
+
+
+def _merged(values: F64, ids: Int) -> tuple[F64, Int]:
+    """The values without repetitions, and the ids of those."""
+    alone, new = np.unique(values, axis=0, return_inverse=True)
+    return alone, new.ravel()[ids]
 
 
 def _distinct(columns: list[Int]) -> tuple[Int, Int]:

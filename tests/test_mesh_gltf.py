@@ -315,6 +315,19 @@ def test_a_rig_of_an_obj_has_its_materials(tmp_path: Path) -> None:
     assert_array_equal(held.uvs[(held.vertices == held.vertices[0]).all(1)], [[0, 1]])  # v up becomes v down
 
 
+def test_texture_coordinates_given_corner_by_corner_split_no_vertex(tmp_path: Path) -> None:
+    """As some exporters write them: one for each corner, though all around a vertex are the same."""
+    corners = np.arange(TRIANGLES.size).reshape(-1, 3)
+    text = "".join(f"v {x} {y} {z}\n" for x, y, z in sheet())
+    text += "".join("vt %r %r\n" % tuple(uv) for uv in sheet()[TRIANGLES.ravel(), :2].tolist())
+    for ids, own in zip((TRIANGLES + 1).tolist(), (corners + 1).tolist(), strict=True):
+        text += "f " + " ".join(f"{v}/{t}" for v, t in zip(ids, own, strict=True)) + "\n"
+    (tmp_path / "a.obj").write_text(text)
+    target = read_mesh(tmp_path / "a.obj")
+    write_rig(tmp_path / "rig.glb", target, ["a"], target.mesh.vertices[None] + 1)
+    assert len(read_mesh(tmp_path / "rig.glb").document.vertices) == SIDE2
+
+
 def test_a_rig_of_a_ply_has_its_colours(tmp_path: Path) -> None:
     target = targets(tmp_path, ".ply")
     write_rig(tmp_path / "rig.glb", target, ["a"], target.mesh.vertices[None] + 1)
