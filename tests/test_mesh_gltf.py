@@ -319,7 +319,7 @@ def test_texture_coordinates_given_corner_by_corner_split_no_vertex(tmp_path: Pa
     """As some exporters write them: one for each corner, though all around a vertex are the same."""
     corners = np.arange(TRIANGLES.size).reshape(-1, 3)
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in sheet())
-    text += "".join("vt %r %r\n" % tuple(uv) for uv in sheet()[TRIANGLES.ravel(), :2].tolist())
+    text += "".join(f"vt {u!r} {v!r}\n" for u, v, _ in sheet()[TRIANGLES.ravel()].tolist())
     for ids, own in zip((TRIANGLES + 1).tolist(), (corners + 1).tolist(), strict=True):
         text += "f " + " ".join(f"{v}/{t}" for v, t in zip(ids, own, strict=True)) + "\n"
     (tmp_path / "a.obj").write_text(text)
