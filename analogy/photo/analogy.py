@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.photo.change import carried, steadied
+from analogy.photo.change import agreement, carried, steadied
 from analogy.photo.eyes import closed, opened_again
 from analogy.photo.filling import filled, lidded
 from analogy.photo.flow import followed, left
@@ -167,8 +167,11 @@ class PhotoAnalogy:
         before, after = heights(neutral), heights(shown)
         target = heights(self._grid.coarse(warped) @ LUMINANCE)
         filled_in = (seen.between & (self.mouth == "fill")) | (lids > 0)
-        taken = carried(before, after, target, filled_in, self._width)
-        taken = steadied(taken, seen.face) * share
+        alike, same = agreement(before, target, self._width)
+        taken = carried(after - before, alike, same, filled_in, self._width)
+        if seen.face.any():
+            taken = steadied(taken, seen.face, float(same[seen.face].mean()) ** 2)
+        taken = taken * share
         return integrated(*asked(before, before + taken, target), seen.face)
 
     def _lit(self, picture: F32, change: F32) -> F32:

@@ -20,28 +20,37 @@ SPREAD = 0.01  # heights around the plane of light
 LIPS = 0.012  # of the face's width, by which what is filled is widened
 
 
-def carried(before: F32, after: F32, target: F32, filled: NDArray[np.bool_], width: float) -> F32:
-    """The change of heights from S to S', before to after, that the target's take.
+def agreement(source: F32, target: F32, width: float) -> tuple[F32, F32]:
+    """Two fields 0 to 1: how alike heights are around each pixel, whatever their levels; whether they are the same."""
+    sigma = NEAR * width
+    one, two = source - _blurred(source, sigma), target - _blurred(target, sigma)
+    both = 2 * _blurred(one * two, sigma)
+    power = _blurred(one * one + two * two, sigma)
+    alike, same = ((both + flat**2) / (power + flat**2) for flat in (FLAT, SAME))
+    return np.asarray(np.clip(alike, 0, 1), np.float32), np.asarray(np.clip(same, 0, 1) ** 2, np.float32)
+
+
+def carried(change: F32, alike: F32, same: F32, filled: NDArray[np.bool_], width: float) -> F32:
+    """What the target's heights take of a change from S to S', by how alike S and T are (h, w), and whether the same.
 
     Its detail, in so far as S is there like T and the change no noise; else what is left of it when smoothed.  A
     fine change belongs to the structure that it changes: where T has none like it, it would be seen as a ghost.
     What is filled from S' is taken as around it: teeth and the dark behind them are no change of the lips.
     """
-    change = after - before
     size = 2 * round(LIPS * width) + 1
     widened = cv2.dilate(filled.astype(np.uint8), np.ones((size, size), np.uint8))
     outside = np.asarray(widened == 0, np.float32)
     sigma = COARSE * width
     coarse = _blurred(change * outside, sigma) / (_blurred(outside, sigma) + 1e-6)
     detail = change - coarse
-    alike, same = _agreement(before, target, NEAR * width)
     kept = np.where(outside > 0, alike, alike**LIPS_TRUST) * ~filled
     return np.asarray(coarse + kept * _signal(detail, same, NEAR * width) * detail, np.float32)
 
 
-def steadied(change: F32, face: NDArray[np.bool_]) -> F32:
+def steadied(change: F32, face: NDArray[np.bool_], keep: float) -> F32:
     """A change of heights (h, w) less the plane that most of the face shows: S and S' were lit a little differently.
 
+    keep : the share of that light which is kept; where T is S itself, that of S' is as good.
     The plane of Cauchy's likelihood, by reweighted least squares: an expression is far from it, not noise around it.
     """
     y, x = np.nonzero(face[::STEP, ::STEP]) * np.array(STEP)
@@ -55,16 +64,7 @@ def steadied(change: F32, face: NDArray[np.bool_]) -> F32:
         plane = np.linalg.solve(weighted.T @ terms + hold, weighted.T @ values)
     height, width = change.shape
     light = plane[0] + plane[1] * np.arange(width) + (plane[2] * np.arange(height))[:, None]
-    return np.asarray(change - light, np.float32)
-
-
-def _agreement(source: F32, target: F32, sigma: float) -> tuple[F32, F32]:
-    """Two fields 0 to 1: how alike heights are around each pixel, whatever their levels; whether they are the same."""
-    one, two = source - _blurred(source, sigma), target - _blurred(target, sigma)
-    both = 2 * _blurred(one * two, sigma)
-    power = _blurred(one * one + two * two, sigma)
-    alike, same = ((both + flat**2) / (power + flat**2) for flat in (FLAT, SAME))
-    return np.asarray(np.clip(alike, 0, 1), np.float32), np.asarray(np.clip(same, 0, 1) ** 2, np.float32)
+    return np.asarray(change - (1 - keep) * light, np.float32)
 
 
 def _signal(detail: F32, same: F32, sigma: float) -> F32:
