@@ -14,6 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("aam", "analogy", "app", "render")
 DISTRIBUTIONS = {
+    "PIL": "pillow",
     "c2pa": "c2pa-python",
     "cv2": "opencv-contrib-python-headless",
     "moderngl_window": "moderngl-window",
