@@ -1,14 +1,16 @@
 """`guise analogy mesh`: what the commands write, what they refuse, and that nothing half-done is left behind."""
 
 import json
+import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_up import SAMPLES
 
+from aam.similarity import Failed
 from analogy.feature_points import NAMES
 from analogy.gltf_container import VERTICES, Container
 from analogy.mesh_io import MeshFile, read_frames, read_mesh, read_rig
@@ -49,6 +51,14 @@ def moved(source: str, target: Path, change: Callable[[np.ndarray], np.ndarray])
     rows = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in change(vertices(source))]
     target.write_text("\n".join([*rows, *others(source)]) + "\n")
     return str(target)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
+    """Pictures are drawn with one sample a pixel, which is quicker."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("render.shaded._SAMPLES", 1)
+        yield
 
 
 @pytest.fixture
@@ -193,7 +203,10 @@ def test_heads_far_apart_are_aligned_and_it_is_said(
     call = ("transfer", P01, SMILE, "--target", far, "-o", "out", "--landmarks", points[0], "far.json")
     code, _, err = run(capsys, *call)
     assert code == 0
-    assert "not roughly aligned (the target is turned by 90 degrees" in err
+    (degrees,) = re.findall(
+        r"not roughly aligned \(the target is turned by (\d+) degrees and 9\.\d+ times", err
+    )
+    assert 85 <= int(degrees) <= 95
     straight = 10 * vertices(smiling / "out" / "p01_smile.obj") @ turn.T + 7
     assert np.abs(vertices(here / "out" / "p01_smile.obj") - straight).max() < 0.05  # of 28 across
 
@@ -310,7 +323,7 @@ def test_a_sequence_becomes_a_film_whose_frames_are_those_of_the_files(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     source = frames(here / "in", 6)
-    call = ("sequence", P01, source, "--target", P02, "-q", "--correspondence", "cylinder", "-o")
+    call = ("sequence", P01, source, "--target", P01, "-q", "-o")
     assert run(capsys, *call, "files") == (0, "", "")
     assert run(capsys, *call, "film.glb", "--fps", "12") == (0, "", "")
     rest = read_mesh(here / "film.glb")
@@ -319,7 +332,7 @@ def test_a_sequence_becomes_a_film_whose_frames_are_those_of_the_files(
     assert len(read_rig(here / "film.glb").names) < len(shown)
     size = np.ptp(rest.mesh.vertices, axis=0).max()
     for name, (_, vertices_there) in zip(("f0", "f1", "f2", "f3", "f4", "f10"), shown, strict=True):
-        made = read_mesh(Path(P02)).expression(here / "files" / f"{name}.obj")
+        made = read_mesh(Path(P01)).expression(here / "files" / f"{name}.obj")
         assert np.linalg.norm(vertices_there - made, axis=1).max() < 2e-4 * size
     assert len(list(read_frames(here / "film.glb", rest, 24))) == 11  # 5 / 12 s
 
@@ -483,10 +496,6 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     "a film that goes on": (
         lambda at: ("sequence", P01, frames(at / "in"), "--target", P01, "-o", "x.glb", "--resume"), "--resume is for",
     ),
-    "no face on the target": (
-        lambda at: ("transfer", P01, SMILE, "--target", changed(P02, at / "box.obj", boxes), "-o", "out"),
-        "box.obj: no face was found",
-    ),
     "no face to mark": (
         lambda at: ("landmarks", changed(P01, at / "box.obj", boxes)), "give all 20 points with --edit",
     ),
@@ -522,6 +531,19 @@ def test_a_mistake_is_one_sentence_and_leaves_nothing(
     assert err.count("\n") == 1
     assert sentence in err
     assert sorted(here.rglob("*")) == before
+
+
+def test_without_a_face_on_the_target_its_points_are_asked_for(
+    here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.meshes.points.find", lambda _: Failed("no face was found: look again"))
+    box = changed(P02, here / "box.obj", boxes)
+    call = ("transfer", P01, SMILE, "--target", box, "-o", "out", "--landmarks", points[0], "auto")
+    assert run(capsys, *call) == (
+        2, "", f"error: {box}: no face was found; give its feature points with --landmarks, from a file that `guise "
+        "analogy mesh landmarks MESH --edit FILE` writes\n",
+    )  # fmt: skip
+    assert not (here / "out").exists()
 
 
 def test_an_output_is_replaced_only_when_asked(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -566,7 +588,11 @@ def with_eye(lines: list[str]) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("change", [doubled, holed, with_eye])
+def flawed(lines: list[str]) -> list[str]:
+    return with_eye(doubled(lines))
+
+
+@pytest.mark.parametrize("change", [flawed, holed])
 def test_a_target_with_flaws_gets_a_smile_as_well(
     here: Path, smiling: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str],
     change: Callable[[list[str]], list[str]],
@@ -584,15 +610,16 @@ def test_a_target_with_flaws_gets_a_smile_as_well(
     assert off.mean() < 0.2 * way.mean()
 
 
-@pytest.mark.parametrize("change", [doubled, holed, with_eye])
+@pytest.mark.parametrize("change", [flawed, holed])
 def test_a_source_with_flaws_gives_its_smile(
-    here: Path, smiling: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str],
+    here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str],
     change: Callable[[list[str]], list[str]],
 ) -> None:  # fmt: skip
     rest, smile = changed(P01, here / "rest.obj", change), changed(SMILE, here / "p01_smile.obj", change)
-    code, _, err = run(capsys, "transfer", rest, smile, "--target", P02, "-o", "out", "--landmarks", *points)
-    assert (code, err) == (0, "")
-    made, whole = vertices(here / "out" / "p01_smile.obj"), vertices(smiling / "out" / "p01_smile.obj")
+    given = ("--target", P02, "--landmarks", *points, "--correspondence", "cylinder")
+    for source, expression, folder in ((rest, smile, "out"), (P01, SMILE, "whole")):
+        assert run(capsys, "transfer", source, expression, *given, "-o", folder, "-q") == (0, "", "")
+    made, whole = (vertices(here / folder / "p01_smile.obj") for folder in ("out", "whole"))
     way = np.linalg.norm(whole - vertices(P02), axis=1)
     assert np.linalg.norm(made - whole, axis=1).mean() < 0.2 * way.mean()
 
@@ -601,7 +628,8 @@ def test_rigid_parts_stay_when_asked(
     here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = changed(P02, here / "head.obj", with_eye)
-    call = ("transfer", P01, SMILE, "--target", target, "--landmarks", *points, "-q")
+    given = ("--landmarks", *points, "--correspondence", "cylinder")
+    call = ("transfer", P01, SMILE, "--target", target, *given, "-q")
     assert run(capsys, *call, "-o", "kept", "--keep-rigid")[0] == 0
     assert run(capsys, *call, "-o", "free")[0] == 0
     kept, free = (vertices(here / folder / "p01_smile.obj")[-4:] for folder in ("kept", "free"))
