@@ -245,7 +245,7 @@ def parts_of(container: Container) -> list[Part]:
                     f"its mesh {name} is in the scene more than once; give each object a mesh of its own"
                 )
             start = found[-1].rows.stop if found else 0
-            rows = slice(start, start + container.json["accessors"][accessor]["count"])
+            rows = slice(start, start + len(container.array(accessor)))
             found.append(Part(rows, node, mesh, primitives, matrix))
     return found
 

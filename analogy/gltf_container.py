@@ -27,7 +27,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "M
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 VERTICES = 34962  # ARRAY_BUFFER
 INDICES = 34963  # ELEMENT_ARRAY_BUFFER
-LARGEST = 1 << 30  # bytes of an accessor
+LARGEST = 1 << 26  # bytes of an accessor that is all zeros
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 

@@ -75,6 +75,8 @@ class Binary:
         MeshError
             When the file ends before.
         """
+        if element.count > len(self._data):
+            raise MeshError("it ends too early")
         kind = self._row(element)
         end = self._at + kind.itemsize * element.count
         if end <= len(self._data):
@@ -144,6 +146,8 @@ class Binary:
                         sizes[name].append(length)
                     parts[name].append(data[at : at + width * length])
                     at += width * length
+                if at > len(data):
+                    break
         except error:
             at = len(data) + 1
         if at > len(data):

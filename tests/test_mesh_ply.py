@@ -115,6 +115,14 @@ def test_a_ply_that_ends_too_early_is_said(order: str, share: float, tmp_path: P
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("order", ORDERS)
+def test_more_rows_than_there_can_be_are_said_at_once(order: str, tmp_path: Path) -> None:
+    for name in (b"vertex 5", b"face 2", b"label 2"):
+        data = ply(order, FACES["mixed"]).replace(name, name[:-1] + b"99999999999")
+        with pytest.raises(MeshError, match="it ends too early"):
+            written(tmp_path, data, ".ply")
+
+
 PLY_BAD = {
     "another file": (lambda data: b"solid" + data, "it is no PLY file"),
     "a type": (lambda data: data.replace(b"float x", b"half x"), "cannot be understood: property half x"),
