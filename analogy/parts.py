@@ -1,8 +1,9 @@
 """Parts of a head beside its skin: eyes, teeth, tongue, lashes, and how the skin takes them along.
 
 The skin are the large components (`analogy.register.skin_of`).  Of the other parts, those that are mostly open border
-(cards: lashes, brows) follow the skin under them vertex by vertex; the others keep their form and move as most of the
-skin around them does, so that an eye stays when its lid closes, and the lower teeth go with the chin.
+(cards: lashes, brows) follow the skin under them vertex by vertex.  The others keep their form, and move with the skin
+close to them as far as that moves as one body: the lower teeth go with the jaw, but no teeth with a smile, which
+stretches the lips, and no eye with its lid.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from scipy.spatial import cKDTree
 from analogy.geometry import Surface
 from analogy.geometry import border as borders
 from analogy.mesh import Mesh
-from analogy.rigid import fit_most, moved
+from analogy.rigid import fit, fit_most, moved
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -22,6 +23,11 @@ Int = NDArray[np.intp]
 OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards
 AROUND = 64  # skin vertices that say how a part moves
 FEWEST = 8  # of them that are different ones
+CLOSE = 0.25  # of a part's radius: skin from which it takes its motion
+AS_ONE, APART = (
+    0.1,
+    0.25,
+)  # of the skin's way, what is no motion of one body: a part goes all the way, or stays
 
 
 def areas(mesh: Mesh) -> F64:
@@ -76,12 +82,19 @@ class Parts:
             shift = np.einsum("nk,nki->ni", self._shares, way[self._under])
             out[self._cards] = self._vertices[self._cards] + shift
         if self._solid:
-            turn, shift = fit_most(
-                self._vertices[self._around], out[self._around], np.ones(self._around.shape)
-            )
-            for part, r, t in zip(self._solid, turn, shift, strict=True):
-                out[part] = moved(self._vertices[part], r, t)
+            for part, turn, shift in zip(self._solid, *self._motions(out), strict=True):
+                out[part] = moved(self._vertices[part], turn, shift)
         return out
+
+    def _motions(self, made: F64) -> tuple[F64, F64]:
+        """R (c, 3, 3), t (c, 3) of each solid part, when the vertices of the skin are at `made` (N, 3)."""
+        before, after = self._vertices[self._around], made[self._around]
+        alike = np.ones(before.shape[:2])
+        rigid = moved(before, *fit_most(before, after, alike))
+        off = np.linalg.norm(after - rigid, axis=2).sum(1)
+        way = np.linalg.norm(after - before, axis=2).sum(1)
+        share = np.clip((APART - off / np.maximum(way, 1e-300)) / (APART - AS_ONE), 0, 1)[:, None, None]
+        return fit(before, before + share * (rigid - before), alike)
 
     def _beneath(self, faces: Int) -> tuple[Int, F64]:
         """For each vertex of the cards the corners of the skin's place closest to it and their shares, (n, 3) each."""
@@ -92,9 +105,9 @@ class Parts:
         return faces[places.faces], places.weights
 
     def _surroundings(self, part: Int) -> Int:
-        """AROUND skin vertices that lie no farther from the part than its own radius, evenly taken, or its nearest."""
+        """AROUND of the skin vertices that are close to a part, evenly taken, or its nearest."""
         points = self._vertices[part]
         radius = np.linalg.norm(points - points.mean(0), axis=1).max()
         away, _ = cKDTree(points).query(self._vertices[self._skin])
-        near = np.argsort(away, kind="stable")[: max(FEWEST, int((away <= radius).sum()))]
+        near = np.argsort(away, kind="stable")[: max(FEWEST, int((away <= CLOSE * radius).sum()))]
         return np.asarray(self._skin[near[np.linspace(0, len(near) - 1, AROUND).round().astype(int)]])

@@ -257,15 +257,27 @@ def test_small_parts_do_not_change_what_the_skin_does() -> None:
     assert_allclose(made_head(smiling)[:SKIN], smiling(SOURCE.vertices), atol=1e-6)
 
 
-def test_an_eye_keeps_its_form_and_goes_with_the_skin_around_it() -> None:
-    made = made_head(smiling)
+def opening(skin: F64) -> F64:
+    """The lower part turns about a hinge, as a jaw."""
+    lower = skin[:, 1] < -0.55
+    turn = Rotation.from_euler("x", 8, degrees=True).as_matrix()
+    return np.where(lower[:, None], np.add(skin, (0, 0, 1)) @ turn.T - (0, 0, 1), skin)
+
+
+def test_teeth_keep_their_form_and_go_with_the_jaw() -> None:
+    made = made_head(opening)
     for part in PARTS[:2]:
         size = np.linalg.norm(made[part] - made[part].mean(0), axis=1)
         assert_allclose(size, 0.15, atol=1e-9)
-    lower, upper = (made[part].mean(0) - HEAD.vertices[part].mean(0) for part in PARTS[:2])
-    skin = smiling(np.array([[0.0, -0.9, 0.0]]))[0] - (0.0, -0.9, 0.0)
-    assert np.linalg.norm(lower - skin) < 0.4 * np.linalg.norm(skin)
-    assert np.linalg.norm(upper) < 1e-3
+    whole = np.linalg.norm(opening(HEAD.vertices[PARTS[0]]) - HEAD.vertices[PARTS[0]], axis=1).mean()
+    assert whole > 0.05
+    assert np.abs(made[PARTS[0]] - opening(HEAD.vertices[PARTS[0]])).max() < 0.1 * whole
+    assert np.abs(made[PARTS[1]] - HEAD.vertices[PARTS[1]]).max() < 1e-3
+
+
+def test_teeth_stay_when_the_skin_around_them_stretches() -> None:
+    made = made_head(lambda skin: skin * np.where(skin[:, 1:2] < 0, (1.3, 1, 1), 1))
+    assert np.abs(made[PARTS[0]] - HEAD.vertices[PARTS[0]]).max() < 0.01
 
 
 def test_an_eye_stays_when_its_lid_closes() -> None:
