@@ -60,7 +60,13 @@ LIVE = (
     "live.studio",
     "live.soak",
 )
-ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE)
+IMAGE = (
+    "image.onto_itself",
+    "image.across",
+    "image.light",
+    "image.speed",
+)
+ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE, *IMAGE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed",
