@@ -31,24 +31,25 @@ def rigged(
     moving : (n,) whether any shape moves a vertex; meshes of which none moves get no targets.
     folder : where textures lie that the document names; they are put into the file.
     """
-    made = document.container.copy()
-    _drop_targets(made)
-    pairs = zip(document.parts, parts_of(made), strict=True)
-    parts = [(part, own) for part, own in pairs if _moves(part, document.parts, moving)]
-    names: list[str] = []
-    for name, vertices in shapes:
-        names.append(name)
-        turned = None if normals is None else normals.moved(vertices)
-        for part, own in parts:
-            target = _target(made, document, part, vertices, turned)
-            for primitive in own.primitives:
-                primitive.setdefault("targets", []).append(target)
-    for part, _ in parts:
-        mesh = made.json["meshes"][part.mesh]
-        mesh["extras"] = {**(mesh.get("extras") or {}), "targetNames": names}
-        mesh["weights"] = [0.0] * len(names)
-    _embed(made, folder)
-    return made.glb()
+    with undamaged():
+        made = document.container.copy()
+        _drop_targets(made)
+        pairs = zip(document.parts, parts_of(made), strict=True)
+        parts = [(part, own) for part, own in pairs if _moves(part, document.parts, moving)]
+        names: list[str] = []
+        for name, vertices in shapes:
+            names.append(name)
+            turned = None if normals is None else normals.moved(vertices)
+            for part, own in parts:
+                target = _target(made, document, part, vertices, turned)
+                for primitive in own.primitives:
+                    primitive.setdefault("targets", []).append(target)
+        for part, _ in parts:
+            mesh = made.json["meshes"][part.mesh]
+            mesh["extras"] = {**(mesh.get("extras") or {}), "targetNames": names}
+            mesh["weights"] = [0.0] * len(names)
+        _embed(made, folder)
+        return made.glb()
 
 
 def _moves(part: Part, parts: list[Part], moving: Bool) -> bool:

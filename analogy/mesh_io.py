@@ -151,7 +151,7 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -
     Raises
     ------
     MeshError
-        When the suffix is not .glb, or names and shapes do not fit.
+        When the suffix is not .glb, or names and shapes do not fit or are not finite.
     """
     if path.suffix.lower() != ".glb":
         raise MeshError(f"cannot write {path}: a rig's suffix must be .glb")
@@ -159,13 +159,15 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -
         raise MeshError(
             f"shapes must be ({len(names)}, {len(target.mesh.vertices)}, 3) for these names, got {shapes.shape}"
         )
+    if not np.isfinite(shapes).all():
+        raise MeshError("shapes must be finite, and some of them hold NaN or infinity")
     document, origin = _as_glb(target)
     normals = _normals(document, target.cleaned.ids[origin])
     size = float(np.ptp(target.mesh.vertices, axis=0).max())
-    moving = np.abs(shapes - target.mesh.vertices).max(axis=(0, 2)) > STILL * size
-    whole = (target.placed(target.mesh.moved(shape).vertices) for shape in shapes)
-    placed = ((name, vertices[origin]) for name, vertices in zip(names, whole, strict=True))
-    _put(path, rigged(document, normals, placed, moving[target.cleaned.ids[origin]], target.path.parent))
+    moving = np.abs(shapes - target.mesh.vertices).max(axis=(0, 2), initial=0) > STILL * size
+    moves = moving[target.cleaned.ids[origin]]
+    placed = ((name, target.placed(shape)[origin]) for name, shape in zip(names, shapes, strict=True))
+    _put(path, _named(target.path, rigged, document, normals, placed, moves, target.path.parent))
 
 
 def read_frames(path: Path, neutral: MeshFile, rate: float | None = None) -> Iterator[tuple[str, F64]]:
