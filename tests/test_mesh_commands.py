@@ -1,5 +1,6 @@
 """`guise analogy mesh`: what the commands write, what they refuse, and that nothing half-done is left behind."""
 
+import errno
 import json
 import re
 import shutil
@@ -303,6 +304,34 @@ def test_an_interrupted_transfer_says_what_is_written(
     monkeypatch.setattr(MeshFile, "write", interrupted)
     said = run(capsys, "transfer", P01, SMILE, SURPRISE, "--target", P01, "-o", "out")
     assert said == (130, "", "error: interrupted; 1 of 2 files are written\n")
+
+
+@pytest.mark.parametrize("command", ["transfer", "rig", "sequence", "register"])
+def test_a_full_disk_leaves_nothing_half_written(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    write = Path.write_bytes
+
+    def full(self: Path, data: bytes) -> int:
+        if here not in self.absolute().parents:
+            return write(self, data)
+        write(self, data[:100])
+        raise OSError(errno.ENOSPC, "no space")
+
+    shutil.copy(RIG, "p01.glb")
+    (here / "in").mkdir()
+    shutil.copy(SMILE, here / "in")
+    calls = {
+        "transfer": (P01, SMILE, "--target", P01, "-o", "out"),
+        "rig": (RIG, "--target", "p01.glb", "-o", "out.glb"),
+        "sequence": (P01, "in", "--target", P01, "-o", "out"),
+        "register": (P01, P01, "-o", "out.obj"),
+    }
+    before = {path for path in here.rglob("*") if path.is_file()}
+    monkeypatch.setattr(Path, "write_bytes", full)
+    code, _, err = run(capsys, command, *calls[command])
+    assert (code, err) == (2, "error: there is no space left on the disk: make room, or write to another\n")
+    assert {path for path in here.rglob("*") if path.is_file()} == before
 
 
 def test_an_animated_rig_is_a_sequence(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
