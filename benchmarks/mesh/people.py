@@ -104,9 +104,8 @@ def tabled(title: str, pairs: Iterable[tuple[Person, Person]], link: Link, repor
         common.say(f"{source.name} to {target.name}")
         rows.append((source.name, target.name, *errors(source, target, link(source, target)).values()))
     fresh = [row for row in rows if UNTOUCHED & {str(name).split()[0] for name in row[:2]}]
-    for which, chosen in (("all", rows), ("untouched", fresh)):
-        if not chosen:
-            continue
+    parts = [("all", rows)] if len(fresh) in (0, len(rows)) else [("all", rows), ("untouched", fresh)]
+    for which, chosen in parts:
         mean = np.mean([row[2:] for row in chosen], axis=0)
         rows.append((f"mean, {which}", "", *mean))
         report.criteria += [
@@ -130,7 +129,7 @@ def measure(options: argparse.Namespace) -> Report:
     across = [(a, b) for (n, t), a in made.items() for (m, u), b in made.items() if n != m and t != u]
     tabled("Between topologies, correspondence true", across, true_link, report)
     tabled(
-        "Between topologies, registered", [across[k] for k in range(0, len(across), 6)], registered, report
+        "Between topologies, registered", [across[k] for k in range(0, len(across), 5)], registered, report
     )
     return report
 
