@@ -36,7 +36,8 @@ Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 Ends = tuple[float, float]
 
-AROUND = 512  # pixels of a mesh image around the whole cylinder
+FINE = 1.6  # pixels of a mesh image around the whole cylinder, of the root of the number of its faces
+FEWEST, MOST = 256, 4096  # the same: at least, at most
 TURN = 0.1  # of the cylinder's radius: what a difference of normals counts as distance
 NEAR = 0.02  # the same: what lies closer in (u, v) than that is one point of the map
 DEEP = 0.01  # the same: what lies deeper under the outermost layer is hidden
@@ -66,8 +67,8 @@ class Cylinder:
         """
         centre = points.mean(0)
         reach = np.linalg.norm(points - centre, axis=1).mean()
-        near = np.linalg.norm(mesh.vertices[mesh.faces].mean(1) - centre, axis=1) < 1.5 * reach
-        forward = face_normals(mesh.vertices, mesh.faces[near]).sum(0)
+        near = np.linalg.norm(mesh.vertices - centre, axis=1) < 1.5 * reach
+        forward = face_normals(mesh.vertices, mesh.faces[near[mesh.faces[:, 0]]]).sum(0)
         up = np.eye(3)[1 if np.abs(forward).argmax() != 1 else 2]
         level = mesh.vertices[np.abs((mesh.vertices - centre) @ up) < reach]
         if not forward.any() or not len(level):
@@ -103,18 +104,11 @@ class Plane:
         self, cylinder: Cylinder, places: F64, distance: F64, triangles: Int, low: float, high: float
     ) -> None:
         self.places, self.triangles = places, triangles
-        self._length, self._low, self._scale = cylinder.length, low, AROUND / cylinder.length
+        around = int(np.clip(FINE * np.sqrt(len(triangles)), FEWEST, MOST))
+        self._length, self._low, self._scale = cylinder.length, low, around / cylinder.length
         pixels = np.column_stack([self._pixels(places), -distance])
-        seen = visible(pixels, triangles, (AROUND, int((high - low) * self._scale) + 2))
+        seen = visible(pixels, triangles, (around, int((high - low) * self._scale) + 2))
         self._triangle = np.pad(seen.triangle, 1, constant_values=-1)
-        self._distance = np.full(self._triangle.shape, np.inf)
-        self._distance[1:-1, 1:-1][seen.covered] = seen.interpolated(distance[:, None], triangles)[:, 0]
-
-    def hides(self, places: F64, distance: F64) -> F64:
-        """(n,) how deep places (n, 2) at distances (n,) from the axis lie under what is seen around them."""
-        row, column = self._at(places)
-        around = [self._distance[row + dy, column + dx] for dy, dx in _AROUND]
-        return np.asarray(np.min(around, axis=0) - distance)
 
     def find(self, places: F64) -> tuple[Int, F64]:
         """The triangles (n,) seen at places (n, 2), and weights (n, 3) in them; all -inf where there is none.
@@ -130,7 +124,7 @@ class Plane:
             triangle = self._triangle[row[left] + dy, column[left] + dx]
             left, triangle = left[triangle >= 0], triangle[triangle >= 0]
             inside = _weights(places[left], self.places[self.triangles[triangle]])
-            least = inside.min(1)
+            least = _least(inside)
             better = least > best[left]
             at = left[better]
             best[at], chosen[at], weights[at] = least[better], triangle[better], inside[better]
@@ -161,12 +155,17 @@ class MeshImage:
 
     def __init__(self, cylinder: Cylinder, vertices: F64, faces: Int) -> None:
         self._length = cylinder.length
-        self.places, distance = cylinder.project(vertices)
-        places = self.places
-        self.low, self.high = float(places[:, 1].min()), float(places[:, 1].max())
-        self._owners, triangles, origins, unrolled_places = unrolled(places, faces, cylinder.length)
-        self._plane = Plane(cylinder, unrolled_places, distance[origins], triangles, self.low, self.high)
-        self.depth = self._plane.hides(places, distance)
+        self.places, self._distance = cylinder.project(vertices)
+        self.low, self.high = float(self.places[:, 1].min()), float(self.places[:, 1].max())
+        self._owners, triangles, origins, places = unrolled(self.places, faces, cylinder.length)
+        self._plane = Plane(cylinder, places, self._distance[origins], triangles, self.low, self.high)
+        self._faces = faces
+
+    def depth(self) -> F64:
+        """(N,) how deep the vertices lie under the face that is seen at their place; infinite where none is."""
+        faces, weights, found = self.find(self.places)
+        seen = np.einsum("nk,nk->n", weights, self._distance[self._faces[faces]])
+        return np.where(found, seen - self._distance, np.inf)
 
     def find(self, places: F64) -> tuple[Int, F64, Bool]:
         """The faces (n,) seen at places (n, 2), weights (n, 3) in them, and where there is one.
@@ -175,7 +174,7 @@ class MeshImage:
         """
         within = np.column_stack([_nearest_turn(places[:, 0], 0.0, self._length), places[:, 1]])
         triangles, weights = self._plane.find(within)
-        found = weights.min(1) >= -OUTSIDE
+        found = _least(weights) >= -OUTSIDE
         weights = np.maximum(weights, 0)
         weights[found] /= weights[found].sum(1, keepdims=True)
         return self._owners[triangles], weights, found
@@ -193,9 +192,9 @@ def unrolled(places: F64, faces: Int, length: float) -> tuple[Int, Int, Int, F64
     owners (k,) faces, corners (k, 3) places, of each of which origins (p,) is the vertex and places (p, 2).
     """
     u = places[faces, 0]
-    across = np.ptp(u, axis=1) > length / 2
+    across = _wide(u) > length / 2
     right = u[across] + length * (u[across] < 0)
-    around = np.ptp(right, axis=1) > length / 2
+    around = _wide(right) > length / 2
     seam, right = np.flatnonzero(across)[~around], right[~around]
     plain = np.flatnonzero(~across)
     moved = np.stack([right.ravel(), places[faces[seam].ravel(), 1]], axis=1)
@@ -206,6 +205,18 @@ def unrolled(places: F64, faces: Int, length: float) -> tuple[Int, Int, Int, F64
         np.concatenate([np.arange(len(places)), faces[seam].ravel(), faces[seam].ravel()]),
         np.concatenate([places, moved, moved - (length, 0)]),
     )
+
+
+def _wide(u: F64) -> F64:
+    """(m,) the width of three columns (m, 3) (NumPy's reductions are slow along short rows)."""
+    a, b, c = u.T
+    return np.asarray(np.maximum(np.maximum(a, b), c) - _least(u))
+
+
+def _least(rows: F64) -> F64:
+    """(n,) the least of three columns (n, 3)."""
+    a, b, c = rows.T
+    return np.asarray(np.minimum(np.minimum(a, b), c))
 
 
 class FeatureMap:
@@ -279,14 +290,14 @@ def cylindrical(source: Mesh, target: Mesh, source_points: F64, target_points: F
     pose = aligned_by_points(*points).inverse()
     moved = target.moved(pose.apply(target.vertices))
     cylinder = Cylinder.around(source, points[0])
-    faces, skin = source.faces[skin_of(source)[source.faces[:, 0]]], skin_of(moved)
+    faces, skin = source.faces[skin_of(source)[source.faces[:, 0]]], skin_of(target)
     image = MeshImage(cylinder, source.vertices, faces)
     own = MeshImage(cylinder, moved.vertices, moved.faces[skin[moved.faces[:, 0]]])
     low = min(image.low, own.low)  # a head ends at its crown, its neck anywhere
     places = _usable(cylinder, points[0], pose.apply(points[1]))
     warp = FeatureMap(cylinder, *places, (low, image.high), (low, own.high))
     chosen, weights, found = image.find(warp(own.places))
-    found &= skin & (own.depth <= DEEP * cylinder.radius)
+    found &= skin & (own.depth() <= DEEP * cylinder.radius)
     surface = Surface(source.vertices, faces, TURN * cylinder.radius)
     normals = vertex_normals(moved.vertices, moved.faces)
     there = np.einsum("nk,nkd->nd", weights, surface.vertex_normals[faces[chosen]])

@@ -222,7 +222,7 @@ def test_the_mesh_image_finds_every_vertex_of_an_open_head() -> None:
     mesh, places = head()
     cylinder = Cylinder.around(mesh, points())
     image = MeshImage(cylinder, mesh.vertices, mesh.faces)
-    assert image.depth.max() < 0.02  # nothing lies under anything
+    assert image.depth().max() < 0.02  # nothing lies under anything
     faces, weights, found = image.find(image.places + np.array([cylinder.length, 0]))  # once around more
     assert found.all()
     carried = np.einsum("nk,nkd->nd", weights, mesh.vertices[mesh.faces[faces]])
