@@ -1,7 +1,7 @@
 """Dense correspondence of two heads by deforming one onto the other (Xiang et al. 2008).
 
 Aligned by given points with a similarity (`aam.similarity.align`, which works in three dimensions as in two), or, where
-there are none and the heads stand roughly alike, by closest points; then deformed (`analogy.deform`).  Only the
+there are none and the heads stand roughly alike, from there; improved by closest points; then deformed (`analogy.deform`).  Only the
 skin takes part: the large components of the meshes.  Eyes, teeth and other small parts follow the nearest skin by a
 similarity, so that they keep their form and no skin sticks to them.  Lengths in the target's unit.
 """
@@ -32,8 +32,10 @@ APART = 0.35  # of the points' extent, by which they may miss each other once al
 FAR = 0.03  # of the size: a vertex farther from the other surface has no counterpart
 BORDER_FAR = 0.004  # the same where the closest place is on a border
 OVERLAP = 0.5  # share of vertices that must find a counterpart before heads without points are deformed
-STARTS = 30  # steps by closest points to align heads without points
-CLOSEST = 0.8  # share of the closest matches that align heads without points
+SHRUNK = 0.5  # of the target's extent, below which the source has collapsed onto a part of it
+CLOSEST_STEPS, SAMPLE = 30, 2000  # steps by closest points to align, with about so many vertices
+CLOSEST = 0.8  # share of the closest matches that align
+MOVED = 0.1  # of the points' extent, by which closest points may take them apart
 NEIGHBOURS = 200  # skin vertices that a small part follows
 
 
@@ -115,7 +117,7 @@ def register(source: Mesh, target: Mesh, points: tuple[F64, F64] | None = None) 
         similarity = _aligned_by_places(source, surface, size)
     else:
         points = checked(points)
-        similarity = aligned_by_points(*points)
+        similarity = _aligned(source, surface, points)
     skin = np.flatnonzero(skin_of(source))
     faces = _renumbered(_faces_of(source, skin_of(source)), skin, len(source.vertices))
     rest = similarity.apply(source.vertices)
@@ -216,12 +218,13 @@ def _missed(similarity: Similarity, first: F64, second: F64) -> float:
     return float(np.sqrt(((similarity.apply(first) - second) ** 2).sum(1).mean()))
 
 
-def _aligned_by_places(source: Mesh, surface: Surface, size: float) -> Similarity:
-    """By closest points from where the meshes stand, the farthest fifth left out in every step."""
-    chosen = skin_of(source)
+def _closest(source: Mesh, surface: Surface, start: Similarity) -> Similarity:
+    """The similarity (of the skin) improved by closest points, the farthest fifth left out in every step."""
+    chosen = np.flatnonzero(skin_of(source))
+    chosen = chosen[:: max(1, len(chosen) // SAMPLE)]
     at, normals = source.vertices[chosen], vertex_normals(source.vertices, source.faces)[chosen]
-    similarity = Similarity.identity(3)
-    for _ in range(STARTS):
+    similarity = start
+    for _ in range(CLOSEST_STEPS):
         placed, facing = similarity.apply(at), normals @ similarity.rotation.T
         near = surface.nearest(placed, facing)
         far = np.linalg.norm(surface.samples[near] - placed, axis=1)
@@ -231,9 +234,26 @@ def _aligned_by_places(source: Mesh, surface: Surface, size: float) -> Similarit
         if isinstance(step, Failed):
             break
         similarity = step
-    placed, facing = similarity.apply(at), normals @ similarity.rotation.T
-    _, found, _ = counterparts(surface, placed, facing, size)
-    shrunk = np.ptp(placed, axis=0).max() < 0.5 * np.ptp(surface.vertices, axis=0).max()
+    return similarity
+
+
+def _aligned(source: Mesh, surface: Surface, points: tuple[F64, F64]) -> Similarity:
+    """By points, then by closest points, unless that takes the points apart: the meshes show other parts of a head."""
+    by_points = aligned_by_points(*points)
+    closest = _closest(source, surface, by_points)
+    extent = float(np.sqrt(((points[1] - points[1].mean(0)) ** 2).sum(1).mean()))
+    good = _missed(closest, *points) <= _missed(by_points, *points) + MOVED * extent
+    return closest if good else by_points
+
+
+def _aligned_by_places(source: Mesh, surface: Surface, size: float) -> Similarity:
+    """By closest points alone, from where the meshes stand."""
+    similarity = _closest(source, surface, Similarity.identity(3))
+    skin = skin_of(source)
+    placed = similarity.apply(source.vertices)
+    facing = vertex_normals(placed, source.faces)[skin]
+    _, found, _ = counterparts(surface, placed[skin], facing, size)
+    shrunk = np.ptp(placed[skin], axis=0).max() < SHRUNK * np.ptp(surface.vertices, axis=0).max()
     if found.mean() < OVERLAP or shrunk:
         raise RegistrationError(
             "the meshes are not roughly aligned: give points that belong together on both"
