@@ -11,7 +11,10 @@ from aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
 from analogy.photo.pictures import F64
 
 EYES = (RIGHT_EYE, LEFT_EYE)
-CLOSES = (0.5, 0.3)  # of the neutral opening: where a lid begins to be taken from S', and is wholly
+CLOSES = (
+    0.34,
+    0.26,
+)  # of the neutral opening: where a lid begins to be taken from S', and is wholly; squints stay
 
 
 def closed(neutral: F64, expressive: F64, strength: float) -> F64:
