@@ -1,5 +1,7 @@
 """Meshes to compute with, and what cleaning leaves of a file's vertices."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +17,7 @@ from analogy.polygons import Polygons
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 SIDE = 9
+HEADS = Path(__file__).parents[2] / "shared" / "data" / "mesh"
 NO_TRIANGLES, NO_QUADS = np.zeros((0, 3), np.intp), np.zeros((0, 4), np.intp)
 
 
@@ -186,6 +189,30 @@ def test_areas_of_polygons_are_those_of_their_fans(sizes: list[int]) -> None:
         wanted.append(np.cross(ring - ring[0], np.roll(ring - ring[0], -1, axis=0)).sum(0) / 2)
         start += size
     np.testing.assert_allclose(polygons.areas(vertices), wanted, atol=1e-12)
+
+
+@pytest.mark.skipif(not HEADS.is_dir(), reason="the shared heads are not there")
+@pytest.mark.parametrize("name", ["ict_head_dev", "makehuman_head_dev", "mediapipe_canonical"])
+@pytest.mark.parametrize("told", ["nothing", "uvs", "normals", "both"])
+def test_real_heads_cut_into_islands_are_put_together(name: str, told: str) -> None:
+    """Split along the borders of 25 patches, as of an atlas; the head's own borders stay open."""
+    with np.load(HEADS / f"{name}.npz") as held:
+        vertices, triangles = held["V"].astype(np.float32).astype(np.float64), held["T"]
+    centres = vertices[triangles].mean(axis=1)
+    seeds = np.random.default_rng(0).choice(centres, 25, replace=False)
+    patch = ((centres[:, None] - seeds) ** 2).sum(axis=2).argmin(axis=1)
+    split, first, ids = np.unique(triangles * 25 + patch[:, None], return_index=True, return_inverse=True)
+    origin = triangles.ravel()[first]
+    normals = smooth(vertices, Polygons.of(triangles))[origin]
+    found = Cleaned.of(
+        vertices[origin],
+        Polygons.of(ids.reshape(-1, 3)),
+        normals=normals if told in ("normals", "both") else None,
+        apart=split[:, None] % 25.0 if told in ("uvs", "both") else None,
+    )
+    assert len(split) > 1.05 * len(vertices)
+    assert len(found.mesh.vertices) == len(vertices)
+    assert_array_equal(found.mesh.vertices[found.ids], vertices[origin])
 
 
 def rotation(degrees: float) -> F64:
