@@ -262,8 +262,12 @@ def _put(path: Path, data: bytes) -> None:
     """Written under another name first, so that a file is complete or not there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    part.replace(path)
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except BaseException:  # a full disk, an interruption
+        part.unlink(missing_ok=True)
+        raise
 
 
 def _named(path: Path, step: Callable[..., T], *args: object) -> T:

@@ -223,6 +223,18 @@ def test_the_format_stays(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["my head.obj"]
 
 
+def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = written(tmp_path, HEAD)
+
+    def full(part: Path, target: Path) -> Path:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        file.write(tmp_path / "other.obj", file.mesh.vertices)
+    assert [path.name for path in tmp_path.iterdir()] == ["my head.obj"]
+
+
 def test_frames_are_read_in_natural_order(tmp_path: Path) -> None:
     file = written(tmp_path, HEAD)
     folder = tmp_path / "frames"
