@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 from aam.landmarks.schemes import INNER_LIPS, JAW, LEFT_BROW, LEFT_EYE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE
 from aam.reference import ReferenceFrame
 from analogy.photo import METHODS, Method, PhotoAnalogy, PhotoError
-from analogy.photo.change import agreement, steadied
+from analogy.photo.change import BRIGHTER, agreement, bounded, steadied
 from analogy.photo.eyes import closed, opened_again
 from analogy.photo.flow import left
 from analogy.photo.grids import face
@@ -230,8 +230,10 @@ def test_the_inside_of_a_mouth_that_opens_is_the_sources() -> None:
 
 
 def test_how_far_a_mouth_opens() -> None:
-    assert opened(NEUTRAL, NEUTRAL) == 0
-    assert opened(NEUTRAL, smiling(NEUTRAL)) == 1
+    assert opened(NEUTRAL, NEUTRAL, 1.0) == 0
+    assert opened(NEUTRAL, smiling(NEUTRAL), 1.0) == 1
+    assert opened(NEUTRAL, smiling(NEUTRAL), 0.5) == 1
+    assert opened(NEUTRAL, smiling(NEUTRAL), 0.0) == 0
 
 
 def test_eyes_that_close_take_their_lids_from_the_source() -> None:
@@ -350,6 +352,12 @@ def test_light_is_a_plane_that_an_expression_does_not_tilt() -> None:
     light = np.asarray(0.2 + 0.002 * x, np.float32)
     assert_allclose(steadied(light + dark, inside, 0.0)[inside], dark[inside], atol=0.03)
     assert_allclose(steadied(light + dark, inside, 1.0), light + dark, atol=1e-6)
+
+
+def test_a_change_brightens_little_and_darkens_as_it_is() -> None:
+    change = np.float32([[-2.0, -0.1, 0.05, 2.0]])
+    assert_allclose(bounded(change, 0.0), [[-2.0, -0.1, 0.05, BRIGHTER]], atol=0.01)
+    assert_allclose(bounded(change, 1.0), change)
 
 
 def test_ratio_images_are_smoothed_where_nothing_correlates() -> None:

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.photo.change import agreement, carried, steadied
+from analogy.photo.change import agreement, bounded, carried, steadied
 from analogy.photo.eyes import closed, opened_again
 from analogy.photo.filling import filled, lidded
 from analogy.photo.flow import followed, left
@@ -104,7 +104,7 @@ class PhotoAnalogy:
         given, told = (self._unlidded(landmarks, shares) for landmarks in (given, told))
         around = self._motion.pose(given).inverse().apply(ring(self._motion.source))
         picture, places = self._source(unit(expressive, "expressive"), given, around)
-        share = opened(self._motion.source, given) * min(strength, 1) if self.mouth == "fill" else 0.0
+        share = opened(self._motion.source, given, strength) if self.mouth == "fill" else 0.0
         seen = self._drawn(self._motion(told, strength), places)
         shown, lids = sampled(picture, seen.values[..., 4:]), seen.eyes(shares)
         if self.method == "tents":
@@ -170,7 +170,8 @@ class PhotoAnalogy:
         alike, same = agreement(before, target, self._width)
         taken = carried(after - before, alike, same, filled_in, self._width)
         if seen.face.any():
-            taken = steadied(taken, seen.face, float(same[seen.face].mean()) ** 2)
+            keep = float(same[seen.face].mean()) ** 2
+            taken = bounded(steadied(taken, seen.face, keep), keep)
         taken = taken * share
         return integrated(*asked(before, before + taken, target), seen.face)
 

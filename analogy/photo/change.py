@@ -14,6 +14,7 @@ SAME = 1e-4
 COARSE = 0.02  # of the face's width: sigma of what is taken where S and T differ
 NOISE = 1.5  # of the median power of detail
 LIPS_TRUST = 3
+BRIGHTER = 0.25  # heights, which no brightening exceeds
 STEP = 6  # pixels between those by which light is judged
 ROUNDS = 8  # of reweighting
 SPREAD = 0.01  # heights around the plane of light
@@ -65,6 +66,16 @@ def steadied(change: F32, face: NDArray[np.bool_], keep: float) -> F32:
     height, width = change.shape
     light = plane[0] + plane[1] * np.arange(width) + (plane[2] * np.arange(height))[:, None]
     return np.asarray(change - (1 - keep) * light, np.float32)
+
+
+def bounded(change: F32, keep: float) -> F32:
+    """A change of heights (h, w) that brightens little; as it is by a share to keep, where T is S itself.
+
+    Skin in a socket or a fold becomes several times as bright when it comes into the light; T's, which need not lie in
+    shadow at all, must not.
+    """
+    up = np.maximum(change, 0)
+    return np.asarray(change - (1 - keep) * (up - BRIGHTER * np.tanh(up / BRIGHTER)), np.float32)
 
 
 def _signal(detail: F32, same: F32, sigma: float) -> F32:

@@ -13,6 +13,7 @@ AROUND = 0.03  # of the face's width: sigma of the surroundings whose colours ar
 LIPS = 0.008  # the same of a mouth, inside which colours are those of the light
 WEIGHT = 0.1  # of the light, of the surroundings' that lie all around
 LASHES = 0.016  # of the face's width, by which lids are widened
+SOON = 2  # times its share is a lid opaque: none is seen through
 SEAM = 0.004  # of the face's width: sigma of what is blended
 
 
@@ -27,7 +28,7 @@ def lidded(made: F32, shown: F32, lids: F32, width: float) -> F32:
     shade = (luminance + DARK) / (_skin(luminance, luminance, around, width) + DARK)
     colours = _skin(made, made @ LUMINANCE, around, width)
     lid = (colours + DARK) * np.minimum(shade, 1)[:, :, None] - DARK
-    alpha = cv2.GaussianBlur(wide, (0, 0), LASHES / 2 * width)[:, :, None]
+    alpha = cv2.GaussianBlur(np.minimum(SOON * wide, 1), (0, 0), LASHES / 2 * width)[:, :, None]
     return np.asarray(made + alpha * (lid - made), np.float32)
 
 

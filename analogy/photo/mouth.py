@@ -21,10 +21,10 @@ def opening(points: F64) -> float:
     return float(np.linalg.norm(upper - lower, axis=1).mean()) / max(across, 1e-6)
 
 
-def opened(neutral: F64, expressive: F64) -> float:
-    """How much of the mouth's inside is new in landmarks (81, 2), 0 to 1."""
+def opened(neutral: F64, expressive: F64, strength: float) -> float:
+    """How much of the mouth's inside is new in landmarks (81, 2) of an expression by its strength, 0 to 1."""
     low, high = OPENS
-    share = float(np.clip((opening(expressive) - opening(neutral) - low) / (high - low), 0, 1))
+    share = float(np.clip((strength * (opening(expressive) - opening(neutral)) - low) / (high - low), 0, 1))
     return share * share * (3 - 2 * share)
 
 
