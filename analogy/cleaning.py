@@ -5,7 +5,8 @@ there.  Vertices are joined only along border edges that lie at one place in opp
 only where the surface goes on from one border to the other: by the normals of both sides, in the mean over a run of
 such edges.  Lips that touch in the neutral face thus stay apart: with a mouth behind them they have no border there.
 Without one the surface folds back where they meet, or the file has texture coordinates, which are the same on both
-sides, so that it splits the vertices on purpose (unless it splits all: each corner a vertex).
+sides, so that it splits the vertices on purpose (unless it splits all: each corner a vertex).  What the morph targets
+of the file move apart is never joined.
 
 Left out: faces without area (as high as rounding is), faces given twice, and vertices then in no face, which move with
 the nearest vertex that is kept.  Polygons of more than four sides are fans of triangles.  Holes, several components and
@@ -23,13 +24,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from analogy.mesh import Mesh, MeshError
-from analogy.normals import smooth, unit
+from analogy.normals import BEYOND, smooth, unit
 from analogy.polygons import Polygons
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
-FURTHEST = 1e30  # coordinate that float32 holds
 FLAT = 1e-5  # height by longest side up to which a triangle has no area: what float32 positions round to
 GOES_ON = 0.5  # cosine between the normals of a seam's two sides, in the mean
 TOGETHER = 1e-4  # of the largest displacement, up to which two vertices move together
@@ -90,9 +90,9 @@ def _check(vertices: F64, polygons: Polygons) -> None:
         raise MeshError("it has no vertices")
     if not len(polygons.sizes):
         raise MeshError(f"it has {len(vertices)} vertices but no faces; a point cloud cannot be used")
-    bad = int(np.count_nonzero(~(np.abs(vertices) <= FURTHEST).all(axis=1)))
+    bad = int(np.count_nonzero(~(np.abs(vertices) <= BEYOND).all(axis=1)))
     if bad:
-        raise MeshError(f"{bad} of its {len(vertices)} vertices are not finite (NaN, or beyond {FURTHEST:g})")
+        raise MeshError(f"{bad} of its {len(vertices)} vertices are not finite (NaN, or beyond {BEYOND:g})")
 
 
 def _faces(vertices: F64, polygons: Polygons) -> tuple[Int, Int]:

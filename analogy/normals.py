@@ -11,7 +11,7 @@ from analogy.polygons import Polygons
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
-BEYOND = 1e30  # any number that is meant
+BEYOND = 1e30  # any number that is meant; float32 holds it
 ALIKE = 1000  # steps of a coordinate of a normal within which two are one
 
 
