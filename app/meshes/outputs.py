@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,16 +36,6 @@ def _require_folder(folder: Path) -> None:
         raise OutputError(f"{folder} is no folder and cannot be made, {there} is a file: choose another")
     if not os.access(there, os.W_OK):
         raise OutputError(f"{folder} cannot be written to, the folder {there} is not yours: choose another")
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[None]:
-    """Take away NAME.part of a mesh file that a block could not write to its end."""
-    try:
-        yield
-    except BaseException:
-        path.with_name(path.name + ".part").unlink(missing_ok=True)
-        raise
 
 
 def write_json(path: Path, facts: Mapping[str, Any]) -> None:

@@ -11,7 +11,7 @@ from analogy.correspondence import Correspondence
 from analogy.mesh_io import MeshFile, read_mesh
 from analogy.register import register
 from app.meshes import pictures
-from app.meshes.outputs import require_outputs, whole
+from app.meshes.outputs import require_outputs
 from app.meshes.pair import MATCHING, both_points
 from app.meshes.reports import RegisterReport, versions
 from app.meshes.work import Work
@@ -40,7 +40,7 @@ def register_files(
     with work.stage(MATCHING):
         done = register(own.mesh, other.mesh, (points[0].positions, points[1].positions))
         link = done.correspondence()
-    with work.stage("writing"), whole(output):
+    with work.stage("writing"):
         own.write(output, done.fitted)
         save_correspondence(table, link, own, other)
     if work.picture is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from analogy.mesh_io import read_mesh, read_rig, write_rig
-from app.meshes.outputs import require_outputs, whole
+from app.meshes.outputs import require_outputs
 from app.meshes.pair import How, open_carrier
 from app.meshes.reports import TransferReport
 from app.meshes.transferring import READING, WRITING, carry_all, draw, report_of
@@ -30,7 +30,7 @@ def rig_file(source: Path, target: Path, output: Path, how: How, work: Work) -> 
         rig, head = read_rig(source), read_mesh(target)
     carrier = open_carrier(rig.file, head, how, work)
     made, carried = carry_all(carrier, list(rig.shapes), [(name, name) for name in rig.names], work)
-    with work.stage(WRITING), whole(output):
+    with work.stage(WRITING):
         write_rig(output, head, rig.names, np.array(made))
     draw(carrier, list(rig.shapes), made, rig.names, work)
     return report_of(carrier, how, output, "morph target", carried, work)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analogy.mesh_io import read_frames, read_mesh
 from app.failures import Interrupted
 from app.meshes.film import write_film
-from app.meshes.outputs import require_outputs, whole
+from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
 from app.meshes.reports import Carried, TransferReport
 from app.meshes.transferring import CARRYING, READING, WRITING, draw, report_of, told
@@ -142,8 +142,7 @@ class _Run:
         if output is None:
             self.made.append(made.astype(np.float32))
         else:
-            with whole(output):
-                self._carrier.pair.target.write(output, made)
+            self._carrier.pair.target.write(output, made)
         one = told(self._carrier, expressive, made, name, str(output or self._frames.output), seconds)
         if one.furthest >= max((other.furthest for other in self.carried), default=0.0):
             self.most = expressive, made

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analogy.mesh import Mesh
 from analogy.mesh_io import MeshFile, read_mesh
 from app.failures import Interrupted
-from app.meshes.outputs import require_outputs, whole
+from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
 from app.meshes.pictures import Head, Picture, Stand, carried_over, strip
 from app.meshes.reports import AmountError, Carried, TransferReport, versions
@@ -57,8 +57,7 @@ def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> 
     count = 0
     try:
         for vertices, output in zip(made, outputs, strict=True):
-            with whole(output):
-                head.write(output, vertices)
+            head.write(output, vertices)
             count += 1
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; {count} of {len(outputs)} files are written") from None
