@@ -22,14 +22,13 @@ F64 = NDArray[np.float64]
 
 PIXELS = 160  # side of the pictures; the landmarker's own crop is 128
 HALF, REACH = 1.0, 1.3  # eye widths from the middle of the face to a picture's edge; to what is drawn
-FIRST = (
-    (0, 0),
-    (-20, 0),
-    (20, 0),
-    (0, 12),
-)  # degrees of yaw and pitch, until the head is seen from the front
+# Degrees of yaw and pitch: until the head is seen from the front, and then.
+FIRST = ((0, 0), (-20, 0), (20, 0), (0, 12))
 THEN = tuple((yaw, pitch) for yaw in (-24, 0, 24) for pitch in (-12, 0, 12))
 SETTLED, ROUNDS = 8.0, 4  # degrees, by which the front may still change; how often it is sought
+LEAST = (
+    0.45  # confidence of a face; heads have 0.97, those that lack a half or 10 % of their faces 0.35 to 0.8
+)
 DEPTH = 0.3  # what a distance in depth counts beside one across, for the nearest point of the surface
 STEPS, LOOSE = 6, 1.5  # rounds of weighting, and the medians of distance at which a line weighs one half
 RIGHT_EYE, LEFT_EYE, MOUTH, NOSE_TIP = slice(36, 42), slice(42, 48), slice(48, 60), 30
@@ -43,13 +42,14 @@ class Sighted:
     ----------
     points : (81, 3), not on the surface but near it.   off : (v, 81) distances of the v lines of sight from them.
     axes : (3, 3) rows: to the person's left, up, forward.   eye_width : between the outer eye corners.
-    surface : what was seen of the mesh.
+    confidence : the mean of the landmarker's over the pictures.   surface : what was seen of the mesh.
     """
 
     points: F64
     off: F64
     axes: F64
     eye_width: float
+    confidence: float
     surface: Solid
 
     def on_surface(self, places: F64) -> F64:
@@ -69,9 +69,11 @@ def sighted(facing: Facing) -> Sighted | Failed:
         if _angle(before.axes, view.axes) < SETTLED:
             break
     seen = _observed(facing.solid, view, THEN, start)
-    if not isinstance(seen, Failed) and not _stands_out(seen):
-        return Failed("what looks like a face on the mesh is hollow")
-    return seen
+    if isinstance(seen, Failed) or (_stands_out(seen) and seen.confidence >= LEAST):
+        return seen
+    return Failed(
+        "what looks like a face on the mesh is none: it is hollow, or looks like one from few sides"
+    )
 
 
 def _observed(
@@ -79,7 +81,7 @@ def _observed(
 ) -> Sighted | Failed:
     """The points as seen from `turns` about a view; `start` (81, 3), about where they are, spares the search."""
     near = solid if start is None else solid.near(front.centre, REACH / HALF * front.half)
-    rows, lines, shown = [], [], np.zeros(len(near.faces), bool)
+    rows, lines, confidence, shown = [], [], 0.0, np.zeros(len(near.faces), bool)
     for yaw, pitch in turns:
         view = front.turned(yaw, pitch)
         picture, seen = near.picture(view)
@@ -88,10 +90,11 @@ def _observed(
         if face is not None:
             rows.append(view.axes[:2])
             lines.append(view.unproject(face.points))
-    if len(rows) <= len(turns) / 2:
-        return Failed("what looks like a face on the mesh does not from other sides")
+            confidence += face.confidence / len(turns)
+    if len(rows) < 2:
+        return Failed("what looks like a face on the mesh does so from one side only")
     points, off = meeting(np.array(rows), np.array(lines))
-    return Sighted(points, off, frontal_axes(points), _width(points), near.part(shown))
+    return Sighted(points, off, frontal_axes(points), _width(points), confidence, near.part(shown))
 
 
 def _face(picture: Image, near: F64 | None) -> Face | None:
