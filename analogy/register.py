@@ -1,9 +1,11 @@
 """Dense correspondence of two heads by deforming one onto the other (Xiang et al. 2008).
 
 Aligned by given points with a similarity (`aam.similarity.align`, which works in three dimensions as in two), or, where
-there are none and the heads stand roughly alike, from there; improved by closest points; then deformed (`analogy.deform`).  Only the
-skin takes part: the large components of the meshes.  Eyes, teeth and other small parts follow the nearest skin by a
-similarity, so that they keep their form and no skin sticks to them.  Lengths in the target's unit.
+there are none and the heads stand roughly alike, from there; improved by closest points; then deformed
+(`analogy.deform`).  Only the skin takes part: the large components of the meshes.  Eyes, teeth and other small parts
+follow the nearest skin by a similarity, so that they keep their form and no skin sticks to them.
+
+Lengths in the target's unit.
 """
 
 from __future__ import annotations
