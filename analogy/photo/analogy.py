@@ -101,7 +101,8 @@ class PhotoAnalogy:
         given = checked_points(points, "points")
         told = given if facing is None else checked_points(facing, "facing")
         shares = closed(self._motion.source, told, strength) if self.method == "tents" else np.zeros(2)
-        given, told = (self._unlidded(landmarks, shares) for landmarks in (given, told))
+        if shares.any():
+            given, told = (self._unlidded(landmarks, shares) for landmarks in (given, told))
         around = self._motion.pose(given).inverse().apply(ring(self._motion.source))
         picture, places = self._source(unit(expressive, "expressive"), given, around)
         share = opened(self._motion.source, given, strength) if self.mouth == "fill" else 0.0
