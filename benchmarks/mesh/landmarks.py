@@ -50,10 +50,10 @@ class Answer:
 
 
 def answered(mesh: Mesh, truth: F64) -> Answer:
-    """The points of a mesh that was not seen before."""
-    start = time.perf_counter()
+    """The points of a mesh that was not seen before; the time is the processor's, as one thread does all."""
+    start = time.process_time()
     points = find(mesh)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
     known = np.isfinite(truth[:, 0])
     if isinstance(points, Failed):
         return Answer(points, np.where(known, np.inf, np.nan), seconds)
