@@ -135,18 +135,32 @@ def shaded(
     fine = size[0] * _SAMPLES, size[1] * _SAMPLES
     place = eye.project(points, fine)
     seen = visible(place, faces, fine)
-    picture = _backdrop(fine)
-    covered = seen.covered
-    if covered.any():
-        ball = _Ball.lit()
-        towards, inside = _normals(place, faces, seen)
-        own = _painted(colours, paint, faces, seen)
-        lit = _occlusion(place, faces, seen)[covered, None] * np.where(inside, _INSIDE, 1)[:, None]
-        if light is not None:
-            lit *= seen.interpolated(np.asarray(light, np.float64)[:, None], faces)
-        picture[covered] = (own * ball.diffuse(towards) + ball.gloss(towards)) * lit
-    small = cv2.resize(_srgb(picture), size, interpolation=cv2.INTER_AREA)
+    picture = _backdrop(fine).copy()
+    if seen.covered.any():
+        picture[seen.covered] = _srgb(_lit(place, faces, seen, colours, paint, light))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     return np.asarray(np.rint(small * 255), np.uint8)
+
+
+def _lit(
+    place: F64, triangles: Faces, seen: Visibility, colours: ArrayLike | None, paint: Paint | None,
+    light: ArrayLike | None,
+) -> F32:  # fmt: skip
+    """What the covered pixels (p, 3) send to the viewer, linear.  All of vertices is looked up at once."""
+    normals = vertex_normals(place * (1, -1, -1), triangles)
+    share = np.ones(len(place)) if light is None else np.asarray(light)
+    given = () if colours is None else (np.asarray(colours),)
+    columns = np.column_stack([normals, place[:, 2], share, *given]).astype(np.float32)
+    known = seen.interpolated(columns, triangles)
+    normal = _unit(np.asarray(known[:, :3], np.float32))
+    inside = normal[:, 2] < -0.15  # smooth normals lean back a little at the outline
+    normal[inside] *= -1
+    own = _painted(np.asarray(known[:, 5:]), paint) if given else _linear(np.array(CLAY, np.float32))
+    reach = _REACH * float(np.ptp(place, axis=0).max())
+    reaching = _occlusion(known[:, 3], seen.covered, reach) * known[:, 4]
+    reaching[inside] *= _INSIDE
+    ball = _Ball.lit()
+    return (own * ball.diffuse(normal) + ball.gloss(normal)) * reaching[:, None]
 
 
 def exposure(vertices: ArrayLike, triangles: ArrayLike) -> F64:
@@ -206,29 +220,19 @@ def vertex_normals(vertices: F64, triangles: Faces) -> F64:
     return _unit(out)
 
 
-def _normals(place: F64, triangles: Faces, seen: Visibility) -> tuple[F32, NDArray[np.bool_]]:
-    """Normals (p, 3) right, up, towards the viewer at covered pixels, and where the inner side is seen."""
-    axes = place * (1, -1, -1)
-    normal = _unit(seen.interpolated(vertex_normals(axes, triangles), triangles).astype(np.float32))
-    inside = normal[:, 2] < -0.15  # smooth normals lean back a little at the outline
-    normal[inside] *= -1
-    return normal, inside
+def _painted(values: NDArray[np.floating], paint: Paint | None) -> F32:
+    """Linear colours (p, 3) of pixels with values (p, d)."""
+    return _linear(np.asarray(values if paint is None else paint(values.astype(np.float64)), np.float32))
 
 
-def _painted(colours: ArrayLike | None, paint: Paint | None, triangles: Faces, seen: Visibility) -> F32:
-    """Linear colours (p, 3) of the covered pixels, or (3,) of clay."""
-    if colours is None:
-        return _linear(np.array(CLAY, np.float32))
-    values = seen.interpolated(np.asarray(colours, np.float64), triangles)
-    return _linear(np.asarray(values if paint is None else paint(np.asarray(values)), np.float32))
+def _occlusion(away: NDArray[np.floating], covered: NDArray[np.bool_], reach: float) -> F32:
+    """(p,) share of the surroundings that reaches the covered pixels, from depths around, at a quarter of the samples.
 
-
-def _occlusion(place: F64, triangles: Faces, seen: Visibility) -> F32:
-    """(h, w) share of the surroundings that reaches a pixel, from depths around it, at a quarter of the samples."""
-    depth = np.full(seen.triangle.shape, _BEHIND, np.float32)
-    depth[seen.covered] = seen.interpolated(place[:, 2:], triangles)[:, 0]
+    away : (p,) their depths.   reach : both in fine pixels.
+    """
+    depth = np.full(covered.shape, _BEHIND, np.float32)
+    depth[covered] = away
     small = np.ascontiguousarray(depth[::_SAMPLES, ::_SAMPLES])
-    reach = _REACH * float(np.ptp(place, axis=0).max())
     hidden = np.zeros(small.shape, np.float32)
     for turn in range(_ROUND):
         direction = np.exp(2j * np.pi * turn / _ROUND)
@@ -239,7 +243,9 @@ def _occlusion(place: F64, triangles: Faces, seen: Visibility) -> F32:
         hidden += highest
     open_to = 1 - np.minimum(_DEPTH * hidden / _ROUND, 0.92)
     smooth = cv2.GaussianBlur(open_to, (0, 0), 1.6)
-    return np.asarray(cv2.resize(smooth, depth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
+    return np.asarray(
+        cv2.resize(smooth, depth.shape[::-1], interpolation=cv2.INTER_LINEAR)[covered], np.float32
+    )
 
 
 def _rise(depth: F32, offset: complex, reach: float, highest: F32) -> None:
@@ -314,15 +320,12 @@ def _looked_up(ball: F32, normals: F32) -> F32:
 
 
 @cache
-def _shading(size: tuple[int, int]) -> F32:
+def _backdrop(size: tuple[int, int]) -> F32:
+    """(h, w, 3) sRGB."""
     width, height = size
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     away = np.clip(np.hypot(x, y + 0.15) / 1.6, 0, 1)[..., None] ** 1.3
-    return np.asarray((1 - away) * np.array(SHADE[0]) + away * np.array(SHADE[1]), np.float32)
-
-
-def _backdrop(size: tuple[int, int]) -> F32:
-    return _shading(size).copy()
+    return _srgb(np.asarray((1 - away) * np.array(SHADE[0]) + away * np.array(SHADE[1]), np.float32))
 
 
 def _linear(colours: F32) -> F32:

@@ -30,7 +30,7 @@ YAWS = (0.0, 40.0)  # degrees, rows of a strip
 SIZE = (360, 440)  # pixels of a head
 PAPER, INK, FAINT = (27, 29, 32), (236, 236, 232), (150, 153, 158)
 TITLE, FOOT = 40, 64  # pixels above and below
-TURN, RATE = 96, 24  # pictures of a full turn, and a second
+TURN, RATE = 72, 24  # pictures of a full turn, and a second
 
 # From nothing to much: ever darker, so that it reads in grey too, and nothing is the colour of clay.
 HEAT = ("#ddd6cd", "#f3d27c", "#f1913f", "#d8434a", "#8a2369", "#2f1650")
