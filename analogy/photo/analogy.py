@@ -109,7 +109,7 @@ class PhotoAnalogy:
         seen = self._drawn(self._motion(told, strength), places)
         shown, lids = sampled(picture, seen.values[..., 4:]), seen.eyes(shares)
         if self.method == "tents":
-            seen = self._refined(seen, shown @ LUMINANCE, lids, strength if facing is None else 0.0)
+            seen = self._refined(seen, shown @ LUMINANCE, strength if facing is None else 0.0)
         out = self._warped(seen)
         if self.method != "warp":
             out = self._lit(out, strength * self._change(seen, shown @ LUMINANCE, out, lids))
@@ -140,13 +140,13 @@ class PhotoAnalogy:
             face(grid.places(made), grid.size),
         )
 
-    def _refined(self, seen: Seen, shown: F32, lids: F32, share: float) -> Seen:
+    def _refined(self, seen: Seen, shown: F32, share: float) -> Seen:
         """The places in S, and by a share in T, moved by what landmarks leave of the motion to S', which is shown.
 
         Of a turned head that is the turn's, and none of T's.
         """
         neutral = sampled(self._neutral, seen.values[..., 2:4])
-        moved = left(heights(shown), heights(neutral), seen.face & ~seen.between & (lids == 0), self._width)
+        moved = left(heights(shown), heights(neutral), seen.face & (seen.part == 0), self._width)
         values = seen.values.copy()
         values[..., 2:4] = followed(seen.values[..., 2:4], own(self._grid.size) + moved)
         moved *= np.float32(share)
@@ -173,6 +173,7 @@ class PhotoAnalogy:
         if seen.face.any():
             keep = float(same[seen.face].mean()) ** 2
             taken = bounded(steadied(taken, seen.face, keep), keep)
+            share = share * (1 - (1 - keep) * seen.eyes(np.ones(2)))
         taken = taken * share
         return integrated(*asked(before, before + taken, target), seen.face)
 
