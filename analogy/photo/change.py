@@ -10,10 +10,10 @@ from analogy.photo.pictures import F32
 
 NEAR = 0.012  # of the face's width: sigma of the neighbourhoods that are compared
 FLAT = 0.03  # heights (logarithms of luminance) within which a neighbourhood is flat
-SAME = 1e-4
+SAME = 1e-4  # the same where even noise must agree
 COARSE = 0.02  # of the face's width: sigma of what is taken where S and T differ
 NOISE = 1.5  # of the median power of detail
-LIPS_TRUST = 3
+LIPS_TRUST = 3  # power of the agreement beside what is filled
 BRIGHTER = 0.25  # heights, which no brightening exceeds
 STEP = 6  # pixels between those by which light is judged
 ROUNDS = 8  # of reweighting
