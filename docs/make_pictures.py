@@ -38,7 +38,7 @@ FRAMES = (51, 77, 153)  # of the clip talk2: different mouths and head turns
 NOBODY = "p07"  # of the gallery
 WIDTH = 280  # pixels, of a frame
 HEADS = SAMPLES / "heads"
-SHOWN = ("anger", "open", "pucker", "smile", "surprise")  # morph targets of p01
+SHOWN = ("anger", "open", "pucker", "smile", "surprise")  # morph targets of the mean head
 MESH_WIDTH = 1400  # pixels, of the widest picture of heads
 # Person and frame of talk2: at rest and with an expression, and another person at rest.
 ANALOGIES = (
@@ -84,15 +84,15 @@ def analogies(folder: Path) -> list[list[Picture]]:
 
 def heads(folder: Path) -> None:
     """The pictures of guise analogy mesh."""
-    source, target = HEADS / "p01.obj", HEADS / "p02.obj"
-    rig, head = read_rig(HEADS / "p01.glb"), read_mesh(target)
+    source, target = HEADS / "mean.obj", HEADS / "other.obj"
+    rig, head = read_rig(HEADS / "mean.glb"), read_mesh(target)
     work = _work(folder / "mesh.png")
     carrier = open_carrier(rig.file, head, How(), work)
     faces = [rig.shapes[rig.names.index(name)] for name in SHOWN]
     draw(carrier, faces, [carrier.transfer(face) for face in faces], SHOWN, work)
     register_files(source, target, folder / "fitted.obj", None, _work(folder / "mesh-chessboard.png"))
     landmarks_file(source, folder / "points.json", None, _work(folder / "mesh-landmarks.png"))
-    preview_files(source, HEADS / "p01_smile.obj", folder / "mesh-preview.png", _work(None))
+    preview_files(source, HEADS / "mean_smile.obj", folder / "mesh-preview.png", _work(None))
     for path in sorted(folder.glob("mesh*.png")):
         picture = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
         width = min(MESH_WIDTH, picture.shape[1])

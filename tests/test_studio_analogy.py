@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from clips import cut
 from made_up import SAMPLES
-from sample_heads import write_heads
 from studio_browser import StudioServer, browser, page, studio_server, visit  # noqa: F401
 
 from analogy.mesh_io import read_mesh, read_rig
@@ -18,6 +17,7 @@ from app.media import open_source
 from app.media.images import read_deep
 from app.pictures import save_picture
 
+HEADS = SAMPLES / "heads"
 LONG = 120_000  # milliseconds, on a busy machine
 
 
@@ -30,11 +30,6 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
             rgb = next(frame.rgb().copy() for frame in source if frame.index == index)
         save_picture(folder / f"{name}.png", rgb)
     return folder
-
-
-@pytest.fixture(scope="module")
-def heads(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_heads(tmp_path_factory.mktemp("heads"))
 
 
 @pytest.fixture
@@ -96,23 +91,21 @@ def test_what_is_no_picture_is_refused(desk: Any, tmp_path: Path, studio_server:
     assert not list((studio_server.folder / "uploads").glob("*.part*"))
 
 
-def test_a_head_gets_the_expressions_of_another_and_both_can_be_turned(
-    desk: Any, heads: Path, tmp_path: Path
-) -> None:
+def test_a_head_gets_the_expressions_of_another_and_both_can_be_turned(desk: Any, tmp_path: Path) -> None:
     desk.get_by_role("tab", name="Heads").click()
-    upload(desk, "Source", heads / "head.obj")
-    upload(desk, "Expressions", heads / "head_smile.obj", heads / "head_surprise.obj")
-    upload(desk, "Target", heads / "other.obj")
+    upload(desk, "Source", HEADS / "mean.obj")
+    upload(desk, "Expressions", HEADS / "mean_smile.obj", HEADS / "mean_surprise.obj")
+    upload(desk, "Target", HEADS / "other.obj")
     desk.get_by_role("button", name="Carry over").click()
     desk.get_by_role("link", name="Download rig").wait_for(timeout=LONG)
     rig = tmp_path / "rig.glb"
     rig.write_bytes(downloaded(desk, "Download rig"))
-    assert sorted(read_rig(rig).names) == ["head_smile", "head_surprise"]
+    assert sorted(read_rig(rig).names) == ["mean_smile", "mean_surprise"]
     with zipfile.ZipFile(io.BytesIO(downloaded(desk, "Download a mesh for each"))) as packed:
         assert len(packed.namelist()) == 2
         packed.extract(packed.namelist()[0], tmp_path)
     one = read_mesh(tmp_path / packed.namelist()[0]).mesh.vertices
-    rest = read_mesh(heads / "other.obj").mesh.vertices
+    rest = read_mesh(HEADS / "other.obj").mesh.vertices
     assert one.shape == rest.shape
     assert 0.02 < np.linalg.norm(one - rest, axis=1).max() < 1
     _turn(desk)
