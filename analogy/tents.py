@@ -58,10 +58,10 @@ class Rings:
         quad = np.asarray(() if quads is None else quads, np.intp).reshape(-1, 4)
         sides = [face[:, [k, (k + 1) % n]] for face, n in ((tri, 3), (quad, 4)) for k in range(n)]
         edges = np.concatenate(sides)
-        both = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
-        both = both[both[:, 0] != both[:, 1]]
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        start, end = np.divmod(np.unique(np.concatenate([edges @ (count, 1), edges @ (1, count)])), count)
         split = np.concatenate([tri, quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
-        return cls(count, both[:, 0], both[:, 1], split)
+        return cls(count, start, end, split)
 
     @cached_property
     def corners(self) -> Int:

@@ -290,8 +290,8 @@ def _run(
     report: Path | None = None,
 ) -> None:  # fmt: skip
     """Do it, say and write what was done."""
-    from app.meshes.outputs import write_json
     from app.meshes.work import Work
+    from app.outputs import write_json
 
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:

@@ -66,7 +66,15 @@ IMAGE = (
     "image.light",
     "image.speed",
 )
-ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE, *IMAGE)
+MESH = (
+    "mesh.transfer",
+    "mesh.people",
+    "mesh.correspondence",
+    "mesh.cylinder",
+    "mesh.landmarks",
+    "mesh.speed",
+)
+ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed",

@@ -8,11 +8,10 @@ from aam.similarity import Failed
 from analogy.feature_points import NAMES, FeaturePoints, find, load
 from analogy.mesh import Mesh, MeshError
 from analogy.mesh_io import MeshFile, read_mesh
-from app.meshes.outputs import require_outputs
 from app.meshes.pictures import landmarks as drawn
 from app.meshes.reports import LandmarksReport
 from app.meshes.work import Work
-from app.outputs import write_whole
+from app.outputs import require_outputs, write_whole
 from app.pictures import save_picture
 
 AUTO = "auto"

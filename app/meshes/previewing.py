@@ -14,10 +14,10 @@ from analogy.mesh import Mesh
 from analogy.mesh_io import read_mesh
 from app.media.images import looks_like_image
 from app.meshes import pictures
-from app.meshes.outputs import require_outputs
 from app.meshes.pictures import Head, Picture, Stand
 from app.meshes.reports import Distances, PreviewReport
 from app.meshes.work import Work
+from app.outputs import require_outputs
 from app.pictures import save_picture
 
 F64 = NDArray[np.float64]

@@ -11,11 +11,10 @@ from analogy.correspondence import Correspondence
 from analogy.mesh_io import MeshFile, read_mesh
 from analogy.register import register
 from app.meshes import pictures
-from app.meshes.outputs import require_outputs
 from app.meshes.pair import MATCHING, both_points
 from app.meshes.reports import RegisterReport, versions
 from app.meshes.work import Work
-from app.outputs import OutputError, write_whole
+from app.outputs import OutputError, require_outputs, write_whole
 from app.pictures import save_picture
 
 

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from analogy.mesh_io import read_frames, read_mesh
 from app.failures import Interrupted
 from app.meshes.film import write_film
-from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
 from app.meshes.reports import Carried, TransferReport
 from app.meshes.transferring import CARRYING, READING, WRITING, draw, report_of, told
 from app.meshes.work import Work
-from app.outputs import OutputError
+from app.outputs import OutputError, require_outputs
 
 F64 = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from analogy.mesh import Mesh
 from analogy.mesh_io import MeshFile, read_mesh
 from app.failures import Interrupted
-from app.meshes.outputs import require_outputs
 from app.meshes.pair import Carrier, How, open_carrier
 from app.meshes.pictures import Head, Picture, Stand, carried_over, strip
 from app.meshes.reports import AmountError, Carried, TransferReport, versions
 from app.meshes.work import Work
+from app.outputs import require_outputs
 from app.pictures import save_picture
 
 F64 = NDArray[np.float64]

@@ -14,8 +14,7 @@ from aam.landmarks import open_landmarker
 from analogy.photo import PhotoAnalogy, PhotoError
 from app.media import EncodeOptions, Frame, open_sink, open_source
 from app.media.images import DeepImage, looks_like_image
-from app.meshes.outputs import require_outputs
-from app.outputs import OutputError, synthetic_tags
+from app.outputs import OutputError, require_outputs, synthetic_tags
 from app.photos.driver import Driver, Tracking, follow, picture_of
 from app.photos.faces import Photo, in_colours, in_colours_of, warnings
 from app.photos.facing import Facing

@@ -14,8 +14,7 @@ import numpy as np
 from aam.landmarks import Landmarker, open_landmarker
 from analogy.photo import Method, Mouth, PhotoAnalogy
 from app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
-from app.meshes.outputs import require_outputs
-from app.outputs import OutputError, synthetic_tags, write_whole
+from app.outputs import OutputError, require_outputs, synthetic_tags, write_whole
 from app.photos.faces import Photo, in_colours_of, lost_by, open_photo, turn_between, warnings
 from app.photos.facing import Facing
 from app.pictures import Picture, labelled, sheet
