@@ -13,7 +13,7 @@ which the surface gives way, annealed from a tenth of a head to the size of an e
 What departs from the paper, since a small distance between surfaces does not mean a right correspondence: matches are
 sought both ways, from the surface to the target and back, which keeps the surface from sliding; borders match borders;
 matches count normals as well as places; the state at rest is the surface deformed by the points alone; and each step
-goes on as the one before did (momentum), which saves two of three.
+goes on as the one before did (momentum), which saves more than half of them.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ STIFF, SOFT = (
     0.11,
     0.012,
 )  # of the size: lengths below which the surface gives way, in the first round and the last
-STRETCH = 0.6  # of that length, against stretching
-ROUNDS, STEPS = 8, 3  # closest points are sought in every step; a round has one factorisation
+STRETCH = 0.8  # of that length, against stretching
+ROUNDS, STEPS = 5, 5  # closest points are sought in every step; a round has one factorisation
 MOMENTUM = 0.7
 FAR, NEAR = 4.0, 0.001  # matches farther than FAR times the median and NEAR of the size are none
 POINT = 0.017  # share of the area that a given point counts
@@ -163,7 +163,7 @@ class Matching:
     def _back(self, fitted: F64, normals: F64) -> Matches:
         """The vertices of the target that find each vertex; their positions times what they count, summed."""
         turn, wanted, facing = self.target.turn, self.target.vertices, self.target.vertex_normals
-        tree = cKDTree(np.concatenate([fitted, turn * normals], axis=1))
+        tree = cKDTree(np.concatenate([fitted, turn * normals], axis=1), balanced_tree=False)
         near = tree.query(np.concatenate([wanted, turn * facing], axis=1))[1]
         good = self._good(wanted - fitted[near], facing, normals[near]) & ~self.border[near]
         counts = self._other_areas * good

@@ -24,7 +24,7 @@ Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
 TINY = 1e-300
-LONG_EDGES = 1.5  # median edges, from which a face gets more samples than its centre
+LONG_EDGES = 3.0  # median edges, from which a face gets more samples than its centre
 MOST_SAMPLES = 8  # along an edge
 CANDIDATES = 8  # samples whose faces are projected onto
 
@@ -131,11 +131,12 @@ class Surface:
         self.normals = unit(self._at(self.vertex_normals, self.sample_faces, weights))
         at_vertex = (weights > 1 - 1e-9) & self.border[faces[self.sample_faces]]
         self.on_border: Bool = np.asarray(at_vertex.any(axis=1))
-        self._tree = cKDTree(np.concatenate([self.samples, turn * self.normals], axis=1))
+        self._tree = cKDTree(np.concatenate([self.samples, turn * self.normals], axis=1), balanced_tree=False)
 
     def nearest(self, points: F64, normals: F64) -> Int:
         """(n,) the nearest sample to each of points (n, 3) with normals (n, 3), both counted."""
-        return np.asarray(self._tree.query(np.concatenate([points, self.turn * normals], axis=1))[1], np.intp)
+        query = np.concatenate([points, self.turn * normals], axis=1)
+        return np.asarray(self._tree.query(query)[1], np.intp)
 
     def closest(self, points: F64, normals: F64) -> Places:
         """The closest places to points (n, 3) that face the way of normals (n, 3).

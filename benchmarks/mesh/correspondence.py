@@ -48,6 +48,7 @@ PEOPLE = (
     ("p04", "p10 t12k"),
     ("p10", "p04 t24k"),
 )
+RUNS = 5
 CENTIMETRES = 10.0  # in the people's decimetre
 F64 = NDArray[np.float64]
 Points = tuple[F64, F64] | None
@@ -135,15 +136,24 @@ def row(
     )
 
 
+def timed(case: Case, shared: Path) -> tuple[str, str, float, float, float, float, float]:
+    """The row with markers; median seconds, each scaled by the reference timed just before."""
+    rows = [row(case, "markers", case.points, Reference(shared).scale) for _ in range(RUNS)]
+    return sorted(rows, key=lambda one: one[3])[RUNS // 2]
+
+
 def measure(options: argparse.Namespace) -> Report:
     """The pairs, then other heads."""
     report = Report(NAME, TITLE)
     model = Model(options.shared / "data" / "mesh")
     scale = Reference(options.shared).scale
+    register(
+        (warm := model.pair("P")).source, warm.target, warm.points
+    )  # imports what is imported when needed
     rows = []
     for name in ("P",) if options.quick else FILES:
         case = model.pair(name)
-        given = row(case, "markers", case.points, scale)
+        given = timed(case, options.shared)
         automatic = row(case, "found", found(case), scale)
         rows += [given, automatic, row(case, "none", None, scale)]
         with without_cholmod():
@@ -151,6 +161,7 @@ def measure(options: argparse.Namespace) -> Report:
         report.criteria += [
             Criterion(f"{name}, markers: mean error", given[2], "<=", ERROR, "cm"),
             Criterion(f"{name}, markers: seconds, scaled", given[3], "<=", SECONDS[name], "s"),
+            Criterion(f"{name}, found points: mean error", automatic[2], "<=", AUTOMATIC * ERROR, "cm"),
             Criterion(f"{name}, found points: error, of that with markers", automatic[2] / given[2], "<=", AUTOMATIC),
         ]  # fmt: skip
     report.criteria.append(pipeline(model, scale))
