@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from aam.similarity import Similarity
 from analogy.correspondence import Correspondence
 from analogy.geometry import Surface, barycentric, border, geodesic_patch, vertex_areas, vertex_normals
+from analogy.landmark_search import refine_points
 from analogy.mesh import Mesh
 from analogy.register import Registration, RegistrationError, register, skin_of
 
@@ -228,3 +229,16 @@ def test_a_real_pair_of_heads() -> None:
     )
     assert np.linalg.norm(done.fitted - truth, axis=1).mean() < 0.18
     assert done.quality.folded < 0.001
+
+
+def test_feature_points_that_started_beside_their_places_come_nearer() -> None:
+    places = np.concatenate(
+        [[(0.0, 0.0), (0.4, 0.3), (-0.4, 0.3)], MARKS[1:]]
+    )  # nose, sockets, and on the vault
+    true = relief(places[:, 0], places[:, 1], 0.3)
+    start = true.copy()
+    start[:3] += [(0.04, 0.03, 0), (-0.03, 0.02, 0), (0.03, 0.02, 0)]
+    before = np.linalg.norm(start - true, axis=1)[:3]
+    for passes in (1, 2):
+        found = refine_points(mask(61), true, mask(71), start, passes, radius=0.03)
+        assert (np.linalg.norm(found - true, axis=1)[:3] < 0.5 * before).all()
