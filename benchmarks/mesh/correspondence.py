@@ -48,7 +48,7 @@ PEOPLE = (
     ("p04", "p10 t12k"),
     ("p10", "p04 t24k"),
 )
-RUNS = 5
+RUNS = 3
 CENTIMETRES = 10.0  # in the people's decimetre
 F64 = NDArray[np.float64]
 Points = tuple[F64, F64] | None
