@@ -78,6 +78,12 @@ class FeaturePoints:
     vertices: Int
     confidence: F64
 
+    @classmethod
+    def on(cls, mesh: Mesh, positions: F64, confidence: F64) -> FeaturePoints:
+        """Of positions on a mesh's surface, with its nearest vertices."""
+        _, nearest = cKDTree(mesh.vertices).query(positions)
+        return cls(positions, np.asarray(nearest, np.intp), confidence)
+
     @property
     def eye_width(self) -> float:
         """Distance between the outer eye corners, by which errors are told."""
@@ -107,7 +113,7 @@ def find(mesh: Mesh) -> FeaturePoints | Failed:
         )
     wanted = seen.points[POINTS] + seen.eye_width * SHIFTS @ seen.axes
     agreed = (seen.off[:, POINTS] < AGREED * seen.eye_width).mean(0)
-    return _on(mesh, seen.on_surface(wanted), agreed)
+    return FeaturePoints.on(mesh, seen.on_surface(wanted), agreed)
 
 
 def load(path: str | Path, mesh: Mesh, found: FeaturePoints | None = None) -> FeaturePoints:
@@ -127,7 +133,7 @@ def load(path: str | Path, mesh: Mesh, found: FeaturePoints | None = None) -> Fe
     for name, at in given.items():
         positions[NAMES.index(name)] = _position(name, at, mesh, Path(path))
         confidence[NAMES.index(name)] = 1
-    return _on(mesh, positions, confidence)
+    return FeaturePoints.on(mesh, positions, confidence)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -177,8 +183,3 @@ def _position(name: str, at: Any, mesh: Mesh, path: Path) -> F64:
             f"{path}: {name} is {off:.3g} away from a mesh that is {size:.3g} across; is the file another mesh's?"
         )
     return place
-
-
-def _on(mesh: Mesh, positions: F64, confidence: F64) -> FeaturePoints:
-    _, nearest = cKDTree(mesh.vertices).query(positions)
-    return FeaturePoints(positions, np.asarray(nearest, np.intp), confidence)

@@ -240,6 +240,16 @@ def landmarks(
             help="Points that are known better: a JSON object, name to vertex (from 0) or to x, y, z.",
         ),
     ] = None,
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="HEAD",
+            help="Search for points that look like those of this head, from the found or given ones on (Xiang et al.).",
+        ),
+    ] = None,
+    template_landmarks: Annotated[
+        str, typer.Option(metavar="FILE|auto", help="The points of --template.")
+    ] = "auto",
     picture: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="Also draw the points on the head.")
     ] = None,
@@ -250,7 +260,8 @@ def landmarks(
     """Find the 20 feature points (MPEG-4) of a head: mouth, nose, eyes, brows, chin."""
     from app.meshes.points import landmarks_file
 
-    _run(lambda work: landmarks_file(head, output, edit, work), force, quiet, json, picture)
+    like = None if template is None else (template, template_landmarks)
+    _run(lambda work: landmarks_file(head, output, edit, like, work), force, quiet, json, picture)
 
 
 @mesh.command()

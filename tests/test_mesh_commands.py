@@ -408,6 +408,23 @@ def test_landmarks_are_corrected_by_vertex_and_by_position(
     assert {name for name in NAMES if made[name] != before[name]} == {"chin", "nose_tip"}
 
 
+def test_rough_points_become_those_that_look_like_a_templates(
+    here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    like = ("--template", HEAD, "--template-landmarks", points[0])
+    good = json.loads(Path(points[1]).read_text())
+    noise = np.random.default_rng(2).normal(0, 0.03, (20, 3))  # of an eye width of about 0.9
+    rough = {name: (at + off).tolist() for (name, at), off in zip(good.items(), noise, strict=True)}
+    (here / "rough.json").write_text(json.dumps(rough))
+    assert run(capsys, "landmarks", OTHER, "-o", "out.json", "--edit", "rough.json", *like, "-q")[0] == 0
+    made = json.loads((here / "out.json").read_text())
+    before, after = (
+        np.mean([np.linalg.norm(np.subtract(one[name], good[name])) for name in NAMES])
+        for one in (rough, made)
+    )
+    assert after < 0.7 * before
+
+
 def test_vertices_of_feature_points_are_those_of_the_file(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from aam.similarity import Failed
 from analogy.feature_points import NAMES, FeaturePoints, find, load
+from analogy.landmark_search import refine_points
 from analogy.mesh import Mesh, MeshError
 from analogy.mesh_io import MeshFile, read_mesh
 from app.meshes.pictures import landmarks as drawn
@@ -36,19 +37,26 @@ def points_of(head: MeshFile, given: str = AUTO) -> FeaturePoints:
     return found
 
 
-def landmarks_file(path: Path, output: Path | None, edit: Path | None, work: Work) -> LandmarksReport:
+def landmarks_file(
+    path: Path, output: Path | None, edit: Path | None, template: tuple[Path, str] | None, work: Work
+) -> LandmarksReport:
     """Find the feature points of a head, or put corrected ones in their place, and write them.
+
+    template : a head and the file of its points, or "auto": points are searched that look like those.
 
     Raises
     ------
-    MeshError, FeaturePointsError, OutputError
+    MeshError, FeaturePointsError, RegistrationError, OutputError
     """
     output = output or path.with_name(f"{path.stem}.landmarks.json")
-    require_outputs([output, work.picture], [path, *filter(None, [edit])], force=work.force)
+    like = () if template is None else (template[0],)
+    require_outputs([output, work.picture], [path, *filter(None, [edit]), *like], force=work.force)
     with work.stage("reading"):
         head = read_mesh(path)
     with work.stage("landmarks"):
         points = _edited(head, edit)
+        if template is not None:
+            points = _searched(head, points, read_mesh(template[0]), template[1])
     write_whole(output, points.save)
     if work.picture is not None:
         with work.stage("drawing"):
@@ -64,6 +72,13 @@ def _edited(head: MeshFile, edit: Path | None) -> FeaturePoints:
     if isinstance(found, Failed):
         raise MeshError(f"{head.path}: {_bare(found)}; give all 20 points with --edit")
     return found
+
+
+def _searched(head: MeshFile, points: FeaturePoints, template: MeshFile, given: str) -> FeaturePoints:
+    """Points of a head near the present ones that look like those of a template."""
+    like = points_of(template, given)
+    places = refine_points(template.mesh, like.positions, head.mesh, points.positions)
+    return FeaturePoints.on(of_file(head), places, points.confidence)
 
 
 def of_file(head: MeshFile) -> Mesh:

@@ -15,7 +15,7 @@ from typing import Any
 from app.deidentify.case import Case
 from app.deidentify.engines import open_engine
 from app.deidentify.job import deidentify_file, pictures
-from app.deidentify.options import Audio, CoverStyle, DeidentifyError, Options
+from app.deidentify.options import Audio, CoverStyle, Options
 from app.deidentify.report import outcome, verdict
 from app.deidentify.tracks import Action
 from app.deidentify.work import Work
@@ -24,6 +24,7 @@ from app.outputs import write_whole
 from app.pictures import save_picture
 from app.run import Progress, mute
 from app.studio.naming import called
+from app.studio.store import StudioError
 
 STEM = "out"
 TRACKS = f"{STEM}.tracks.json"
@@ -81,7 +82,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     source, output, before = Path(about["source"]), folder / about["output"], Path(about["review"])
     choices = Choices(**about["choices"])
     if not before.exists():
-        raise DeidentifyError(f"the review of {about['name']} was deleted: upload the video again")
+        raise StudioError(f"the review of {about['name']} was deleted: upload the video again")
     shutil.copytree(_work(before / output.name), _work(output))
     write_whole(folder / TRACKS, lambda part: part.write_text(_edited(before / TRACKS, choices)))
     options = Options(cover=choices.cover, alpha=choices.alpha, audio=choices.audio)
