@@ -12,6 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from analogy.solver import compact
+
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
@@ -58,4 +60,4 @@ class Correspondence:
         """The same as a matrix (N_t, count), count = N_s."""
         rows = np.repeat(np.arange(len(self.corners)), 3)
         entries = (self.weights.ravel(), (rows, self.corners.ravel()))
-        return sp.csr_array(sp.coo_array(entries, shape=(len(self.corners), count)))
+        return compact(sp.coo_array(entries, shape=(len(self.corners), count)))

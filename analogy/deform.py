@@ -18,15 +18,24 @@ goes on as the one before did (momentum), which saves more than half of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from analogy.geometry import Surface, border, cotangent_laplacian, gathered, vertex_areas, vertex_normals
-from analogy.solver import Solve, factorised
+from analogy.geometry import (
+    Surface,
+    border,
+    cotangent_laplacian,
+    gathered,
+    vertex_areas,
+    vertex_normals,
+)
+from analogy.solver import Solve, factorised, factoriser
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -39,7 +48,7 @@ STIFF, SOFT = (
     0.012,
 )  # of the size: lengths below which the surface gives way, in the first round and the last
 STRETCH = 0.8  # of that length, against stretching
-ROUNDS, STEPS = 5, 5  # closest points are sought in every step; a round has one factorisation
+ROUNDS, STEPS = 4, 6  # closest points are sought in every step; a round has one factorisation
 MOMENTUM = 0.7
 FAR, NEAR = 4.0, 0.001  # matches farther than FAR times the median and NEAR of the size are none
 POINT = 0.017  # share of the area that a given point counts
@@ -84,8 +93,7 @@ def deform(rest: F64, faces: Int, target: Surface, points: Points | None, size: 
         When the surface cannot be solved for.
     """
     if points is not None:
-        elastic = Elastic(rest, faces, points)
-        rest = rest + elastic.solve_by_points(STIFF * size)
+        rest = rest + Elastic(rest, faces, points).solve_by_points(STIFF * size)
     elastic, matching = Elastic(rest, faces, points), Matching(rest, faces, target, size)
     fitted = before = rest
     for length in size * np.geomspace(STIFF, SOFT, ROUNDS):
@@ -118,10 +126,14 @@ class Elastic:
             self._fixed = self._fixed + POINT * (at.T @ at)
             self._to_points = POINT * (at.T @ (points.positions - at @ rest))
 
+    @cached_property
+    def _factorise(self) -> Callable[[sp.sparray], Solve]:
+        return factoriser(abs(self._bending) + abs(self._stretching) + self._fixed)
+
     def solver(self, length: float, counts: F64) -> Solve:
         """From counts times wanted displacements (N, 3) to displacements (N, 3), with one stiffness."""
         system = self._fixed + sp.diags_array(counts) + length**4 * self._bending
-        solve = factorised(system + (STRETCH * length) ** 2 * self._stretching)
+        solve = self._factorise(system + (STRETCH * length) ** 2 * self._stretching)
         return lambda drawn: solve(self._to_points + drawn)
 
     def solve_by_points(self, length: float) -> F64:

@@ -33,7 +33,7 @@ class Filling:
         laplacian = _laplacian(vertices, rings)
         system = sp.csr_array(laplacian.T @ laplacian + sp.eye_array(rings.count) / reach**4)
         rows = system[self._unknown]
-        self._solve = factorised(rows[:, self._unknown], often=True)
+        self._solve = factorised(rows[:, self._unknown])
         self._from = sp.csr_array(rows[:, self._known])
 
     def __call__(self, values: F64) -> F64:

@@ -1,7 +1,7 @@
 """Symmetric positive definite sparse systems: factorised once, solved many times.
 
 CHOLMOD where scikit-sparse is installed, otherwise SuperLU of SciPy with the ordering for symmetric matrices, which
-takes half the time of its default.
+takes half the time of its default.  CHOLMOD is the quicker one where its BLAS is OpenBLAS, not the reference BLAS.
 """
 
 from __future__ import annotations
@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 Solve = Callable[[F64], F64]
 
+NOT_UNIQUE = "the system has no unique solution: a part of the mesh is held by nothing"
+
 
 class SolverError(ValueError):
     """A system that has no unique solution; one sentence."""
 
 
-def factorised(matrix: sp.sparray, *, often: bool = False) -> Solve:
+def factorised(matrix: sp.sparray) -> Solve:
     """What solves A x = b for right-hand sides b (n, k).
 
     matrix : A (n, n), symmetric positive definite.
-    often : takes half as long again to factorise (nested dissection, no supernodes), and a third less to solve.
 
     Raises
     ------
@@ -39,16 +40,24 @@ def factorised(matrix: sp.sparray, *, often: bool = False) -> Solve:
     """
     compressed = sp.csc_matrix(matrix)
     try:
-        from sksparse.cholmod import CholmodError, cholesky
+        from sksparse.cholmod import cholesky
     except ImportError:
         return _by_superlu(compressed)
+    return _by_cholmod(cholesky, compressed)
+
+
+def factoriser(like: sp.sparray) -> Callable[[sp.sparray], Solve]:
+    """`factorised` for matrices with nonzeros where `like` has some: a better order is found, and once."""
     try:
-        how = {"ordering_method": "nesdis", "mode": "simplicial"} if often else {}
-        return _checked(cholesky(compressed, **how))
-    except CholmodError as error:
-        raise SolverError(
-            "the system has no unique solution: a part of the mesh is held by nothing"
-        ) from error
+        from sksparse.cholmod import CholmodNotInstalledError, analyze
+    except ImportError:
+        return factorised
+    compressed = sp.csc_matrix(like)
+    try:
+        analysed = analyze(compressed, ordering_method="metis", mode="simplicial")
+    except CholmodNotInstalledError:
+        analysed = analyze(compressed)
+    return lambda matrix: _by_cholmod(analysed.cholesky, sp.csc_matrix(matrix))
 
 
 def least_squares(system: sp.sparray, hold: float) -> Solve:
@@ -62,7 +71,14 @@ def least_squares(system: sp.sparray, hold: float) -> Solve:
         When a part of x is held by nothing.
     """
     normal = sp.csc_array(system.T @ system)
-    return factorised(normal + hold * sp.eye_array(normal.shape[0], format="csc"), often=True)
+    return factorised(normal + hold * sp.eye_array(normal.shape[0], format="csc"))
+
+
+def compact(matrix: sp.sparray) -> sp.csr_array:
+    """The same matrix by rows with indices of 32 bits: a quarter less to read in each product."""
+    rows = sp.csr_array(matrix)
+    indices, ends = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
+    return sp.csr_array((rows.data, indices, ends), shape=rows.shape)
 
 
 def solver() -> str:
@@ -74,6 +90,15 @@ def solver() -> str:
     return "CHOLMOD"
 
 
+def _by_cholmod(factorise: Callable[[sp.csc_matrix], Solve], matrix: sp.csc_matrix) -> Solve:
+    from sksparse.cholmod import CholmodError
+
+    try:
+        return _checked(factorise(matrix))
+    except CholmodError as error:
+        raise SolverError(NOT_UNIQUE) from error
+
+
 def _by_superlu(matrix: sp.csc_matrix) -> Solve:
     from scipy.sparse.linalg import splu
 
@@ -82,9 +107,7 @@ def _by_superlu(matrix: sp.csc_matrix) -> Solve:
             matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
     except RuntimeError as error:
-        raise SolverError(
-            "the system has no unique solution: a part of the mesh is held by nothing"
-        ) from error
+        raise SolverError(NOT_UNIQUE) from error
     return _checked(factor.solve)
 
 

@@ -22,7 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.solver import least_squares
+from analogy.solver import compact, least_squares
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -73,7 +73,7 @@ class Rings:
         """(N, t) of ones: sums what the triangles hold at their vertices."""
         columns = np.repeat(np.arange(len(self.triangles)), 3)
         entries = (np.ones(len(columns)), (self.triangles.ravel(), columns))
-        return sp.csr_array(sp.coo_array(entries, shape=(self.count, len(self.triangles))))
+        return compact(sp.coo_array(entries, shape=(self.count, len(self.triangles))))
 
     @cached_property
     def sides(self) -> tuple[Int, Int]:
@@ -87,7 +87,7 @@ class Rings:
         ends = np.concatenate(self.sides)
         columns = np.tile(np.arange(len(ends) // 2), 2)
         share = 1 / np.bincount(ends, minlength=self.count).clip(1)[ends]
-        return sp.csr_array(sp.coo_array((share, (ends, columns)), shape=(self.count, len(ends) // 2)))
+        return compact(sp.coo_array((share, (ends, columns)), shape=(self.count, len(ends) // 2)))
 
 
 def tips(vertices: F64, rings: Rings) -> F64:
@@ -182,8 +182,8 @@ class TentTransfer:
         hold = max(1 / reach**2, HELD * float(system.power(2).sum()) / rings.count)
         self._solve = least_squares(system, hold)
         asked = sp.csr_array(system.T @ across)
-        self._by_vertices = sp.csr_array(asked @ tents.edges + hold * sp.eye_array(rings.count))
-        self._by_tips = sp.csr_array(asked @ tents.tips)
+        self._by_vertices = compact(asked @ tents.edges + hold * sp.eye_array(rings.count))
+        self._by_tips = compact(asked @ tents.tips)
         self._tips = tips(source, rings)
 
     def __call__(self, expressive: F64) -> F64:
