@@ -16,6 +16,7 @@ from analogy.tents import HELD, STILL, Rings, tips
 F64 = NDArray[np.float64]
 
 COLLAPSED = 0.05  # of the target's triangle: a source's that is thinner tells nothing, and keeps its form
+MOST = 4.0  # times the usual ratio of sizes, by which cloning scales at most: where a ring collapses there is none
 
 
 class GradientTransfer:
@@ -75,7 +76,8 @@ class Cloning:
         self.source, self.target = source, target
         turns = np.einsum("nij,nkj->nik", _frames(target, rings), _frames(source, rings))
         scale = _extent(target, rings) / np.maximum(_extent(source, rings), 1e-300)
-        self._linear = turns * scale[:, None, None]
+        usual = float(np.median(scale))
+        self._linear = turns * scale.clip(usual / MOST, MOST * usual)[:, None, None]
 
     def __call__(self, expressive: F64) -> F64:
         """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
@@ -127,4 +129,5 @@ def _frames(vertices: F64, rings: Rings) -> F64:
 
 def _extent(vertices: F64, rings: Rings) -> F64:
     """(N,) mean edge of each ring."""
-    return np.asarray(np.linalg.norm(tips(vertices, rings), axis=1))
+    start, end = rings.sides
+    return np.asarray(rings.mean @ np.linalg.norm(vertices[end] - vertices[start], axis=1))

@@ -157,3 +157,11 @@ def test_deformation_transfer_turns_with_the_source_alone() -> None:
 def test_cloning_scales_with_the_target() -> None:
     made = Cloning(SOURCE, 2 * SOURCE, RINGS)(smiling(SOURCE))
     assert_allclose(made, 2 * smiling(SOURCE), atol=1e-9)
+
+
+def test_cloning_stays_finite_where_the_source_collapses() -> None:
+    """Such as where several vertices of a target have one place on the source."""
+    source = SOURCE.copy()
+    source[[0, 1, SIDE, SIDE + 1]] = source[0]
+    made = Cloning(source, TARGET, RINGS)(smiling(source))
+    assert np.abs(made - TARGET).max() < 4 * np.abs(smiling(source) - source).max()
