@@ -93,7 +93,7 @@ class Rings:
 def tips(vertices: F64, rings: Rings) -> F64:
     """The tips nu (N, 3) relative to their vertices: along the normal, as long as the ring's mean edge."""
     columns = np.ascontiguousarray(vertices.T)  # by coordinate, several times as quick
-    normals = np.asarray(rings.around @ _normals(columns, rings.corners).T)
+    normals = np.asarray(rings.around @ triangle_normals(columns, rings.corners).T)
     start, end = rings.sides
     square = sum(np.square(x.take(end) - x.take(start)) for x in columns)
     mean = np.asarray(rings.mean @ np.sqrt(square))
@@ -101,7 +101,7 @@ def tips(vertices: F64, rings: Rings) -> F64:
     return np.asarray(normals * (mean / np.where(size > 0, size, 1))[:, None])
 
 
-def _normals(columns: F64, corners: Int) -> F64:
+def triangle_normals(columns: F64, corners: Int) -> F64:
     """(3, t) normals of triangles (3, t), as long as twice their areas, of coordinates (3, N)."""
     a, b, c = (columns.take(corner, axis=1) for corner in corners)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a

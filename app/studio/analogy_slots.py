@@ -30,9 +30,9 @@ class Slot:
             self._select.props(
                 "clearable outlined dense use-chips" if several else "clearable outlined dense"
             )
-            self._select.classes("w-full").on("popup-show", self._offer)
+            self._select.classes("w-full").on("popup-show", lambda: self._offer())
             with ui.row().classes("items-center"):
-                uploader(studio, "Upload", self._uploaded, kinds, several=several)
+                uploader(studio, "Upload", lambda row: self._offer(row.id), kinds, several=several)
                 remove = ui.button(icon="delete", color=None, on_click=self._remove).props("flat round")
                 remove.props["aria-label"] = f"Delete what is chosen for {name}"
                 remove.bind_visibility_from(self._select, "value", bool)
@@ -53,14 +53,13 @@ class Slot:
             found += store.clips() if kind is CLIP else store.uploads(kind.name)
         return {row.id: row for row in found}
 
-    def _offer(self) -> None:
-        """Whatever is there by now, uploaded here or elsewhere."""
-        value = self._select.value
-        self._select.set_options({id: row.name for id, row in self._rows().items()}, value=value)
-
-    def _uploaded(self, row: Clip | Upload) -> None:
-        value = [*(self._select.value or []), row.id] if self._several else row.id
-        self._select.set_options({id: row.name for id, row in self._rows().items()}, value=value)
+    def _offer(self, *added: str) -> None:
+        """Whatever is there by now, uploaded here or elsewhere; what was added is chosen."""
+        rows = self._rows()
+        chosen = [row.id for row in self.chosen]
+        chosen = [*chosen, *added] if self._several else [*added, *chosen]
+        value = chosen if self._several else next(iter(chosen), None)
+        self._select.set_options({id: row.name for id, row in rows.items()}, value=value)
 
     @ui.refreshable_method
     def _previews(self) -> None:
@@ -78,7 +77,6 @@ class Slot:
         rows = self.chosen
         names = ", ".join(row.name for row in rows)
         if await agreed(f"Delete {names}? This cannot be undone.", "Delete", "Keep"):
-            self._select.value = [] if self._several else None
             for row in rows:
                 forget(self._studio, row)
             self._offer()
