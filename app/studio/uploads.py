@@ -126,7 +126,6 @@ def uploader(
 
     def failed() -> None:
         button.props(remove="loading")
-        field.reset()
         tell(StudioError("The upload was broken off: try again."))
 
     field = ui.upload(
@@ -138,7 +137,7 @@ def uploader(
     button = ui.button(label, icon="upload")
     button.on("click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()")
     field.on("uploading", lambda: button.props("loading"))
-    field.on("uploaded", field.reset, args=[])
+    field.on("finish", field.reset, args=[])  # not before: it would break off the others
     field.on("failed", failed, args=[])
     why = "(entries) => emit(entries[0].failedPropValidation)"
     field.on("rejected", lambda event: refuse(event.args), js_handler=why)
