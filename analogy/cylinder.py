@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from analogy.correspondence import Correspondence
-from analogy.geometry import Surface, face_normals, unit, vertex_normals
+from analogy.geometry import Surface, face_normals, vertex_normals
 from analogy.mesh import Mesh
+from analogy.normals import unit
 from analogy.register import RegistrationError, aligned_by_points, checked, skin_of
 from render.visibility import visible
 

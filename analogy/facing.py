@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.geometry import gathered, unit
+from analogy.geometry import gathered
 from analogy.mesh import Mesh
+from analogy.normals import unit
 from analogy.views import Solid, View
 
 if TYPE_CHECKING:

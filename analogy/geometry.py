@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from analogy.normals import unit
 from analogy.tents import triangle_normals
 
 F64 = NDArray[np.float64]
@@ -32,11 +33,6 @@ ABOUT = (
     0.5  # share by which the nearest sample may be farther than the nearest there is; twice as quick to find
 )
 CANDIDATES = 8  # samples whose faces are projected onto
-
-
-def unit(vectors: F64) -> F64:
-    """Vectors (..., 3) at length one; zeros stay."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True).clip(TINY))
 
 
 def face_normals(vertices: F64, faces: Int) -> F64:

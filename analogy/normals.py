@@ -60,8 +60,8 @@ def sound(values: F64) -> F64:
 
 
 def unit(vectors: F64) -> F64:
-    """Vectors (n, 3) of length 1; 0 stays 0."""
-    return np.asarray(vectors / np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, None].clip(1e-150))
+    """Vectors (..., 3) of length 1; 0 stays 0."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True).clip(1e-300))
 
 
 def _sums(rows: Int, columns: Int, height: int, width: int, weights: F64 | None = None) -> sp.csr_array:

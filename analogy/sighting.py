@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aam.landmarks import OUTER_EYE_CORNERS, Face
 from aam.similarity import Failed
 from analogy.facing import Facing, landmarker
-from analogy.geometry import unit
+from analogy.normals import unit
 from analogy.views import Image, Solid, View
 
 F64 = NDArray[np.float64]

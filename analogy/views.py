@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.geometry import barycentric, unit, vertex_normals
+from analogy.geometry import barycentric, vertex_normals
 from analogy.mesh import Mesh
+from analogy.normals import unit
 from render.visibility import Visibility, visible
 
 F64 = NDArray[np.float64]
