@@ -31,7 +31,7 @@ test: $(READY) $(GL)
 lint: $(READY)
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
-	$(PY) -m mypy
+	sh .ci/types $(PY) .mypy_cache/tree
 	$(PY) docs/make_cli.py --check
 
 bench: $(READY) $(GL)

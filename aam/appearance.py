@@ -14,11 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
-from aam.similarity import align_planar
+from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.similarity import align_planar
+from guise.common.arrays import F32, F64
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 BANDWIDTH = 1.8  # of the rest, in standard deviations of openings, width and yaw
 SHAPE = 2 * POINTS  # leading entries of an appearance vector
 

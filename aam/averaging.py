@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.appearance import AppearanceModel, Components
-from aam.extrapolation import ReferenceMismatchError
-from aam.model import Identity, Still
-from aam.tracker import Quality, Tracker
+from guise.aam.appearance import AppearanceModel, Components
+from guise.aam.extrapolation import ReferenceMismatchError
+from guise.aam.model import Identity, Still
+from guise.aam.tracker import Quality, Tracker
+from guise.common.arrays import F32
 
-F32 = NDArray[np.float32]
 GREY = 128.0  # around the face in the average's picture
 
 

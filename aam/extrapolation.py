@@ -12,20 +12,19 @@ mouth, where expression shows in the texture, less elsewhere, where it is mostly
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.appearance import SHAPE, AppearanceModel
-from aam.mask import expressive_mask
-from aam.reference import ReferenceFrame
+from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.mask import expressive_mask
+from guise.aam.reference import ReferenceFrame
+from guise.common.arrays import F32
+from guise.common.errors import GuiseError
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 DEFAULT_ALPHA = 0.6
 GATE = 0.35  # share of alpha away from eyes and mouth
 MOST_YAW = 35.0  # degrees by which a neutral face may be turned
 
 
-class ReferenceMismatchError(ValueError):
+class ReferenceMismatchError(GuiseError):
     """Two models that do not share a reference frame cannot be mixed."""
 
 

@@ -11,12 +11,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Landmarker
-from aam.reference import POINTS, ReferenceFrame
-from aam.similarity import Failed
-from aam.tracker import FEATURE_RESOLUTION, Fit, Tracker
+from guise.aam.landmarks import Landmarker
+from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.tracker import FEATURE_RESOLUTION, Fit, Tracker
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 QUIET = 0.005  # inter-ocular distances: smaller steps of the head count as tremble

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.reference import ReferenceFrame
+from guise.aam.reference import ReferenceFrame
+from guise.common.arrays import F32
 
-F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 

@@ -15,17 +15,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import SHAPE, AppearanceModel, Components
-from aam.reference import POINTS, ReferenceFrame
-from aam.tracker import POSE, Quality, Tracker
+from guise.aam.appearance import SHAPE, AppearanceModel, Components
+from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.tracker import POSE, Quality, Tracker
+from guise.common.arrays import F32, F64
+from guise.common.errors import GuiseError
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 FORMAT = "guise-identity"
 VERSION = 1
 
 
-class ModelError(ValueError):
+class ModelError(GuiseError):
     """A model file that cannot be used; the message says what was expected, what was found and what to do."""
 
 

@@ -12,12 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import SHAPE, AppearanceModel
-from aam.mask import skin_mask
-from aam.reference import MeshSampler
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.mask import skin_mask
+from guise.aam.reference import MeshSampler
+from guise.common.arrays import F32, F64
 
 PLACES = 2400
 NOISE = 6.0  # grey levels a texel is off by, camera noise and what the modes cannot show

@@ -24,11 +24,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.mask import core_mask
-from aam.model import Identity
-from aam.reference import MARGIN, ReferenceFrame, remap_points
-
-F32 = NDArray[np.float32]
+from guise.aam.mask import core_mask
+from guise.aam.model import Identity
+from guise.aam.reference import MARGIN, ReferenceFrame, remap_points
+from guise.common.arrays import F32
 
 RESOLUTION = 32  # grid pixels across the face
 DIRECTIONS = 64  # values of a signature
@@ -93,6 +92,6 @@ def _core() -> tuple[NDArray[np.bool_], F32]:
 @lru_cache(maxsize=1)
 def _trained() -> tuple[F32, F32]:
     """Mean (m,) and projection (m, 64) of features."""
-    file = resources.files("aam").joinpath("data", "recognition.npz")
+    file = resources.files("guise.aam").joinpath("data", "recognition.npz")
     with file.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
         return data["mean"].astype(np.float32), data["projection"].astype(np.float32)

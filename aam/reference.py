@@ -16,11 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks.schemes import MIRROR
-from aam.similarity import align_planar
+from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.similarity import align_planar
+from guise.common.arrays import F32, F64
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Ints = NDArray[np.int32]
 
 DEFAULT_RESOLUTION = 160
@@ -212,7 +211,7 @@ def _filled(triangle_map: Ints) -> Ints:
 @lru_cache(maxsize=1)
 def _data() -> dict[str, list[list[float]]]:
     content: dict[str, list[list[float]]] = json.loads(
-        resources.files("aam").joinpath("data/face81.json").read_text()
+        resources.files("guise.aam").joinpath("data/face81.json").read_text()
     )
     return content
 

@@ -25,14 +25,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import openness
-from aam.landmarks.schemes import FOREHEAD, INNER_LIPS, JAW, OUTER_LIPS
-from aam.reference import RIGID_WEIGHTS, MeshSampler, ReferenceFrame
-from aam.similarity import align_planar
-from aam.tracker import Crop
+from guise.aam.appearance import openness
+from guise.aam.landmarks.schemes import FOREHEAD, INNER_LIPS, JAW, OUTER_LIPS
+from guise.aam.reference import RIGID_WEIGHTS, MeshSampler, ReferenceFrame
+from guise.aam.similarity import align_planar
+from guise.aam.tracker import Crop
+from guise.common.arrays import F32, F64
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 RESOLUTION = 96  # grid pixels across the face
@@ -79,7 +78,7 @@ def refine_shapes(
 
     Parameters
     ----------
-    crops : n working crops of the frames, in the order of time, see `aam.tracker.cut`.
+    crops : n working crops of the frames, in the order of time, see `guise.aam.tracker.cut`.
     shapes : (n, 81, 2) float64, generic landmarks, frame pixels.
     progress : called with the share done.
     """

@@ -16,12 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import Components, principal_components
-from aam.reference import POINTS, RIGID_WEIGHTS, MeshSampler, ReferenceFrame
-from aam.similarity import Failed, align_planar
+from guise.aam.appearance import Components, principal_components
+from guise.aam.reference import POINTS, RIGID_WEIGHTS, MeshSampler, ReferenceFrame
+from guise.aam.similarity import Failed, align_planar
+from guise.common.arrays import F32, F64
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 FEATURE_RESOLUTION = 48  # feature grid pixels across the face

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import (
+from guise.aam.appearance import (
     SHAPE,
     AppearanceModel,
     appearance_vectors,
@@ -24,14 +24,14 @@ from aam.appearance import (
     rest_weights,
     sample_texture,
 )
-from aam.mask import core_band, learn_mask, skin_mask, smooth_skin
-from aam.model import Identity, Still
-from aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
-from aam.similarity import Failed
-from aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
+from guise.aam.mask import core_band, learn_mask, skin_mask, smooth_skin
+from guise.aam.model import Identity, Still
+from guise.aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
+from guise.aam.similarity import Failed
+from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
+from guise.common.arrays import F32, F64
+from guise.common.errors import GuiseError
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 FEWEST = 12  # frames below which no useful model comes out
@@ -42,7 +42,7 @@ GAIN = (0.25, 4.0)  # range of the ratio of two lights
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 
-class TrainingError(ValueError):
+class TrainingError(GuiseError):
     """The frames do not suffice for a model."""
 
 

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from analogy.solver import least_squares
-from analogy.tents import HELD, STILL, Rings, tips
-
-F64 = NDArray[np.float64]
+from guise.analogy.solver import least_squares
+from guise.analogy.tents import HELD, STILL, Rings, tips
+from guise.common.arrays import F64
 
 COLLAPSED = 0.05  # of the target's triangle: a source's that is thinner tells nothing, and keeps its form
 MOST = 4.0  # times the usual ratio of sizes, by which cloning scales at most: where a ring collapses there is none

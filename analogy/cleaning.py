@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from analogy.mesh import Mesh, MeshError
-from analogy.normals import BEYOND, smooth, unit
-from analogy.polygons import Polygons
+from guise.analogy.formats.polygons import Polygons
+from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.normals import BEYOND, smooth, unit
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 FLAT = 1e-5  # height by longest side up to which a triangle has no area: what float32 positions round to

@@ -2,7 +2,8 @@
 
 The target is aligned to the source by feature points (SVD), both are projected onto a cylinder around the source's
 head, u around it and v along it, and the source is drawn there as a mesh image: which triangle each pixel shows
-(`render.visibility`).  The triangulated feature points and the corners of the bounding box (A, B, C, D of the paper)
+(`guise.render.visibility`).  The triangulated feature points and the corners of the bounding box (A, B, C, D
+of the paper)
 make a piecewise affine map from the target's (u, v) to the source's (eq. 8); each target vertex takes the triangle that
 the image has at its place, and its barycentric weights in it, computed exactly.
 
@@ -14,7 +15,7 @@ are small parts such as eyes and teeth.
 A cylinder shows the outermost layer alone: the insides of mouth, eye sockets and nostrils, and what lies behind the
 ears, lie under it.  Target vertices there move along with the outer skin around them, and take the nearest place of
 the source that faces their way.  These layers are the method's weakness, as is the crown, where v hardly changes:
-`analogy.register` is slower and several times more exact.
+`guise.analogy.register` is slower and several times more exact.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
-from analogy.correspondence import Correspondence
-from analogy.geometry import Surface, face_normals, vertex_normals
-from analogy.mesh import Mesh
-from analogy.normals import unit
-from analogy.register import RegistrationError, aligned_by_points, checked, skin_of
-from render.visibility import visible
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.geometry import Surface, face_normals, vertex_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.normals import unit
+from guise.analogy.register import RegistrationError, aligned_by_points, checked, skin_of
+from guise.common.arrays import F64
+from guise.render.visibility import visible
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 Ends = tuple[float, float]

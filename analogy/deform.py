@@ -27,7 +27,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from analogy.geometry import (
+from guise.analogy.geometry import (
     Surface,
     border,
     cotangent_laplacian,
@@ -35,9 +35,9 @@ from analogy.geometry import (
     vertex_areas,
     vertex_normals,
 )
-from analogy.solver import Solve, factorised, factoriser
+from guise.analogy.solver import Solve, factorised, factoriser
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 

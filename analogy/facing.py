@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.geometry import gathered
-from analogy.mesh import Mesh
-from analogy.normals import unit
-from analogy.views import Solid, View
+from guise.analogy.geometry import gathered
+from guise.analogy.mesh import Mesh
+from guise.analogy.normals import unit
+from guise.analogy.views import Solid, View
+from guise.common.arrays import F64
 
 if TYPE_CHECKING:
-    from aam.landmarks.builtin import BuiltinLandmarker
+    from guise.aam.landmarks.builtin import BuiltinLandmarker
 
-F64 = NDArray[np.float64]
 
 SEEK = 160  # pixels, the side of a picture in which a face is sought
 CELLS = 64  # along the longest side of a mesh: vertices in one are merged for the search
@@ -48,7 +48,7 @@ class Facing:
 @cache
 def landmarker() -> BuiltinLandmarker:
     """The landmarker that ships with Guise; for one thread at a time."""
-    from aam.landmarks.builtin import BuiltinLandmarker
+    from guise.aam.landmarks.builtin import BuiltinLandmarker
 
     return BuiltinLandmarker()
 

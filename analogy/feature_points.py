@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aam.similarity import Failed
-from analogy.facing import facings
-from analogy.mesh import Mesh
-from analogy.sighting import sighted
-from analogy.views import Solid
+from guise.aam.similarity import Failed
+from guise.analogy.facing import facings
+from guise.analogy.mesh import Mesh
+from guise.analogy.sighting import sighted
+from guise.analogy.views import Solid
+from guise.common.arrays import F64
+from guise.common.errors import GuiseError
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 # Name -> the point of scheme `face81`, and the way from it in hundredths of the eye width: to the person's left, up,
@@ -60,7 +61,7 @@ TRIES = 8  # of what looks like a face from one side
 AGREED = 0.05  # eye widths within which a line of sight agrees
 
 
-class FeaturePointsError(ValueError):
+class FeaturePointsError(GuiseError):
     """A file of feature points that cannot be used; one sentence."""
 
 

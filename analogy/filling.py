@@ -9,10 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from analogy.solver import factorised
-from analogy.tents import Rings
-
-F64 = NDArray[np.float64]
+from guise.analogy.solver import factorised
+from guise.analogy.tents import Rings
+from guise.common.arrays import F64
 
 
 class Filling:

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from analogy.normals import unit
-from analogy.tents import triangle_normals
+from guise.analogy.normals import unit
+from guise.analogy.tents import triangle_normals
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 

@@ -1,8 +1,8 @@
 """The mesh that everything 3-D computes with: triangles and quads over one set of vertices.
 
 Any unit of length, which results keep.  A mesh is clean: all vertices finite and each in a face, no face without
-area, no two vertices at one place that only a texture seam tells apart; `analogy.cleaning` makes it so.  Open borders,
-several components and edges with more than two faces are allowed.
+area, no two vertices at one place that only a texture seam tells apart; `guise.analogy.cleaning` makes it so.
+Open borders, several components and edges with more than two faces are allowed.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from analogy.tents import Rings
+from guise.analogy.tents import Rings
+from guise.common.arrays import F64
+from guise.common.errors import GuiseError
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 
-class MeshError(ValueError):
+class MeshError(GuiseError):
     """A mesh, or a mesh file, that cannot be used; one sentence."""
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from analogy.polygons import Polygons
+from guise.analogy.formats.polygons import Polygons
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 BEYOND = 1e30  # any number that is meant; float32 holds it

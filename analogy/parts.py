@@ -1,6 +1,7 @@
 """Parts of a head beside its skin: eyes, teeth, tongue, lashes, and how the skin takes them along.
 
-The skin are the large components (`analogy.register.skin_of`).  Of the other parts, those that are mostly open border
+The skin are the large components (`guise.analogy.register.skin_of`).  Of the other parts, those that are
+mostly open border
 (cards: lashes, brows) follow the skin under them vertex by vertex.  The others keep their form, and move with the skin
 close to them as far as that moves as one body: the lower teeth go with the jaw, but no teeth with a smile, which
 stretches the lips, and no eye with its lid.
@@ -12,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from analogy.geometry import Surface
-from analogy.geometry import border as borders
-from analogy.mesh import Mesh
-from analogy.rigid import fit, fit_most, moved
+from guise.analogy.geometry import Surface
+from guise.analogy.geometry import border as borders
+from guise.analogy.mesh import Mesh
+from guise.analogy.rigid import fit, fit_most, moved
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards

@@ -1,9 +1,9 @@
 """Dense correspondence of two heads by deforming one onto the other (Xiang et al. 2008).
 
-Aligned by given points with a similarity (`aam.similarity.align`, which works in three dimensions as in two), or, where
-there are none and the heads stand roughly alike, from there; improved by closest points; then deformed
-(`analogy.deform`).  Only the skin takes part: the large components of the meshes.  Eyes, teeth and other small parts
-follow the nearest skin by a similarity, so that they keep their form and no skin sticks to them.
+Aligned by given points with a similarity (`guise.aam.similarity.align`, which works in three dimensions as in
+two), or, where there are none and the heads stand roughly alike, from there; improved by closest points; then deformed
+(`guise.analogy.deform`).  Only the skin takes part: the large components of the meshes.  Eyes, teeth and other
+small parts follow the nearest skin by a similarity, so that they keep their form and no skin sticks to them.
 
 Lengths in the target's unit.
 """
@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from aam.similarity import Failed, Similarity, align
-from analogy.correspondence import Correspondence
-from analogy.deform import ANGLE, TURN, Points, deform
-from analogy.geometry import Places, Surface, edge_lengths, face_normals, vertex_normals
-from analogy.mesh import Mesh
+from guise.aam.similarity import Failed, Similarity, align
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.deform import ANGLE, TURN, Points, deform
+from guise.analogy.geometry import Places, Surface, edge_lengths, face_normals, vertex_normals
+from guise.analogy.mesh import Mesh
+from guise.common.arrays import F64
+from guise.common.errors import GuiseError
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 Bool = NDArray[np.bool_]
 
@@ -41,7 +42,7 @@ MOVED = 0.1  # of the points' extent, by which closest points may take them apar
 NEIGHBOURS = 200  # skin vertices that a small part follows
 
 
-class RegistrationError(ValueError):
+class RegistrationError(GuiseError):
     """Meshes or points that cannot be registered; one sentence."""
 
 

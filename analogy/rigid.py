@@ -6,9 +6,8 @@ Any units.  Sets of points are (..., n, 3): leading axes are fitted each on thei
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from guise.common.arrays import F64
 
 ROUNDS = 8  # of reweighting
 SHARPER = 0.4  # the tolerance of each round, of the one before

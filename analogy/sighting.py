@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.landmarks import OUTER_EYE_CORNERS, Face
-from aam.similarity import Failed
-from analogy.facing import Facing, landmarker
-from analogy.normals import unit
-from analogy.views import Image, Solid, View
-
-F64 = NDArray[np.float64]
+from guise.aam.landmarks import OUTER_EYE_CORNERS, Face
+from guise.aam.similarity import Failed
+from guise.analogy.facing import Facing, landmarker
+from guise.analogy.normals import unit
+from guise.analogy.views import Image, Solid, View
+from guise.common.arrays import F64
 
 PIXELS = 160  # side of the pictures; the landmarker's own crop is 128
 HALF, REACH = 1.0, 1.3  # eye widths from the middle of the face to a picture's edge; to what is drawn

@@ -10,15 +10,16 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from guise.common.arrays import F64
+from guise.common.errors import GuiseError
+
 Solve = Callable[[F64], F64]
 
 NOT_UNIQUE = "the system has no unique solution: a part of the mesh is held by nothing"
 
 
-class SolverError(ValueError):
+class SolverError(GuiseError):
     """A system that has no unique solution; one sentence."""
 
 

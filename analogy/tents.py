@@ -22,9 +22,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.solver import compact, least_squares
+from guise.analogy.solver import compact, least_squares
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 THIN = 1e-6  # of the trace, added to w w^T where all edges lie along a line

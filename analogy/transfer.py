@@ -14,18 +14,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.similarity import Failed, Similarity, align
-from analogy.baselines import Cloning, GradientTransfer
-from analogy.correspondence import Correspondence
-from analogy.feature_points import FeaturePointsError, find
-from analogy.filling import Filling
-from analogy.mesh import Mesh, MeshError
-from analogy.parts import Parts, areas, restricted
-from analogy.register import register, skin_of
-from analogy.rigid import fit_most
-from analogy.tents import Tents, TentTransfer
+from guise.aam.similarity import Failed, Similarity, align
+from guise.analogy.baselines import Cloning, GradientTransfer
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.feature_points import FeaturePointsError, find
+from guise.analogy.filling import Filling
+from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.parts import Parts, areas, restricted
+from guise.analogy.register import register, skin_of
+from guise.analogy.rigid import fit_most
+from guise.analogy.tents import Tents, TentTransfer
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Method = Literal["tents", "gradients", "cloning"]
 Core = Callable[[F64], F64]

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.geometry import barycentric, vertex_normals
-from analogy.mesh import Mesh
-from analogy.normals import unit
-from render.visibility import Visibility, visible
+from guise.analogy.geometry import barycentric, vertex_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.normals import unit
+from guise.common.arrays import F64
+from guise.render.visibility import Visibility, visible
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 Image = NDArray[np.uint8]
 

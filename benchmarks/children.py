@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
-GUISE = (sys.executable, "-c", "from app.cli import main; raise SystemExit(main())")
+GUISE = (sys.executable, "-c", "from guise.app.cli.main import main; raise SystemExit(main())")
 
 
 class CommandError(RuntimeError):

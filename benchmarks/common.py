@@ -21,11 +21,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import LbpDetector, interocular, load_annotations
-from aam.model import Identity
-from aam.tracker import Fit
-from app.enrol import LandmarkSource, enrol, landmark_file
-from app.media import Frame, open_source
+from guise.aam.landmarks import LbpDetector, interocular, load_annotations
+from guise.aam.model import Identity
+from guise.aam.tracker import Fit
+from guise.app.enrolment.enrol import LandmarkSource, enrol, landmark_file
+from guise.app.media import Frame, open_source
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.model import Identity
-from app.engine import Engine, Options
-from app.media import Frame, open_source
-from app.threads import one_thread
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Report, Table
-from render.compositor import Renderer
+from guise.aam.model import Identity
+from guise.app.media import Frame, open_source
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.options import Options
+from guise.common.threads import one_thread
+from guise.render.compositor import Renderer
 
 CLIP, DONOR = "room_s18", "studio_d7"
 RENDERERS: tuple[Renderer, ...] = ("gl", "cpu")

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 import onnxruntime as ort
 
-from aam.model import Identity
-from aam.similarity import Similarity, align
-from app.engine import Engine
 from benchmarks import common
 from benchmarks.common import F32, F64, Clip, Criterion, Picture, Report, Table
+from guise.aam.model import Identity
+from guise.aam.similarity import Similarity, align
+from guise.app.swapping.engine import Engine
 
 # (video, donor): across sex, skin, age and light; chosen before the first figure was seen, and kept.
 PAIRS = (

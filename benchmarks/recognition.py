@@ -1,7 +1,7 @@
 """Recognition: are two enrolments taken for one person when they are, and never when they are not?
 
 Parts of clips (halves, thirds of the long one) are enrolled with the built-in landmarker and few frames, as
-de-identification does, and all pairs compared.  The threshold of aam.recognition was chosen on these pairs; the
+de-identification does, and all pairs compared.  The threshold of guise.aam.recognition was chosen on these pairs; the
 photographs of people who are for evaluation only, neutral against smiling, were not looked at for it.
 """
 
@@ -18,16 +18,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from aam.appearance import sample_texture
-from aam.landmarks import Landmarker, open_landmarker, track_video
-from aam.model import Identity
-from aam.recognition import RESOLUTION, SAME, likeness, signature, signature_of
-from aam.reference import ReferenceFrame
-from aam.training import TrainingOptions
-from app.enrol import LandmarkSource, enrol
-from app.media import open_source
 from benchmarks import common
 from benchmarks.common import F32, Criterion, Report, Table
+from guise.aam.appearance import sample_texture
+from guise.aam.landmarks import Landmarker, open_landmarker, track_video
+from guise.aam.model import Identity
+from guise.aam.recognition import RESOLUTION, SAME, likeness, signature, signature_of
+from guise.aam.reference import ReferenceFrame
+from guise.aam.training import TrainingOptions
+from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.media import open_source
 
 OPTIONS = TrainingOptions(frames=48)
 # Clips of one person under different names.

@@ -14,15 +14,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from aam.appearance import sample_texture
-from aam.follow import PersonFollower
-from aam.model import Identity
-from app.engine import FEATHER, Engine, shown_mask
-from app.media import Frame
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
-from render import feather, make_compositor
-from render.compositor import Compositor
+from guise.aam.appearance import sample_texture
+from guise.aam.follow import PersonFollower
+from guise.aam.model import Identity
+from guise.app.media import Frame
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.painter import FEATHER
+from guise.app.swapping.place import shown_mask
+from guise.render import feather, make_compositor
+from guise.render.compositor import Compositor
 
 PERSON = "p01"
 LUMA = np.array([0.299, 0.587, 0.114])

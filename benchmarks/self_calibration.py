@@ -21,18 +21,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import SHAPE, appearance_vectors, openness, sample_texture
-from aam.follow import PersonFollower
-from aam.landmarks import Face, Landmarker, interocular, open_landmarker, track_video
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.refinement import Refined, refine_shapes
-from aam.tracker import FEATURE_RESOLUTION, Crop, cut
-from aam.training import TrainingOptions, choose_frames
-from app.enrol import LandmarkSource, enrol
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from benchmarks.tracker_real import FEWEST_STILL, jitter, still_frames
+from guise.aam.appearance import SHAPE, appearance_vectors, openness, sample_texture
+from guise.aam.follow import PersonFollower
+from guise.aam.landmarks import Face, Landmarker, interocular, open_landmarker, track_video
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.refinement import Refined, refine_shapes
+from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
+from guise.aam.training import TrainingOptions, choose_frames
+from guise.app.enrolment.enrol import LandmarkSource, enrol
 
 REAL = ("franck", "webcam_a1", "studio_d6", "address_o1", "phone_d13", "room_s18")
 MOST = 900  # frames of a real clip

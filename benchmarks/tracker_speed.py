@@ -22,10 +22,10 @@ from typing import Self
 
 import numpy as np
 
-from aam.follow import PersonFollower
-from aam.model import Identity
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
+from guise.aam.follow import PersonFollower
+from guise.aam.model import Identity
 
 CLIP = "room_s18"
 FRAMES = 90

@@ -9,9 +9,9 @@ import argparse
 
 import numpy as np
 
-from aam.follow import PersonFollower
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Report, Table
+from guise.aam.follow import PersonFollower
 
 INNER = slice(17, 68)
 

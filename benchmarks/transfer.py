@@ -27,17 +27,17 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.appearance import SHAPE, sample_texture
-from aam.extrapolation import DEFAULT_ALPHA, GATE, Extrapolator
-from aam.follow import PersonFollower
-from aam.mask import expressive_mask
-from aam.model import Identity
-from aam.parameters import ParameterEstimator
-from aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
-from aam.similarity import Similarity, align
-from app.media import open_source
 from benchmarks import common
 from benchmarks.common import F32, F64, Clip, Criterion, Report, Table
+from guise.aam.appearance import SHAPE, sample_texture
+from guise.aam.extrapolation import DEFAULT_ALPHA, GATE, Extrapolator
+from guise.aam.follow import PersonFollower
+from guise.aam.mask import expressive_mask
+from guise.aam.model import Identity
+from guise.aam.parameters import ParameterEstimator
+from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.similarity import Similarity, align
+from guise.app.media import open_source
 
 INNER = slice(17, 68)
 REST_FRAMES = 8

@@ -15,7 +15,7 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
-from app.cli import app
+from guise.app.cli.main import app
 
 PAGE = Path(__file__).with_name("cli.md")
 INTRODUCTION = """# Commands

@@ -12,25 +12,26 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from aam.model import Identity
-from analogy.mesh_io import read_mesh, read_rig
-from app.deidentify.engines import open_engine
-from app.deidentify.job import deidentify_file
-from app.deidentify.options import Options
-from app.demo import FACE, HEAD, run_demo
-from app.media import open_source
-from app.media.images import read_deep
-from app.meshes.pair import How, open_carrier
-from app.meshes.points import landmarks_file
-from app.meshes.previewing import preview_files
-from app.meshes.registering import register_files
-from app.meshes.transferring import draw
-from app.meshes.work import Work
-from app.montage import montage
-from app.photos.image import analogy_image
-from app.pictures import Picture, labelled, save_picture, sheet
-from app.puppet import puppet_file
-from app.run import Settings, silent
+from guise.aam.model import Identity
+from guise.analogy.formats.files import read_mesh, read_rig
+from guise.app.deidentify.options import Options
+from guise.app.deidentify.run.engines import open_engine
+from guise.app.deidentify.run.job import deidentify_file
+from guise.app.media import open_source
+from guise.app.media.images import read_deep
+from guise.app.media.pictures import Picture, labelled, save_picture, sheet
+from guise.app.meshes.pair import How, open_carrier
+from guise.app.meshes.points import landmarks_file
+from guise.app.meshes.previewing import preview_files
+from guise.app.meshes.registering import register_files
+from guise.app.meshes.transferring import draw
+from guise.app.meshes.work import Work
+from guise.app.people.montage import montage
+from guise.app.photos.image import analogy_image
+from guise.app.swapping.puppet import puppet_file
+from guise.app.swapping.run import Settings
+from guise.app.tools.demo import FACE, HEAD, run_demo
+from guise.common.progress import silent
 
 ROOT = Path(__file__).parents[1]
 SAMPLES, IMAGES = ROOT / "sample_videos", ROOT / "docs" / "images"

@@ -5,13 +5,13 @@ it into the rectangle of the frame that holds the face. Two implementations foll
 `Compositor`: `gl` draws in two shader passes through EGL, `cpu` is its twin in NumPy and OpenCV.
 
 Images are (h, w, 3) uint8 in any 3-channel space; coordinates are pixels, x right, y down, pixel centres at
-integers. The half-pixel shift to GL is in `render.pixel_centres` and nowhere else.
+integers. The half-pixel shift to GL is in `guise.render.pixel_centres` and nowhere else.
 """
 
-from render.compositor import Compositor, make_compositor
-from render.context import GLInfo, GLMissing, create_context, probe_gl
-from render.errors import RendererError
-from render.feathering import feather
+from guise.render.compositor import Compositor, make_compositor
+from guise.render.context import GLInfo, GLMissing, create_context, probe_gl
+from guise.render.errors import RendererError
+from guise.render.feathering import feather
 
 __all__ = [
     "Compositor",

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from render.errors import RendererError
-from render.mesh import Mesh
+from guise.render.errors import RendererError
+from guise.render.mesh import Mesh
 
 Texture = NDArray[np.uint8] | NDArray[np.float32]
 

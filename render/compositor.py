@@ -6,12 +6,12 @@ from typing import Literal, Protocol, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from render.buffers import Texture, check_alpha
-from render.context import GLMissing, probe_gl
-from render.cpu import CpuCompositor
-from render.errors import RendererError
-from render.gl import GLCompositor
-from render.mesh import Mesh
+from guise.render.buffers import Texture, check_alpha
+from guise.render.context import GLMissing, probe_gl
+from guise.render.cpu import CpuCompositor
+from guise.render.errors import RendererError
+from guise.render.gl import GLCompositor
+from guise.render.mesh import Mesh
 
 Renderer = Literal["auto", "gl", "cpu"]
 

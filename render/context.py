@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import moderngl
 
-from render.errors import RendererError
+from guise.render.errors import RendererError
 
 MIN_GL_VERSION = 330
 INSTALL_HINT = (

@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
-from render.closing import Closing
-from render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
+from guise.common.closing import Closing
+from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
+from guise.render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
 
 _EVERY_BYTE = np.arange(256)
 
 
 class CpuCompositor(Closing):
-    """`render.compositor.Compositor` on the CPU."""
+    """`guise.render.compositor.Compositor` on the CPU."""
 
     name = "cpu"
 
@@ -50,7 +50,7 @@ class CpuCompositor(Closing):
         opacity: float = 1.0,
         out: NDArray[np.uint8] | None = None,
     ) -> NDArray[np.uint8]:
-        """See `render.compositor.Compositor.composite`."""
+        """See `guise.render.compositor.Compositor.composite`."""
         result = output_for(roi, out)
         snapped, box = self._place(vertices, roi.shape)
         rgba = self._texels.load(texture)
@@ -66,7 +66,7 @@ class CpuCompositor(Closing):
         texture: Texture,
         vertices: NDArray[np.floating],
     ) -> NDArray[np.uint8]:
-        """See `render.compositor.Compositor.warp`."""
+        """See `guise.render.compositor.Compositor.warp`."""
         result = np.zeros((*shape, 4), np.uint8)
         snapped, box = self._place(vertices, shape)
         rgba = self._texels.load(texture)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from render.errors import RendererError
+from guise.render.errors import RendererError
 
 _RADIUS_SIGMAS = 2.5
 

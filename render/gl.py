@@ -14,18 +14,18 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from render.buffers import Scratch, Texels, Texture, check_opacity, output_for
-from render.closing import Closing
-from render.context import check, create_context, describe
-from render.errors import RendererError
-from render.mesh import SUBPIXELS, Box, Mesh, bounding_box, outline_box, snap
-from render.pixel_centres import to_clip_space, to_texture_space
+from guise.common.closing import Closing
+from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
+from guise.render.context import check, create_context, describe
+from guise.render.errors import RendererError
+from guise.render.mesh import SUBPIXELS, Box, Mesh, bounding_box, outline_box, snap
+from guise.render.pixel_centres import to_clip_space, to_texture_space
 
 _STEP = 64
 
 
 class GLCompositor(Closing):
-    """`render.compositor.Compositor` in GL. Use it in the thread that made it."""
+    """`guise.render.compositor.Compositor` in GL. Use it in the thread that made it."""
 
     name = "gl"
 
@@ -64,7 +64,7 @@ class GLCompositor(Closing):
         opacity: float = 1.0,
         out: NDArray[np.uint8] | None = None,
     ) -> NDArray[np.uint8]:
-        """See `render.compositor.Compositor.composite`."""
+        """See `guise.render.compositor.Compositor.composite`."""
         result = output_for(roi, out)
         snapped = snap(vertices, len(self._mesh.uv))
         box = bounding_box(snapped, roi.shape[1], roi.shape[0])
@@ -83,7 +83,7 @@ class GLCompositor(Closing):
         texture: Texture,
         vertices: NDArray[np.floating],
     ) -> NDArray[np.uint8]:
-        """See `render.compositor.Compositor.warp`."""
+        """See `guise.render.compositor.Compositor.warp`."""
         result = np.zeros((*shape, 4), np.uint8)
         snapped = snap(vertices, len(self._mesh.uv))
         box = bounding_box(snapped, shape[1], shape[0])
@@ -197,7 +197,7 @@ def _round_up(pixels: int) -> int:
 
 def program(context: moderngl.Context, name: str) -> moderngl.Program:
     """The program of the two shaders of that name in render/shaders."""
-    shaders = files("render") / "shaders"
+    shaders = files("guise.render") / "shaders"
     return context.program(
         vertex_shader=(shaders / f"{name}.vert.glsl").read_text("utf-8"),
         fragment_shader=(shaders / f"{name}.frag.glsl").read_text("utf-8"),

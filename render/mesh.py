@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from render.errors import RendererError
+from guise.render.errors import RendererError
 
 SUBPIXELS = 256
 MAX_COORDINATE = 8000  # pixels; the mesh fits GL's viewport, and every product here is exact in float64

@@ -1,7 +1,8 @@
 """Studio pictures of a mesh: orthographic, smooth normals, key, fill and rim light, and soft ambient occlusion.
 
 Lights stand still with the viewer, so that what a surface returns is a function of its normal alone: two pictures of a
-lit ball (`_Ball`), looked up by the normals of `render.visibility`'s pixels.  Drawn at twice the size and averaged.
+lit ball (`_Ball`), looked up by the normals of `guise.render.visibility`'s pixels.  Drawn at twice the size
+and averaged.
 
 Mesh coordinates: x to the viewer's right, y up, z towards the viewer; a head looks along z.  Colours are sRGB in 0..1.
 """
@@ -17,11 +18,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from render.errors import RendererError
-from render.visibility import Visibility, visible
+from guise.common.arrays import F32, F64
+from guise.render.errors import RendererError
+from guise.render.visibility import Visibility, visible
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Faces = NDArray[np.integer]
 Picture = NDArray[np.uint8]
 Paint = Callable[[F64], F64]

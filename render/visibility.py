@@ -3,7 +3,7 @@
 Nothing is shaded here: colours, normals, depths or coordinates are looked up by triangle and weights afterwards, and
 the weights are computed from the triangle when they are asked for, exactly.
 Pixels, x right, y down, pixel centres at integers; depth in any unit, smaller is nearer.  Vertices are snapped to
-1/256 pixel as in `render.mesh`, so that GL and its NumPy twin cover the same pixels.
+1/256 pixel as in `guise.render.mesh`, so that GL and its NumPy twin cover the same pixels.
 """
 
 from __future__ import annotations
@@ -17,16 +17,15 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from render.closing import Closing
-from render.compositor import Renderer
-from render.context import GLMissing, check, create_context, probe_gl
-from render.errors import RendererError
-from render.gl import program
-from render.mesh import MAX_COORDINATE, SUBPIXELS, outline_box, snap, spans
-from render.pixel_centres import to_clip_space
+from guise.common.arrays import F32, F64
+from guise.common.closing import Closing
+from guise.render.compositor import Renderer
+from guise.render.context import GLMissing, check, create_context, probe_gl
+from guise.render.errors import RendererError
+from guise.render.gl import program
+from guise.render.mesh import MAX_COORDINATE, SUBPIXELS, outline_box, snap, spans
+from guise.render.pixel_centres import to_clip_space
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 MAX_TRIANGLES = 1 << 24  # a float holds each number below
@@ -191,7 +190,7 @@ class GLVisibility(Closing):
         self._context.release()
 
     def _render(self, snapped: F64, depth: F64, triangles: Int) -> None:
-        """The viewport is the whole mesh, of which the scissor keeps the picture, as in `render.gl`."""
+        """The viewport is the whole mesh, of which the scissor keeps the picture, as in `guise.render.gl`."""
         context, target, whole = self._context, self._target, outline_box(snapped)
         places = to_clip_space(snapped / SUBPIXELS - (whole.x0, whole.y0), whole.width, whole.height)
         corners = np.concatenate([places, _clip_depth(depth)[:, None]], axis=1)[triangles]

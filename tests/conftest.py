@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 from made_up import SAMPLES
 
-from aam.model import Identity
+from guise.aam.model import Identity
 
 settings.register_profile("default", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
@@ -34,7 +34,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @cache
 def _why_no_gl() -> str:
-    from render import GLMissing, probe_gl
+    from guise.render import GLMissing, probe_gl
 
     found = probe_gl()
     return found.reason if isinstance(found, GLMissing) else ""
@@ -51,9 +51,9 @@ def no_thread_left() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def p01() -> Identity:
     """The first sample person, enrolled on a few frames of the first clip with a small tracker."""
-    from aam.tracker import TrackerOptions
-    from aam.training import TrainingOptions
-    from app.enrol import LandmarkSource, enrol
+    from guise.aam.tracker import TrackerOptions
+    from guise.aam.training import TrainingOptions
+    from guise.app.enrolment.enrol import LandmarkSource, enrol
 
     options = TrainingOptions(frames=40, resolution=96, tracker=TrackerOptions(stages=3, copies=10, folds=2))
     return enrol([SAMPLES / "p01" / "talk.mp4"], LandmarkSource(), name="p01", options=options)
@@ -62,7 +62,7 @@ def p01() -> Identity:
 @pytest.fixture(scope="session")
 def talk2() -> tuple[list[np.ndarray], np.ndarray]:
     """Every second frame of the first person's second clip: luma (h, w) uint8, and the true landmarks."""
-    from app.media import open_source
+    from guise.app.media import open_source
 
     with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
         luma = [frame.luma.copy() for frame in source if frame.index % 2 == 0]

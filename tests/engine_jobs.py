@@ -6,8 +6,8 @@ import threading
 import time
 from pathlib import Path
 
-from app.deidentify.stages import Job
-from app.media import MediaError
+from guise.app.deidentify.stages.jobs import Job
+from guise.app.media import MediaError
 
 
 class Odd(Exception):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.appearance import SHAPE, AppearanceModel, Components
-from aam.reference import ReferenceFrame
+from guise.aam.appearance import SHAPE, AppearanceModel, Components
+from guise.aam.reference import ReferenceFrame
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 FRAME = ReferenceFrame.canonical(32)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from made_up import SAMPLES
 
-from aam.tracker import TrackerOptions
-from aam.training import TrainingOptions
-from app.enrol import LandmarkSource, enrol
+from guise.aam.tracker import TrackerOptions
+from guise.aam.training import TrainingOptions
+from guise.app.enrolment.enrol import LandmarkSource, enrol
 
 SMALL = TrainingOptions(frames=40, resolution=64, tracker=TrackerOptions(stages=3, copies=10, folds=2))
 

@@ -65,7 +65,7 @@ class StudioServer:
 @contextmanager
 def studio(folder: Path, *, limit: int = LIMIT) -> Iterator[StudioServer]:
     """A studio on a free port."""
-    command = [sys.executable, "-m", "app.cli", "studio", "--folder", str(folder), "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "guise", "studio", "--folder", str(folder), "--port", "0", "--no-open"]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     with subprocess.Popen(
         [*command, "--limit", str(limit), "--json"], stdout=subprocess.PIPE, text=True, env=environment,

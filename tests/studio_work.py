@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from app.studio.jobs import Jobs, Progress
-from app.studio.store import Store, StudioError
+from guise.app.studio.jobs import Jobs, Progress
+from guise.app.studio.store import Store, StudioError
 
 
 def write(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from made_up import FRAME, SAMPLES, appearance
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aam.appearance import (
+from guise.aam.appearance import (
     SHAPE,
     appearance_vectors,
     neutral_frames,
@@ -16,7 +16,7 @@ from aam.appearance import (
     principal_components,
     sample_texture,
 )
-from aam.similarity import Similarity
+from guise.aam.similarity import Similarity
 
 SEEDS = st.integers(0, 10_000)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from made_up import FRAME, appearance
 
-from aam.appearance import AppearanceModel, Components
-from aam.averaging import average, average_components
-from aam.extrapolation import Extrapolator, ReferenceMismatchError
-from aam.model import Identity, Still
-from aam.reference import ReferenceFrame
-from aam.tracker import Quality, Tracker
+from guise.aam.appearance import AppearanceModel, Components
+from guise.aam.averaging import average, average_components
+from guise.aam.extrapolation import Extrapolator, ReferenceMismatchError
+from guise.aam.model import Identity, Still
+from guise.aam.reference import ReferenceFrame
+from guise.aam.tracker import Quality, Tracker
 
 
 def person(seed: int, modes: int = 6, frame: ReferenceFrame = FRAME) -> Identity:

@@ -10,12 +10,12 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from aam.landmarks import Face
-from aam.landmarks.schemes import mean_geometry
 from benchmarks import run_all
 from benchmarks.landmarks import annotated, false_faces, metrics, rendered, small_faces, steadiness
 from benchmarks.landmarks.mediapipe_mesh import FACE81, face81
 from benchmarks.landmarks.stills import at_faces, own_faces
+from guise.aam.landmarks import Face
+from guise.aam.landmarks.schemes import mean_geometry
 
 MEAN = np.stack([mean_geometry().mean.real, mean_geometry().mean.imag], axis=-1)
 

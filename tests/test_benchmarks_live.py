@@ -9,11 +9,11 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from app.live.pipeline import Stats
-from app.media import Frame, open_source
 from benchmarks import run_all
 from benchmarks.live import clock, latency, soak, throughput
 from benchmarks.live.runs import SAMPLES
+from guise.app.live.pipeline import Stats
+from guise.app.media import Frame, open_source
 
 
 def first_frame() -> Frame:

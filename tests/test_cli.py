@@ -14,9 +14,9 @@ from clips import cut, empty_scene
 from made_up import SAMPLES
 from models import model_file
 
-from aam.model import Identity
-from app.cli import main
-from app.version import version
+from guise.aam.model import Identity
+from guise.app.cli.main import main
+from guise.common.version import version
 
 TALK2 = str(SAMPLES / "p01" / "talk2.mp4")
 
@@ -257,7 +257,7 @@ def test_a_fault_is_one_sentence(
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of course")
 
-    monkeypatch.setattr("app.swap.swap_file", broken)
+    monkeypatch.setattr("guise.app.swapping.file.swap_file", broken)
     code, _, err = run(capsys, "swap", TALK2, *SWAP)
     assert code == 1
     assert err == "error: Guise failed (ZeroDivisionError: of course); GUISE_DEBUG=1 shows where\n"
@@ -270,7 +270,7 @@ def test_a_fault_is_one_sentence(
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_in_the_middle_nothing_is_left(people: Path, number: signal.Signals) -> None:
     before = sorted(people.iterdir())
-    command = [sys.executable, "-m", "app.cli", "swap", str(SAMPLES / "p01" / "talk.mp4"), *SWAP]
+    command = [sys.executable, "-m", "guise", "swap", str(SAMPLES / "p01" / "talk.mp4"), *SWAP]
     slow = [*command, "--preset", "placebo"]
     running = subprocess.Popen(slow, cwd=people, stderr=subprocess.PIPE, text=True)
     part = people / "out.mp4.part"

@@ -8,10 +8,10 @@ import pytest
 from clips import cut
 from models import model_file
 
-from app import doctor
-from app.cli import main
-from app.info import describe
-from render import GLMissing
+from guise.app.cli.main import main
+from guise.app.people.info import describe
+from guise.app.tools import doctor
+from guise.render import GLMissing
 
 
 def test_info_holds_the_whole_file() -> None:
@@ -72,7 +72,7 @@ def test_doctor_names_cameras(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_doctor_without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("render.probe_gl", lambda: GLMissing("no driver: install libegl1"))
+    monkeypatch.setattr("guise.render.probe_gl", lambda: GLMissing("no driver: install libegl1"))
     gl = next(f for f in doctor.examine() if f.name == "gl")
     assert (gl.ok, gl.detail) == (None, "no driver: install libegl1")
 

@@ -16,7 +16,7 @@ def modules_after(statement: str, cwd: Path) -> set[str]:
 
 
 def test_help_imports_no_heavy_library(tmp_path: Path) -> None:
-    loaded = modules_after("from app.cli import main; main(['swap', '--help'])", tmp_path)
+    loaded = modules_after("from guise.app.cli.main import main; main(['swap', '--help'])", tmp_path)
     assert loaded.isdisjoint({"numpy", "cv2", "av", "scipy", "skimage", "onnxruntime", "moderngl"})
 
 
@@ -26,6 +26,6 @@ def test_swapping_imports_nothing_of_enrolment(tmp_path: Path) -> None:
         "swap", str(clip), "--identity", str(model_file("p06")), "--source", str(model_file("p01")), "-o", "out.mp4",
         "-q", "--renderer", "cpu",
     ]  # fmt: skip
-    loaded = modules_after(f"from app.cli import main; assert main({arguments!r}) == 0", tmp_path)
+    loaded = modules_after(f"from guise.app.cli.main import main; assert main({arguments!r}) == 0", tmp_path)
     assert {"numpy", "cv2", "av"} <= loaded
     assert loaded.isdisjoint({"scipy", "skimage", "rich"})

@@ -6,8 +6,9 @@ import sys
 
 import pytest
 
-from app import console as module
-from app.console import Board, Console, printable
+from guise.app.cli import console as module
+from guise.app.cli.console import Board, Console
+from guise.common.text import printable
 
 
 class Terminal(io.StringIO):

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from analogy.cylinder import Cylinder, FeatureMap, MeshImage, cylindrical, unrolled
-from analogy.mesh import Mesh
-from analogy.register import RegistrationError
+from guise.analogy.cylinder import Cylinder, FeatureMap, MeshImage, cylindrical, unrolled
+from guise.analogy.mesh import Mesh
+from guise.analogy.register import RegistrationError
 
 NO_QUADS = np.empty((0, 4), np.intp)
 HIGH = 1.25  # a head is so much higher than wide

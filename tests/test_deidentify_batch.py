@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.deidentify import batch
-from app.deidentify.batch import Run, exit_code, run_batch, write_summary
-from app.deidentify.engines import Engine, SerialEngine
-from app.deidentify.inputs import Pair, make_plan
-from app.deidentify.job import beside
-from app.deidentify.options import Options
-from app.deidentify.report import BatchEntry, write_report
-from app.deidentify.tracks import BYSTANDERS, FileReport, Outcome
-from app.media import MediaError
-from app.run import Progress
+from guise.app.deidentify.options import Options
+from guise.app.deidentify.report.report import BatchEntry, write_report
+from guise.app.deidentify.run import batch
+from guise.app.deidentify.run.batch import Run, exit_code, run_batch, write_summary
+from guise.app.deidentify.run.engines import Engine, SerialEngine
+from guise.app.deidentify.run.inputs import Pair, make_plan
+from guise.app.deidentify.run.job import beside
+from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Outcome
+from guise.app.media import MediaError
+from guise.common.progress import Progress
 
 
 def report_of(source: Path, output: Path, covered: int) -> FileReport:

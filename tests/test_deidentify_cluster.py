@@ -18,14 +18,14 @@ from clips import empty_scene
 from engine_jobs import act
 from test_deidentify_engines import finished, jobs, wait_until
 
-from app.cli import main
-from app.deidentify.engines import EngineError, open_engine
-from app.media import MediaError
+from guise.app.cli.main import main
+from guise.app.deidentify.run.engines import EngineError, open_engine
+from guise.app.media import MediaError
 
 distributed = pytest.importorskip("distributed", reason="the cluster extra is not installed")
 
-from app.deidentify import cluster  # noqa: E402
-from app.deidentify.cluster import DaskEngine, attempt_there, versions  # noqa: E402
+from guise.app.deidentify.run import cluster  # noqa: E402
+from guise.app.deidentify.run.cluster import DaskEngine, attempt_there, versions  # noqa: E402
 
 TESTS = Path(__file__).parent
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
@@ -194,7 +194,7 @@ def test_a_scheduler_without_workers_is_a_sentence() -> None:
 
 def test_a_missing_extra_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(EngineError, match=r"pip install guise\[cluster\]"):
+    with pytest.raises(EngineError, match=r"pip install guise-video\[cluster\]"):
         open_engine("dask:tcp://127.0.0.1:1")
 
 

@@ -10,12 +10,12 @@ from models import model_file
 from test_cli_startup import modules_after
 from test_deidentify_batch import report_of
 
-from app.cli import main
-from app.deidentify import batch, checks
-from app.deidentify.job import beside
-from app.deidentify.options import Options
-from app.deidentify.report import write_report
-from app.media import MediaError
+from guise.app.cli.main import main
+from guise.app.deidentify.options import Options
+from guise.app.deidentify.report.report import write_report
+from guise.app.deidentify.run import batch, checks
+from guise.app.deidentify.run.job import beside
+from guise.app.media import MediaError
 
 
 @pytest.fixture
@@ -283,5 +283,5 @@ def test_the_file_with_the_summary_is_not_an_input(
 
 
 def test_help_imports_no_heavy_library(here: Path) -> None:
-    loaded = modules_after("from app.cli import main; main(['deidentify', '--help'])", here)
+    loaded = modules_after("from guise.app.cli.main import main; main(['deidentify', '--help'])", here)
     assert loaded.isdisjoint({"numpy", "cv2", "av", "scipy", "onnxruntime", "distributed", "fsspec"})

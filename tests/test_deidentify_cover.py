@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.deidentify.cover import cover, region
-from app.media import Frame
+from guise.app.media import Frame
+from guise.app.swapping.cover import cover, region
 
 BOX = np.array([60, 70, 120, 140], np.float32)
 STYLES = ("solid", "mosaic", "blur")

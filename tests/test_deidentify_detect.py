@@ -7,11 +7,11 @@ import pytest
 from clips import empty_scene
 from made_up import SAMPLES
 
-from aam.landmarks import interocular
-from app.deidentify.detect import Chaser, Glimpse, Seen, _seen_again, detect_faces
-from app.deidentify.fit import place
-from app.deidentify.smooth import smooth
-from app.media import Frame, open_source
+from guise.aam.landmarks import interocular
+from guise.app.deidentify.stages.detect import Chaser, Glimpse, Seen, _seen_again, detect_faces
+from guise.app.deidentify.stages.smooth import smooth
+from guise.app.media import Frame, open_source
+from guise.app.swapping.trust import place
 
 
 def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:
@@ -36,7 +36,7 @@ def test_a_person_is_one_tracklet_in_every_frame(person: str) -> None:
 def test_a_face_that_is_found_late_is_followed_back_to_its_first_frame(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from aam.landmarks.detector import FaceDetector
+    from guise.aam.landmarks.detector import FaceDetector
 
     plain = FaceDetector.detect_scored
     calls: Iterator[int] = iter(range(1000))
@@ -103,8 +103,8 @@ class _Same:
 
 
 def _face(box: np.ndarray) -> object:
-    from aam.landmarks import Face
-    from aam.reference import ReferenceFrame
+    from guise.aam.landmarks import Face
+    from guise.aam.reference import ReferenceFrame
 
     points = ReferenceFrame.canonical(48).points
     low, high = points[:68].min(0), points[:68].max(0)

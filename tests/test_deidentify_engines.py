@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from engine_jobs import act
 
-from app.deidentify.engines import (
+from guise.app.deidentify.run.engines import (
     TRIES,
     Engine,
     EngineError,
@@ -22,8 +22,8 @@ from app.deidentify.engines import (
     attempt,
     open_engine,
 )
-from app.deidentify.stages import Job
-from app.media import MediaError
+from guise.app.deidentify.stages.jobs import Job
+from guise.app.media import MediaError
 
 TESTS = Path(__file__).parent
 
@@ -157,8 +157,8 @@ def test_closing_ends_the_processes_at_once(tmp_path: Path) -> None:
 
 COMMAND = """
 import sys
-from app.deidentify.engines import LocalEngine
-from app.deidentify.stages import Job
+from guise.app.deidentify.run.engines import LocalEngine
+from guise.app.deidentify.stages.jobs import Job
 from engine_jobs import act
 if __name__ == "__main__":
     with LocalEngine(2, act) as engine:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from app.deidentify import remote
-from app.deidentify.inputs import InputError, Pair, Plan, make_plan, require_possible
-from app.deidentify.remote import RemoteError
+from guise.app.deidentify.run import remote
+from guise.app.deidentify.run.inputs import InputError, Pair, Plan, make_plan, require_possible
+from guise.app.deidentify.run.remote import RemoteError
 
 
 @pytest.fixture

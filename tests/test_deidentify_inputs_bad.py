@@ -16,10 +16,10 @@ import pytest
 from clips import empty_scene
 from made_up import SAMPLES
 
-from app.cli import main
-from app.deidentify import engines
-from app.deidentify.stages import Job
-from app.media import open_source
+from guise.app.cli.main import main
+from guise.app.deidentify.run import engines
+from guise.app.deidentify.stages.jobs import Job
+from guise.app.media import open_source
 
 FRAMES = 6
 FAST = {"preset": "ultrafast", "qp": "10"}
@@ -207,7 +207,7 @@ def test_what_cannot_be_read_is_a_sentence_and_the_rest_is_done(
 
 def test_a_broken_image_is_one_line_on_the_terminal(here: Path) -> None:
     Path("broken.png").write_bytes(b"\x89PNG\r\n\x1a\nxxxx")
-    code = "import sys; from app.cli import main; sys.exit(main(['deidentify', 'broken.png']))"
+    code = "import sys; from guise.app.cli.main import main; sys.exit(main(['deidentify', 'broken.png']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
     assert done.stderr.startswith("error: broken.png holds no image that can be read")

@@ -15,13 +15,13 @@ import pytest
 from clips import cut, empty_scene, pictures, tags
 from made_up import SAMPLES
 
-from aam.landmarks.detector import FaceDetector
-from app.deidentify import job as module
-from app.deidentify.job import deidentify_file
-from app.deidentify.options import DeidentifyError, Options
-from app.deidentify.stages import Job, perform
-from app.deidentify.tracks import FileReport
-from app.media import EncodeOptions, MediaError
+from guise.aam.landmarks.detector import FaceDetector
+from guise.app.deidentify.options import DeidentifyError, Options
+from guise.app.deidentify.run import job as module
+from guise.app.deidentify.run.job import deidentify_file
+from guise.app.deidentify.stages.jobs import Job, perform
+from guise.app.deidentify.tracks import FileReport
+from guise.app.media import EncodeOptions, MediaError
 
 LOSSLESS = Options(encode=EncodeOptions(lossless=True, preset="ultrafast"))
 QUICK = Options(encode=EncodeOptions(preset="ultrafast"))
@@ -173,7 +173,7 @@ def test_options_may_change_after_a_review(clip: Path, tmp_path: Path) -> None:
 
 def test_reports_call_the_files_as_they_are_told(clip: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine.guise"
-    shutil.copy(resources.files("app").joinpath("gallery", "p03.guise"), mine)
+    shutil.copy(resources.files("guise.app").joinpath("gallery", "p03.guise"), mine)
     names = ("holiday.mov", "holiday_deidentified.mp4")
     report = run(clip, tmp_path / "out.mp4", replace(QUICK, donor=str(mine)), names=names)
     assert report is not None
@@ -198,7 +198,7 @@ def test_a_face_left_by_the_user_is_untouched(clip: Path, tmp_path: Path) -> Non
 def test_a_face_that_the_first_look_missed_is_covered_after_the_last(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app.deidentify import stages
+    from guise.app.deidentify.stages import jobs as stages
 
     blind = lambda frames: stages_detect([])  # noqa: E731
     stages_detect = stages.detect_faces
@@ -217,7 +217,7 @@ def joined(path: Path, *pieces: tuple[str, int]) -> Path:
     """A clip of pieces, each the first frames of a sample person's, or of an empty room."""
     from fractions import Fraction
 
-    from app.media import open_source
+    from guise.app.media import open_source
 
     with av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", 30, {"crf": "12", "preset": "ultrafast"})
@@ -263,8 +263,8 @@ def test_without_faces_everything_stays(tmp_path: Path) -> None:
 
 
 def test_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
-    from app.media import open_source
-    from app.pictures import save_picture
+    from guise.app.media import open_source
+    from guise.app.media.pictures import save_picture
 
     with open_source(clip) as source:
         rgb = next(iter(source)).rgb()
@@ -277,8 +277,8 @@ def test_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
 
 
 def test_a_folder_of_pictures_gives_a_folder_of_pictures(clip: Path, tmp_path: Path) -> None:
-    from app.media import open_source
-    from app.pictures import save_picture
+    from guise.app.media import open_source
+    from guise.app.media.pictures import save_picture
 
     folder = tmp_path / "in"
     folder.mkdir()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from test_media import STEADY, make_clip
 
-from app.deidentify.label import Label
-from app.media import Frame, open_source
+from guise.app.deidentify.stages.label import Label
+from guise.app.media import Frame, open_source
 
 
 def changed(before: np.ndarray, after: np.ndarray) -> np.ndarray:

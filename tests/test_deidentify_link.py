@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from app.deidentify.detect import Found, is_cut
-from app.deidentify.link import link
+from guise.app.deidentify.stages.detect import Found, is_cut
+from guise.app.deidentify.stages.link import link
 
 RNG = np.random.default_rng(0)
 SCENE = RNG.integers(0, 256, (18, 32), dtype=np.uint8)

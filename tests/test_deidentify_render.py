@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from app.deidentify.decide import COVERED, SWAPPED
-from app.deidentify.options import Options
-from app.deidentify.render import AUDIT_REACH, Entry, Find, _inside, entries_of, with_finds
-from app.deidentify.stages import THUMB, picture
-from app.media import EncodeOptions, Frame
+from guise.app.deidentify.options import Options
+from guise.app.deidentify.stages.decide import COVERED, SWAPPED
+from guise.app.deidentify.stages.jobs import THUMB, picture
+from guise.app.deidentify.stages.render import AUDIT_REACH, Entry, Find, _inside, entries_of, with_finds
+from guise.app.media import EncodeOptions, Frame
 
 BOX = np.array([10, 20, 50, 70], np.float32)
 

@@ -20,9 +20,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.deidentify.html import VOID
-from app.deidentify.page import CARDS, write_batch_page, write_page
-from app.deidentify.report import (
+from guise.app.deidentify.report.html import VOID
+from guise.app.deidentify.report.page import CARDS, write_batch_page, write_page
+from guise.app.deidentify.report.report import (
     BatchEntry,
     frames_with,
     outcome,
@@ -30,9 +30,9 @@ from app.deidentify.report import (
     verdict,
     write_batch,
     write_report,
-)  # fmt: skip
-from app.deidentify.timeline import COLUMNS, columns
-from app.deidentify.tracks import BYSTANDERS, DONE, AuditFind, FileReport, Outcome, Track
+)
+from guise.app.deidentify.report.timeline import COLUMNS, columns
+from guise.app.deidentify.tracks import BYSTANDERS, DONE, AuditFind, FileReport, Outcome, Track
 
 ROOT = Path(__file__).parents[1]
 SCHEMA = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))
@@ -175,7 +175,7 @@ def test_a_long_report_is_small(tmp_path: Path) -> None:
 
 
 def test_a_report_is_written_piece_by_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.deidentify.report.PIECE", 100)
+    monkeypatch.setattr("guise.app.deidentify.report.report.PIECE", 100)
     report = report_of(outcome_of(1, [0] * 8000), frames=8000)
     write_report(tmp_path / "r.json", report)  # what is remembered from the first time does not count
     tracemalloc.start()

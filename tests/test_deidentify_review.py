@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.deidentify.options import DeidentifyError
-from app.deidentify.review import read_tracks, write_tracks
-from app.deidentify.sheet import COLOURS, MOST, contact_sheet
-from app.deidentify.tracks import Track
+from guise.app.deidentify.options import DeidentifyError
+from guise.app.deidentify.report.review import read_tracks, write_tracks
+from guise.app.deidentify.report.sheet import COLOURS, MOST, contact_sheet
+from guise.app.deidentify.tracks import Track
 
 SECONDS = np.arange(500) / 25
 RED = np.full((90, 60, 3), (255, 0, 0), np.uint8)

@@ -7,7 +7,7 @@ import cv2
 import pytest
 from clips import pictures, tags
 
-from app.cli import main
+from guise.app.cli.main import main
 
 
 @pytest.mark.timeout(300)

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import typer
 
-from app.cli import app
+from guise.app.cli.main import app
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]

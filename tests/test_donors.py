@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from models import model_file
 
-from aam.extrapolation import ReferenceMismatchError
-from aam.model import Identity, ModelError
-from aam.recognition import signature
-from app.donors import COMMON, DonorError, KeyFile, assign, gallery, open_donor, parts
+from guise.aam.extrapolation import ReferenceMismatchError
+from guise.aam.model import Identity, ModelError
+from guise.aam.recognition import signature
+from guise.app.swapping.donors import COMMON, DonorError, KeyFile, assign, gallery, open_donor, parts
 
 ROOT = Path(__file__).parents[1]
 
@@ -72,7 +72,7 @@ def test_people_of_different_reference_frames_are_not_averaged() -> None:
 
 def test_the_choice_is_the_same_again_and_in_another_process() -> None:
     here = assign(range(1, 12), "auto", seed=5, salt="a.mp4")
-    code = "from app.donors import assign; print(assign(range(1, 12), 'auto', seed=5, salt='a.mp4'))"
+    code = "from guise.app.swapping.donors import assign; print(assign(range(1, 12), 'auto', seed=5, salt='a.mp4'))"
     there = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert there.stdout.strip() == str(here)
 
@@ -201,7 +201,7 @@ def test_the_key_files_seed_chooses(key: KeyFile, tmp_path: Path) -> None:
 
 def test_writers_do_not_lose_each_others_people(key: KeyFile) -> None:
     code = (
-        "import sys; from pathlib import Path; from app.donors import KeyFile, open_donor;"
+        "import sys; from pathlib import Path; from guise.app.swapping.donors import KeyFile, open_donor;"
         "KeyFile.open(Path(sys.argv[1])).remember('', sys.argv[2], open_donor(sys.argv[2]))"
     )
     running = [

@@ -16,7 +16,7 @@ OUTER_CORNERS = [36, 45]
 
 def guise(folder: Path, *arguments: str) -> dict[str, Any]:
     """The JSON object that a command prints."""
-    command = [sys.executable, "-W", "error", "-m", "app.cli", *arguments, "--json"]
+    command = [sys.executable, "-W", "error", "-m", "guise", *arguments, "--json"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     report: dict[str, Any] = json.loads(done.stdout)

@@ -8,11 +8,13 @@ from made_up import SAMPLES
 from models import model_file
 from numpy.typing import NDArray
 
-from aam.landmarks.schemes import MIRROR
-from aam.model import Identity
-from aam.reference import POINTS, ReferenceFrame
-from app.engine import OUTLINE, WIDER, Engine, Options, proportions
-from app.media import open_source
+from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.model import Identity
+from guise.aam.reference import POINTS, ReferenceFrame
+from guise.app.media import open_source
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.options import Options
+from guise.app.swapping.place import OUTLINE, WIDER, proportions
 
 FRAME = ReferenceFrame.canonical(160)
 EYES = np.r_[36:48]

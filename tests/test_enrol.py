@@ -9,12 +9,12 @@ from clips import cut, empty_scene
 from made_up import SAMPLES
 from models import SMALL
 
-from aam.model import Identity
-from aam.training import TrainingError
-from app.cli import main
-from app.enrol import EnrolError, LandmarkSource, landmark_file
-from app.enrolling import describe_options, enrol_file
-from app.outputs import OutputError
+from guise.aam.model import Identity
+from guise.aam.training import TrainingError
+from guise.app.cli.main import main
+from guise.app.enrolment.enrol import EnrolError, LandmarkSource, landmark_file
+from guise.app.enrolment.file import describe_options, enrol_file
+from guise.common.errors import OutputError
 
 TRUTH = SAMPLES / "p01" / "talk.npz"
 

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from made_up import FRAME, appearance
 from numpy.testing import assert_allclose
 
-from aam.appearance import SHAPE, AppearanceModel
-from aam.extrapolation import DEFAULT_ALPHA, Extrapolator, ReferenceMismatchError
-from aam.reference import ReferenceFrame
+from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.extrapolation import DEFAULT_ALPHA, Extrapolator, ReferenceMismatchError
+from guise.aam.reference import ReferenceFrame
 
 ALPHAS = st.floats(0, 1)
 SOURCE, TARGET = appearance(1, modes=5), appearance(2, modes=8)

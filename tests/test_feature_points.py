@@ -11,13 +11,13 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from aam.similarity import Failed
-from analogy.facing import _any_ways, _right_angles
-from analogy.feature_points import NAMES, FeaturePoints, FeaturePointsError, find, load
-from analogy.mesh import Mesh
-from analogy.mesh_io import read_mesh
-from analogy.sighting import meeting
-from analogy.views import Solid, View
+from guise.aam.similarity import Failed
+from guise.analogy.facing import _any_ways, _right_angles
+from guise.analogy.feature_points import NAMES, FeaturePoints, FeaturePointsError, find, load
+from guise.analogy.formats.files import read_mesh
+from guise.analogy.mesh import Mesh
+from guise.analogy.sighting import meeting
+from guise.analogy.views import Solid, View
 
 F64 = NDArray[np.float64]
 HEADS = Path(__file__).parents[1] / "sample_videos" / "heads"
@@ -111,7 +111,7 @@ def test_a_damaged_head_is_still_one(damage: str) -> None:
 
 
 def test_a_ball_has_no_face(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analogy.facing.ANYWAYS", 8)
+    monkeypatch.setattr("guise.analogy.facing.ANYWAYS", 8)
     turn, rise = (a.ravel() for a in np.meshgrid(np.arange(24) * np.pi / 12, np.arange(1, 12) * np.pi / 12))
     ball = np.stack([np.sin(rise) * np.cos(turn), np.cos(rise), np.sin(rise) * np.sin(turn)], axis=1)
     corner = np.arange(240)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from aam.follow import Steadier
-from aam.reference import ReferenceFrame
+from guise.aam.follow import Steadier
+from guise.aam.reference import ReferenceFrame
 
 FACE = ReferenceFrame.canonical(160).points
 INTEROCULAR = float(np.linalg.norm(FACE[45] - FACE[36]))

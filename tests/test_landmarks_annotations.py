@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from aam.landmarks import Annotations, LandmarkError, load_annotations, save_annotations, to_face81
+from guise.aam.landmarks import Annotations, LandmarkError, load_annotations, save_annotations, to_face81
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 

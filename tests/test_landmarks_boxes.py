@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aam.landmarks import (
+from guise.aam.landmarks import (
     BoxDetector,
     BoxFit,
     LandmarkError,
@@ -15,7 +15,7 @@ from aam.landmarks import (
     open_detector,
     overlap,
 )
-from aam.landmarks.boxes import _finish
+from guise.aam.landmarks.boxes import _finish
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import skimage.data
 
-from aam.landmarks import Face, LandmarkError, interocular, open_landmarker
-from aam.landmarks.builtin import DATA, BuiltinLandmarker, Calibration, calibration, cut
-from app.media import open_source
+from guise.aam.landmarks import Face, LandmarkError, interocular, open_landmarker
+from guise.aam.landmarks.builtin import DATA, BuiltinLandmarker, Calibration, calibration, cut
+from guise.app.media import open_source
 from training import definitions
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"

@@ -14,13 +14,13 @@ import pytest
 from clips import cut, empty_scene, pictures
 from made_up import SAMPLES
 
-from aam.landmarks import Face, LandmarkError, load_annotations, open_landmarker, register_landmarker
-from aam.landmarks.registry import _LANDMARKERS
-from aam.landmarks.schemes import mean_geometry
-from aam.landmarks.tracking import MultiFollower
-from app.cli import main
-from app.landmark_files import face_columns
-from app.version import version
+from guise.aam.landmarks import Face, LandmarkError, load_annotations, open_landmarker, register_landmarker
+from guise.aam.landmarks.registry import _LANDMARKERS
+from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.tracking import MultiFollower
+from guise.app.cli.main import main
+from guise.app.landmarks.formats import face_columns
+from guise.common.version import version
 
 ROOT = Path(__file__).parents[1]
 PFLD = ROOT.parent / "shared" / "models" / "pfld.onnx"

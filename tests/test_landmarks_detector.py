@@ -9,9 +9,9 @@ import pytest
 import skimage.data
 from skimage.util import img_as_ubyte
 
-from aam.landmarks import BoxDetector, LandmarkError, open_detector, overlap
-from aam.landmarks.builtin import BuiltinLandmarker
-from aam.landmarks.detector import MODEL, FaceDetector, _peaks
+from guise.aam.landmarks import BoxDetector, LandmarkError, open_detector, overlap
+from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.detector import MODEL, FaceDetector, _peaks
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 CLIPS = sorted(f"{f.parent.name}/{f.stem}" for f in SAMPLES.glob("p*/*.npz"))

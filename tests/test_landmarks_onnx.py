@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aam.landmarks import (
+from guise.aam.landmarks import (
     BoxFit,
     Face,
     LandmarkError,
@@ -23,9 +23,9 @@ from aam.landmarks import (
     read_card,
     register_landmarker,
 )
-from aam.landmarks.onnx import _crop_to_picture
-from aam.landmarks.schemes import mean_geometry
-from aam.landmarks.weights import without_tiny_weights
+from guise.aam.landmarks.onnx import _crop_to_picture
+from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.weights import without_tiny_weights
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"
@@ -395,7 +395,7 @@ def test_specs_open_cards_also_in_odd_folders(tmp_path: Path) -> None:
 
 
 def test_another_kind_of_landmarker_can_join(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from aam.landmarks import registry
+    from guise.aam.landmarks import registry
 
     monkeypatch.setattr(registry, "_LANDMARKERS", dict(registry._LANDMARKERS))
     made = OnnxLandmarker(write_card(tmp_path), FixedBoxes())

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aam import landmarks as lm
-from aam.landmarks.schemes import Geometry, fit_geometry, mean_geometry
+from guise.aam import landmarks as lm
+from guise.aam.landmarks.schemes import Geometry, fit_geometry, mean_geometry
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 PEOPLE = ("p01", "p02", "p06")
@@ -126,7 +126,7 @@ def test_completion_refuses_wrong_points(points: np.ndarray, scheme: str, messag
 
 
 def test_scheme_can_be_added_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    from aam.landmarks import schemes
+    from guise.aam.landmarks import schemes
 
     monkeypatch.setattr(schemes, "_SCHEMES", dict(schemes._SCHEMES))
     double = lm.Scheme("double", 162, lambda p: p[..., :81, :], tuple(range(81)))

@@ -7,8 +7,8 @@ import pytest
 from made_up import SAMPLES
 from numpy.testing import assert_allclose
 
-from aam.landmarks import Smoother, interocular
-from aam.reference import ReferenceFrame
+from guise.aam.landmarks import Smoother, interocular
+from guise.aam.reference import ReferenceFrame
 
 FACE = ReferenceFrame.canonical(160).points
 SIZE = float(interocular(FACE))

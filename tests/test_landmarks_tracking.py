@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from aam.landmarks import Face, Follower, interocular, load_annotations, open_landmarker, track_video
-from aam.landmarks.plausible import bend, followed, shape_confidence, visible_share
-from aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks import Face, Follower, interocular, load_annotations, open_landmarker, track_video
+from guise.aam.landmarks.plausible import bend, followed, shape_confidence, visible_share
+from guise.aam.landmarks.schemes import mean_geometry
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"

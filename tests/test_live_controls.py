@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.live.controls import KEYS, Controls, Settings
+from guise.app.live.controls import KEYS, Controls, Settings
 
 
 @pytest.mark.parametrize(

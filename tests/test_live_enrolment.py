@@ -11,17 +11,17 @@ import pytest
 from made_up import SAMPLES
 from models import SMALL
 
-from aam.follow import PersonFollower
-from aam.landmarks import Landmarker, open_landmarker
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.tracker import Fit
-from app.enrol import EnrolError, LandmarkSource, enrol
-from app.failures import Interrupted
-from app.live import enrolment
-from app.live.album import RESTING, STRETCHES, VARIED, Album, Shot
-from app.live.enrolment import AWAY, DONE, LINGER, PROMPTS, OnScreenEnrolment, Step
-from app.media import Frame, open_source
+from guise.aam.follow import PersonFollower
+from guise.aam.landmarks import Landmarker, open_landmarker
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.tracker import Fit
+from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
+from guise.app.live import enrolment
+from guise.app.live.album import RESTING, STRETCHES, VARIED, Album, Shot
+from guise.app.live.enrolment import AWAY, DONE, LINGER, PROMPTS, OnScreenEnrolment, Step
+from guise.app.media import Frame, open_source
+from guise.common.errors import Interrupted
 
 Picture = np.ndarray
 FPS = 30

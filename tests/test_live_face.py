@@ -9,12 +9,12 @@ import pytest
 from made_up import SAMPLES
 from numpy.typing import NDArray
 
-from aam.model import Identity
-from app.deidentify.cover import region
-from app.live.controls import Settings
-from app.live.face import AROUND, BYSTANDER, WHOLE, LiveFace, Look
-from app.media import Frame, open_source
-from app.threads import one_thread
+from guise.aam.model import Identity
+from guise.app.live.controls import Settings
+from guise.app.live.face import AROUND, BYSTANDER, WHOLE, LiveFace, Look
+from guise.app.media import Frame, open_source
+from guise.app.swapping.cover import region
+from guise.common.threads import one_thread
 
 Picture = NDArray[np.uint8]
 Changed = NDArray[np.bool_]

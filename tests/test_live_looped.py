@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from app.live.capture import FileCapture
+from guise.app.live.capture import FileCapture
 
 LENGTH = 5
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from models import model_file
 
-from aam.model import Identity
-from app.live import models
-from app.live.models import cached, file_key, forget, keep
+from guise.aam.model import Identity
+from guise.app.people import cache as models
+from guise.app.people.cache import cached, file_key, forget, keep
 
 
 @pytest.fixture(autouse=True)

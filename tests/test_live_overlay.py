@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from app.live.controls import Controls, Settings
-from app.live.face import Look, Outcome
-from app.live.output import Shown
-from app.live.overlay import AMBER, CALM, GREEN, STAYS, Overlay, Writer, draw_ring, mirrored
-from app.live.pipeline import Stats
-from app.media import Frame, open_source
+from guise.app.live.controls import Controls, Settings
+from guise.app.live.face import Look, Outcome
+from guise.app.live.output import Shown
+from guise.app.live.overlay import AMBER, CALM, GREEN, STAYS, Overlay, Writer, draw_ring, mirrored
+from guise.app.live.pipeline import Stats
+from guise.app.media import Frame, open_source
 
 SIZE = 320, 240
 MESH = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float) / 2
@@ -119,7 +119,7 @@ def test_all_keys_fit_into_small_pictures(size: tuple[int, int]) -> None:
 
 
 def test_help_names_every_key() -> None:
-    from app.live.overlay import HELP, KEYS
+    from guise.app.live.overlay import HELP, KEYS
 
     said = {row[0][0].lower() for row in HELP}
     assert {key.lower() for key in KEYS} <= said

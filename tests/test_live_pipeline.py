@@ -8,11 +8,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from app.live.capture import Capture
-from app.live.face import Look
-from app.live.output import Output, Shown
-from app.live.pipeline import Pipeline, Stats
-from app.media import Frame, MediaError
+from guise.app.live.capture import Capture
+from guise.app.live.face import Look
+from guise.app.live.output import Output, Shown
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.media import Frame, MediaError
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
 

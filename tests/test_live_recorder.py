@@ -17,14 +17,15 @@ import numpy as np
 import pytest
 from clips import cut, pictures, tags
 
-from app.live.capture import FileCapture
-from app.live.face import Look
-from app.live.output import Output, Shown
-from app.live.pipeline import Pipeline, Stats
-from app.live.recorder import TICK, Recorder, Recordings, numbered, snapshot
-from app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
-from app.media.soundtrack import sounds
-from app.outputs import OutputError, synthetic_tags
+from guise.app.live.capture import FileCapture
+from guise.app.live.face import Look
+from guise.app.live.output import Output, Shown
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.recorder import TICK, Recorder, Recordings, numbered, snapshot
+from guise.app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
+from guise.app.media.soundtrack import sounds
+from guise.app.media.synthetic import synthetic_tags
+from guise.common.errors import OutputError
 
 LOSSLESS = EncodeOptions(preset="ultrafast", lossless=True)
 FAST = EncodeOptions(preset="ultrafast", crf=30)

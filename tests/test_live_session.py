@@ -11,16 +11,16 @@ import pytest
 from made_up import SAMPLES
 from numpy.typing import NDArray
 
-from aam.model import Identity
-from app.cli import main
-from app.donors import open_donor
-from app.live import models
-from app.live.capture import FileCapture
-from app.live.controls import Controls
-from app.live.output import Shown
-from app.live.pipeline import Stats
-from app.live.session import LiveWork, Plan
-from app.threads import one_thread
+from guise.aam.model import Identity
+from guise.app.cli.main import main
+from guise.app.live.capture import FileCapture
+from guise.app.live.controls import Controls
+from guise.app.live.output import Shown
+from guise.app.live.pipeline import Stats
+from guise.app.live.session import LiveWork, Plan
+from guise.app.people import cache as models
+from guise.app.swapping.donors import open_donor
+from guise.common.threads import one_thread
 
 CLIP = SAMPLES / "p01" / "talk.mp4"
 

@@ -2,7 +2,7 @@
 
 import threading
 
-from app.live.slot import Slot
+from guise.app.live.slot import Slot
 
 
 def test_the_latest_wins_and_the_others_are_counted() -> None:

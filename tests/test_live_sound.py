@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 from clips import cut
 
-from app.live.face import Look
-from app.live.output import Shown
-from app.live.pipeline import Stats
-from app.live.sound import RATE, Fill, Sound, SoundError, stretched
-from app.media import Frame
-from app.media.beside import SoundReader
-from app.media.source import VideoSource
-from render.closing import Closing
+from guise.app.live.face import Look
+from guise.app.live.output import Shown
+from guise.app.live.pipeline import Stats
+from guise.app.live.sound import RATE, Fill, Sound, SoundError, stretched
+from guise.app.media import Frame
+from guise.app.media.beside import SoundReader
+from guise.app.media.source import VideoSource
+from guise.common.closing import Closing
 
 ROOT = Path(__file__).parents[1]
 FPS = 25
@@ -218,12 +218,12 @@ NULL = "</usr/share/alsa/alsa.conf>\npcm.!default {type null}\npcm.null_device {
 PLAY = """
 import sys, time
 from pathlib import Path
-from app.live.capture import FileCapture
-from app.live.face import Look
-from app.live.output import Shown
-from app.live.pipeline import Stats
-from app.live.sound import Sound
-from app.media import open_source
+from guise.app.live.capture import FileCapture
+from guise.app.live.face import Look
+from guise.app.live.output import Shown
+from guise.app.live.pipeline import Stats
+from guise.app.live.sound import Sound
+from guise.app.media import open_source
 
 with FileCapture(Path(sys.argv[1])) as capture:
     sound = Sound(capture.source, print)
@@ -265,4 +265,4 @@ def test_a_missing_extra_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         sound = Sound(source, said.append)
         sound.open(32, 32, FPS)
         sound.close()
-    assert said == ['The sound is not played: install it with pip install "guise[window]".']
+    assert said == ['The sound is not played: install it with pip install "guise-video[window]".']

@@ -17,9 +17,9 @@ import av
 import numpy as np
 import pytest
 
-from app.live import streams
-from app.live.streams import StreamCapture
-from app.media import Frame, MediaError
+from guise.app.live import streams
+from guise.app.live.streams import StreamCapture
+from guise.app.media import Frame, MediaError
 
 SIZE = (160, 120)
 BITS = 10

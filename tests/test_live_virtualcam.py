@@ -16,12 +16,12 @@ pyvirtualcam = pytest.importorskip("pyvirtualcam", reason="extra virtualcam")
 
 from pyvirtualcam.camera import BACKENDS  # noqa: E402
 
-from app.live.face import Look  # noqa: E402
-from app.live.output import Shown  # noqa: E402
-from app.live.pipeline import Stats  # noqa: E402
-from app.live.virtualcam import VirtualCamera  # noqa: E402
-from app.media import Frame  # noqa: E402
-from app.outputs import OutputError  # noqa: E402
+from guise.app.live.face import Look  # noqa: E402
+from guise.app.live.output import Shown  # noqa: E402
+from guise.app.live.pipeline import Stats  # noqa: E402
+from guise.app.live.virtualcam import VirtualCamera  # noqa: E402
+from guise.app.media import Frame  # noqa: E402
+from guise.common.errors import OutputError  # noqa: E402
 
 
 class Kept:
@@ -187,5 +187,5 @@ def test_the_real_library_without_a_device() -> None:
 
 def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyvirtualcam", None)
-    with pytest.raises(OutputError, match=r'pip install "guise\[virtualcam\]"'):
+    with pytest.raises(OutputError, match=r'pip install "guise-video\[virtualcam\]"'):
         VirtualCamera().open(64, 48, 30)

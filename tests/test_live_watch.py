@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from aam.landmarks import overlap
-from app.live.watch import HEIGHT, Watch, small
-from app.media import Frame, open_source
+from guise.aam.landmarks import overlap
+from guise.app.live.watch import HEIGHT, Watch, small
+from guise.app.media import Frame, open_source
 
 HAND = Path(__file__).parents[2] / "shared/data/synthetic/hard/occlusion_hand.mp4"
 

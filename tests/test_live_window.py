@@ -17,16 +17,16 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from app.live.controls import Controls
-from app.live.face import Look
-from app.live.output import Shown
-from app.live.overlay import Overlay
-from app.live.pipeline import Stats
-from app.live.window import Window
-from app.media import Frame, open_source
-from app.media.orientation import AS_STORED, Orientation
-from app.outputs import OutputError
-from render import create_context, make_compositor
+from guise.app.live.controls import Controls
+from guise.app.live.face import Look
+from guise.app.live.output import Shown
+from guise.app.live.overlay import Overlay
+from guise.app.live.pipeline import Stats
+from guise.app.live.window import Window
+from guise.app.media import Frame, open_source
+from guise.app.media.orientation import AS_STORED, Orientation
+from guise.common.errors import OutputError
+from guise.render import create_context, make_compositor
 
 pytestmark = [
     pytest.mark.egl,
@@ -63,7 +63,7 @@ def screen() -> Iterator[str]:
 @pytest.fixture
 def display(screen: str, monkeypatch: pytest.MonkeyPatch) -> str:
     if find_spec("glfw") is None or find_spec("moderngl_window") is None:
-        without('the window needs pip install "guise[window]"')
+        without('the window needs pip install "guise-video[window]"')
     monkeypatch.setenv("DISPLAY", screen)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setenv("PYGLFW_LIBRARY_VARIANT", "x11")
@@ -381,6 +381,6 @@ def test_a_missing_extra_is_named(missing: str, monkeypatch: pytest.MonkeyPatch)
     nothing: ModuleType | None = None
     monkeypatch.setitem(sys.modules, missing, nothing)
     window = Window(Controls(), Overlay(["p01"]))
-    with pytest.raises(OutputError, match=r'needs more packages: pip install "guise\[window\]"'):
+    with pytest.raises(OutputError, match=r'needs more packages: pip install "guise-video\[window\]"'):
         window.open(*SIZE, 30)
     window.close()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from aam.mask import core_mask, expressive_mask, learn_mask, skin_mask
-from aam.model import Identity
-from aam.reference import ReferenceFrame
+from guise.aam.mask import core_mask, expressive_mask, learn_mask, skin_mask
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
 
 FRAME = ReferenceFrame.canonical(96)
 SKIN = np.array([200.0, 160.0, 140.0])

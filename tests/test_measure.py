@@ -12,19 +12,19 @@ from clips import cut, empty_scene
 from made_up import SAMPLES
 from test_landmarks_onnx import linear_model
 
-from aam.landmarks import load_annotations
-from app.cli import main
-from app.measure import MeasureError, Request, measure
-from app.measure.curves import CURVES
-from app.measure.faces import Seen
-from app.measure.job import Judge
-from app.measure.pair import Timing, require_alike
-from app.measure.people import Gallery, embedded
-from app.measure.reported import UNTOLD, read_report
-from app.measure.table import FACTS, rows_of
-from app.media import open_source
-from app.pictures import save_picture
-from app.recogniser import Recogniser
+from guise.aam.landmarks import load_annotations
+from guise.app.cli.main import main
+from guise.app.measure import MeasureError, Request, measure
+from guise.app.measure.curves import CURVES
+from guise.app.measure.faces import Seen
+from guise.app.measure.job import Judge
+from guise.app.measure.pair import Timing, require_alike
+from guise.app.measure.people import Gallery, embedded
+from guise.app.measure.reported import UNTOLD, read_report
+from guise.app.measure.table import FACTS, rows_of
+from guise.app.media import open_source
+from guise.app.media.pictures import save_picture
+from guise.app.people.recogniser import Recogniser
 
 FRAMES = 24
 FACE = (190, 60, 430, 400)  # x0 y0 x1 y1, pixels: holds the sample person's face in all frames
@@ -202,11 +202,11 @@ def test_the_command_writes_json_and_plot(
 def test_a_plot_without_matplotlib_is_refused_before_any_work(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("app.measure.plot.find_spec", lambda name: None)
+    monkeypatch.setattr("guise.app.measure.plot.find_spec", lambda name: None)
     code = main(["measure", "missing.mp4", "missing.mp4", "--plot", str(tmp_path / "out.png")])
     assert code == 2
     assert capsys.readouterr().err == (
-        "error: a plot needs matplotlib, which is not installed: pip install 'guise[plots]'\n"
+        "error: a plot needs matplotlib, which is not installed: pip install 'guise-video[plots]'\n"
     )
 
 

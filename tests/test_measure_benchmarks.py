@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from app.measure.curves import CURVES
-from app.measure.job import Compared
 from benchmarks.deidentify import expression, identity
+from guise.app.measure.curves import CURVES
+from guise.app.measure.job import Compared
 
 
 def scores(every: list[list[float]], embeddings: list[list[float]]) -> Compared:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from app.measure.curves import (
+from guise.app.measure.curves import (
     ANGLES,
     CURVES,
     SKULL,
@@ -18,10 +18,10 @@ from app.measure.curves import (
     pose,
     tremble,
 )
-from app.measure.faces import Seen
-from app.measure.figures import Utility, mean_of, plain, together
-from app.measure.people import Gallery, Known, impostor_scores, joined
-from app.measure.privacy import (
+from guise.app.measure.faces import Seen
+from guise.app.measure.figures import Utility, mean_of, plain, together
+from guise.app.measure.people import Gallery, Known, impostor_scores, joined
+from guise.app.measure.privacy import (
     BINS,
     Scores,
     accepted,

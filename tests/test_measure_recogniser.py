@@ -7,7 +7,7 @@ import pytest
 from test_landmarks_onnx import linear_model
 from test_measure import CARD, recogniser
 
-from app.recogniser import Recogniser, RecogniserError, five_points, read_recogniser_card
+from guise.app.people.recogniser import Recogniser, RecogniserError, five_points, read_recogniser_card
 
 ROOT = Path(__file__).parents[1]
 MODEL = ROOT.parent / "shared" / "models" / "mobilefacenet.onnx"
@@ -124,8 +124,8 @@ def test_a_model_that_is_not_what_the_card_says_is_told(
 @pytest.mark.skipif(not MODEL.is_file(), reason="the MobileFaceNet model is not there")
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real clips are not there")
 def test_the_documented_card_tells_people_apart(tmp_path: Path) -> None:
-    from app.measure.privacy import template
-    from app.media import open_source
+    from guise.app.measure.privacy import template
+    from guise.app.media import open_source
 
     text = (ROOT / "docs" / "measure.md").read_text(encoding="utf-8")
     card = tmp_path / "card.toml"

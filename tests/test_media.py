@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from av.codec.context import Flags
 
-from app.media import EncodeOptions, Frame, ProcessStats, open_sink, open_source, process
-from app.media.frame import plane_arrays
+from guise.app.media import EncodeOptions, Frame, ProcessStats, open_sink, open_source, process
+from guise.app.media.frame import plane_arrays
 
 SHARED = Path(__file__).parents[2] / "shared"
 SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"

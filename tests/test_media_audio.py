@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from test_media import FAST, SHARED, STEADY, make_clip
 from test_media_packets import put_together
 
-from app.media import open_source
-from app.media.audio import LOWER
-from app.media.packets import PacketSink, assemble
+from guise.app.media import open_source
+from guise.app.media.audio import LOWER
+from guise.app.media.packets import PacketSink, assemble
 
 Sound = NDArray[np.float64]
 

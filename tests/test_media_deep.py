@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.media import MediaError
-from app.media.ifd import PROFILE, XMP, read_short, read_values, with_values
-from app.media.images import DeepImage, encode_deep, lost_in, read_deep
+from guise.app.media import MediaError
+from guise.app.media.ifd import PROFILE, XMP, read_short, read_values, with_values
+from guise.app.media.images import DeepImage, encode_deep, lost_in, read_deep
 
 RNG = np.random.default_rng(0)
 TAGS = {"comment": "Synthetic face", "digital_source_type": "http://cv.iptc.org/x"}

@@ -14,8 +14,8 @@ import av
 import numpy as np
 import pytest
 
-from app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
-from app.media.images import encode_image
+from guise.app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
+from guise.app.media.images import encode_image
 
 SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"
 FAST = EncodeOptions(preset="ultrafast", crf=35)
@@ -280,7 +280,7 @@ def test_an_output_that_appears_meanwhile_is_not_replaced(tmp_path: Path, clip: 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_disk_is_one_sentence(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from app.media.sink import Sink
+    from guise.app.media.sink import Sink
 
     def claim(self: Sink) -> None:
         self._part.symlink_to("/dev/full")

@@ -11,9 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.media.colour import BT709, BT2020_NCL, FULL, LIMITED, SMPTE170M, UNSPECIFIED, gbr_matrix, yuv_matrix
-from app.media.frame import NATIVE_FORMATS, Frame, plane_arrays
-from app.media.orientation import AS_STORED, Orientation, parse_display_matrix
+from guise.app.media.colour import (
+    BT709,
+    BT2020_NCL,
+    FULL,
+    LIMITED,
+    SMPTE170M,
+    UNSPECIFIED,
+    gbr_matrix,
+    yuv_matrix,
+)
+from guise.app.media.frame import NATIVE_FORMATS, Frame, plane_arrays
+from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 
 ORIENTATIONS = [Orientation(t, x, y) for t in (False, True) for x in (False, True) for y in (False, True)]
 TICK = Fraction(1, 30)

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
-from app.media.images import encode_image
+from guise.app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
+from guise.app.media.images import encode_image
 
 USUAL = EncodeOptions()
 

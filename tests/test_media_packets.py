@@ -24,10 +24,10 @@ from test_media import (
 )
 from test_media_segments import GOP, facts, steady
 
-from app.media import EncodeOptions, Frame, MediaError, open_source
-from app.media.copies import Audio
-from app.media.packets import PacketSink, assemble, decoding_times, read_packets
-from app.media.segments import read_frames, scan
+from guise.app.media import EncodeOptions, Frame, MediaError, open_source
+from guise.app.media.copies import Audio
+from guise.app.media.packets import PacketSink, assemble, decoding_times, read_packets
+from guise.app.media.segments import read_frames, scan
 
 TAGS = {"comment": "synthetic face"}
 

@@ -12,10 +12,10 @@ import pytest
 from test_media import FAST, UNEVEN, add_sound, make_clip, run
 from test_media_packets import put_together
 
-from app.media.copies import without_vorbis_comments
-from app.media.images import encode_image, xmp
-from app.outputs import DIGITAL_SOURCE_TYPE, synthetic_tags
-from app.version import version
+from guise.app.media.copies import without_vorbis_comments
+from guise.app.media.images import encode_image, xmp
+from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE, synthetic_tags
+from guise.common.version import version
 
 SECRET = "SECRET"
 PEOPLE = {

@@ -14,9 +14,9 @@ import av
 import numpy as np
 import pytest
 
-from app.media import EncodeOptions, Frame, open_sink, open_source, process
-from app.media.sink import Sink
-from app.media.source import Source
+from guise.app.media import EncodeOptions, Frame, open_sink, open_source, process
+from guise.app.media.sink import Sink
+from guise.app.media.source import Source
 
 SHARED = Path(__file__).parents[2] / "shared"
 SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"

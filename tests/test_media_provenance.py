@@ -12,10 +12,10 @@ import pytest
 from test_media import make_clip, video_planes
 from test_media_private import rich_image
 
-from app.media import MediaError
-from app.media.provenance import check_signing, sign
-from app.outputs import DIGITAL_SOURCE_TYPE
-from app.version import version
+from guise.app.media import MediaError
+from guise.app.media.provenance import check_signing, sign
+from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
+from guise.common.version import version
 
 c2pa = pytest.importorskip("c2pa")
 x509 = pytest.importorskip("cryptography.x509")
@@ -182,5 +182,5 @@ def test_a_failure_leaves_the_file_as_it_was(tmp_path: Path, pair: tuple[Path, P
 
 def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "c2pa", None)
-    with pytest.raises(MediaError, match=r"pip install guise\[provenance\]"):
+    with pytest.raises(MediaError, match=r"pip install guise-video\[provenance\]"):
         check_signing(Path("out.mp4"), Path("c.pem"), Path("k.pem"))

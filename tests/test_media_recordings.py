@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from app.media import open_source
+from guise.app.media import open_source
 
 TICK = Fraction(1, 1000)
 

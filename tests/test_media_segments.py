@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from test_media import SAMPLE, SHARED, damage, make_clip, picture
 
-from app.media import Frame, open_source
-from app.media.frame import plane_arrays
-from app.media.reader import Problems
-from app.media.segments import Scan, read_frames, scan
-from app.media.source import VideoSource
+from guise.app.media import Frame, open_source
+from guise.app.media.frame import plane_arrays
+from guise.app.media.reader import Problems
+from guise.app.media.segments import Scan, read_frames, scan
+from guise.app.media.source import VideoSource
 
 THOUSANDTHS = Fraction(1, 1000)
 GOP = {"g": "10", "bf": "2", "x264-params": "scenecut=0"}
@@ -188,7 +188,7 @@ def test_images_are_one_segment(tmp_path: Path) -> None:
 
 
 def _png(rgb: np.ndarray) -> bytes:
-    from app.media.images import encode_image
+    from guise.app.media.images import encode_image
 
     return encode_image(rgb, None, ".png", {})
 

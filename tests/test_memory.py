@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.memory import given_back
+from guise.common.memory import given_back
 
 PAGE = 4096
 

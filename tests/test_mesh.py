@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from analogy.cleaning import Cleaned
-from analogy.mesh import Mesh, MeshError
-from analogy.normals import Normals, smooth, unit
-from analogy.polygons import Polygons
+from guise.analogy.cleaning import Cleaned
+from guise.analogy.formats.polygons import Polygons
+from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.normals import Normals, smooth, unit
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from aam.similarity import Failed
-from analogy.feature_points import NAMES
-from analogy.gltf_container import VERTICES, Container
-from analogy.mesh_io import MeshFile, read_frames, read_mesh, read_rig
-from app.cli import main
+from guise.aam.similarity import Failed
+from guise.analogy.feature_points import NAMES
+from guise.analogy.formats.files import MeshFile, read_frames, read_mesh, read_rig
+from guise.analogy.formats.gltf_container import VERTICES, Container
+from guise.app.cli.main import main
 
 HEADS = SAMPLES / "heads"
 HEAD, SMILE, SURPRISE, OTHER, RIG = (
@@ -58,7 +58,7 @@ def moved(source: str, target: Path, change: Callable[[np.ndarray], np.ndarray])
 def coarse() -> Iterator[None]:
     """Pictures are drawn with one sample a pixel, which is quicker."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("render.shaded._SAMPLES", 1)
+        patch.setattr("guise.render.shaded._SAMPLES", 1)
         yield
 
 
@@ -274,7 +274,7 @@ def test_a_sequence_is_carried_over_frame_by_frame_and_resumed(
 def test_an_interrupted_sequence_keeps_its_frames(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from analogy.transfer import Transfer
+    from guise.analogy.transfer import Transfer
 
     call, calls = Transfer.__call__, 0
 
@@ -465,8 +465,8 @@ def test_previews_are_pictures_and_videos(here: Path, capsys: pytest.CaptureFixt
 def test_a_preview_turns(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app.media import open_source
-    from app.meshes import pictures
+    from guise.app.media import open_source
+    from guise.app.meshes import pictures
 
     monkeypatch.setattr(pictures, "TURN", 4)
     assert run(capsys, "preview", HEAD, "-o", "turn.mp4", "-q") == (0, "", "")
@@ -588,7 +588,7 @@ def test_a_mistake_is_one_sentence_and_leaves_nothing(
 def test_without_a_face_on_the_target_its_points_are_asked_for(
     here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.meshes.points.find", lambda _: Failed("no face was found: look again"))
+    monkeypatch.setattr("guise.app.meshes.points.find", lambda _: Failed("no face was found: look again"))
     box = changed(OTHER, here / "box.obj", boxes)
     call = ("transfer", HEAD, SMILE, "--target", box, "-o", "out", "--landmarks", points[0], "auto")
     assert run(capsys, *call) == (

@@ -14,11 +14,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from test_mesh import grid, sheet, slit
 
-from analogy.gltf import GltfDocument
-from analogy.mesh import MeshError
-from analogy.mesh_io import MeshFile, read_mesh, read_rig, write_rig
-from analogy.normals import smooth
-from analogy.polygons import Polygons
+from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
+from guise.analogy.formats.gltf import GltfDocument
+from guise.analogy.formats.polygons import Polygons
+from guise.analogy.mesh import MeshError
+from guise.analogy.normals import smooth
 
 F64 = NDArray[np.float64]
 Json = dict[str, Any]

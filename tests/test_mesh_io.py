@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from analogy.decimals import rows_of_text
-from analogy.mesh import MeshError
-from analogy.mesh_io import MeshFile, read_frames, read_mesh
-from analogy.obj import ObjDocument, positions
+from guise.analogy.formats.decimals import rows_of_text
+from guise.analogy.formats.files import MeshFile, read_frames, read_mesh
+from guise.analogy.formats.obj import ObjDocument, positions
+from guise.analogy.mesh import MeshError
 
 F64 = NDArray[np.float64]
 

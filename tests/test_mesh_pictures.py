@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_render_visibility import sphere
 
-from analogy.correspondence import Correspondence
-from analogy.feature_points import NAMES
-from analogy.mesh import Mesh
-from app.media import MediaError, open_source
-from app.meshes import pictures
-from app.meshes.pictures import FOOT, TITLE, YAWS, Head, Stand
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.feature_points import NAMES
+from guise.analogy.mesh import Mesh
+from guise.app.media import MediaError, open_source
+from guise.app.meshes import pictures
+from guise.app.meshes.pictures import FOOT, TITLE, YAWS, Head, Stand
 
 SIZE = (130, 160)
 NO_QUADS = np.empty((0, 4), np.intp)

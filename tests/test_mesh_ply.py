@@ -8,8 +8,8 @@ import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 from test_mesh_io import rewritten, written
 
-from analogy.mesh import MeshError
-from analogy.ply import PlyDocument
+from guise.analogy.formats.ply import PlyDocument
+from guise.analogy.mesh import MeshError
 
 PLY_HEAD = """ply
 format {order} 1.0

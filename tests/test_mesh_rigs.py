@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from test_mesh import grid, sheet, slit
 from test_mesh_gltf import PLACED, SIDE2, TRIANGLES, Glb, document, head, ways
 
-from analogy.gltf import GltfDocument
-from analogy.gltf_container import Container
-from analogy.mesh import MeshError
-from analogy.mesh_io import MeshFile, read_frames, read_mesh, read_rig, write_rig
+from guise.analogy.formats.files import MeshFile, read_frames, read_mesh, read_rig, write_rig
+from guise.analogy.formats.gltf import GltfDocument
+from guise.analogy.formats.gltf_container import Container
+from guise.analogy.mesh import MeshError
 
 F64 = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from safetensors import safe_open
 from safetensors.numpy import save_file
 
-from aam.appearance import Components
-from aam.model import FORMAT, VERSION, Identity, ModelError
-from aam.tracker import Fit
+from guise.aam.appearance import Components
+from guise.aam.model import FORMAT, VERSION, Identity, ModelError
+from guise.aam.tracker import Fit
 
 
 @pytest.fixture(scope="module")

@@ -30,9 +30,9 @@ import aam, analogy, app, render
 assert all(wheel in Path(m.__file__).parents for m in (aam, analogy, app, render)), aam.__file__
 
 import numpy as np
-from aam.landmarks import LbpDetector, to_face81
-from aam.reference import ReferenceFrame
-from app.cli import main
+from guise.aam.landmarks import LbpDetector, to_face81
+from guise.aam.reference import ReferenceFrame
+from guise.app.cli.main import main
 from render import make_compositor, probe_gl
 
 frame = ReferenceFrame.canonical(32)
@@ -135,7 +135,7 @@ def test_every_dependency_has_a_range() -> None:
             d
             for extra in project["optional-dependencies"].values()
             for d in extra
-            if not d.startswith("guise[")
+            if not d.startswith("guise-video[")
         ),
     ]
     assert [d for d in everything if not (">=" in d and ",<" in d)] == []
@@ -144,7 +144,7 @@ def test_every_dependency_has_a_range() -> None:
 def test_help_is_quick_because_heavy_libraries_wait() -> None:
     """Nothing that takes long to load is imported until a command needs it."""
     heavy = "{'cv2', 'av', 'scipy', 'skimage', 'onnxruntime'}"
-    code = f"import sys; import app.cli; print(sorted({heavy} & set(sys.modules)))"
+    code = f"import sys; import guise.app.cli.main; print(sorted({heavy} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
 

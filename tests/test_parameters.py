@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from made_up import appearance
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aam.appearance import AppearanceModel
-from aam.parameters import ParameterEstimator
-from aam.reference import ReferenceFrame
-from aam.similarity import Similarity
+from guise.aam.appearance import AppearanceModel
+from guise.aam.parameters import ParameterEstimator
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Similarity
 
 FRAME = ReferenceFrame.canonical(48)
 MODEL = appearance(5, modes=5, frame=FRAME, spread=900.0)
@@ -90,7 +90,7 @@ def test_more_places_than_there_are_take_them_all() -> None:
 
 
 def test_skin_texels_are_skin() -> None:
-    from aam.mask import skin_mask
+    from guise.aam.mask import skin_mask
 
     skin = skin_mask(FRAME)[FRAME.mask]
     assert skin[ESTIMATOR.texels[ESTIMATOR.skin]].all()

@@ -10,20 +10,28 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from aam.landmarks.schemes import INNER_LIPS, JAW, LEFT_BROW, LEFT_EYE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE
-from aam.reference import ReferenceFrame
-from analogy.photo import METHODS, Method, PhotoAnalogy, PhotoError
-from analogy.photo.change import BRIGHTER, agreement, bounded, steadied
-from analogy.photo.eyes import closed, opened_again
-from analogy.photo.flow import left
-from analogy.photo.grids import face
-from analogy.photo.heights import STEEPNESS, _gain, asked, heights, slopes
-from analogy.photo.motion import Motion
-from analogy.photo.mouth import opened
-from analogy.photo.poisson import integrated
-from analogy.photo.ratio import correlation, ratio
-from analogy.photo.template import ring, template
-from analogy.tents import Rings, Tents
+from guise.aam.landmarks.schemes import (
+    INNER_LIPS,
+    JAW,
+    LEFT_BROW,
+    LEFT_EYE,
+    OUTER_LIPS,
+    RIGHT_BROW,
+    RIGHT_EYE,
+)
+from guise.aam.reference import ReferenceFrame
+from guise.analogy.photo import METHODS, Method, PhotoAnalogy, PhotoError
+from guise.analogy.photo.change import BRIGHTER, agreement, bounded, steadied
+from guise.analogy.photo.eyes import closed, opened_again
+from guise.analogy.photo.flow import left
+from guise.analogy.photo.grids import face
+from guise.analogy.photo.heights import STEEPNESS, _gain, asked, heights, slopes
+from guise.analogy.photo.motion import Motion
+from guise.analogy.photo.mouth import opened
+from guise.analogy.photo.poisson import integrated
+from guise.analogy.photo.ratio import correlation, ratio
+from guise.analogy.photo.template import ring, template
+from guise.analogy.tents import Rings, Tents
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -18,15 +18,15 @@ from clips import cut, empty_scene, tags
 from made_up import SAMPLES
 from models import model_file
 
-from aam.landmarks import save_annotations
-from aam.reference import ReferenceFrame
-from analogy.photo import PhotoError
-from app.cli import main
-from app.media import open_source
-from app.media.images import DeepImage, encode_deep, read_deep
-from app.photos.driver import Driver
-from app.photos.faces import SHAPES_APART, Photo, require_usable, shapes_apart, turned, warnings
-from app.photos.facing import Facing
+from guise.aam.landmarks import save_annotations
+from guise.aam.reference import ReferenceFrame
+from guise.analogy.photo import PhotoError
+from guise.app.cli.main import main
+from guise.app.media import open_source
+from guise.app.media.images import DeepImage, encode_deep, read_deep
+from guise.app.photos.driver import Driver
+from guise.app.photos.faces import SHAPES_APART, Photo, require_usable, shapes_apart, turned, warnings
+from guise.app.photos.facing import Facing
 
 REST, OPEN = 0, 15  # frames of p01's talk2: at rest, and with an open mouth
 WIDTH, HEIGHT = 311, 419  # of T, as in the paper

@@ -8,14 +8,14 @@ import pytest
 from models import SMALL as OPTIONS
 from models import model_file
 
-from aam.appearance import SHAPE
-from aam.landmarks import open_landmarker
-from aam.mask import core_mask
-from aam.model import Identity
-from aam.recognition import DIRECTIONS, SAME, features, likeness, same_person, signature, signature_of
-from aam.reference import ReferenceFrame
-from app.donors import gallery, open_donor
-from app.enrol import LandmarkSource, enrol
+from guise.aam.appearance import SHAPE
+from guise.aam.landmarks import open_landmarker
+from guise.aam.mask import core_mask
+from guise.aam.model import Identity
+from guise.aam.recognition import DIRECTIONS, SAME, features, likeness, same_person, signature, signature_of
+from guise.aam.reference import ReferenceFrame
+from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.swapping.donors import gallery, open_donor
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 SMALL = ReferenceFrame.canonical(32)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aam.landmarks import MIRROR
-from aam.reference import MARGIN, RIGID_WEIGHTS, MeshSampler, ReferenceFrame, remap_points
-from aam.similarity import Similarity
+from guise.aam.landmarks import MIRROR
+from guise.aam.reference import MARGIN, RIGID_WEIGHTS, MeshSampler, ReferenceFrame, remap_points
+from guise.aam.similarity import Similarity
 
 FRAME = ReferenceFrame.canonical(64)
 

@@ -12,17 +12,17 @@ from made_up import SAMPLES
 from models import SMALL
 from numpy.testing import assert_allclose
 
-import app.enrol
-from aam.appearance import openness
-from aam.landmarks import Face, interocular
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.refinement import Refined, anchored, refine_shapes
-from aam.similarity import Failed
-from aam.tracker import Crop, Fit, cut
-from app.cli import main
-from app.enrol import LandmarkSource, enrol
-from app.media import open_source
+import guise.app.enrolment.enrol
+from guise.aam.appearance import openness
+from guise.aam.landmarks import Face, interocular
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.refinement import Refined, anchored, refine_shapes
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Crop, Fit, cut
+from guise.app.cli.main import main
+from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.media import open_source
 
 FRAME = ReferenceFrame.canonical(48)
 EVERY = 4
@@ -167,7 +167,7 @@ def test_landmarks_of_a_file_are_not_refined(tmp_path: Path, monkeypatch: pytest
     def refused(*_: object) -> Refined:
         raise AssertionError("refined")
 
-    monkeypatch.setattr(app.enrol, "refine_shapes", refused)
+    monkeypatch.setattr(guise.app.enrolment.enrol, "refine_shapes", refused)
     clip = cut_clip("p01", tmp_path / "clip.mp4", 30, clip="talk.mp4")
     np.savez(tmp_path / "clip.npz", landmarks=truth()[:30])
     assert enrol([clip], LandmarkSource(), name="p01", options=SMALL).name == "p01"
@@ -191,8 +191,8 @@ def test_the_command_switches_it(
 
     def stop(clips: object, output: object, landmarks: LandmarkSource, **_: object) -> None:
         seen.append(landmarks.refine)
-        raise app.enrol.EnrolError("enough")
+        raise guise.app.enrolment.enrol.EnrolError("enough")
 
-    monkeypatch.setattr("app.enrolling.enrol_file", stop)
+    monkeypatch.setattr("guise.app.enrolment.file.enrol_file", stop)
     main(["enroll", "clip.mp4", "-o", str(tmp_path / "a.guise"), *switch, "--quiet"])
     assert seen == [wanted]

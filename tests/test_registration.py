@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from aam.similarity import Similarity
-from analogy.correspondence import Correspondence
-from analogy.geometry import Surface, barycentric, border, geodesic_patch, vertex_areas, vertex_normals
-from analogy.landmark_search import refine_points
-from analogy.mesh import Mesh
-from analogy.register import Registration, RegistrationError, register, skin_of
+from guise.aam.similarity import Similarity
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.geometry import Surface, barycentric, border, geodesic_patch, vertex_areas, vertex_normals
+from guise.analogy.landmark_search import refine_points
+from guise.analogy.mesh import Mesh
+from guise.analogy.register import Registration, RegistrationError, register, skin_of
 
 F64 = NDArray[np.float64]
 PAIRS = Path(__file__).parents[2] / "shared" / "data" / "mesh"

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-import render.compositor
-from render import Compositor, GLInfo, GLMissing, RendererError, feather, make_compositor
-from render.gl import GLCompositor
+import guise.render.compositor
+from guise.render import Compositor, GLInfo, GLMissing, RendererError, feather, make_compositor
+from guise.render.gl import GLCompositor
 
 LANDMARKS = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk.npz"
 GRID = (220, 200)
@@ -427,7 +427,7 @@ def info(software: bool) -> GLInfo:
 def test_auto_takes_the_cpu_without_hardware_gl_and_says_why(
     make: Make, monkeypatch: pytest.MonkeyPatch, found: GLInfo | GLMissing, words: str
 ) -> None:
-    monkeypatch.setattr(render.compositor, "probe_gl", lambda: found)
+    monkeypatch.setattr(guise.render.compositor, "probe_gl", lambda: found)
     compositor = make("auto", QUAD, quad(20, 20), np.ones((20, 20), np.float32))
     assert compositor.name == "cpu"
     assert compositor.description.startswith("CPU: OpenCV")
@@ -436,7 +436,7 @@ def test_auto_takes_the_cpu_without_hardware_gl_and_says_why(
 
 @pytest.mark.egl
 def test_auto_takes_hardware_gl(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(render.compositor, "probe_gl", lambda: info(False))
+    monkeypatch.setattr(guise.render.compositor, "probe_gl", lambda: info(False))
     compositor = make("auto", QUAD, quad(20, 20), np.ones((20, 20), np.float32))
     assert compositor.name == "gl"
     assert compositor.description.startswith("GL: ")

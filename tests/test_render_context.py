@@ -4,8 +4,8 @@ import moderngl
 import numpy as np
 import pytest
 
-import render.context
-from render import GLInfo, GLMissing, RendererError, create_context, make_compositor, probe_gl
+import guise.render.context
+from guise.render import GLInfo, GLMissing, RendererError, create_context, make_compositor, probe_gl
 
 TRIANGLE = (
     np.array([[0, 1, 2]], np.int32),
@@ -27,7 +27,7 @@ def no_gl(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_context_is_new_enough_and_free_of_errors() -> None:
     context = create_context()
     try:
-        assert context.version_code >= render.context.MIN_GL_VERSION
+        assert context.version_code >= guise.render.context.MIN_GL_VERSION
         assert context.error == "GL_NO_ERROR"
     finally:
         context.release()
@@ -55,7 +55,7 @@ def test_software_renderers_are_known_by_name(renderer: str, software: bool) -> 
     class Context:
         info = {"GL_RENDERER": renderer, "GL_VENDOR": "vendor", "GL_VERSION": "4.5"}  # noqa: RUF012
 
-    assert render.context.describe(Context()).software is software
+    assert guise.render.context.describe(Context()).software is software
 
 
 @pytest.mark.usefixtures("no_gl")

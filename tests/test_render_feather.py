@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from render import RendererError, feather
+from guise.render import RendererError, feather
 
 
 def disc(radius: float, side: int = 120) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from render import feather, make_compositor
+from guise.render import feather, make_compositor
 
 GOLDEN = Path(__file__).parent / "golden"
 LANDMARKS = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk.npz"

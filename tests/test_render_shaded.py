@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_render_visibility import sphere
 
-from render.errors import RendererError
-from render.shaded import Camera, exposure, shaded, vertex_normals
+from guise.render.errors import RendererError
+from guise.render.shaded import Camera, exposure, shaded, vertex_normals
 
 SIZE = (81, 101)
 RED, BLUE = (0.9, 0.05, 0.05), (0.05, 0.05, 0.9)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from render.errors import RendererError
-from render.visibility import GLVisibility, Visibility, visible
+from guise.render.errors import RendererError
+from guise.render.visibility import GLVisibility, Visibility, visible
 
 BOTH = [pytest.param("gl", marks=pytest.mark.egl), "cpu"]
 SLOPE = np.array([[0, 0, 0], [8, 0, 0], [0, 8, 8]])  # deeper downwards

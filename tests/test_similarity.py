@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from aam.similarity import Failed, Similarity, align, align_planar
+from guise.aam.similarity import Failed, Similarity, align, align_planar
 
 SEEDS = st.integers(0, 2**32 - 1)
 DIMENSIONS = st.integers(2, 4)

@@ -12,10 +12,10 @@ from clips import cut
 from made_up import SAMPLES
 from studio_browser import StudioServer, browser, page, studio_server, visit  # noqa: F401
 
-from analogy.mesh_io import read_mesh, read_rig
-from app.media import open_source
-from app.media.images import read_deep
-from app.pictures import save_picture
+from guise.analogy.formats.files import read_mesh, read_rig
+from guise.app.media import open_source
+from guise.app.media.images import read_deep
+from guise.app.media.pictures import save_picture
 
 HEADS = SAMPLES / "heads"
 LONG = 120_000  # milliseconds, on a busy machine

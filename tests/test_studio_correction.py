@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from aam.landmarks import LandmarkError, interocular, load_annotations, open_landmarker
-from aam.landmarks import mirror as mirrored
-from app.media import open_source
-from app.studio.correction import (
+from guise.aam.landmarks import LandmarkError, interocular, load_annotations, open_landmarker
+from guise.aam.landmarks import mirror as mirrored
+from guise.app.media import open_source
+from guise.app.studio.correction import (
     CARRIED,
     CORRECTED,
     FOUND,

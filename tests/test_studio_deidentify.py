@@ -21,11 +21,11 @@ from studio_browser import (  # noqa: F401
     visit,
 )
 
-from aam.landmarks.detector import FaceDetector
-from app.run import silent
-from app.studio.deidentify_choices import timeline
-from app.studio.deidentify_jobs import render, review
-from app.studio.store import StudioError
+from guise.aam.landmarks.detector import FaceDetector
+from guise.app.studio.deidentify_choices import timeline
+from guise.app.studio.deidentify_jobs import render, review
+from guise.app.studio.store import StudioError
+from guise.common.progress import silent
 
 FRAMES = 30
 LONG = 120_000  # milliseconds, for a review or a rendering

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import studio_work
 
-from app.studio.jobs import Jobs
-from app.studio.store import JobRow, Store, StudioError
+from guise.app.studio.jobs import Jobs
+from guise.app.studio.store import JobRow, Store, StudioError
 
 KINDS = ("write", "wait", "mistake", "fault", "crash")
 PATIENCE = 60.0  # seconds, on a busy machine

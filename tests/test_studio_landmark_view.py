@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from app.studio.landmark_view import RING, ROOM, SCREEN, SMALLEST, View, name_of
+from guise.app.studio.landmark_view import RING, ROOM, SCREEN, SMALLEST, View, name_of
 
 TRUTH = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"].astype(np.float32)
 WHOLE = View.whole(640, 480)

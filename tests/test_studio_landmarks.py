@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from studio_browser import StudioServer, browser, studio, visit  # noqa: F401
 
-from aam.landmarks import load_annotations
-from aam.model import Identity
-from app.montage import montage
-from app.pictures import save_picture
-from app.studio.store import Person, Store
+from guise.aam.landmarks import load_annotations
+from guise.aam.model import Identity
+from guise.app.media.pictures import save_picture
+from guise.app.people.montage import montage
+from guise.app.studio.store import Person, Store
 
 GALLERY = Path(__file__).parents[1] / "app" / "gallery"
 FRAMES = 24

@@ -19,7 +19,7 @@ pytest.importorskip("aiortc")
 pytest.importorskip("playwright")
 from studio_browser import StudioServer, browser, camera_file, studio, visit  # noqa: F401
 
-from app.studio.store import Store
+from guise.app.studio.store import Store
 
 PATIENCE = 60_000  # milliseconds
 GALLERY = Path(__file__).parents[1] / "app" / "gallery"

@@ -15,7 +15,7 @@ from clips import cut, empty_scene
 from made_up import SAMPLES
 from studio_browser import LIMIT, StudioServer, browser, page, studio, studio_server, visit  # noqa: F401
 
-from aam.model import Identity
+from guise.aam.model import Identity
 
 LONG = SAMPLES / "p01" / "talk.mp4"  # what takes so long to learn that it can be cancelled
 ENROL = 120_000  # milliseconds, on a busy machine

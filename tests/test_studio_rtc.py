@@ -18,18 +18,18 @@ pytest.importorskip("aiortc")
 from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.mediastreams import MediaStreamError
 
-from app.donors import open_donor
-from app.live.capture import Capture, FileCapture
-from app.live.controls import Controls
-from app.live.face import Look
-from app.live.output import Output, Shown
-from app.live.pipeline import Pipeline, Stats
-from app.live.session import Plan
-from app.media import Frame, MediaError
-from app.media.frame import plane_arrays
-from app.studio.rtc import BrowserCamera, Peer, PeerOutput, ResultTrack, picture
-from app.studio.show import Show
-from app.studio.store import StudioError
+from guise.app.live.capture import Capture, FileCapture
+from guise.app.live.controls import Controls
+from guise.app.live.face import Look
+from guise.app.live.output import Output, Shown
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.session import Plan
+from guise.app.media import Frame, MediaError
+from guise.app.media.frame import plane_arrays
+from guise.app.studio.rtc import BrowserCamera, Peer, PeerOutput, ResultTrack, picture
+from guise.app.studio.show import Show
+from guise.app.studio.store import StudioError
+from guise.app.swapping.donors import open_donor
 
 PATIENCE = 20.0  # seconds
 CLIP = SAMPLES / "p01" / "talk2.mp4"

@@ -175,17 +175,17 @@ def test_the_studio_listens_on_this_computer_only(server: StudioServer) -> None:
 
 
 def test_a_port_that_is_taken_is_one_sentence(server: StudioServer, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "app.cli", "studio", "--no-open", "--folder", str(tmp_path)]
+    command = [sys.executable, "-m", "guise", "studio", "--no-open", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--port", str(server.port)], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"error: port {server.port} is not free: choose another --port\n"
 
 
 def test_a_missing_extra_is_one_sentence() -> None:
-    code = "import sys; sys.modules['nicegui'] = None; from app.cli import main; sys.exit(main(['studio']))"
+    code = "import sys; sys.modules['nicegui'] = None; from guise.app.cli.main import main; sys.exit(main(['studio']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == 'error: the studio needs nicegui: pip install "guise[studio]"\n'
+    assert done.stderr == 'error: the studio needs nicegui: pip install "guise-video[studio]"\n'
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

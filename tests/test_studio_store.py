@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app.studio.store import LONGEST_NAME, Store, StudioError
+from guise.app.studio.store import LONGEST_NAME, Store, StudioError
 
 TRICKS = [
     "../../evil",

@@ -9,15 +9,15 @@ from clips import cut, empty_scene, pictures, tags
 from made_up import SAMPLES
 from models import model_file
 
-from aam.model import Identity
-from app.engine import Options
-from app.enrol import LandmarkSource
-from app.media import EncodeOptions, open_source
-from app.outputs import DIGITAL_SOURCE_TYPE
-from app.run import Settings, SwapError
-from app.swap import swap_file
-from app.threads import one_thread
-from app.version import version
+from guise.aam.model import Identity
+from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.media import EncodeOptions, open_source
+from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
+from guise.app.swapping.file import swap_file
+from guise.app.swapping.options import Options
+from guise.app.swapping.run import Settings, SwapError
+from guise.common.threads import one_thread
+from guise.common.version import version
 
 LOSSLESS = Settings(Options(renderer="cpu"), EncodeOptions(lossless=True))
 

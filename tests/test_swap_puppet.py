@@ -7,11 +7,11 @@ import pytest
 from clips import cut, pictures, tags
 from models import model_file
 
-from aam.landmarks import LbpDetector
-from aam.model import Identity, Still
-from aam.reference import ReferenceFrame
-from app.media import Frame, open_source
-from app.puppet import PINNED, PoseRemover, Puppet, fitted, puppet_file, uncrossed
+from guise.aam.landmarks import LbpDetector
+from guise.aam.model import Identity, Still
+from guise.aam.reference import ReferenceFrame
+from guise.app.media import Frame, open_source
+from guise.app.swapping.puppet import PINNED, PoseRemover, Puppet, fitted, puppet_file, uncrossed
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from analogy.baselines import Cloning, GradientTransfer
-from analogy.solver import SolverError, _by_superlu, factorised
-from analogy.tents import Rings, Tents, TentTransfer, tips, vertex_error
+from guise.analogy.baselines import Cloning, GradientTransfer
+from guise.analogy.solver import SolverError, _by_superlu, factorised
+from guise.analogy.tents import Rings, Tents, TentTransfer, tips, vertex_error
 
 F64 = NDArray[np.float64]
 SIDE = 14

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aam.follow import PersonFollower
-from aam.landmarks import LbpDetector
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.similarity import Failed
-from aam.tracker import (
+from guise.aam.follow import PersonFollower
+from guise.aam.landmarks import LbpDetector
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.tracker import (
     FEATURE_RESOLUTION,
     Crop,
     Fit,

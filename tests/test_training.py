@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aam.appearance import openness
-from aam.mask import soft_parts
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.similarity import Failed
-from aam.training import (
+from guise.aam.appearance import openness
+from guise.aam.mask import soft_parts
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.training import (
     FEWEST,
     Observation,
     TrainingError,

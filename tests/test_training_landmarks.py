@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from aam.landmarks import MIRROR, interocular
-from aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks import MIRROR, interocular
+from guise.aam.landmarks.schemes import mean_geometry
 from training import augment
 from training.clutter import clutter
 from training.crops import plain_crops

@@ -10,14 +10,14 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from aam.similarity import Failed, Similarity
-from analogy.correspondence import Correspondence
-from analogy.feature_points import FeaturePointsError
-from analogy.filling import Filling
-from analogy.mesh import Mesh, MeshError
-from analogy.rigid import fit, fit_most, moved
-from analogy.tents import vertex_error
-from analogy.transfer import Method, Transfer, prepare
+from guise.aam.similarity import Failed, Similarity
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.feature_points import FeaturePointsError
+from guise.analogy.filling import Filling
+from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.rigid import fit, fit_most, moved
+from guise.analogy.tents import vertex_error
+from guise.analogy.transfer import Method, Transfer, prepare
 
 F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
@@ -342,7 +342,7 @@ def test_another_method_is_refused() -> None:
 
 
 def test_without_a_face_there_is_nothing_to_prepare(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analogy.transfer.find", lambda mesh: Failed("nothing looks like a face"))
+    monkeypatch.setattr("guise.analogy.transfer.find", lambda mesh: Failed("nothing looks like a face"))
     with pytest.raises(FeaturePointsError, match="no face was found on the source: nothing looks"):
         prepare(SOURCE, TARGET)
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
+from guise.aam.landmarks import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
 
 SIZE = 128  # pixels, the side of the network's input
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points

@@ -40,7 +40,7 @@ def frame(points: NDArray[Any]) -> tuple[F64, F64]:
 
 def difference(found: NDArray[Any], labels: NDArray[Any]) -> F64:
     """Mean of found less labels (n, 81, 2) along and down the faces, made symmetric: (81, 2)."""
-    from aam.landmarks import MIRROR
+    from guise.aam.landmarks import MIRROR
 
     across, down = frame(labels)
     basis = np.concatenate([across, down], axis=1)  # (n, 2, 2), rows are the axes

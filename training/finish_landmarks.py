@@ -25,7 +25,7 @@ from onnx import TensorProto, helper, numpy_helper
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 from scipy.optimize import minimize
 
-from aam.landmarks import interocular
+from guise.aam.landmarks import interocular
 from training.augment import negative, sample
 from training.crops import plain_crops
 from training.data import Pictures, load_parts, load_real
@@ -138,7 +138,8 @@ def hard_samples(
 
 
 def calibrate(path: Path, pictures: list[Pictures], count: int = 4000, seed: int = 5) -> dict[str, Any]:
-    """Weights of the confidence (see aam.landmarks.builtin.Calibration) and how well they hold on a second sample."""
+    """Weights of the confidence (see guise.aam.landmarks.builtin.Calibration) and how well they hold on a
+    second sample."""
     crops, points, face = hard_samples(pictures, count, seed)
     features, good, ratio = _features(path, crops, points, face)
     start = np.array([-10.0, -4.0, 0.5])

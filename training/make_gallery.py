@@ -22,14 +22,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import SHAPE
-from aam.landmarks import open_landmarker
-from aam.mask import skin_mask, soft_parts
-from aam.model import Identity
-from aam.reference import POINTS, ReferenceFrame
-from aam.training import LUMA, TrainingOptions
-from app.enrol import LandmarkSource, enrol
-from app.version import version
+from guise.aam.appearance import SHAPE
+from guise.aam.landmarks import open_landmarker
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.model import Identity
+from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.training import LUMA, TrainingOptions
+from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.common.version import version
 
 ROOT = Path(__file__).parents[1]
 GALLERY, PICTURE = ROOT / "app" / "gallery", ROOT / "docs" / "images" / "gallery.jpg"

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import Delaunay
 
-from aam.landmarks import MIRROR
-from aam.reference import RIGID_WEIGHTS
-from aam.similarity import align
+from guise.aam.landmarks import MIRROR
+from guise.aam.reference import RIGID_WEIGHTS
+from guise.aam.similarity import align
 
 ROOT = Path(__file__).parents[1]
 LIPS = np.arange(48, 68)

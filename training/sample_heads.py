@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.mesh_io import read_mesh, write_rig
+from guise.analogy.formats.files import read_mesh, write_rig
 
 F64 = NDArray[np.float64]
 Faces = list[list[int]]

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE
 from training.backgrounds import CLIPS, hand, random_background, skin
 from training.data import VALIDATION_PEOPLE, Pictures, london_people
 

@@ -5,7 +5,7 @@
 PARTS holds what `render_people.py` wrote; DATA is the folder with `pairs/london` and `real`, whose trainable pictures
 join in the second stage. OUT gets `rendered.onnx` (after the first stage, rendered people alone), `landmarks.onnx`,
 `curves.csv`, and the last weights. The same seed and data give the same samples in the same order. PyTorch is needed
-here only (`pip install guise[train]`).
+here only (`pip install guise-video[train]`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from aam.landmarks import interocular
+from guise.aam.landmarks import interocular
 from training import definitions
 from training.augment import SIZE, negative, sample
 from training.clutter import clutter

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import sample_texture
-from aam.landmarks import open_landmarker
-from aam.recognition import DIRECTIONS, RESOLUTION, features
-from aam.reference import ReferenceFrame
+from guise.aam.appearance import sample_texture
+from guise.aam.landmarks import open_landmarker
+from guise.aam.recognition import DIRECTIONS, RESOLUTION, features
+from guise.aam.reference import ReferenceFrame
 from training.data import load_parts, london_people
 
 OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"

@@ -5,12 +5,12 @@ text, :func:`load_annotations` reads points from files, :func:`track_video` foll
 Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).
 """
 
-from .annotations import Annotations, load_annotations, save_annotations
-from .boxes import LbpDetector, YunetDetector
-from .card import Card, read_card
-from .face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, overlap, tight_box
-from .onnx import OnnxLandmarker
-from .registry import (
+from guise.aam.landmarks.annotations import Annotations, load_annotations, save_annotations
+from guise.aam.landmarks.boxes import LbpDetector, YunetDetector
+from guise.aam.landmarks.card import Card, read_card
+from guise.aam.landmarks.face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, overlap, tight_box
+from guise.aam.landmarks.onnx import OnnxLandmarker
+from guise.aam.landmarks.registry import (
     detector_usages,
     landmarker_usages,
     open_detector,
@@ -18,7 +18,7 @@ from .registry import (
     register_detector,
     register_landmarker,
 )
-from .schemes import (
+from guise.aam.landmarks.schemes import (
     COUNT,
     FOREHEAD,
     GROUPS,
@@ -39,8 +39,8 @@ from .schemes import (
     scheme_named,
     to_face81,
 )
-from .smoothing import Smoother
-from .tracking import Follower, track_video
+from guise.aam.landmarks.smoothing import Smoother
+from guise.aam.landmarks.tracking import Follower, track_video
 
 __all__ = [
     "COUNT",

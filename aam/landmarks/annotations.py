@@ -38,8 +38,8 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from .face import Float32, LandmarkError, frozen
-from .schemes import COUNT, scheme_named, scheme_of_count, to_face81
+from guise.aam.landmarks.face import Float32, LandmarkError, frozen
+from guise.aam.landmarks.schemes import COUNT, scheme_named, scheme_of_count, to_face81
 
 _NPZ_KEYS = ("face81", "landmarks", "points")
 _JSON_KEYS = ("scheme", "frames", "count", "about")

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .face import BoxFit, Float32, Image, LandmarkError, overlap
+from guise.aam.landmarks.face import BoxFit, Float32, Image, LandmarkError, overlap
 
 _WINDOW = 24  # pixels, the side of the cascade's window
 _STEP, _FINE_STEP = 1.15, 1.05  # from one size of face to the next

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .face import BoxDetector, Face, Image, overlap
-from .onnx import open_session
-from .plausible import visible_share
-from .schemes import OUTER_EYE_CORNERS, interocular
+from guise.aam.landmarks.face import BoxDetector, Face, Image, overlap
+from guise.aam.landmarks.onnx import open_session
+from guise.aam.landmarks.plausible import visible_share
+from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, interocular
 
 DATA = Path(__file__).parents[1] / "data"
 SIZE = 128  # pixels, the side of the crop
@@ -92,7 +92,7 @@ class BuiltinLandmarker:
 
     def __init__(self, detector: BoxDetector | None = None, threads: int = 1) -> None:
         if detector is None:
-            from .detector import FaceDetector
+            from guise.aam.landmarks.detector import FaceDetector
 
             detector = FaceDetector(min_score=_CANDIDATE, threads=threads)
         self.detector = detector

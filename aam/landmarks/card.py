@@ -50,8 +50,8 @@ from typing import Any
 
 import numpy as np
 
-from .face import BoxFit, LandmarkError
-from .schemes import Scheme, scheme_named
+from guise.aam.landmarks.face import BoxFit, LandmarkError
+from guise.aam.landmarks.schemes import Scheme, scheme_named
 
 _LAYOUTS = ("nchw", "nhwc")
 _COLOURS = ("rgb", "bgr", "gray")

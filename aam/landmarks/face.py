@@ -1,7 +1,7 @@
 """What every landmark source gives and takes: a face, a landmarker, a box detector.
 
 Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3). Landmarks are in scheme
-``face81`` (see :mod:`aam.landmarks.schemes`) and never rounded.
+``face81`` (see :mod:`guise.aam.landmarks.schemes`) and never rounded.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.common.errors import GuiseError
+
 Float32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
 
-class LandmarkError(ValueError):
+class LandmarkError(GuiseError):
     """A user's mistake about landmarks, in one sentence: what was expected, what was got, what to do."""
 
 

@@ -1,6 +1,6 @@
 """Landmarks from an ONNX model that a TOML card describes, run by onnxruntime.
 
-The user brings the model and its card; :mod:`aam.landmarks.card` tells the card's format. Images RGB uint8
+The user brings the model and its card; :mod:`guise.aam.landmarks.card` tells the card's format. Images RGB uint8
 (h, w, 3); pixels, x right, y down, pixel centres at integers.
 """
 
@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .card import Card, first_line, read_card
-from .face import BoxDetector, Face, Image, LandmarkError, overlap, tight_box
-from .plausible import pass_shift, settled_confidence, shape_confidence, visible_share
-from .schemes import OUTER_EYE_CORNERS
-from .weights import without_tiny_weights
+from guise.aam.landmarks.card import Card, first_line, read_card
+from guise.aam.landmarks.face import BoxDetector, Face, Image, LandmarkError, overlap, tight_box
+from guise.aam.landmarks.plausible import pass_shift, settled_confidence, shape_confidence, visible_share
+from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
+from guise.aam.landmarks.weights import without_tiny_weights
 
 _LEAST_VISIBLE = 0.5  # share of the points inside the picture, below which a face counts as lost
 _LEAST_CONFIDENCE = 0.1
@@ -34,7 +34,7 @@ class OnnxLandmarker:
     card : path or Card
         The TOML card.
     detector : BoxDetector, optional
-        Finds the faces to start from; without one :class:`aam.landmarks.boxes.LbpDetector`.
+        Finds the faces to start from; without one :class:`guise.aam.landmarks.boxes.LbpDetector`.
     threads : int
         Threads of onnxruntime within one call; one by default, as the models are small.
     """
@@ -140,7 +140,7 @@ class OnnxLandmarker:
 
 
 def _default_detector() -> BoxDetector:
-    from .boxes import LbpDetector
+    from guise.aam.landmarks.boxes import LbpDetector
 
     return LbpDetector()
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from .face import BoxDetector, Landmarker, LandmarkError
+from guise.aam.landmarks.face import BoxDetector, Landmarker, LandmarkError
 
 LandmarkerFactory = Callable[[str, BoxDetector | None], Landmarker]
 DetectorFactory = Callable[[str], BoxDetector]
@@ -55,7 +55,7 @@ def open_landmarker(spec: str) -> Landmarker:
     --------
     >>> open_landmarker("magic")
     Traceback (most recent call last):
-    aam.landmarks.face.LandmarkError: landmarker must be one of builtin[@DETECTOR], CARD.toml[@DETECTOR]; got 'magic'
+    guise.aam.landmarks.face.LandmarkError: landmarker must be one of builtin[@DETECTOR], ...
     """
     own, _, detector_spec = spec.partition("@") if "@" not in spec else _split_detector(spec)
     name, _, argument = own.partition(":")
@@ -93,7 +93,7 @@ def _split_detector(spec: str) -> tuple[str, str, str]:
 
 
 def _open_builtin(argument: str, detector: BoxDetector | None) -> Landmarker:
-    from .builtin import BuiltinLandmarker
+    from guise.aam.landmarks.builtin import BuiltinLandmarker
 
     if argument:
         raise LandmarkError(f"landmarker builtin takes no argument, got {argument!r}")
@@ -101,13 +101,13 @@ def _open_builtin(argument: str, detector: BoxDetector | None) -> Landmarker:
 
 
 def _open_onnx(argument: str, detector: BoxDetector | None) -> Landmarker:
-    from .onnx import OnnxLandmarker
+    from guise.aam.landmarks.onnx import OnnxLandmarker
 
     return OnnxLandmarker(argument, detector)
 
 
 def _open_builtin_detector(argument: str) -> BoxDetector:
-    from .detector import FaceDetector
+    from guise.aam.landmarks.detector import FaceDetector
 
     if argument:
         raise LandmarkError(f"face detector builtin takes no argument, got {argument!r}")
@@ -115,7 +115,7 @@ def _open_builtin_detector(argument: str) -> BoxDetector:
 
 
 def _open_lbp(argument: str) -> BoxDetector:
-    from .boxes import LbpDetector
+    from guise.aam.landmarks.boxes import LbpDetector
 
     if argument:
         raise LandmarkError(f"face detector lbp takes no argument, got {argument!r}")
@@ -123,7 +123,7 @@ def _open_lbp(argument: str) -> BoxDetector:
 
 
 def _open_yunet(argument: str) -> BoxDetector:
-    from .boxes import YunetDetector
+    from guise.aam.landmarks.boxes import YunetDetector
 
     if not argument:
         raise LandmarkError("face detector yunet needs its model, as in yunet:MODEL.onnx; got no path")

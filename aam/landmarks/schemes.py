@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .face import Float32, LandmarkError
+from guise.aam.landmarks.face import Float32, LandmarkError
 
 JAW = tuple(range(0, 17))
 RIGHT_BROW = tuple(range(17, 22))

@@ -11,7 +11,8 @@ cancels in that mean, motion persists. The original raises the cutoff with a spe
 which is too slow for a blink of a tenth of a second; here a way of several times `quiet` passes at once. A point's
 evidence is that of its neighbours in the same feature (lid, lip, brow), for these move together.
 
-:class:`aam.follow.Steadier` has the same idea for the shapes of a person's tracker. It stays apart: those shapes lie in
+:class:`guise.aam.follow.Steadier` has the same idea for the shapes of a person's tracker. It stays apart:
+those shapes lie in
 the tracker's few modes and hold less noise, come without confidences, and are steadied by frames, not by seconds.
 
 Ways are in inter-ocular distances and times in seconds, so that sizes and frame rates do not matter. Points face81,
@@ -25,10 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.similarity import align_planar
-
-from .face import Float32
-from .schemes import (
+from guise.aam.landmarks.face import Float32
+from guise.aam.landmarks.schemes import (
     COUNT,
     FOREHEAD,
     INNER_LIPS,
@@ -42,6 +41,7 @@ from .schemes import (
     interocular,
     mean_geometry,
 )
+from guise.aam.similarity import align_planar
 
 Floats = NDArray[np.float64]
 
@@ -176,7 +176,7 @@ def _neighbours() -> Floats:
 
 def _rigid() -> Floats:
     """(81,) weights of the points that move with the skull, as for the reference frame; they sum to 1."""
-    from aam.reference import RIGID_WEIGHTS  # here, as that module needs this package
+    from guise.aam.reference import RIGID_WEIGHTS  # here, as that module needs this package
 
     return RIGID_WEIGHTS
 

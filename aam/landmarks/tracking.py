@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from .face import Face, Float32, Image, Landmarker, overlap
-from .plausible import followed
-from .schemes import COUNT
+from guise.aam.landmarks.face import Face, Float32, Image, Landmarker, overlap
+from guise.aam.landmarks.plausible import followed
+from guise.aam.landmarks.schemes import COUNT
 
 Report = Callable[[str], None]
 

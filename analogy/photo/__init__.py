@@ -1,6 +1,6 @@
 """Facial expression analogy between photographs (Song et al. 2007, section VI): S is to S' as T is to T'."""
 
-from analogy.photo.analogy import METHODS, MOUTHS, Method, Mouth, PhotoAnalogy
-from analogy.photo.pictures import PhotoError
+from guise.analogy.photo.analogy import METHODS, MOUTHS, Method, Mouth, PhotoAnalogy
+from guise.analogy.photo.pictures import PhotoError
 
 __all__ = ["METHODS", "MOUTHS", "Method", "Mouth", "PhotoAnalogy", "PhotoError"]

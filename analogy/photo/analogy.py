@@ -11,17 +11,15 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.photo.change import agreement, bounded, carried, steadied
-from analogy.photo.eyes import closed, opened_again
-from analogy.photo.filling import filled, lidded
-from analogy.photo.flow import followed, left
-from analogy.photo.grids import Grid, Seen, drawn, face, own, wide
-from analogy.photo.heights import DARK, asked, heights
-from analogy.photo.motion import Motion
-from analogy.photo.mouth import light, opened
-from analogy.photo.pictures import (
-    F32,
-    F64,
+from guise.analogy.photo.change import agreement, bounded, carried, steadied
+from guise.analogy.photo.eyes import closed, opened_again
+from guise.analogy.photo.filling import filled, lidded
+from guise.analogy.photo.flow import followed, left
+from guise.analogy.photo.grids import Grid, Seen, drawn, face, own, wide
+from guise.analogy.photo.heights import DARK, asked, heights
+from guise.analogy.photo.motion import Motion
+from guise.analogy.photo.mouth import light, opened
+from guise.analogy.photo.pictures import (
     LUMINANCE,
     PhotoError,
     Picture,
@@ -31,9 +29,10 @@ from analogy.photo.pictures import (
     shrunk,
     unit,
 )
-from analogy.photo.poisson import integrated
-from analogy.photo.ratio import faded, ratio
-from analogy.photo.template import ring, template
+from guise.analogy.photo.poisson import integrated
+from guise.analogy.photo.ratio import faded, ratio
+from guise.analogy.photo.template import ring, template
+from guise.common.arrays import F32, F64
 
 Method = Literal["tents", "ratio", "warp"]
 Mouth = Literal["fill", "none"]

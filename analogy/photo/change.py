@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.photo.pictures import F32
+from guise.common.arrays import F32
 
 NEAR = 0.012  # of the face's width: sigma of the neighbourhoods that are compared
 FLAT = 0.03  # heights (logarithms of luminance) within which a neighbourhood is flat

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
-from analogy.photo.pictures import F64
+from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
+from guise.common.arrays import F64
 
 EYES = (RIGHT_EYE, LEFT_EYE)
 CLOSES = (

@@ -5,8 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from analogy.photo.heights import DARK
-from analogy.photo.pictures import F32, LUMINANCE
+from guise.analogy.photo.heights import DARK
+from guise.analogy.photo.pictures import LUMINANCE
+from guise.common.arrays import F32
 
 BRIGHT = 3  # power of its luminance by which skin counts
 AROUND = 0.03  # of the face's width: sigma of the surroundings whose colours are taken

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.photo.pictures import F32
+from guise.common.arrays import F32
 
 FARTHEST = 0.03  # of the face's width: motion that landmarks may leave
 SMOOTH = 0.01  # of the face's width: sigma of the field

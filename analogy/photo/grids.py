@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.photo.pictures import F32, F64, PhotoError
-from analogy.photo.template import OUTLINE, Template
-from render.visibility import visible
+from guise.analogy.photo.pictures import PhotoError
+from guise.analogy.photo.template import OUTLINE, Template
+from guise.common.arrays import F32, F64
+from guise.render.visibility import visible
 
 Mask = NDArray[np.bool_]
 

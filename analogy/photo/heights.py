@@ -2,7 +2,8 @@
 
 A pixel (i, j) with luminance l is the vertex (i, j, k l).  Its tent is its four edges and a tip along its normal;
 the transformation Q of the tents of S by the expression (eq. 2) is asked of those of T, where i and j are known, so
-that only the heights are solved for.  `analogy.tents.Tents` says the same of any mesh; on a grid it is closed form.
+that only the heights are solved for.  `guise.analogy.tents.Tents` says the same of any mesh; on a grid it is
+closed form.
 
 l is the logarithm of the luminance: a change of light that is smooth over the face then adds a smooth surface, which
 slopes hardly see.
@@ -11,9 +12,8 @@ slopes hardly see.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
+from guise.common.arrays import F32
 
 DARK = np.float32(0.02)  # luminance added before the logarithm, so that noise in black is no relief
 STEEPNESS = 2.0  # k: pixels by which a vertex rises for e times the luminance

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.similarity import Failed, Similarity, align
-from analogy.photo.pictures import PhotoError
-
-F64 = NDArray[np.float64]
+from guise.aam.similarity import Failed, Similarity, align
+from guise.analogy.photo.pictures import PhotoError
+from guise.common.arrays import F64
 
 STILL = (36, 39, 42, 45, 27, 28, 29, 0, 1, 15, 16, 68, 69, 79, 80)  # landmarks that move with the skull
 ROUNDS = 8  # of reweighting

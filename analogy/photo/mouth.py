@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
-from analogy.photo.pictures import F32, F64
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.common.arrays import F32, F64
 
 OPENS = (0.005, 0.03)  # gap of the lips by their width, gained over the neutral one: nothing to all is filled
 WHITE = 85  # percentile of an eye that is taken for its white

@@ -8,15 +8,16 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from guise.common.arrays import F32, F64
+from guise.common.errors import GuiseError
+
 Picture = NDArray[Any]
 
 POINTS = 81
 LUMINANCE = np.array([0.299, 0.587, 0.114], np.float32)  # Y of YUV
 
 
-class PhotoError(ValueError):
+class PhotoError(GuiseError):
     """A picture or points that cannot be used; one sentence."""
 
 

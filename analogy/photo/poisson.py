@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
+from guise.common.arrays import F32
 
 CYCLES = 6
 SWEEPS = 2  # before and after each coarser grid
@@ -22,7 +22,7 @@ _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32)
 def integrated(right: F32, down: F32, region: NDArray[np.bool_]) -> F32:
     """The field (h, w) whose edges are as near as can be to those given, zero outside a region.
 
-    right, down : (h, w - 1) and (h - 1, w) edges, as of `analogy.photo.heights.slopes`.
+    right, down : (h, w - 1) and (h - 1, w) edges, as of `guise.analogy.photo.heights.slopes`.
     region : (h, w), of which the picture's rim is no part.
 
     The sum of squared differences over all edges is least: 4 u - sum of neighbours = what flows out.

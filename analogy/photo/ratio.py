@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.photo.pictures import F32
+from guise.common.arrays import F32
 
 WIDEST = 0.02  # of the face's width: the Gaussian's sigma where nothing correlates
 LEVELS = 4  # Gaussians between which is chosen

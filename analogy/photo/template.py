@@ -16,11 +16,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from aam.landmarks.schemes import FOREHEAD, INNER_LIPS, JAW, LEFT_EYE, RIGHT_EYE
-from aam.reference import ReferenceFrame
-from analogy.solver import factorised
+from guise.aam.landmarks.schemes import FOREHEAD, INNER_LIPS, JAW, LEFT_EYE, RIGHT_EYE
+from guise.aam.reference import ReferenceFrame
+from guise.analogy.solver import factorised
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 
 SPACING = 5.0  # between vertices, canonical pixels

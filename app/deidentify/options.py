@@ -6,14 +6,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from app.media import EncodeOptions
-from render.compositor import Renderer
+from guise.app.media import EncodeOptions
+from guise.app.swapping.cover import CoverStyle
+from guise.common.errors import GuiseError
+from guise.render.compositor import Renderer
 
-CoverStyle = Literal["solid", "mosaic", "blur"]
 Audio = Literal["keep", "drop", "mask"]
 
 
-class DeidentifyError(ValueError):
+class DeidentifyError(GuiseError):
     """A de-identification that cannot be done; one sentence."""
 
 

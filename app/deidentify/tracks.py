@@ -31,7 +31,7 @@ class Track:
     confidence : mean confidence in [0, 1] over at most 100 equal parts of first..last; 0 where it was not seen.
     proposed, reason : what Guise would do, and why it would not swap ("" for a swap).
     action : what is to be done, which the user may change.
-    donor : whose face is shown, see `app.donors.open_donor`; "" unless swapped.
+    donor : whose face is shown, see `guise.app.swapping.donors.open_donor`; "" unless swapped.
     name : the user's name for the person, or "".
     can_swap : whether there is a model of the face, without which it can only be covered or left.
     """

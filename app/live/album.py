@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import openness
-from aam.reference import POINTS, ReferenceFrame
-from aam.similarity import Failed
-from aam.tracker import FEATURE_RESOLUTION, Crop, cut
-from aam.training import Observation, observe
+from guise.aam.appearance import openness
+from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
+from guise.aam.training import Observation, observe
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 STRETCHES = 32  # of the time; the sharpest frame of each is kept

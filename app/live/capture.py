@@ -1,4 +1,4 @@
-"""Where live pictures come from: a camera, or a file played at its own pace.  Streams are in `app.live.streams`.
+"""Where live pictures come from: a camera, or a file played at its own pace.  Streams are in `guise.app.live.streams`.
 
 A capture gives `Frame`s whose times ascend; it closes by `with`.  Pictures are as shown.
 """
@@ -12,8 +12,8 @@ from pathlib import Path
 
 import cv2
 
-from app.media import Frame, MediaError, open_source
-from render.closing import Closing
+from guise.app.media import Frame, MediaError, open_source
+from guise.common.closing import Closing
 
 Say = Callable[[str], None]
 

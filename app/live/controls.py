@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from queue import SimpleQueue
 from typing import Any, Literal
 
-from aam.extrapolation import DEFAULT_ALPHA
-from app.deidentify.options import CoverStyle
+from guise.aam.extrapolation import DEFAULT_ALPHA
+from guise.app.swapping.cover import CoverStyle
 
 Mode = Literal["swap", "puppet", "off"]
 Request = Literal["record", "snapshot", "enrol", "quit"]

@@ -12,20 +12,20 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import neutral_frames
-from aam.landmarks import Face, Follower, Landmarker, LbpDetector, open_landmarker
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.similarity import Failed
-from aam.tracker import FEATURE_RESOLUTION
-from aam.training import FEWEST, STILLS, Choice, Observation, TrainingOptions, choose_frames
-from app.enrol import EnrolError, Progress, box_relation, train
-from app.failures import Interrupted
-from app.live.album import Album, Shot
-from app.media import Frame
-from app.run import silent
+from guise.aam.appearance import neutral_frames
+from guise.aam.landmarks import Face, Follower, Landmarker, LbpDetector, open_landmarker
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.tracker import FEATURE_RESOLUTION
+from guise.aam.training import FEWEST, STILLS, Choice, Observation, TrainingOptions, choose_frames
+from guise.app.enrolment.enrol import EnrolError, Progress, box_relation, train
+from guise.app.live.album import Album, Shot
+from guise.app.media import Frame
+from guise.common.arrays import F64
+from guise.common.errors import Interrupted
+from guise.common.progress import silent
 
-F64 = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 NEAR = 80.0  # pixels, the narrowest face

@@ -15,22 +15,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.follow import PersonFollower
-from aam.landmarks import overlap
-from aam.model import Identity
-from aam.similarity import Failed
-from aam.tracker import Fit
-from app.deidentify.cover import cover, cover_all, region
-from app.deidentify.fit import trust
-from app.engine import Engine, Options
-from app.live.controls import Settings
-from app.live.letterbox import letterboxed
-from app.live.watch import Watch
-from app.media import Frame
-from app.puppet import Puppet
-from render.closing import Closing
-
-F64 = NDArray[np.float64]
+from guise.aam.follow import PersonFollower
+from guise.aam.landmarks import overlap
+from guise.aam.model import Identity
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Fit
+from guise.app.live.controls import Settings
+from guise.app.live.letterbox import letterboxed
+from guise.app.live.watch import Watch
+from guise.app.media import Frame
+from guise.app.swapping.cover import cover, cover_all, region
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.options import Options
+from guise.app.swapping.puppet import Puppet
+from guise.app.swapping.trust import trust
+from guise.common.arrays import F64
+from guise.common.closing import Closing
 
 Outcome = Literal["swapped", "covered", "lost", "off", "shown", "enrolling"]
 

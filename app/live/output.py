@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from app.live.face import Look
-    from app.live.pipeline import Stats
-    from app.media import Frame
+    from guise.app.live.face import Look
+    from guise.app.live.pipeline import Stats
+    from guise.app.media import Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Output:
     lossless = False
 
     def open(self, width: int, height: int, fps: float) -> None:
-        """Get ready for pictures of a size, pixels; raises what `app.failures` knows as a user's mistake."""
+        """Get ready for pictures of a size, pixels; raises what `guise.common.failures` knows as a user's mistake."""
 
     def show(self, shown: Shown) -> None:
         """Take a picture."""

@@ -14,14 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.reference import ReferenceFrame
-from app.live.controls import KEYS, Settings
-from app.live.output import Shown
-from app.live.pipeline import Stats
-from app.media import ColourMatrix, Frame
+from guise.aam.reference import ReferenceFrame
+from guise.app.live.controls import KEYS, Settings
+from guise.app.live.output import Shown
+from guise.app.live.pipeline import Stats
+from guise.app.media import ColourMatrix, Frame
+from guise.common.arrays import F32, F64
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Plane = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 Row = tuple[tuple[str, Colour], ...]  # cells of a table

@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
-from app.live.capture import Capture
-from app.live.output import Output, Shown
-from app.live.slot import Slot
-from app.media import Frame
+from guise.app.live.capture import Capture
+from guise.app.live.output import Output, Shown
+from guise.app.live.slot import Slot
+from guise.app.media import Frame
 
 RECENT = 120  # pictures over which rate and latency are told
 IDLE = 0.02  # seconds that the main thread sleeps when it has nothing to pump

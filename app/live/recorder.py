@@ -10,16 +10,18 @@ from fractions import Fraction
 from itertools import count
 from pathlib import Path
 
-from app.live.capture import Say
-from app.live.letterbox import letterboxed
-from app.live.output import Output, Shown
-from app.media import EncodeOptions, Frame, MediaError, Source
-from app.media.beside import Beside
-from app.media.encoding import encoding_for
-from app.media.images import encode_image
-from app.media.sink import VideoOutput, as_media_error
-from app.media.source import VideoSource
-from app.outputs import OutputError, require_free, synthetic_tags, write_whole
+from guise.app.live.capture import Say
+from guise.app.live.letterbox import letterboxed
+from guise.app.live.output import Output, Shown
+from guise.app.media import EncodeOptions, Frame, MediaError, Source
+from guise.app.media.beside import Beside
+from guise.app.media.encoding import encoding_for
+from guise.app.media.images import encode_image
+from guise.app.media.sink import VideoOutput, as_media_error
+from guise.app.media.source import VideoSource
+from guise.app.media.synthetic import synthetic_tags
+from guise.common.errors import OutputError
+from guise.common.files import require_free, write_whole
 
 TICK = Fraction(1, 90_000)  # seconds, unit of the times in a recording
 RESERVE = 64_000_000  # bytes that a live recording leaves free: completing a file takes some

@@ -10,25 +10,26 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from aam.model import Identity
-from app.donors import gallery, open_donor
-from app.engine import Options
-from app.enrol import LandmarkSource
-from app.live import models
-from app.live.capture import CameraCapture, Capture, FileCapture, Say
-from app.live.controls import Controls, Settings
-from app.live.output import Output, Shown
-from app.live.overlay import Overlay
-from app.live.pipeline import Pipeline, Stats
-from app.live.recorder import Recorder, Recordings, snapshot
-from app.live.session import JAW, LiveWork, Plan
-from app.live.window import Window
-from app.media import EncodeOptions
-from app.media.source import VideoSource
-from app.outputs import OutputError
-from app.run import Progress, person_in
-from app.run import Settings as RunSettings
-from app.threads import one_thread
+from guise.aam.model import Identity
+from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.live.capture import CameraCapture, Capture, FileCapture, Say
+from guise.app.live.controls import Controls, Settings
+from guise.app.live.output import Output, Shown
+from guise.app.live.overlay import Overlay
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.recorder import Recorder, Recordings, snapshot
+from guise.app.live.session import JAW, LiveWork, Plan
+from guise.app.live.window import Window
+from guise.app.media import EncodeOptions
+from guise.app.media.source import VideoSource
+from guise.app.people import cache as models
+from guise.app.swapping.donors import gallery, open_donor
+from guise.app.swapping.options import Options
+from guise.app.swapping.run import Settings as RunSettings
+from guise.app.swapping.run import person_in
+from guise.common.errors import OutputError
+from guise.common.progress import Progress
+from guise.common.threads import one_thread
 
 WINDOW, VIRTUAL = "window", "virtualcam"
 STAYS = 4.0  # seconds for which a sentence is shown
@@ -209,7 +210,7 @@ def _capture(options: LiveOptions, say: Say) -> Capture:
     if options.source is None:
         return CameraCapture(options.camera, options.size, options.fps, say)
     if "://" in options.source:
-        from app.live.streams import StreamCapture
+        from guise.app.live.streams import StreamCapture
 
         return StreamCapture(options.source, say=say)
     return FileCapture(Path(options.source), loop=options.loop, paced=not options.headless)
@@ -221,7 +222,7 @@ def _output(
     if name == WINDOW:
         return Window(controls, Overlay([identity.name for identity in identities]))
     if name == VIRTUAL:
-        from app.live.virtualcam import VirtualCamera
+        from guise.app.live.virtualcam import VirtualCamera
 
         return VirtualCamera()
     once = isinstance(capture, FileCapture) and not options.loop
@@ -236,7 +237,7 @@ def _sound(options: LiveOptions, capture: Capture, say: Say) -> list[Output]:
     """The sound of a file that is seen in the window."""
     if WINDOW not in options.outputs or not isinstance(capture, FileCapture) or not capture.source.has_audio:
         return []
-    from app.live.sound import Sound
+    from guise.app.live.sound import Sound
 
     assert isinstance(capture.source, VideoSource)
     return [Sound(capture.source, say)]

@@ -12,19 +12,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aam.model import Identity
-from aam.training import TrainingError, TrainingOptions
-from app.deidentify.cover import cover_all
-from app.engine import Options
-from app.enrol import EnrolError
-from app.failures import Interrupted
-from app.live.controls import Controls, Settings
-from app.live.enrolment import OnScreenEnrolment
-from app.live.face import LiveFace, Look
-from app.live.output import Shown
-from app.live.overlay import draw_mesh
-from app.live.pipeline import Stats
-from app.media import Frame
+from guise.aam.model import Identity
+from guise.aam.training import TrainingError, TrainingOptions
+from guise.app.enrolment.enrol import EnrolError
+from guise.app.live.controls import Controls, Settings
+from guise.app.live.enrolment import OnScreenEnrolment
+from guise.app.live.face import LiveFace, Look
+from guise.app.live.output import Shown
+from guise.app.live.overlay import draw_mesh
+from guise.app.live.pipeline import Stats
+from guise.app.media import Frame
+from guise.app.swapping.cover import cover_all
+from guise.app.swapping.options import Options
+from guise.common.errors import Interrupted
 
 Keep = Callable[[Identity], None]
 
@@ -61,7 +61,7 @@ class Plan:
 
 
 class LiveWork:
-    """Works on each picture, see `app.live.pipeline.Work`: enrols, then swaps."""
+    """Works on each picture, see `guise.app.live.pipeline.Work`: enrols, then swaps."""
 
     def __init__(self, plan: Plan, controls: Controls) -> None:
         self._plan, self._controls = plan, controls

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from app.live.capture import Say
-from app.live.output import Output, Shown
-from app.media.beside import RATE, Samples, SoundReader, first_pts
-from app.media.source import VideoSource
-from render.closing import Closing
+from guise.app.live.capture import Say
+from guise.app.live.output import Output, Shown
+from guise.app.media.beside import RATE, Samples, SoundReader, first_pts
+from guise.app.media.source import VideoSource
+from guise.common.closing import Closing
 
 AHEAD = 1.0  # seconds that are decoded in advance
 JUMP = 0.15  # seconds out of step from which the sound jumps
@@ -178,7 +178,7 @@ def _open_stream(callback: Callable[..., None]) -> Any:
     try:
         import sounddevice
     except ImportError as error:
-        raise SoundError('install it with pip install "guise[window]"') from error
+        raise SoundError('install it with pip install "guise-video[window]"') from error
     except OSError as error:
         raise SoundError(f"{error}; install libportaudio2, or PortAudio as your system calls it") from error
     try:

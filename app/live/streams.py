@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from app.live.capture import AGAIN, CAMERA_TIME, Capture, Say
-from app.media import Frame, MediaError
-from app.media.network import NetworkReader, Picture
+from guise.app.live.capture import AGAIN, CAMERA_TIME, Capture, Say
+from guise.app.media import Frame, MediaError
+from guise.app.media.network import NetworkReader, Picture
 
 PATIENCE = 5.0  # seconds without a picture after which a stream is taken to have stopped
 PLAYLIST_PATIENCE = 20.0  # the same for streams that come in pieces of several seconds

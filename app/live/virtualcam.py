@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from app.live.letterbox import letterboxed
-from app.live.output import Output, Shown
-from app.outputs import OutputError
+from guise.app.live.letterbox import letterboxed
+from guise.app.live.output import Output, Shown
+from guise.common.errors import OutputError
 
 if TYPE_CHECKING:
     import pyvirtualcam
@@ -85,7 +85,7 @@ def _open_camera(width: int, height: int, fps: float, device: str | None) -> pyv
         import pyvirtualcam
     except ImportError as error:
         raise OutputError(
-            'a virtual camera needs an extra: install it with pip install "guise[virtualcam]"'
+            'a virtual camera needs an extra: install it with pip install "guise-video[virtualcam]"'
         ) from error
     try:
         return pyvirtualcam.Camera(width, height, fps, device=device)

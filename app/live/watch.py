@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Face
-from aam.landmarks.builtin import BuiltinLandmarker
-from aam.landmarks.detector import FaceDetector
-from app.media import Frame
-from render.closing import Closing
+from guise.aam.landmarks import Face
+from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.detector import FaceDetector
+from guise.app.media import Frame
+from guise.common.arrays import F32
+from guise.common.closing import Closing
 
-F32 = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
 SMALLEST = 12  # pixels, the smallest face that the detector sees

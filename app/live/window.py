@@ -1,7 +1,7 @@
 """A window that shows the live picture; its planes are drawn by GL as they are and never read back.
 
 Colour is converted, the picture turned and fitted into the window by the shader; what is written over it and the mirror
-are in the picture (`app.live.overlay`), so that text stays readable.  Keys go to `Controls.press`.
+are in the picture (`guise.app.live.overlay`), so that text stays readable.  Keys go to `Controls.press`.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.live.controls import Controls
-from app.live.output import Output, Shown
-from app.live.overlay import Overlay, mirrored
-from app.media import Frame
-from app.media.frame import plane_arrays
-from app.media.orientation import AS_STORED, Orientation
-from app.outputs import OutputError
-from render import RendererError
-from render.context import leave_thread, window_context
+from guise.app.live.controls import Controls
+from guise.app.live.output import Output, Shown
+from guise.app.live.overlay import Overlay, mirrored
+from guise.app.media import Frame
+from guise.app.media.frame import plane_arrays
+from guise.app.media.orientation import AS_STORED, Orientation
+from guise.common.errors import OutputError
+from guise.render import RendererError
+from guise.render.context import leave_thread, window_context
 
 Plane = NDArray[np.uint8]
 
@@ -240,6 +240,6 @@ def _libraries() -> tuple[ModuleType, ModuleType]:
         from moderngl_window.context import glfw as library
     except ImportError as error:
         raise OutputError(
-            f'a window needs more packages: pip install "guise[window]", or {INSTEAD}'
+            f'a window needs more packages: pip install "guise-video[window]", or {INSTEAD}'
         ) from error
     return glfw, library

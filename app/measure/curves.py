@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import interocular
-from aam.reference import RIGID_WEIGHTS
-from aam.similarity import align_planar
-
-F64 = NDArray[np.float64]
+from guise.aam.landmarks import interocular
+from guise.aam.reference import RIGID_WEIGHTS
+from guise.aam.similarity import align_planar
+from guise.common.arrays import F64
 
 FEWEST = 10  # frames below which a correlation says nothing
 STILL = 0.005  # standard deviation of a curve below which it did not move

@@ -14,17 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Face, Landmarker, load_annotations, overlap, tight_box
-from aam.landmarks.tracking import MultiFollower
-from app.media import Frame, Source
+from guise.aam.landmarks import Face, Landmarker, load_annotations, overlap, tight_box
+from guise.aam.landmarks.tracking import MultiFollower
+from guise.app.media import Frame, Source
+from guise.common.arrays import F32
+from guise.common.errors import GuiseError
 
-F32 = NDArray[np.float32]
 Ints = NDArray[np.int32]
 
 SAME = 0.3  # overlap of boxes from which a face of the output is the one of the original
 
 
-class MeasureError(ValueError):
+class MeasureError(GuiseError):
     """A measurement that cannot be done; one sentence."""
 
 

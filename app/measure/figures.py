@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.measure.curves import (
+from guise.app.measure.curves import (
     ANGLES,
     CURVES,
     angle_between,
@@ -23,10 +23,9 @@ from app.measure.curves import (
     pose,
     tremble,
 )
-from app.measure.pair import SoundCheck
-from app.measure.privacy import Scores
-
-F64 = NDArray[np.float64]
+from guise.app.measure.pair import SoundCheck
+from guise.app.measure.privacy import Scores
+from guise.common.arrays import F64
 
 
 @dataclass(frozen=True)
@@ -219,7 +218,7 @@ class Result:
 
     def as_json(self) -> dict[str, Any]:
         """The result as docs/measure.md explains it."""
-        from app.version import version
+        from guise.common.version import version
 
         return {
             "format": "guise-measure",

@@ -15,11 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Landmarker, open_landmarker
-from app.donors import open_donor
-from app.measure.curves import expression
-from app.measure.faces import At, Collected, Finder, MeasureError, Seen, faces_in, faces_of_file, matched
-from app.measure.figures import (
+from guise.aam.landmarks import Landmarker, open_landmarker
+from guise.app.measure.curves import expression
+from guise.app.measure.faces import (
+    At,
+    Collected,
+    Finder,
+    MeasureError,
+    Seen,
+    faces_in,
+    faces_of_file,
+    matched,
+)
+from guise.app.measure.figures import (
     Drawn,
     Files,
     OutputFigures,
@@ -29,17 +37,16 @@ from app.measure.figures import (
     Utility,
     together,
 )
-from app.measure.pair import Timing, Untouched, compare_sounds, require_alike, side_by_side
-from app.measure.people import Gallery, Known, embedded, joined, open_gallery
-from app.measure.privacy import Scores, accepted, equal_error_rate, rank, rank_one, template
-from app.measure.reported import Reported, read_report
-from app.media import open_source
-from app.recogniser import Recogniser
-from app.run import Progress, Say, mute, silent
-from app.threads import one_thread
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from guise.app.measure.pair import Timing, Untouched, compare_sounds, require_alike, side_by_side
+from guise.app.measure.people import Gallery, Known, embedded, joined, open_gallery
+from guise.app.measure.privacy import Scores, accepted, equal_error_rate, rank, rank_one, template
+from guise.app.measure.reported import Reported, read_report
+from guise.app.media import open_source
+from guise.app.people.recogniser import Recogniser
+from guise.app.swapping.donors import open_donor
+from guise.common.arrays import F32, F64
+from guise.common.progress import Progress, Say, mute, silent
+from guise.common.threads import one_thread
 
 
 @dataclass(frozen=True)

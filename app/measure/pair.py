@@ -15,10 +15,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import tight_box
-from app.measure.faces import MeasureError
-from app.media import Frame, open_source
-from app.media.soundtrack import Sound, sounds
+from guise.aam.landmarks import tight_box
+from guise.app.measure.faces import MeasureError
+from guise.app.media import Frame, open_source
+from guise.app.media.soundtrack import Sound, sounds
 
 SAFETY = (
     0.5  # of a face's longer side, by which the region about it that may have changed is larger on each side

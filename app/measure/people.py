@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Landmarker
-from app.measure.faces import At, MeasureError, Seen
-from app.measure.privacy import Threshold, template, threshold
-from app.media import MediaError, Source, open_source
-from app.recogniser import Recogniser
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from guise.aam.landmarks import Landmarker
+from guise.app.measure.faces import At, MeasureError, Seen
+from guise.app.measure.privacy import Threshold, template, threshold
+from guise.app.media import MediaError, Source, open_source
+from guise.app.people.recogniser import Recogniser
+from guise.common.arrays import F32, F64
 
 LOOKS = 20  # frames of a gallery's video that are looked at
 Say = Callable[[str], None]

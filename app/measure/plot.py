@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.measure.curves import CURVES
-from app.measure.figures import OutputFigures, Result
-from app.measure.privacy import BINS, Scores
-from app.measure.table import number
-from app.outputs import OutputError, write_whole
+from guise.app.measure.curves import CURVES
+from guise.app.measure.figures import OutputFigures, Result
+from guise.app.measure.privacy import BINS, Scores
+from guise.app.measure.table import number
+from guise.common.errors import OutputError
+from guise.common.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +30,7 @@ def require_plots(path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise OutputError(f"a plot is a .png file, got {path}: choose another name")
     if find_spec("matplotlib") is None:
-        raise OutputError("a plot needs matplotlib, which is not installed: pip install 'guise[plots]'")
+        raise OutputError("a plot needs matplotlib, which is not installed: pip install 'guise-video[plots]'")
 
 
 def draw(result: Result, path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from guise.common.arrays import F64
 
 FALSE_ACCEPT_RATE = 1e-3
 BINS = np.linspace(-1.0, 1.0, 81)  # edges of the histograms of scores

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import tight_box
-from app.measure.faces import MeasureError, Seen
+from guise.aam.landmarks import tight_box
+from guise.app.measure.faces import MeasureError, Seen
 
 UNTOLD = "not in the report"  # of a face of which the report says nothing
 

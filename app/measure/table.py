@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from app.measure.curves import ANGLES, CURVES
-from app.measure.figures import OutputFigures, Privacy, Result
-from app.measure.privacy import Scores
+from guise.app.measure.curves import ANGLES, CURVES
+from guise.app.measure.figures import OutputFigures, Privacy, Result
+from guise.app.measure.privacy import Scores
 
 FACTS = "what"
 NONE = "-"

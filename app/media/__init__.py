@@ -1,11 +1,11 @@
 """Video and image files in and out: frames stay in YUV, time stamps and other streams survive."""
 
-from app.media.encoder import EncodeOptions
-from app.media.errors import MediaError
-from app.media.frame import ColourMatrix, Frame
-from app.media.process import ProcessStats, process
-from app.media.sink import Sink, open_sink
-from app.media.source import Source, open_source
+from guise.app.media.encoder import EncodeOptions
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import ColourMatrix, Frame
+from guise.app.media.process import ProcessStats, process
+from guise.app.media.sink import Sink, open_sink
+from guise.app.media.source import Source, open_source
 
 __all__ = [
     "ColourMatrix",

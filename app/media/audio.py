@@ -20,12 +20,12 @@ from av.container import OutputContainer
 from av.filter import Graph
 from numpy.typing import NDArray
 
-from app.media.codecs import has_encoder
-from app.media.errors import MediaError
-from app.media.reader import Problems
+from guise.app.media.codecs import has_encoder
+from guise.app.media.errors import MediaError
+from guise.app.media.reader import Problems
 
 if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
+    from guise.app.media.reader import AnyPacket
 
 LOWER = Fraction(4, 5)  # of all frequencies
 _UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}

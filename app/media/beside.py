@@ -14,12 +14,12 @@ from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
 from numpy.typing import NDArray
 
-from app.media.reader import Problems, Reader, open_container
-from app.media.source import VideoSource
-from render.closing import Closing
+from guise.app.media.reader import Problems, Reader, open_container
+from guise.app.media.source import VideoSource
+from guise.common.closing import Closing
 
 if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
+    from guise.app.media.reader import AnyPacket
 
 Samples = NDArray[np.float32]
 

@@ -10,7 +10,7 @@ import av
 import av.error
 from av.stream import Stream
 
-from app.media.copies import keeps_times
+from guise.app.media.copies import keeps_times
 
 FALLBACKS = (".mp4", ".mkv")
 

@@ -12,13 +12,13 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
-from app.media.audio import MaskedAudio, named_layout
-from app.media.errors import MediaError
-from app.media.reader import is_still
-from app.media.source import VideoSource
+from guise.app.media.audio import MaskedAudio, named_layout
+from guise.app.media.errors import MediaError
+from guise.app.media.reader import is_still
+from guise.app.media.source import VideoSource
 
 if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
+    from guise.app.media.reader import AnyPacket
 
 Audio = Literal["keep", "drop", "mask"]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import av
 from av.codec.codec import UnknownCodecError
 
-from app.media.errors import MediaError
+from guise.app.media.errors import MediaError
 
 _SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1")
 _X26X = frozenset({"libx264", "libx264rgb", "libx265"})

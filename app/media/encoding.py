@@ -10,10 +10,10 @@ from av.codec.context import Flags
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType
 
-from app.media.encoder import EncodeOptions, encoder_settings, find_encoder
-from app.media.frame import Frame
-from app.media.source import Source, VideoSource
-from app.media.target import Target, target_for
+from guise.app.media.encoder import EncodeOptions, encoder_settings, find_encoder
+from guise.app.media.frame import Frame
+from guise.app.media.source import Source, VideoSource
+from guise.app.media.target import Target, target_for
 
 _CAPTIONING = frozenset(
     {"libx264", "libx264rgb", "mpeg2video"}

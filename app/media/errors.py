@@ -1,7 +1,9 @@
 """The one exception of the media layer."""
 
+from guise.common.errors import GuiseError
 
-class MediaError(ValueError):
+
+class MediaError(GuiseError):
     """A user's mistake with a file or an encoder setting.
 
     `str(error)` is one sentence: what was expected, what was got, what to do.

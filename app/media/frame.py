@@ -1,7 +1,7 @@
 """A video frame that stays in the decoder's planes; only rectangles of it are converted.
 
 Pixels, x right, y down, pixel centres at integers, display orientation (after the container's rotation).
-Components are 8-bit Y, U, V, or G, B, R for RGB pictures (`app.media.colour`); chroma may be halved along
+Components are 8-bit Y, U, V, or G, B, R for RGB pictures (`guise.app.media.colour`); chroma may be halved along
 either axis.  A frame is used by one thread at a time.
 """
 
@@ -16,9 +16,9 @@ import numpy as np
 from av.video.plane import VideoPlane
 from numpy.typing import ArrayLike, NDArray
 
-from app.media import colour as tags
-from app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
-from app.media.orientation import AS_STORED, Orientation, Points
+from guise.app.media import colour as tags
+from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
+from guise.app.media.orientation import AS_STORED, Orientation, Points
 
 __all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "plane_arrays"]
 

@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.media import ifd
-from app.media.errors import MediaError
-from app.media.orientation import AS_STORED, Orientation
-from app.media.reader import Problems
+from guise.app.media import ifd
+from guise.app.media.errors import MediaError
+from guise.app.media.orientation import AS_STORED, Orientation
+from guise.app.media.reader import Problems
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 _JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})

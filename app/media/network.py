@@ -15,10 +15,10 @@ import av
 import av.error
 from av.video.stream import VideoStream
 
-from app.media.errors import MediaError
-from app.media.frame import NATIVE_FORMATS
-from app.media.reader import is_still, nearest_format, reformat
-from render.closing import Closing
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import NATIVE_FORMATS
+from guise.app.media.reader import is_still, nearest_format, reformat
+from guise.common.closing import Closing
 
 if TYPE_CHECKING:
     VideoPacket = av.Packet[VideoStream]

@@ -23,18 +23,18 @@ from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 from numpy.typing import NDArray
 
-from app.media.copies import Audio
-from app.media.encoder import EncodeOptions
-from app.media.encoding import Encoding, encoding_for
-from app.media.errors import MediaError
-from app.media.frame import NATIVE_FORMATS, Frame
-from app.media.orientation import Orientation
-from app.media.reader import Reader, nearest_format, reformat
-from app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
-from app.media.source import Source, VideoSource
+from guise.app.media.copies import Audio
+from guise.app.media.encoder import EncodeOptions
+from guise.app.media.encoding import Encoding, encoding_for
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import NATIVE_FORMATS, Frame
+from guise.app.media.orientation import Orientation
+from guise.app.media.reader import Reader, nearest_format, reformat
+from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
+from guise.app.media.source import Source, VideoSource
 
 if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
+    from guise.app.media.reader import AnyPacket
 
 THREADS = 4  # of every encoder: the bytes of some depend on the number
 _MARK = b"GUISEPK1"

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.media.frame import Frame
+from guise.app.media.frame import Frame
 
 
 class Frames(Protocol):

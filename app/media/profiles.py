@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.media.images import DeepImage, eight_bits
+from guise.app.media.images import DeepImage, eight_bits
 
 if TYPE_CHECKING:
     from PIL.ImageCms import ImageCmsProfile

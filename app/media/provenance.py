@@ -15,10 +15,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from app.media.errors import MediaError
-from app.media.images import encode_image, list_images
-from app.outputs import DIGITAL_SOURCE_TYPE
-from app.version import version
+from guise.app.media.errors import MediaError
+from guise.app.media.images import encode_image, list_images
+from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
+from guise.common.version import version
 
 _SETTINGS = {"builder": {"thumbnail": {"enabled": False}}}
 _CURVES = {"secp256r1": "es256", "secp384r1": "es384", "secp521r1": "es512"}
@@ -137,5 +137,5 @@ def _library() -> Any:
     try:
         import c2pa
     except ImportError as error:
-        raise MediaError("Signing needs c2pa-python: pip install guise[provenance].") from error
+        raise MediaError("Signing needs c2pa-python: pip install guise-video[provenance].") from error
     return c2pa

@@ -17,9 +17,9 @@ from av.container import InputContainer
 from av.packet import Packet
 from av.video.stream import VideoStream
 
-from app.media import colour
-from app.media.errors import MediaError
-from app.media.frame import NATIVE_FORMATS
+from guise.app.media import colour
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import NATIVE_FORMATS
 
 if TYPE_CHECKING:
     AnyPacket = Packet[av.stream.Stream]

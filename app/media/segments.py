@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.media.frame import Frame
-from app.media.reader import Problems, Reader
-from app.media.source import Source, VideoSource, open_source
+from guise.app.media.frame import Frame
+from guise.app.media.reader import Problems, Reader
+from guise.app.media.source import Source, VideoSource, open_source
 
 # Codecs whose every packet is one shown picture; others may hold hidden or repeated ones.
 _ONE_EACH = frozenset(

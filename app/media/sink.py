@@ -19,16 +19,16 @@ import av
 import av.error
 from av.video.stream import VideoStream
 
-from app.media.copies import Audio, StreamCopies, can_rotate, fresh_metadata, keeps_times, muxer_options
-from app.media.encoder import EncodeOptions, available_encoders
-from app.media.encoding import Encoding, encoding_for
-from app.media.errors import MediaError
-from app.media.frame import Frame
-from app.media.images import encode_image, is_lossy, looks_like_image
-from app.media.source import ImageSource, Source, VideoSource
+from guise.app.media.copies import Audio, StreamCopies, can_rotate, fresh_metadata, keeps_times, muxer_options
+from guise.app.media.encoder import EncodeOptions, available_encoders
+from guise.app.media.encoding import Encoding, encoding_for
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import Frame
+from guise.app.media.images import encode_image, is_lossy, looks_like_image
+from guise.app.media.source import ImageSource, Source, VideoSource
 
 if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
+    from guise.app.media.reader import AnyPacket
 
 __all__ = ["EncodeOptions", "Sink", "open_sink"]
 

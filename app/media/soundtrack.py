@@ -6,8 +6,8 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.media.images import looks_like_image
-from app.media.reader import open_container
+from guise.app.media.images import looks_like_image
+from guise.app.media.reader import open_container
 
 
 @dataclass(frozen=True)

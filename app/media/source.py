@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import av
 
-from app.media.errors import MediaError
-from app.media.frame import Frame
-from app.media.images import list_images, looks_like_image, read_image
-from app.media.orientation import AS_STORED, Orientation, parse_display_matrix
-from app.media.reader import Problems, Reader, main_video, open_container
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import Frame
+from guise.app.media.images import list_images, looks_like_image, read_image
+from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
+from guise.app.media.reader import Problems, Reader, main_video, open_container
 
 if TYPE_CHECKING:
-    from app.media.reader import AnyPacket
+    from guise.app.media.reader import AnyPacket
 
 Kind = Literal["video", "image", "images"]
 _IMAGE_RATE = Fraction(30)

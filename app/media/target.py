@@ -8,13 +8,13 @@ from fractions import Fraction
 import av
 import numpy as np
 
-from app.media import colour
-from app.media.encoder import EncodeOptions, encoded_size, encoder_format
-from app.media.errors import MediaError
-from app.media.frame import NATIVE_FORMATS, Frame, clone_video_frame
-from app.media.orientation import AS_STORED, Orientation
-from app.media.reader import is_full_range, reformat
-from app.media.source import Source, VideoSource
+from guise.app.media import colour
+from guise.app.media.encoder import EncodeOptions, encoded_size, encoder_format
+from guise.app.media.errors import MediaError
+from guise.app.media.frame import NATIVE_FORMATS, Frame, clone_video_frame
+from guise.app.media.orientation import AS_STORED, Orientation
+from guise.app.media.reader import is_full_range, reformat
+from guise.app.media.source import Source, VideoSource
 
 
 @dataclass(frozen=True)

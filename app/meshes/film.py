@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analogy.gltf_container import Container
-from analogy.mesh_io import MeshFile, write_rig
-from app.outputs import write_whole
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from guise.analogy.formats.files import MeshFile, write_rig
+from guise.analogy.formats.gltf_container import Container
+from guise.common.arrays import F32, F64
+from guise.common.files import write_whole
 
 EXACT = 1e-4  # of the head's size
 FLOAT = 5126  # of glTF: float32

@@ -8,19 +8,17 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.similarity import Failed, align
-from analogy.correspondence import Correspondence
-from analogy.feature_points import FeaturePoints
-from analogy.mesh import Mesh, MeshError
-from analogy.mesh_io import MeshFile
-from analogy.tents import vertex_error
-from analogy.transfer import Method, Transfer
-from app.meshes.points import AUTO, points_of
-from app.meshes.work import Work
-
-F64 = NDArray[np.float64]
+from guise.aam.similarity import Failed, align
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.feature_points import FeaturePoints
+from guise.analogy.formats.files import MeshFile
+from guise.analogy.mesh import Mesh, MeshError
+from guise.analogy.tents import vertex_error
+from guise.analogy.transfer import Method, Transfer
+from guise.app.meshes.points import AUTO, points_of
+from guise.app.meshes.work import Work
+from guise.common.arrays import F64
 
 TURNED, SCALED = 30.0, 1.5  # degrees and ratio from which it is said that heads are not roughly aligned
 MATCHING, PREPARING = "matching", "preparing"
@@ -124,10 +122,10 @@ def _match(
     source: Mesh, target: Mesh, points: tuple[F64, F64], kind: str
 ) -> tuple[Correspondence, dict[str, Any]]:
     if kind == "cylinder":
-        from analogy.cylinder import cylindrical
+        from guise.analogy.cylinder import cylindrical
 
         return cylindrical(source, target, *points), {}
-    from analogy.register import register
+    from guise.analogy.register import register
 
     done = register(source, target, points)
     return done.correspondence(), {"quality": asdict(done.quality)}

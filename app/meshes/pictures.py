@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analogy.correspondence import Correspondence
-from analogy.feature_points import NAMES
-from analogy.mesh import Mesh
-from app.media import Frame, Source, open_sink
-from render.shaded import Camera, Paint, exposure, shaded
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.feature_points import NAMES
+from guise.analogy.mesh import Mesh
+from guise.app.media import Frame, Source, open_sink
+from guise.common.arrays import F64
+from guise.render.shaded import Camera, Paint, exposure, shaded
 
-F64 = NDArray[np.float64]
 Int = NDArray[np.intp]
 Picture = NDArray[np.uint8]
 Progress = Callable[[float], None]
@@ -97,7 +97,7 @@ class Head:
     """A head to be drawn.
 
     vertices : (N, 3).   faces : (m, 3).   title : above it.   stand : shared by all expressions of one head.
-    values, paint : colours, as for `render.shaded`.   dots : (k, 3) places that are marked.
+    values, paint : colours, as for `guise.render.shaded`.   dots : (k, 3) places that are marked.
     """
 
     vertices: F64

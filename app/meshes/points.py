@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from aam.similarity import Failed
-from analogy.feature_points import NAMES, FeaturePoints, find, load
-from analogy.landmark_search import refine_points
-from analogy.mesh import Mesh, MeshError
-from analogy.mesh_io import MeshFile, read_mesh
-from app.meshes.pictures import landmarks as drawn
-from app.meshes.reports import LandmarksReport
-from app.meshes.work import Work
-from app.outputs import require_outputs, write_whole
-from app.pictures import save_picture
+from guise.aam.similarity import Failed
+from guise.analogy.feature_points import NAMES, FeaturePoints, find, load
+from guise.analogy.formats.files import MeshFile, read_mesh
+from guise.analogy.landmark_search import refine_points
+from guise.analogy.mesh import Mesh, MeshError
+from guise.app.media.pictures import save_picture
+from guise.app.meshes.pictures import landmarks as drawn
+from guise.app.meshes.reports import LandmarksReport
+from guise.app.meshes.work import Work
+from guise.common.files import require_outputs, write_whole
 
 AUTO = "auto"
 

@@ -6,21 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.similarity import Failed
-from analogy.feature_points import find
-from analogy.mesh import Mesh
-from analogy.mesh_io import read_mesh
-from app.media.images import looks_like_image
-from app.meshes import pictures
-from app.meshes.pictures import Head, Picture, Stand
-from app.meshes.reports import Distances, PreviewReport
-from app.meshes.work import Work
-from app.outputs import require_outputs
-from app.pictures import save_picture
-
-F64 = NDArray[np.float64]
+from guise.aam.similarity import Failed
+from guise.analogy.feature_points import find
+from guise.analogy.formats.files import read_mesh
+from guise.analogy.mesh import Mesh
+from guise.app.media.images import looks_like_image
+from guise.app.media.pictures import save_picture
+from guise.app.meshes import pictures
+from guise.app.meshes.pictures import Head, Picture, Stand
+from guise.app.meshes.reports import Distances, PreviewReport
+from guise.app.meshes.work import Work
+from guise.common.arrays import F64
+from guise.common.files import require_outputs
 
 SIDES = (-40.0, 0.0, 40.0)  # degrees
 DRAWING = "drawing"

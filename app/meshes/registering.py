@@ -7,15 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from analogy.correspondence import Correspondence
-from analogy.mesh_io import MeshFile, read_mesh
-from analogy.register import register
-from app.meshes import pictures
-from app.meshes.pair import MATCHING, both_points
-from app.meshes.reports import RegisterReport, versions
-from app.meshes.work import Work
-from app.outputs import OutputError, require_outputs, write_whole
-from app.pictures import save_picture
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.formats.files import MeshFile, read_mesh
+from guise.analogy.register import register
+from guise.app.media.pictures import save_picture
+from guise.app.meshes import pictures
+from guise.app.meshes.pair import MATCHING, both_points
+from guise.app.meshes.reports import RegisterReport, versions
+from guise.app.meshes.work import Work
+from guise.common.errors import OutputError
+from guise.common.files import require_outputs, write_whole
 
 
 def register_files(

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analogy.solver import solver
-from app.version import version
-
-F64 = NDArray[np.float64]
+from guise.analogy.solver import solver
+from guise.common.arrays import F64
+from guise.common.version import version
 
 MOST_TOLD = 12  # expressions of which a line is said
 UNSURE = 0.5  # confidence of a feature point below which one should look at it

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from analogy.mesh_io import read_mesh, read_rig, write_rig
-from app.meshes.pair import How, open_carrier
-from app.meshes.reports import TransferReport
-from app.meshes.transferring import READING, WRITING, carry_all, draw, report_of
-from app.meshes.work import Work
-from app.outputs import OutputError, require_outputs
+from guise.analogy.formats.files import read_mesh, read_rig, write_rig
+from guise.app.meshes.pair import How, open_carrier
+from guise.app.meshes.reports import TransferReport
+from guise.app.meshes.transferring import READING, WRITING, carry_all, draw, report_of
+from guise.app.meshes.work import Work
+from guise.common.errors import OutputError
+from guise.common.files import require_outputs
 
 
 def rig_file(source: Path, target: Path, output: Path, how: How, work: Work) -> TransferReport:

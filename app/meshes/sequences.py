@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.mesh_io import read_frames, read_mesh
-from app.failures import Interrupted
-from app.meshes.film import write_film
-from app.meshes.pair import Carrier, How, open_carrier
-from app.meshes.reports import Carried, TransferReport
-from app.meshes.transferring import CARRYING, READING, WRITING, draw, report_of, told
-from app.meshes.work import Work
-from app.outputs import OutputError, require_outputs
-
-F64 = NDArray[np.float64]
+from guise.analogy.formats.files import read_frames, read_mesh
+from guise.app.meshes.film import write_film
+from guise.app.meshes.pair import Carrier, How, open_carrier
+from guise.app.meshes.reports import Carried, TransferReport
+from guise.app.meshes.transferring import CARRYING, READING, WRITING, draw, report_of, told
+from guise.app.meshes.work import Work
+from guise.common.arrays import F64
+from guise.common.errors import Interrupted, OutputError
+from guise.common.files import require_outputs
 
 RATE = 30.0  # frames per second of a film, where none is given
 SAID = 1.0  # seconds between two sayings of the speed

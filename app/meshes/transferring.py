@@ -7,19 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analogy.mesh import Mesh
-from analogy.mesh_io import MeshFile, read_mesh
-from app.failures import Interrupted
-from app.meshes.pair import Carrier, How, open_carrier
-from app.meshes.pictures import Head, Picture, Stand, carried_over, strip
-from app.meshes.reports import AmountError, Carried, TransferReport, versions
-from app.meshes.work import Work
-from app.outputs import require_outputs
-from app.pictures import save_picture
-
-F64 = NDArray[np.float64]
+from guise.analogy.formats.files import MeshFile, read_mesh
+from guise.analogy.mesh import Mesh
+from guise.app.media.pictures import save_picture
+from guise.app.meshes.pair import Carrier, How, open_carrier
+from guise.app.meshes.pictures import Head, Picture, Stand, carried_over, strip
+from guise.app.meshes.reports import AmountError, Carried, TransferReport, versions
+from guise.app.meshes.work import Work
+from guise.common.arrays import F64
+from guise.common.errors import Interrupted
+from guise.common.files import require_outputs
 
 STILL = 1e-6  # of a head's size, which vertices move by rounding
 MOST_DRAWN = 6  # expressions in a picture

@@ -1,1 +1,2 @@
-"""What stands behind `guise analogy image` and `animate`: from files through `analogy.photo` to files and reports."""
+"""What stands behind `guise analogy image` and `animate`: from files through `guise.analogy.photo` to files
+and reports."""

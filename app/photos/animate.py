@@ -10,20 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import open_landmarker
-from analogy.photo import PhotoAnalogy, PhotoError
-from app.media import EncodeOptions, Frame, open_sink, open_source
-from app.media.images import DeepImage, looks_like_image
-from app.outputs import OutputError, require_outputs, synthetic_tags
-from app.photos.driver import Driver, Tracking, follow, picture_of
-from app.photos.faces import Photo, in_colours, in_colours_of, warnings
-from app.photos.facing import Facing
-from app.photos.image import USUAL, How, Notes, Role, opened
-from app.remake import remake
-from app.run import Progress, Say, mute, silent
-from app.threads import one_thread
+from guise.aam.landmarks import open_landmarker
+from guise.analogy.photo import PhotoAnalogy, PhotoError
+from guise.app.media import EncodeOptions, Frame, open_sink, open_source
+from guise.app.media.images import DeepImage, looks_like_image
+from guise.app.media.remake import remake
+from guise.app.media.synthetic import synthetic_tags
+from guise.app.photos.driver import Driver, Tracking, follow, picture_of
+from guise.app.photos.faces import Photo, in_colours, in_colours_of, warnings
+from guise.app.photos.facing import Facing
+from guise.app.photos.image import USUAL, How, Notes, Role, opened
+from guise.common.arrays import F64
+from guise.common.errors import OutputError
+from guise.common.files import require_outputs
+from guise.common.progress import Progress, Say, mute, silent
+from guise.common.threads import one_thread
 
-F64 = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 AROUND = 0.5  # of the face's size, that is read around it

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.appearance import neutral_frames
-from aam.follow import PersonFollower
-from aam.landmarks import (
+from guise.aam.appearance import neutral_frames
+from guise.aam.follow import PersonFollower
+from guise.aam.landmarks import (
     INNER_LIPS,
     LEFT_EYE,
     OUTER_LIPS,
@@ -26,15 +26,14 @@ from aam.landmarks import (
     load_annotations,
     open_landmarker,
 )
-from aam.model import Identity
-from aam.reference import ReferenceFrame
-from aam.tracker import FEATURE_RESOLUTION, Fit
-from analogy.photo import PhotoError
-from app.media import Frame, Sink, open_source, process
-from app.photos.faces import CONFIDENT, LEAST_EYES, MOST_TURN, turned
-from app.run import Progress, Say
-
-F64 = NDArray[np.float64]
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.tracker import FEATURE_RESOLUTION, Fit
+from guise.analogy.photo import PhotoError
+from guise.app.media import Frame, Sink, open_source, process
+from guise.app.photos.faces import CONFIDENT, LEAST_EYES, MOST_TURN, turned
+from guise.common.arrays import F64
+from guise.common.progress import Progress, Say
 
 # Mean confidence of a mouth's or the eyes' points from which their expression is taken.  Behind a hand, a mug or a box
 # it is 0.2 to 0.65; of free ones 0.88 and more, in extreme expressions too.
@@ -48,7 +47,7 @@ class Tracking:
     Parameters
     ----------
     model : of that person, whose tracker follows them, or None for a landmarker.
-    landmarker : see `aam.landmarks.open_landmarker`; finds the face, and follows it without a model.
+    landmarker : see `guise.aam.landmarks.open_landmarker`; finds the face, and follows it without a model.
     landmarks : a file of landmarks for the clip, instead of both.
     """
 

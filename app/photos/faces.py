@@ -10,18 +10,16 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.landmarks import Face, Landmarker, interocular, load_annotations
-from aam.landmarks.plausible import visible_share
-from aam.reference import RIGID_WEIGHTS, ReferenceFrame
-from analogy.photo import PhotoError
-from app.media.images import DeepImage, lost_in, read_deep
-from app.media.profiles import ProfileError, converted
-from app.puppet import PoseRemover
-from app.run import Say
-
-F64 = NDArray[np.float64]
+from guise.aam.landmarks import Face, Landmarker, interocular, load_annotations
+from guise.aam.landmarks.plausible import visible_share
+from guise.aam.reference import RIGID_WEIGHTS, ReferenceFrame
+from guise.analogy.photo import PhotoError
+from guise.app.media.images import DeepImage, lost_in, read_deep
+from guise.app.media.profiles import ProfileError, converted
+from guise.app.swapping.puppet import PoseRemover
+from guise.common.arrays import F64
+from guise.common.progress import Say
 
 CONFIDENT = 0.5  # from which a found face is taken for one
 LEAST_EYES = 24  # pixels between the outer eye corners

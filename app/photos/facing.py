@@ -6,14 +6,12 @@ Pixels, x right, y down.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aam.reference import RIGID_WEIGHTS
-from aam.similarity import align_planar
-from app.photos.faces import pose_remover
-from app.puppet import PINNED
-
-F64 = NDArray[np.float64]
+from guise.aam.reference import RIGID_WEIGHTS
+from guise.aam.similarity import align_planar
+from guise.app.photos.faces import pose_remover
+from guise.app.swapping.puppet import PINNED
+from guise.common.arrays import F64
 
 
 class Facing:

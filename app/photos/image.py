@@ -11,14 +11,16 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
-from aam.landmarks import Landmarker, open_landmarker
-from analogy.photo import Method, Mouth, PhotoAnalogy
-from app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
-from app.outputs import OutputError, require_outputs, synthetic_tags, write_whole
-from app.photos.faces import Photo, in_colours_of, lost_by, open_photo, turn_between, warnings
-from app.photos.facing import Facing
-from app.pictures import Picture, labelled, sheet
-from app.run import Say, mute
+from guise.aam.landmarks import Landmarker, open_landmarker
+from guise.analogy.photo import Method, Mouth, PhotoAnalogy
+from guise.app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
+from guise.app.media.pictures import Picture, labelled, sheet
+from guise.app.media.synthetic import synthetic_tags
+from guise.app.photos.faces import Photo, in_colours_of, lost_by, open_photo, turn_between, warnings
+from guise.app.photos.facing import Facing
+from guise.common.errors import OutputError
+from guise.common.files import require_outputs, write_whole
+from guise.common.progress import Say, mute
 
 Role = Literal["s", "s1", "t"]
 OPTION = {"s": "--landmarks-s", "s1": "--landmarks-s1", "t": "--landmarks-t"}
@@ -32,7 +34,7 @@ class How:
     ----------
     method : "tents", "ratio" or "warp".   mouth : "fill" or "none".
     strength : of the expression, 1 as it is.
-    landmarker : see `aam.landmarks.open_landmarker`.   force : replace existing outputs.
+    landmarker : see `guise.aam.landmarks.open_landmarker`.   force : replace existing outputs.
     """
 
     method: Method = "tents"

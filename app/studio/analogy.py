@@ -12,14 +12,14 @@ from typing import Any
 
 from nicegui import ui
 
-from app.studio.analogy_jobs import MONTAGE, PICTURE, TARGET, ZIP, head, photo
-from app.studio.analogy_slots import Slot
-from app.studio.analogy_view import HeadView
-from app.studio.questions import agreed
-from app.studio.site import Studio, heading, page, show_job
-from app.studio.store import Clip, JobRow, StudioError
-from app.studio.uploads import CLIP, MESH
-from app.studio.uploads import PICTURE as IMAGE
+from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, TARGET, ZIP, head, photo
+from guise.app.studio.analogy_slots import Slot
+from guise.app.studio.analogy_view import HeadView
+from guise.app.studio.questions import agreed
+from guise.app.studio.site import Studio, heading, page, show_job
+from guise.app.studio.store import Clip, JobRow, StudioError
+from guise.app.studio.uploads import CLIP, MESH
+from guise.app.studio.uploads import PICTURE as IMAGE
 
 PATH = "/analogy"
 PHOTO, HEAD = "analogy-photo", "analogy-head"

@@ -11,23 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analogy.mesh_io import MeshFile, read_mesh, read_rig, write_rig
-from app.media import EncodeOptions
-from app.meshes.pair import Carrier, open_carrier
-from app.meshes.pair import How as HeadHow
-from app.meshes.pictures import Stand
-from app.meshes.transferring import WRITING, carry_all
-from app.meshes.work import Work
-from app.outputs import write_whole
-from app.photos.animate import animate_file
-from app.photos.image import How as PhotoHow
-from app.photos.image import analogy_image
-from app.run import Progress
-from app.studio.naming import called
-
-F64 = NDArray[np.float64]
+from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
+from guise.app.media import EncodeOptions
+from guise.app.meshes.pair import Carrier, open_carrier
+from guise.app.meshes.pair import How as HeadHow
+from guise.app.meshes.pictures import Stand
+from guise.app.meshes.transferring import WRITING, carry_all
+from guise.app.meshes.work import Work
+from guise.app.photos.animate import animate_file
+from guise.app.photos.image import How as PhotoHow
+from guise.app.photos.image import analogy_image
+from guise.app.studio.naming import called
+from guise.common.arrays import F64
+from guise.common.files import write_whole
+from guise.common.progress import Progress
 
 SOURCE, TARGET, ZIP = "source.glb", "target.glb", "result.zip"
 PICTURE, VIDEO, MONTAGE = "result.png", "result.mp4", "montage.png"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from nicegui import ui
 
-from app.studio.questions import agreed
-from app.studio.site import Studio
-from app.studio.store import Clip, Upload
-from app.studio.uploads import CLIP, Kind, forget, uploader
+from guise.app.studio.questions import agreed
+from guise.app.studio.site import Studio
+from guise.app.studio.store import Clip, Upload
+from guise.app.studio.uploads import CLIP, Kind, forget, uploader
 
 
 class Slot:

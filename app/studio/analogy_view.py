@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from app.studio.analogy_jobs import SOURCE, TARGET
-from app.studio.site import Studio
-from app.studio.store import JobRow
+from guise.app.studio.analogy_jobs import SOURCE, TARGET
+from guise.app.studio.site import Studio
+from guise.app.studio.store import JobRow
 
 APART = 0.62  # of the middle of the scene, in heights of a head
 UPRIGHT = np.array(

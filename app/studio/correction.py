@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aam.landmarks import (
+from guise.aam.landmarks import (
     COUNT,
     MIRROR,
     Face,
@@ -26,18 +26,16 @@ from aam.landmarks import (
     open_landmarker,
     tight_box,
 )
-from aam.landmarks.face import Image
-from aam.landmarks.plausible import followed
-from aam.landmarks.schemes import mean_geometry
-from aam.similarity import align_planar
-from app.landmark_files import About, Found, open_landmark_file
-from app.media import open_source
-from app.outputs import write_whole
-from app.run import Progress
-from app.threads import one_thread
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+from guise.aam.landmarks.face import Image
+from guise.aam.landmarks.plausible import followed
+from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.similarity import align_planar
+from guise.app.landmarks.formats import About, Found, open_landmark_file
+from guise.app.media import open_source
+from guise.common.arrays import F32, F64
+from guise.common.files import write_whole
+from guise.common.progress import Progress
+from guise.common.threads import one_thread
 
 FOUND, CARRIED, CORRECTED = 0, 1, 2  # where the points of a row come from
 CONFIDENT = 0.5  # from which the landmarker's face is taken

@@ -11,13 +11,13 @@ from datetime import datetime
 
 from nicegui import ui
 
-from app.deidentify.page import COUNTS, HEADLINES
-from app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, title
-from app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
-from app.studio.questions import agreed
-from app.studio.site import Studio, heading, page, show_job
-from app.studio.store import Clip, JobRow, StudioError
-from app.studio.uploads import uploader
+from guise.app.deidentify.report.page import COUNTS, HEADLINES
+from guise.app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, title
+from guise.app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
+from guise.app.studio.questions import agreed
+from guise.app.studio.site import Studio, heading, page, show_job
+from guise.app.studio.store import Clip, JobRow, StudioError
+from guise.app.studio.uploads import uploader
 
 PATH = "/deidentify"
 REVIEW, RENDER = "deidentify-review", "deidentify-render"

@@ -12,17 +12,17 @@ from typing import Any
 
 from nicegui import ui
 
-from app.deidentify.html import Html, tag
-from app.deidentify.report import clock
-from app.deidentify.sheet import COLOURS
-from app.donors import open_donor
-from app.media.images import encode_image
-from app.montage import draw
-from app.outputs import write_whole
-from app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
-from app.studio.questions import agreed, answer
-from app.studio.site import Studio
-from app.studio.store import JobRow
+from guise.app.deidentify.report.html import Html, tag
+from guise.app.deidentify.report.report import clock
+from guise.app.deidentify.report.sheet import COLOURS
+from guise.app.media.images import encode_image
+from guise.app.people.montage import draw
+from guise.app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
+from guise.app.studio.questions import agreed, answer
+from guise.app.studio.site import Studio
+from guise.app.studio.store import JobRow
+from guise.app.swapping.donors import open_donor
+from guise.common.files import write_whole
 
 CHOICES = "choices.json"
 SHOWN = 20  # tracks on a page

@@ -12,19 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.deidentify.case import Case
-from app.deidentify.engines import open_engine
-from app.deidentify.job import deidentify_file, pictures
-from app.deidentify.options import Audio, CoverStyle, Options
-from app.deidentify.report import outcome, verdict
-from app.deidentify.tracks import Action
-from app.deidentify.work import Work
-from app.media.containers import suffix_for
-from app.outputs import write_whole
-from app.pictures import save_picture
-from app.run import Progress, mute
-from app.studio.naming import called
-from app.studio.store import StudioError
+from guise.app.deidentify.options import Audio, Options
+from guise.app.deidentify.report.report import outcome, verdict
+from guise.app.deidentify.run.engines import open_engine
+from guise.app.deidentify.run.job import deidentify_file, pictures
+from guise.app.deidentify.stages.case import Case
+from guise.app.deidentify.stages.work import Work
+from guise.app.deidentify.tracks import Action
+from guise.app.media.containers import suffix_for
+from guise.app.media.pictures import save_picture
+from guise.app.studio.naming import called
+from guise.app.studio.store import StudioError
+from guise.app.swapping.cover import CoverStyle
+from guise.common.files import write_whole
+from guise.common.progress import Progress, mute
 
 STEM = "out"
 TRACKS = f"{STEM}.tracks.json"
@@ -38,7 +39,7 @@ class Choices:
     Parameters
     ----------
     actions : by track.   donors : by person, "" lets Guise choose.  Keys are numbers as text, as JSON has them.
-    cover, alpha, audio : as in `app.deidentify.options.Options`.
+    cover, alpha, audio : as in `guise.app.deidentify.options.Options`.
     """
 
     actions: dict[str, Action]

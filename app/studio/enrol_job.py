@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from aam.model import Identity
-from app.enrol import LandmarkSource
-from app.enrolling import enrol_file
-from app.montage import montage
-from app.pictures import save_picture
-from app.studio.jobs import Progress
-from app.studio.naming import called
+from guise.aam.model import Identity
+from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.enrolment.file import enrol_file
+from guise.app.media.pictures import save_picture
+from guise.app.people.montage import montage
+from guise.app.studio.jobs import Progress
+from guise.app.studio.naming import called
 
 KIND = "enrol"
 

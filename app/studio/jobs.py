@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from app.studio.store import JobRow, Store, StudioError
+from guise.app.studio.store import JobRow, Store, StudioError
 
 Progress = Callable[[str, float], None]
 Function = Callable[[dict[str, Any], Path, Progress], dict[str, Any]]
@@ -153,7 +153,7 @@ def _end(process: Any) -> None:
 
 def _child(pipe: Connection, function: Function | None, about: dict[str, Any], folder: Path) -> None:
     """The process of a job; it says how far it is, and at last what came of it."""
-    from app.failures import explain, trace
+    from guise.common.failures import explain, trace
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the studio decides
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -13,21 +13,14 @@ import numpy as np
 from nicegui import events, ui
 from numpy.typing import NDArray
 
-from aam.landmarks import COUNT, LandmarkError, open_landmarker
-from app.studio.correction import (
-    CARRIED,
-    CORRECTED,
-    FOUND,
-    Correction,
-    carried,
-    save_correction,
-)
-from app.studio.landmark_frames import Frames, Points, address, thumbnail
-from app.studio.landmark_view import SCREEN, View, name_of
-from app.studio.people import learn_again
-from app.studio.questions import agreed
-from app.studio.site import Studio, show_job
-from app.studio.store import JobRow, Person
+from guise.aam.landmarks import COUNT, LandmarkError, open_landmarker
+from guise.app.studio.correction import CARRIED, CORRECTED, FOUND, Correction, carried, save_correction
+from guise.app.studio.landmark_frames import Frames, Points, address, thumbnail
+from guise.app.studio.landmark_view import SCREEN, View, name_of
+from guise.app.studio.people import learn_again
+from guise.app.studio.questions import agreed
+from guise.app.studio.site import Studio, show_job
+from guise.app.studio.store import JobRow, Person
 
 EVEN, WORST = 20, 20  # thumbnails over the clip, and of its most doubtful frames
 STEP, FINE = 1.0, 0.2  # frame pixels that an arrow key moves a point, and with shift

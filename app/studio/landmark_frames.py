@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import LandmarkError
-from app.media import Frame, open_source
-from app.media.images import encode_image
-from app.media.segments import read_frames, scan
-from app.studio.landmark_view import View
+from guise.aam.landmarks import LandmarkError
+from guise.app.media import Frame, open_source
+from guise.app.media.images import encode_image
+from guise.app.media.segments import read_frames, scan
+from guise.app.studio.landmark_view import View
 
 Picture = NDArray[np.uint8]
 Points = NDArray[np.float32]

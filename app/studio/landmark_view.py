@@ -12,9 +12,18 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aam.landmarks import GROUPS, INNER_LIPS, LEFT_BROW, LEFT_EYE, NOSE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE
+from guise.aam.landmarks import (
+    GROUPS,
+    INNER_LIPS,
+    LEFT_BROW,
+    LEFT_EYE,
+    NOSE,
+    OUTER_LIPS,
+    RIGHT_BROW,
+    RIGHT_EYE,
+)
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 SCREEN = 720

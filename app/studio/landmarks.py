@@ -8,11 +8,11 @@ from pathlib import Path
 
 from nicegui import ui
 
-from app.studio.correction import Correction, landmarks_job, load_correction
-from app.studio.landmark_editor import Editor
-from app.studio.landmark_frames import Frames
-from app.studio.site import Studio, heading, page, show_job
-from app.studio.store import Clip, JobRow, Person
+from guise.app.studio.correction import Correction, landmarks_job, load_correction
+from guise.app.studio.landmark_editor import Editor
+from guise.app.studio.landmark_frames import Frames
+from guise.app.studio.site import Studio, heading, page, show_job
+from guise.app.studio.store import Clip, JobRow, Person
 
 PATH = "/landmarks"
 KIND = "landmarks"

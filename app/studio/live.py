@@ -14,18 +14,18 @@ from typing import Any
 from nicegui import app as nicegui_app
 from nicegui import ui
 
-from aam.model import Identity
-from app.donors import SUFFIX, open_donor
-from app.live.capture import CameraCapture
-from app.live.controls import Controls, Settings
-from app.live.pipeline import Stats
-from app.live.session import Plan
-from app.media import MediaError
-from app.montage import montage
-from app.pictures import save_picture
-from app.studio.rtc import Peer, PeerOutput
-from app.studio.show import Show
-from app.studio.site import Studio, heading, page
+from guise.aam.model import Identity
+from guise.app.live.capture import CameraCapture
+from guise.app.live.controls import Controls, Settings
+from guise.app.live.pipeline import Stats
+from guise.app.live.session import Plan
+from guise.app.media import MediaError
+from guise.app.media.pictures import save_picture
+from guise.app.people.montage import montage
+from guise.app.studio.rtc import Peer, PeerOutput
+from guise.app.studio.show import Show
+from guise.app.studio.site import Studio, heading, page
+from guise.app.swapping.donors import SUFFIX, open_donor
 
 OWN, SERVER = "browser", "server"
 CAMERAS = {OWN: "This browser's camera", SERVER: "The computer's camera"}

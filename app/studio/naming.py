@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from app.failures import user_mistakes
-from app.studio.store import StudioError
+from guise.app.studio.store import StudioError
+from guise.common.errors import GuiseError
 
 
 @contextmanager
@@ -15,7 +15,7 @@ def called(names: Mapping[Path, str]) -> Iterator[None]:
     """A user's mistake is raised as StudioError that tells of the files by these names."""
     try:
         yield
-    except user_mistakes() as error:
+    except GuiseError as error:
         told = str(error)
         for path, name in names.items():
             told = told.replace(str(path), name).replace(path.name, name)

@@ -8,15 +8,15 @@ from nicegui import app as nicegui_app
 from nicegui import run, ui
 from starlette.responses import PlainTextResponse, Response
 
-from app.donors import gallery, open_donor
-from app.media.images import encode_image
-from app.montage import draw
-from app.studio.enrol_job import KIND, enrol_job
-from app.studio.questions import agreed
-from app.studio.recorder import Recorder
-from app.studio.site import Studio, heading, page, show_job
-from app.studio.store import Clip, JobRow, Person
-from app.studio.uploads import uploader
+from guise.app.media.images import encode_image
+from guise.app.people.montage import draw
+from guise.app.studio.enrol_job import KIND, enrol_job
+from guise.app.studio.questions import agreed
+from guise.app.studio.recorder import Recorder
+from guise.app.studio.site import Studio, heading, page, show_job
+from guise.app.studio.store import Clip, JobRow, Person
+from guise.app.studio.uploads import uploader
+from guise.app.swapping.donors import gallery, open_donor
 
 LOOK = 1.0  # seconds between two looks at what other tabs have changed
 

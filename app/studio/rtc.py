@@ -24,16 +24,16 @@ from aiortc.codecs import vpx
 from aiortc.exceptions import InvalidStateError, OperationError
 from aiortc.mediastreams import MediaStreamError
 
-from app.live.capture import Capture
-from app.live.controls import Controls
-from app.live.output import Output, Shown
-from app.live.overlay import draw_mask, draw_mesh
-from app.live.slot import Slot
-from app.media import Frame
-from app.media.colour import BT470BG
-from app.media.frame import clone_video_frame
-from app.media.target import Target
-from app.studio.store import StudioError
+from guise.app.live.capture import Capture
+from guise.app.live.controls import Controls
+from guise.app.live.output import Output, Shown
+from guise.app.live.overlay import draw_mask, draw_mesh
+from guise.app.live.slot import Slot
+from guise.app.media import Frame
+from guise.app.media.colour import BT470BG
+from guise.app.media.frame import clone_video_frame
+from guise.app.media.target import Target
+from guise.app.studio.store import StudioError
 
 TICK = Fraction(1, 90_000)  # seconds; the clock of video in RTP
 CODECS = ("video/VP8", "video/rtx", "video/H264")  # aiortc encodes VP8 in a third of the time

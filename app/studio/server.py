@@ -14,12 +14,12 @@ from fastapi import FastAPI
 from nicegui import app as nicegui_app
 from nicegui import ui
 
-from app.failures import user_mistakes
-from app.studio import analogy, deidentify, landmarks, live, people
-from app.studio.guard import Guard
-from app.studio.jobs import Jobs
-from app.studio.site import Studio, StudioOptions, serve_files
-from app.studio.store import Store, StudioError
+from guise.app.studio import analogy, deidentify, landmarks, live, people
+from guise.app.studio.guard import Guard
+from guise.app.studio.jobs import Jobs
+from guise.app.studio.site import Studio, StudioOptions, serve_files
+from guise.app.studio.store import Store, StudioError
+from guise.common.errors import GuiseError
 
 HOST = "127.0.0.1"
 PATIENCE = (
@@ -77,4 +77,4 @@ def _run(site: Guard, listener: socket.socket) -> None:
 
 def _is_fault(record: logging.LogRecord) -> bool:
     """Whether a log record is none about a user's mistake, which the page itself tells."""
-    return not (record.exc_info and isinstance(record.exc_info[1], user_mistakes()))
+    return not (record.exc_info and isinstance(record.exc_info[1], GuiseError))

@@ -9,14 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 
-from app.failures import explain, trace
-from app.live.capture import Capture
-from app.live.controls import Controls
-from app.live.output import Output, Shown
-from app.live.pipeline import Pipeline, Stats
-from app.live.recorder import Recordings, snapshot
-from app.live.session import LiveWork, Plan
-from app.threads import one_thread
+from guise.app.live.capture import Capture
+from guise.app.live.controls import Controls
+from guise.app.live.output import Output, Shown
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.recorder import Recordings, snapshot
+from guise.app.live.session import LiveWork, Plan
+from guise.common.failures import explain, trace
+from guise.common.threads import one_thread
 
 
 class Show:
@@ -25,7 +25,7 @@ class Show:
     Parameters
     ----------
     open_capture : opens it, in such a thread.
-    plan, controls : see `app.live.session`.
+    plan, controls : see `guise.app.live.session`.
     output : where the pictures go.
     folder : for recordings and snapshots.
     wanted : asked all the time; False ends it.

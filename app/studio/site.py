@@ -14,10 +14,11 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import Request
 
-from app.donors import gallery
-from app.failures import explain, user_mistakes
-from app.studio.jobs import Jobs
-from app.studio.store import FOLDERS, JobRow, Store, StudioError
+from guise.app.studio.jobs import Jobs
+from guise.app.studio.store import FOLDERS, JobRow, Store, StudioError
+from guise.app.swapping.donors import gallery
+from guise.common.errors import GuiseError
+from guise.common.failures import explain
 
 LINKS = {
     "Live": "/",
@@ -62,7 +63,8 @@ class Studio:
         return "/files/" + quote(path.relative_to(self.store.folder).as_posix())
 
     def faces(self) -> dict[str, str]:
-        """Who can be shown: spec for `app.donors.open_donor` -> name; own people first, then the gallery."""
+        """Who can be shown: spec for `guise.app.swapping.donors.open_donor` -> name; own people first, then
+        the gallery."""
         own = {str(person.path): person.name for person in self.store.people()}
         return own | {name: f"{name} (fictional)" for name in gallery()}
 
@@ -86,7 +88,7 @@ def page(studio: Studio, path: str, title: str, build: Build, *, patience: float
                 done = build(**request.path_params)
                 if done is not None:
                     await done
-            except user_mistakes() as error:
+            except GuiseError as error:
                 ui.label(explain(error)[0])
 
     ui.page(path, title=f"{title} · Guise", reconnect_timeout=patience)(shown)

@@ -17,7 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from app.deidentify.inputs import VIDEO_SUFFIXES
+from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
+from guise.common.errors import GuiseError
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
@@ -33,7 +34,7 @@ CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT);
 """
 
 
-class StudioError(ValueError):
+class StudioError(GuiseError):
     """What the studio cannot do; one sentence."""
 
 

@@ -11,14 +11,15 @@ import cv2
 import numpy as np
 from nicegui import events, run, ui
 
-from app.deidentify.inputs import VIDEO_SUFFIXES
-from app.failures import explain, user_mistakes
-from app.media import open_source
-from app.media.images import IMAGE_SUFFIXES, read_deep
-from app.pictures import save_picture
-from app.studio.guard import too_large
-from app.studio.site import Studio, tell
-from app.studio.store import Clip, StudioError, Upload
+from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
+from guise.app.media import open_source
+from guise.app.media.images import IMAGE_SUFFIXES, read_deep
+from guise.app.media.pictures import save_picture
+from guise.app.studio.guard import too_large
+from guise.app.studio.site import Studio, tell
+from guise.app.studio.store import Clip, StudioError, Upload
+from guise.common.errors import GuiseError
+from guise.common.failures import explain
 
 PREVIEW = 320  # pixels, height of a picture's preview
 SIDE = -25.0  # degrees, from which a mesh is seen in its preview
@@ -54,10 +55,10 @@ def _look_at_picture(path: Path, preview: Path) -> None:
 
 
 def _look_at_mesh(path: Path, preview: Path) -> None:
-    from aam.similarity import Failed
-    from analogy.feature_points import find
-    from analogy.mesh_io import read_mesh
-    from app.meshes.pictures import Head, Stand
+    from guise.aam.similarity import Failed
+    from guise.analogy.feature_points import find
+    from guise.analogy.formats.files import read_mesh
+    from guise.app.meshes.pictures import Head, Stand
 
     mesh = read_mesh(path).mesh
     points = find(mesh)
@@ -153,7 +154,7 @@ def _place(studio: Studio, kind: Kind, file: Path) -> Clip | Upload:
 def _require(kind: Kind, part: Path, row: Clip | Upload) -> None:
     try:
         kind.look(part, row.path.with_suffix(".png") if isinstance(row, Clip) else row.preview)
-    except user_mistakes() as error:
+    except GuiseError as error:
         why = f"{row.name} is no {kind.noun} that can be read: {kind.advice}"
         raise StudioError(why if kind is CLIP else explain(error)[0].replace(str(part), row.name)) from error
 

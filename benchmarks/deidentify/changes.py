@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.media import open_source
 from benchmarks.common import F64
+from guise.app.media import open_source
 
 LOSSLESS, LOSSY = 1, 6  # grey levels from which a pixel counts as changed
 CLOSE = (

@@ -15,10 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.landmarks import open_landmarker, track_video
-from app.measure.curves import CURVES, correlation, expression
-from app.measure.figures import mean_of
-from app.media import EncodeOptions, open_sink, open_source
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.deidentify.guise import deidentified
@@ -26,6 +22,10 @@ from benchmarks.deidentify.swapped import frontal
 from benchmarks.landmarks.mediapipe_mesh import face81
 from benchmarks.landmarks.peers import MISSING, Peer
 from benchmarks.landmarks.setting import MEDIAPIPE, skipped
+from guise.aam.landmarks import open_landmarker, track_video
+from guise.app.measure.curves import CURVES, correlation, expression
+from guise.app.measure.figures import mean_of
+from guise.app.media import EncodeOptions, open_sink, open_source
 
 NAME, TITLE = "deidentify.expression", "De-identification: expression kept"
 FRAMES = 240  # the first ones of each clip

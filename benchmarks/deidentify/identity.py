@@ -22,21 +22,21 @@ from pathlib import Path
 
 import numpy as np
 
-import app
-from aam.landmarks import open_landmarker
-from app.donors import gallery
-from app.measure.faces import Seen, seen_again
-from app.measure.job import Compared, Judge
-from app.measure.people import Gallery, Known, embedded, embeddings_of
-from app.measure.privacy import rank, rank_one, template
-from app.media import open_source
-from app.recogniser import Recogniser, RecogniserCard
+import guise.app as app
 from benchmarks import common
 from benchmarks.common import F32, F64, Criterion, Report, Table
 from benchmarks.deidentify.guise import deidentified
 from benchmarks.deidentify.swapped import frontal
 from benchmarks.identity import TEMPLATE, spread
 from benchmarks.landmarks.clips import real_clips
+from guise.aam.landmarks import open_landmarker
+from guise.app.measure.faces import Seen, seen_again
+from guise.app.measure.job import Compared, Judge
+from guise.app.measure.people import Gallery, Known, embedded, embeddings_of
+from guise.app.measure.privacy import rank, rank_one, template
+from guise.app.media import open_source
+from guise.app.people.recogniser import Recogniser, RecogniserCard
+from guise.app.swapping.donors import gallery
 
 LOOKS = 80  # frames of a clip that are looked at
 SAME = ("address_o", "webcam_a")  # clips whose names begin alike show one person

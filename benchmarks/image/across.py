@@ -10,10 +10,10 @@ import argparse
 
 import numpy as np
 
-from aam.landmarks import interocular, open_landmarker
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
 from benchmarks.image.photos import EXPRESSIONS, METHODS, Score, made, pairs, rendered, score
+from guise.aam.landmarks import interocular, open_landmarker
 
 LANDMARKS = 3.0  # % of the distance between the outer eye corners
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from analogy.photo import Method, PhotoAnalogy
-from analogy.photo.grids import face
-from analogy.photo.motion import Motion
-from analogy.photo.pictures import LUMINANCE
 from benchmarks.common import F64, Picture
+from guise.analogy.photo import Method, PhotoAnalogy
+from guise.analogy.photo.grids import face
+from guise.analogy.photo.motion import Motion
+from guise.analogy.photo.pictures import LUMINANCE
 
 EXPRESSIONS = ("smile", "surprise", "anger", "disgust", "blink", "open")
 METHODS: tuple[Method, ...] = ("tents", "ratio", "warp")

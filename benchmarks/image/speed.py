@@ -15,10 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from analogy.photo import PhotoAnalogy
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.image.photos import METHODS, Photo, rendered
+from guise.analogy.photo import PhotoAnalogy
 
 SIZE = (311, 419)  # the paper's
 CORNER = (160, 30)  # of the pictures' faces

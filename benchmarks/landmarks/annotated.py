@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.landmarks import load_annotations
 from benchmarks.common import F64, Picture
 from benchmarks.landmarks.setting import boxes_of, picture
+from guise.aam.landmarks import load_annotations
 
 IBUG_OF_IMM = {
     0: 17, 1: 18, 2: 19, 3: 20, 4: 21, 12: 22, 13: 23, 14: 24, 15: 25, 8: 26,  # brows

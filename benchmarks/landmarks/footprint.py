@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-import aam
+import guise.aam as aam
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.landmarks import setting
@@ -39,7 +39,7 @@ marks = [(time.perf_counter(), time.process_time())]
 mark = lambda: marks.append((time.perf_counter(), time.process_time()))
 import json, sys
 import numpy as np
-from aam.landmarks import open_landmarker
+from guise.aam.landmarks import open_landmarker
 mark()
 landmarker = open_landmarker(sys.argv[1])
 mark()

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import interocular, overlap
 from benchmarks.common import F64
+from guise.aam.landmarks import interocular, overlap
 
 Bools = NDArray[np.bool_]
 

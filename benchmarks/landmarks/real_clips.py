@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aam.landmarks import Landmarker
-from aam.landmarks.tracking import MultiFollower
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import HARD, RealClip, real_clips
 from benchmarks.landmarks.metrics import INNER, face_errors, matches, mean_of, percent_errors
+from guise.aam.landmarks import Landmarker
+from guise.aam.landmarks.tracking import MultiFollower
 
 NAME, TITLE = "landmarks.real_clips", "Landmarks on real clips"
 FRAMES = 300  # of a clip

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.landmarks import Face, Landmarker, open_landmarker
-from aam.landmarks.tracking import MultiFollower
 from benchmarks import common
 from benchmarks.common import F64, Picture, Report
+from guise.aam.landmarks import Face, Landmarker, open_landmarker
+from guise.aam.landmarks.tracking import MultiFollower
 
 # Faces of less confidence are not taken; what the followers do by default.
 CONFIDENCE = float(inspect.signature(MultiFollower).parameters["min_confidence"].default)

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from aam.landmarks.tracking import MultiFollower
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import matches
 from benchmarks.landmarks.peers import MISSING, Peer
+from guise.aam.landmarks.tracking import MultiFollower
 
 NAME, TITLE = "landmarks.small_faces", "Small and many faces"
 EVERY = 3

@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from aam.landmarks import Face
 from benchmarks import common
 from benchmarks.common import Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.peers import MISSING, Peer
+from guise.aam.landmarks import Face
 
 NAME, TITLE = "landmarks.speed", "Landmarker speed"
 CLIP = "room_s18"

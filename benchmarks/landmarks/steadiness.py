@@ -23,13 +23,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from aam.landmarks import Face, Follower, Landmarker, interocular
-from aam.landmarks.smoothing import Smoother
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import Bools, depth, lag, mean_of, motion, opening, root_mean_square
+from guise.aam.landmarks import Face, Follower, Landmarker, interocular
+from guise.aam.landmarks.smoothing import Smoother
 
 NAME, TITLE = "landmarks.steadiness", "Steadiness and lag"
 CLIPS = (

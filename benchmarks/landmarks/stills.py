@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from aam.landmarks import OnnxLandmarker
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
@@ -28,6 +27,7 @@ from benchmarks.landmarks.annotated import SETS, Still, stills
 from benchmarks.landmarks.mediapipe_mesh import face81
 from benchmarks.landmarks.metrics import Accuracy, accuracy, matches
 from benchmarks.landmarks.peers import MISSING, Peer
+from guise.aam.landmarks import OnnxLandmarker
 
 NAME, TITLE = "landmarks.stills", "Landmarks on annotated stills"
 Finder = Callable[[Picture, Still], F64]  # points (n, 68, 2) of the faces of a still, NaN of those not found

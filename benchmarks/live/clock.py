@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.media import Frame
+from guise.app.media import Frame
 
 BITS, CHECK = 24, 8
 CELLS = BITS + CHECK

@@ -14,20 +14,20 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.model import Identity
-from app.donors import open_donor
-from app.enrol import LandmarkSource
-from app.live.capture import FileCapture
-from app.live.controls import Controls
-from app.live.pipeline import Stats
-from app.live.session import LiveWork, Plan
-from app.run import Settings, person_in
-from app.threads import one_thread
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.changes import ENOUGH, INSIDE, Truth, share
 from benchmarks.deidentify.leaks import clips
 from benchmarks.live.runs import DONOR
+from guise.aam.model import Identity
+from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.live.capture import FileCapture
+from guise.app.live.controls import Controls
+from guise.app.live.pipeline import Stats
+from guise.app.live.session import LiveWork, Plan
+from guise.app.swapping.donors import open_donor
+from guise.app.swapping.run import Settings, person_in
+from guise.common.threads import one_thread
 
 STEPS = (1, 3)  # every frame, every third
 OUTCOMES = ("swapped", "covered", "lost")

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from app.live.capture import FileCapture
-from app.live.output import Shown
-from app.media import Frame
-from app.threads import one_thread
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live import clock
 from benchmarks.live.runs import Noted, Scene, display, played, small, window
+from guise.app.live.capture import FileCapture
+from guise.app.live.output import Shown
+from guise.app.media import Frame
+from guise.common.threads import one_thread
 
 ROUNDS = 3
 SECONDS = 20.0  # of a round

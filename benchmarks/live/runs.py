@@ -14,17 +14,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from aam.model import Identity
-from app.donors import open_donor
-from app.live.capture import Capture
-from app.live.controls import Controls
-from app.live.output import Output, Shown
-from app.live.overlay import Overlay
-from app.live.pipeline import Pipeline, Stats
-from app.live.session import LiveWork, Plan
-from app.live.window import Window
 from benchmarks import common
 from benchmarks.common import Clip
+from guise.aam.model import Identity
+from guise.app.live.capture import Capture
+from guise.app.live.controls import Controls
+from guise.app.live.output import Output, Shown
+from guise.app.live.overlay import Overlay
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.session import LiveWork, Plan
+from guise.app.live.window import Window
+from guise.app.swapping.donors import open_donor
 
 SAMPLES = Path(__file__).parents[2] / "sample_videos"
 DONOR = "p03"

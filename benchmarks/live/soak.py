@@ -19,16 +19,16 @@ from pathlib import Path
 
 import numpy as np
 
-from app.live.capture import FileCapture
-from app.live.output import Shown
-from app.live.pipeline import Stats
-from app.live.recorder import Recorder
-from app.media import EncodeOptions
-from app.threads import one_thread
 from benchmarks import common
 from benchmarks.children import PAGE_MB
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live.runs import Noted, played, small
+from guise.app.live.capture import FileCapture
+from guise.app.live.output import Shown
+from guise.app.live.pipeline import Stats
+from guise.app.live.recorder import Recorder
+from guise.app.media import EncodeOptions
+from guise.common.threads import one_thread
 
 EVERY = 1.0  # seconds
 GROWTH = 1.05

@@ -24,8 +24,8 @@ CLIP = SAMPLES / "p01" / "talk.mp4"
 ROUNDS = 5
 TARGET = 3.0  # seconds
 CHILD = """
-from app.cli import main
-from app.live.pipeline import Pipeline
+from guise.app.cli.main import main
+from guise.app.live.pipeline import Pipeline
 
 told = Pipeline.presented
 

@@ -24,18 +24,18 @@ import numpy as np
 from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.mediastreams import MediaStreamError
 
-from app.live.controls import Controls
-from app.live.face import Look
-from app.live.output import Shown
-from app.live.pipeline import Pipeline, Stats
-from app.live.session import Plan
-from app.media import Frame
-from app.studio.rtc import Peer, PeerOutput
-from app.studio.show import Show
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.live import clock
 from benchmarks.live.runs import Scene, small
+from guise.app.live.controls import Controls
+from guise.app.live.face import Look
+from guise.app.live.output import Shown
+from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.session import Plan
+from guise.app.media import Frame
+from guise.app.studio.rtc import Peer, PeerOutput
+from guise.app.studio.show import Show
 
 ROUNDS = 3
 SECONDS = 15.0  # of a round

@@ -17,18 +17,19 @@ from itertools import islice
 
 import numpy as np
 
-from aam.follow import PersonFollower
-from aam.tracker import Fit
-from app.deidentify.fit import trust
-from app.engine import Engine, Options
-from app.live.capture import FileCapture
-from app.live.output import Output
-from app.live.session import JAW
-from app.live.watch import Watch
-from app.threads import one_thread
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
+from guise.aam.follow import PersonFollower
+from guise.aam.tracker import Fit
+from guise.app.live.capture import FileCapture
+from guise.app.live.output import Output
+from guise.app.live.session import JAW
+from guise.app.live.watch import Watch
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.options import Options
+from guise.app.swapping.trust import trust
+from guise.common.threads import one_thread
 
 ROUNDS = 5
 FRAMES = 300  # in a round

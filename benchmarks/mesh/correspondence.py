@@ -25,15 +25,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.similarity import Failed
-from analogy.feature_points import find
-from analogy.mesh import Mesh
-from analogy.register import Registration, register
-from analogy.transfer import prepare
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.mesh.marked_heads import people, triangles
 from benchmarks.mesh.speed import Reference, seconds, without_cholmod
+from guise.aam.similarity import Failed
+from guise.analogy.feature_points import find
+from guise.analogy.mesh import Mesh
+from guise.analogy.register import Registration, register
+from guise.analogy.transfer import prepare
 
 NAME, TITLE = "mesh.correspondence", "Dense correspondence of heads"
 FILES = {"P": "pair_P_7678_to_37500", "M": "pair_M_ict_to_37500"}

@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.correspondence import Correspondence
-from analogy.cylinder import cylindrical
-from analogy.register import register, skin_of
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.mesh.people import CENTIMETRE, load_person, opened, true_link
 from benchmarks.mesh.speed import SOLVED, Reference, side_by_side
 from benchmarks.mesh.transfer import ELSEWHERE, Pair, errors, load_pair, true_correspondence
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.cylinder import cylindrical
+from guise.analogy.register import register, skin_of
 
 NAME, TITLE = "mesh.cylinder", "Cylindrical correspondence between heads"
 SECONDS = 0.3

@@ -3,7 +3,7 @@
 Errors are distances to the true points in % of the eye width, the distance between the true outer eye corners.  The
 heads come from two sources that define the outer ends of the brows, and a little the inner ones and the chin,
 differently; `--shifts` prints how each source's points lie to those of the landmarker, of which
-`analogy.feature_points.DEFINITIONS` is made.  `--pictures` draws what was found, also where no truth is known.
+`guise.analogy.feature_points.DEFINITIONS` is made.  `--pictures` draws what was found, also where no truth is known.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aam.similarity import Failed
-from analogy.facing import facings, landmarker
-from analogy.feature_points import NAMES, POINTS, FeaturePoints, find
-from analogy.mesh import Mesh
-from analogy.sighting import frontal_axes, sighted
-from analogy.views import Solid, View
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.mesh.marked_heads import Head, heads
+from guise.aam.similarity import Failed
+from guise.analogy.facing import facings, landmarker
+from guise.analogy.feature_points import NAMES, POINTS, FeaturePoints, find
+from guise.analogy.mesh import Mesh
+from guise.analogy.sighting import frontal_axes, sighted
+from guise.analogy.views import Solid, View
 
 NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"
 NEAR = 0.08  # eye widths

@@ -1,6 +1,6 @@
 """Heads with known feature points, for the benchmark of the points: rendered people, ICT, two ARKit sets.
 
-The truth of a head is (20, 3), in the order of `analogy.feature_points.NAMES`, NaN where a point is not known.
+The truth of a head is (20, 3), in the order of `guise.analogy.feature_points.NAMES`, NaN where a point is not known.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.feature_points import NAMES, POINTS
-from analogy.mesh import Mesh
-from analogy.mesh_io import read_mesh
+from guise.analogy.feature_points import NAMES, POINTS
+from guise.analogy.formats.files import read_mesh
+from guise.analogy.mesh import Mesh
 
 F64 = NDArray[np.float64]
 REMESHED = ("", "t5k", "t12k", "t24k")

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analogy.correspondence import Correspondence
-from analogy.geometry import Surface, vertex_normals
-from analogy.mesh import Mesh
-from analogy.mesh_io import read_mesh
-from analogy.register import register
-from analogy.transfer import Transfer
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.mesh.transfer import METHODS, err
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.formats.files import read_mesh
+from guise.analogy.geometry import Surface, vertex_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.register import register
+from guise.analogy.transfer import Transfer
 
 NAME, TITLE = "mesh.people", "Transfer of expressions between synthetic people"
 UNTOUCHED = {"p04", "p10"}

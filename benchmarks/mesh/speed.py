@@ -27,13 +27,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from analogy import solver as solving
-from analogy.geometry import cotangent_laplacian
-from analogy.mesh import Mesh
-from analogy.transfer import Transfer, prepare
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.mesh.transfer import Pair, load_pair, mesh_of, true_correspondence
+from guise.analogy import solver as solving
+from guise.analogy.geometry import cotangent_laplacian
+from guise.analogy.mesh import Mesh
+from guise.analogy.transfer import Transfer, prepare
 
 NAME, TITLE = "mesh.speed", "Speed of the transfer between heads"
 FACTORISED, SOLVED = 1.06, 0.039  # seconds of the reference where the targets hold

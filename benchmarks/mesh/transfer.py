@@ -16,15 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from aam.similarity import Similarity
-from analogy.correspondence import Correspondence
-from analogy.geometry import Surface, vertex_normals
-from analogy.mesh import Mesh
-from analogy.register import register
-from analogy.tents import vertex_error
-from analogy.transfer import Method, Transfer
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
+from guise.aam.similarity import Similarity
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.geometry import Surface, vertex_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.register import register
+from guise.analogy.tents import vertex_error
+from guise.analogy.transfer import Method, Transfer
 
 NAME, TITLE = "mesh.transfer", "Transfer of expressions between heads"
 METHODS: tuple[Method, ...] = ("tents", "gradients", "cloning")

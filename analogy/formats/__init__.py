@@ -1,0 +1,1 @@
+"""Mesh files: OBJ, PLY, glTF and GLB, read and written back."""

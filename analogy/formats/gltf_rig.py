@@ -1,0 +1,175 @@
+"""Morph targets of glTF put into a document, and the weights of its animation read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.analogy.formats.gltf import GltfDocument, Part, parts_of, undamaged
+from guise.analogy.formats.gltf_container import VERTICES, Container, Json, content
+from guise.analogy.mesh import MeshError
+from guise.analogy.normals import Normals
+from guise.common.arrays import F32, F64
+
+Bool = NDArray[np.bool_]
+
+
+def rigged(
+    document: GltfDocument,
+    normals: Normals | None,
+    shapes: Iterable[tuple[str, F64]],
+    moving: Bool,
+    folder: Path,
+) -> bytes:
+    """A GLB of a document with morph targets in place of its own.
+
+    normals : how its normals move, None where it has none.   shapes : names and vertices (n, 3) in the scene.
+    moving : (n,) whether any shape moves a vertex; meshes of which none moves get no targets.
+    folder : where textures lie that the document names; they are put into the file.
+    """
+    with undamaged():
+        made = document.container.copy()
+        _drop_targets(made)
+        pairs = zip(document.parts, parts_of(made), strict=True)
+        parts = [(part, own) for part, own in pairs if _moves(part, document.parts, moving)]
+        names: list[str] = []
+        for name, vertices in shapes:
+            names.append(name)
+            turned = None if normals is None else normals.moved(vertices)
+            for part, own in parts:
+                target = _target(made, document, part, vertices, turned)
+                for primitive in own.primitives:
+                    primitive.setdefault("targets", []).append(target)
+        for part, _ in parts:
+            mesh = made.json["meshes"][part.mesh]
+            mesh["extras"] = {**(mesh.get("extras") or {}), "targetNames": names}
+            mesh["weights"] = [0.0] * len(names)
+        _embed(made, folder)
+        return made.glb()
+
+
+def _moves(part: Part, parts: list[Part], moving: Bool) -> bool:
+    return any(moving[other.rows].any() for other in parts if other.mesh == part.mesh)
+
+
+def _target(
+    made: Container, held: GltfDocument, part: Part, vertices: F64, normals: F64 | None
+) -> dict[str, int]:
+    """The accessors of a part's displacements."""
+    way = part.from_scene(vertices[part.rows] - held.vertices[part.rows], place=False)
+    target = {"POSITION": made.append(way.astype(np.float32), VERTICES)}
+    if normals is not None and held.normals is not None and part.has("NORMAL"):
+        turn = part.normals_from_scene(normals[part.rows]) - part.normals_from_scene(held.normals[part.rows])
+        target["NORMAL"] = made.append(turn.astype(np.float32), VERTICES)
+    return target
+
+
+def _drop_targets(made: Container) -> None:
+    """Morph targets, their names and weights, and what animates them, left out."""
+    for mesh in made.json["meshes"]:
+        mesh.pop("weights", None)
+        if "targetNames" in (mesh.get("extras") or {}):
+            del mesh["extras"]["targetNames"]
+        for primitive in mesh["primitives"]:
+            primitive.pop("targets", None)
+    for node in made.json["nodes"]:
+        node.pop("weights", None)
+    animations = made.json.pop("animations", [])
+    for animation in animations:
+        animation["channels"] = [c for c in animation["channels"] if c["target"]["path"] != "weights"]
+    kept = [animation for animation in animations if animation["channels"]]
+    if kept:
+        made.json["animations"] = kept
+
+
+def _embed(made: Container, folder: Path) -> None:
+    """Textures in files of their own, put into the buffer."""
+    for image in made.json.get("images", []):
+        address = image.get("uri", "data:")
+        if not address.startswith("data:"):
+            data = content(address, folder)
+            image["bufferView"] = made.append_bytes(data)
+            image["mimeType"] = "image/png" if data[:4] == b"\x89PNG" else "image/jpeg"
+            del image["uri"]
+
+
+def frames(document: GltfDocument, rate: float | None) -> Iterator[F64]:
+    """Vertices (n, 3) in the scene, frame after frame of the first animation that moves morph targets.
+
+    rate : in frames per second; None for the times of the animation's keys.  Nodes stand as they are.
+
+    Raises
+    ------
+    MeshError
+        When there is no such animation.
+    """
+    with undamaged():
+        count, weights = _animation(document.container, rate)
+        deltas = [_deltas(document, part) for part in document.parts]
+        given = [weights.get(part.node, _at_rest(document.container, part)) for part in document.parts]
+        tracks = [np.broadcast_to(w, (count, len(d))) for w, d in zip(given, deltas, strict=True)]
+    parts = list(zip(document.parts, deltas, tracks, strict=True))
+    return (_frame(document, parts, i) for i in range(count))
+
+
+def _frame(document: GltfDocument, parts: list[tuple[Part, F32, F64]], frame: int) -> F64:
+    vertices = document.vertices.copy()
+    for part, delta, weights in parts:
+        vertices[part.rows] += (weights[frame].astype(np.float32) @ delta).reshape(-1, 3)
+    return vertices
+
+
+def _animation(container: Container, rate: float | None) -> tuple[int, dict[int, F64]]:
+    """The number f of frames, and the weights (f, k) of each animated node."""
+    for candidate in container.json.get("animations", []):
+        channels = [c for c in candidate["channels"] if c["target"]["path"] == "weights"]
+        if channels:
+            samplers = {c["target"]["node"]: candidate["samplers"][c["sampler"]] for c in channels}
+            keys = {node: _numbers(container, held["input"])[:, 0] for node, held in samplers.items()}
+            times = np.unique(np.concatenate(list(keys.values())))
+            if rate is not None:
+                times = times[0] + np.arange(int((times[-1] - times[0]) * rate + 1e-6) + 1) / rate
+            made = {node: _sampled(container, held, keys[node], times) for node, held in samplers.items()}
+            return len(times), made
+    raise MeshError("it has no animation of morph targets")
+
+
+def _deltas(document: GltfDocument, part: Part) -> F32:
+    """(k, 3 m) the displacements of a part's morph targets, in the scene."""
+    count = part.rows.stop - part.rows.start
+    found = np.zeros((len(part.targets()), 3 * count), np.float32)
+    for row, target in zip(found, part.targets(), strict=True):
+        row[:] = part.displacement(document.container, target).ravel()
+    return found
+
+
+def _at_rest(container: Container, part: Part) -> F64:
+    """(1, k) the weights of a part that nothing animates."""
+    mesh = container.json["meshes"][part.mesh].get("weights", [0.0] * len(part.targets()))
+    return np.array([container.json["nodes"][part.node].get("weights", mesh)], np.float64)
+
+
+def _sampled(container: Container, sampler: Json, keys: F64, times: F64) -> F64:
+    """(f, k) the weights of a sampler at times (f,)."""
+    method = sampler.get("interpolation", "LINEAR")
+    values = _numbers(container, sampler["output"])
+    at = np.clip(np.searchsorted(keys, times, "right") - 1, 0, max(len(keys) - 2, 0))
+    after = np.minimum(at + 1, len(keys) - 1)
+    span = keys[after] - keys[at]
+    s = np.clip((times - keys[at]) / np.where(span > 0, span, 1.0), 0, 1)[:, None]
+    if method == "CUBICSPLINE":
+        into, value, out = values.reshape(len(keys), 3, -1).transpose(1, 0, 2)
+        start, end = value[at], value[after]
+        slopes = (s**3 - 2 * s**2 + s) * out[at] + (s**3 - s**2) * into[after]
+        return (2 * s**3 - 3 * s**2 + 1) * start + (3 * s**2 - 2 * s**3) * end + span[:, None] * slopes
+    grid = values.reshape(len(keys), -1)
+    if method == "STEP":
+        s = np.floor(s)
+    return (1 - s) * grid[at] + s * grid[after]
+
+
+def _numbers(container: Container, accessor: int) -> F64:
+    return np.asarray(container.array(accessor), np.float64)

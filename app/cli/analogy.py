@@ -1,0 +1,15 @@
+"""The commands `guise analogy`: expressions from one face to another, on 3-D heads, photos and clips."""
+
+from __future__ import annotations
+
+import typer
+
+from guise.app.cli.image import animate, image
+from guise.app.cli.mesh import mesh
+from guise.app.cli.options import help_without_command
+
+analogy = typer.Typer(help="Expressions from one face to another: 3-D heads, photos and clips.")
+analogy.callback(invoke_without_command=True)(help_without_command)
+analogy.add_typer(mesh, name="mesh")
+analogy.command()(image)
+analogy.command()(animate)

@@ -1,0 +1,225 @@
+"""What a command says: results on stdout, notes, progress and errors on stderr.
+
+With --json stdout holds one JSON object and nothing else; with --quiet only errors are said.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+from guise.common.text import printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+Advance = Callable[[float], None]
+
+_REFRESH = 0.1  # seconds between two drawings of a bar
+
+
+class Console:
+    """Speaks to the user as the options ask.
+
+    Parameters
+    ----------
+    quiet : say errors only.
+    json : one JSON object on stdout, notes on stderr, no progress.
+    """
+
+    def __init__(self, *, quiet: bool = False, json: bool = False) -> None:
+        self.quiet, self.json = quiet, json
+        self._bars: Progress | None = None
+        self._said: set[str] = set()
+
+    def say(self, text: str) -> None:
+        """A line of the result, for people; with --json the object holds it instead."""
+        if not (self.quiet or self.json):
+            self._print(text, sys.stdout)
+
+    def note(self, text: str) -> None:
+        """Something to know, once, on stderr."""
+        if not self.quiet and text not in self._said:
+            self._said.add(text)
+            self._print(text, sys.stderr)
+
+    def error(self, text: str) -> None:
+        """What went wrong with a part of the work, on stderr."""
+        self._print(f"error: {text}", sys.stderr)
+
+    def table(self, title: str, rows: Mapping[str, object]) -> None:
+        """Names and values in two columns."""
+        if self.quiet or self.json:
+            return
+        from rich import box, console, table, text
+
+        grid = table.Table(title=title, title_justify="left", show_header=False, box=box.SIMPLE)
+        for name, value in rows.items():
+            grid.add_row(text.Text(name), text.Text(str(value)))
+        console.Console().print(grid)
+
+    def grid(self, title: str, columns: list[str], rows: list[list[str]]) -> None:
+        """A table with headed columns; all but the first are aligned right."""
+        if self.quiet or self.json:
+            return
+        from rich import box, console, table, text
+
+        grid = table.Table(title=title, title_justify="left", box=box.SIMPLE)
+        for number, column in enumerate(columns):
+            grid.add_column(column, justify="right" if number else "left")
+        for row in rows:
+            grid.add_row(*(text.Text(cell) for cell in row))
+        console.Console().print(grid)
+
+    def result(self, facts: Mapping[str, Any]) -> None:
+        """The JSON object of a run, with --json."""
+        if self.json:
+            print(json.dumps(facts, default=str))
+
+    @contextlib.contextmanager
+    def progress(self, label: str) -> Iterator[Advance]:
+        """A bar with the time that is left; the block calls what it gets with the share done, 0..1."""
+        if self._bars is not None or not self._shows_bars():
+            yield lambda share: None
+            return
+        bars = _make_bars()
+        task = bars.add_task(label, total=1.0)
+        last = 0.0
+
+        def advance(share: float) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last > _REFRESH or share >= 1:
+                last = now
+                bars.update(task, completed=min(max(share, 0.0), 1.0), refresh=True)
+
+        self._bars = bars
+        try:
+            with bars:
+                yield advance
+        finally:
+            self._bars = None
+
+    def show_bars(self) -> Progress | None:
+        """Bars for `Board`, until `hide_bars`; None where they would not be seen."""
+        if self._shows_bars():
+            self._bars = _make_bars()
+            self._bars.start()
+        return self._bars
+
+    def hide_bars(self) -> None:
+        """Take the bars away."""
+        if self._bars is not None:
+            self._bars.stop()
+            self._bars = None
+
+    def _shows_bars(self) -> bool:
+        return not (self.quiet or self.json) and sys.stderr.isatty()
+
+    def _print(self, text: str, stream: Any) -> None:
+        text = printable(text)
+        if self._bars is not None:
+            self._bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            print(text, file=stream, flush=True)
+
+
+def _make_bars() -> Progress:
+    from rich.console import Console as Terminal
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    return Progress(*columns, console=Terminal(stderr=True), transient=True, auto_refresh=False)
+
+
+class Stages:
+    """Progress bars of a work that has named stages one after the other.
+
+    >>> with Stages(Console(quiet=True)) as stages:
+    ...     stages("training", 0.5)
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bar = contextlib.ExitStack()
+        self._stage = ""
+        self._advance: Advance = _nothing
+
+    def __enter__(self) -> Stages:
+        return self
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Show that `share` of a stage is done."""
+        if stage != self._stage:
+            self._bar.close()
+            self._stage = stage
+            self._advance = self._bar.enter_context(self._console.progress(stage))
+        self._advance(share)
+
+    def __exit__(self, *problem: object) -> None:
+        self._bar.close()
+
+
+class Board:
+    """Progress bars of several files at a time: one for all, and one for each file with the stage that it is in.
+
+    total : how many files there are; a single one has its own bar only.
+    """
+
+    def __init__(self, console: Console, total: int) -> None:
+        self._console, self._total = console, total
+        self._lock = threading.Lock()
+        self._tasks: dict[str, tuple[TaskID, str]] = {}
+        self._drawn = 0.0
+
+    def __enter__(self) -> Board:
+        self._bars = self._console.show_bars()
+        if self._total > 1 and self._bars is not None:
+            self._all = self._bars.add_task(f"0 of {self._total} files", total=self._total)
+        return self
+
+    def show(self, name: str, stage: str, share: float) -> None:
+        """A file has done `share` of a stage."""
+        with self._lock:
+            if self._bars is None:
+                return
+            task, before = self._tasks.get(name, (None, ""))
+            said = stage if self._total == 1 else f"{PurePath(name).name}: {stage}"
+            said = printable(said).replace("[", r"\[")  # rich's markup
+            if task is None:
+                task = self._bars.add_task(said, total=1.0)
+            elif stage != before:
+                self._bars.reset(task, description=said)  # its time begins anew
+            self._tasks[name] = task, stage
+            self._bars.update(task, completed=share)
+            self._draw()
+
+    def finished(self, name: str, count: int) -> None:
+        """A file is done, as the `count`-th."""
+        with self._lock:
+            if self._bars is None:
+                return
+            if name in self._tasks:
+                self._bars.remove_task(self._tasks.pop(name)[0])
+            if self._total > 1:
+                self._bars.update(self._all, description=f"{count} of {self._total} files", completed=count)
+            self._draw()
+
+    def _draw(self) -> None:
+        now = time.monotonic()
+        if self._bars is not None and now - self._drawn > _REFRESH:
+            self._drawn = now
+            self._bars.refresh()
+
+    def __exit__(self, *problem: object) -> None:
+        self._console.hide_bars()
+
+
+def _nothing(share: float) -> None:
+    """Progress that nobody sees."""

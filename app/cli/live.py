@@ -1,0 +1,145 @@
+"""The command `guise live`."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from guise.app.cli.console import Console, Stages
+from guise.app.cli.deidentify import CoverName
+from guise.app.cli.options import (
+    Alpha,
+    Crf,
+    Encoder,
+    Force,
+    Json,
+    Preset,
+    Quiet,
+    RendererChoice,
+    RendererName,
+)
+from guise.app.cli.studio import studio
+
+
+class ModeName(StrEnum):
+    """What is shown."""
+
+    swap = "swap"
+    puppet = "puppet"
+    off = "off"
+
+
+Source = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE|URL",
+        help="A video, played at its own pace, or a stream (rtsp, http ..); default: the camera.",
+    ),
+]
+Camera = Annotated[int, typer.Option(min=0, metavar="N", help="Which camera of this computer.")]
+Identities = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--identity",
+        metavar="NAME.guise",
+        help="Whose face is shown; may be repeated, the number keys choose; default: the fictional people.",
+    ),
+]
+Person = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="SRC.guise",
+        help="Model of who is in the picture; default: the one kept for this camera or file, or a new one.",
+    ),
+]
+Outputs = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="window|studio|virtualcam|OUT.mp4",
+        help="Where it goes; may be repeated; default: window.",
+    ),
+]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Asked of the camera.")]
+Fps = Annotated[float, typer.Option(min=1, max=240, help="Asked of the camera.")]
+Headless = Annotated[
+    bool, typer.Option("--headless", help="No window; every frame of the file, as fast as it goes, to files.")
+]
+
+
+def live(
+    source: Source = None,
+    camera: Camera = 0,
+    identity: Identities = None,
+    person: Person = None,
+    output: Outputs = None,
+    headless: Headless = False,
+    size: Size = "1280x720",
+    fps: Fps = 30.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Play the file again and again.")] = False,
+    enrol: Annotated[
+        bool, typer.Option("--enrol", help="Make a new model of who is in the picture.")
+    ] = False,
+    mode: Annotated[ModeName, typer.Option(help="Swap, move a still of the face, or cover.")] = ModeName.swap,
+    alpha: Alpha = 0.6,
+    cover: Annotated[CoverName, typer.Option(help="How a face is covered.")] = CoverName.mosaic,
+    uncovered: Annotated[
+        bool, typer.Option("--uncovered", help="Show the real face where it cannot be swapped.")
+    ] = False,
+    mirror: Annotated[
+        bool | None,
+        typer.Option("--mirror/--no-mirror", help="The window as a mirror; default: with a camera."),
+    ] = None,
+    side_by_side: Annotated[
+        bool, typer.Option("--side-by-side", help="The window shows the real face beside the result.")
+    ] = False,
+    readout: Annotated[
+        bool, typer.Option("--readout", help="Frame rate, latency and drops in the window.")
+    ] = False,
+    renderer: RendererChoice = RendererName.auto,
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    preset: Preset = "veryfast",
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Show another face live: from a camera, a file or a stream, in a window, a call or a file."""
+    from guise.app.live.controls import Settings
+    from guise.app.live.run import LiveOptions, run_live
+    from guise.app.live.session import JAW
+    from guise.app.media import EncodeOptions
+    from guise.app.swapping.options import Options
+
+    if output and "studio" in output:
+        if output != ["studio"] or source or identity or person:
+            raise typer.BadParameter(
+                "--output studio opens the browser, where all else is chosen: give it alone"
+            )
+        return studio(quiet=quiet, json=json)
+    console = Console(quiet=quiet, json=json)
+    settings = Settings(
+        alpha=alpha, mode=mode.value, mirror=source is None if mirror is None else mirror,
+        side_by_side=side_by_side, readout=readout, style=cover.value, uncovered=uncovered,
+    )  # fmt: skip
+    options = LiveOptions(
+        source, camera, tuple(identity or ()), person, tuple(output or (() if headless else ("window",))), headless,
+        _size(size), fps, loop, enrol, settings, Options(jaw=JAW, renderer=renderer.value),
+        EncodeOptions(encoder, crf, preset), force,
+    )  # fmt: skip
+    with Stages(console) as stages:
+        report = run_live(options, progress=stages, say=console.note)
+    console.say(str(report))
+    return console.result(report.as_json())
+
+
+def _size(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
+    if found is None:
+        raise typer.BadParameter(f"--size must be like 1280x720, got {text!r}")
+    return int(found[1]), int(found[2])

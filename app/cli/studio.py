@@ -1,0 +1,45 @@
+"""The command `guise studio`."""
+
+from __future__ import annotations
+
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from guise.app.cli.console import Console
+from guise.app.cli.options import Json, Quiet
+
+
+def studio(
+    port: Annotated[int, typer.Option(min=0, max=65535, help="On this computer; 0 takes any.")] = 8080,
+    folder: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="What the studio keeps; default: in your data folder.")
+    ] = None,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
+    limit: Annotated[int, typer.Option(min=1, metavar="MB", help="Largest file that is uploaded.")] = 1000,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Open Guise in the browser: live, people, landmarks and de-identification."""
+    from platformdirs import user_data_path
+
+    from guise.app.studio.store import StudioError
+
+    try:
+        from guise.app.studio.server import serve
+    except ModuleNotFoundError as error:
+        raise StudioError(f'the studio needs {error.name}: pip install "guise-video[studio]"') from error
+
+    console = Console(quiet=quiet, json=json)
+
+    def announce(address: str) -> None:
+        console.say(f"The studio is at {address} until Ctrl-C is pressed.")
+        console.result({"address": address})
+        sys.stdout.flush()
+        if not no_open:
+            webbrowser.open(address)
+
+    serve(folder or user_data_path("guise", appauthor=False) / "studio", port, limit * 10**6, announce)

@@ -1,0 +1,240 @@
+"""NAME.report.json, what was done with each face in every frame, and the summary of a batch.
+
+docs/deidentify-report.md explains the fields.  The figures of frames are columns, written piece by piece, so that an
+hour of video needs no more memory than its arrays.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Outcome, Track
+from guise.app.swapping.donors import bare
+from guise.common.files import write_whole
+from guise.common.version import version
+
+FORMAT = "guise-report"
+BATCH_FORMAT = "guise-batch-report"
+VERSION = 1
+ALL_SWAPPED, FAILED, SOME_COVERED = 0, 1, 3
+PIECE = 8192  # numbers written at once
+
+
+@dataclass(frozen=True)
+class Span:
+    """Consecutive frames first..last, inclusive, in which the same was done."""
+
+    first: int
+    last: int
+    done: str
+
+
+@dataclass(frozen=True)
+class BatchEntry:
+    """A file of a batch: names, exit code, what happened in a sentence, and `FileReport.counts`, {} if it failed."""
+
+    input: str
+    output: str | None
+    code: int
+    sentence: str
+    counts: dict[str, int]
+
+
+def write_report(path: Path, report: FileReport) -> None:
+    """Write the report of a file as JSON; settings must be what JSON can hold."""
+
+    def write(part: Path) -> None:
+        # A name that is no Unicode holds lone surrogates, which only JSON's own escapes can say.
+        with part.open("w", encoding="utf-8", errors="backslashreplace") as file:
+            _write(file, report)
+
+    write_whole(path, write)
+
+
+def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
+    """Write the summary of a batch as JSON."""
+    codes = [entry.code for entry in entries]
+    value = {
+        "format": BATCH_FORMAT,
+        "version": VERSION,
+        "run": _run(),
+        "files": len(entries),
+        "all_swapped": codes.count(ALL_SWAPPED),
+        "some_covered": codes.count(SOME_COVERED),
+        "failed": len(codes) - codes.count(ALL_SWAPPED) - codes.count(SOME_COVERED),
+        "entries": [vars(entry) for entry in entries],
+    }
+    text = json.dumps(value, indent=1, ensure_ascii=False) + "\n"
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", errors="backslashreplace"))
+
+
+def outcome(report: FileReport) -> int:
+    """The exit code: 0 all swapped or left as the user said, 3 some covered, 1 a face may be visible."""
+    if any(not find.covered for find in report.audit):
+        return FAILED
+    return SOME_COVERED if len(frames_with(report, "covered")) else ALL_SWAPPED
+
+
+def verdict(report: FileReport) -> str:
+    """What came out, in a sentence or two."""
+    if seen := [find.frame for find in report.audit if not find.covered]:
+        when = clock(float(report.seconds[seen[0]]))
+        return f"A face may be visible in the output, first in frame {seen[0]} ({when}): do not share it."
+    swapped, covered, left = (len(frames_with(report, done)) for done in DONE)
+    if not swapped + covered + left:
+        return f"No face was found in {_frames(report.frames)}."
+    told = f" A face is left as it is in {_frames(left)}, as you said." if left else ""
+    if covered:
+        return f"Every face is swapped or covered; a covered one is in {_frames(covered)}.{told}"
+    return (f"Every face is swapped, in {_frames(swapped)}." if swapped else "No face is changed.") + told
+
+
+def frames_with(report: FileReport, done: str) -> NDArray[np.int32]:
+    """The frames, ascending, in which this was done with a face."""
+    parts = [one.frames[one.done == DONE.index(done)] for one in report.outcomes]
+    if done == "covered":
+        parts.append(np.array([find.frame for find in report.audit if find.covered], np.int32))
+    return np.unique(np.concatenate([np.zeros(0, np.int32), *parts]))
+
+
+def spans(one: Outcome) -> list[Span]:
+    """What was done, in runs of frames; of several faces in a frame (bystanders) the least hidden one counts."""
+    order = np.lexsort((one.done, one.frames))
+    frames, done = one.frames[order], one.done[order]
+    last_of_frame = np.append(np.diff(frames) > 0, True)[: len(frames)]
+    frames, done = frames[last_of_frame], done[last_of_frame]
+    new = np.flatnonzero((np.diff(frames) > 1) | (np.diff(done.astype(int)) != 0)) + 1
+    edges = [0, *new.tolist(), len(frames)] if len(frames) else []
+    return [Span(int(frames[a]), int(frames[b - 1]), DONE[int(done[a])]) for a, b in pairwise(edges)]
+
+
+def clock(seconds: float) -> str:
+    """A time in a video, for people.
+
+    >>> clock(62.34), clock(3661.0)
+    ('1:02.3', '1:01:01.0')
+    """
+    minutes, tenths = divmod(round(10 * seconds), 600)
+    hours, minutes = divmod(minutes, 60)
+    rest = f"{tenths // 10:02}.{tenths % 10}"
+    return f"{hours}:{minutes:02}:{rest}" if hours else f"{minutes}:{rest}"
+
+
+def _frames(count: int) -> str:
+    return f"{count:,} frame{'' if count == 1 else 's'}"
+
+
+def _write(file: TextIO, report: FileReport) -> None:
+    for key, value in _head(report).items():
+        file.write(f'{"{" if key == "format" else ","}\n"{key}": {_json(value)}')
+    file.write(',\n"seconds": ')
+    _write_column(file, report.seconds, 3)
+    file.write(',\n"tracks": [')
+    done = {one.track: one for one in report.outcomes}
+    for place, track in enumerate(report.tracks):
+        file.write(",\n" if place else "\n")
+        _write_rows(file, _track(track), done.get(track.number, NOTHING), report.seconds)
+    file.write('],\n"bystanders": ')
+    _write_rows(file, {}, done.get(BYSTANDERS, NOTHING), report.seconds)
+    file.write("\n}\n")
+
+
+def _head(report: FileReport) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "run": {**_run(), "wall_seconds": round(report.wall_seconds, 3)},
+        "input": report.input,
+        "output": report.output,
+        "sha256": report.digest,
+        "outcome": outcome(report),
+        "sentence": verdict(report),
+        "frames": report.frames,
+        "width": report.width,
+        "height": report.height,
+        "counts": report.counts,
+        "settings": report.settings,
+        "problems": report.problems,
+        "audit": [
+            {
+                **vars(find),
+                "seconds": round(float(report.seconds[find.frame]), 3),
+                "score": round(find.score, 3),
+            }
+            for find in report.audit
+        ],
+        "done": DONE,
+    }
+
+
+def _run() -> dict[str, Any]:
+    return {"guise": version(), "created": datetime.now(UTC).isoformat(timespec="seconds")}
+
+
+def _track(track: Track) -> dict[str, Any]:
+    """What is said of a track; the user's name for the person is not, as reports are shared."""
+    return {
+        "track": track.number,
+        "person": track.person,
+        "action": track.action,
+        "proposed": track.proposed,
+        "reason": track.reason,
+        "donor": bare(track.donor),
+        "seen": track.seen,
+        "width": round(track.width, 1),
+    }
+
+
+def _write_rows(file: TextIO, head: dict[str, Any], one: Outcome, seconds: NDArray[np.float64]) -> None:
+    """An object with the values of `head`, what was done in spans, and a row for each frame in columns."""
+    counts = {done: int((one.done == code).sum()) for code, done in enumerate(DONE)}
+    timed = [
+        {**vars(span), "seconds": [round(float(seconds[f]), 3) for f in (span.first, span.last)]}
+        for span in spans(one)
+    ]
+    text = _json({**head, "counts": counts, "spans": timed})
+    file.write(text[:-1] + ',\n "rows": {')
+    for place, (name, values, digits) in enumerate(_columns(one)):
+        file.write(f'{"," if place else ""}\n  "{name}": ')
+        _write_column(file, values, digits)
+    file.write("}}")
+
+
+def _columns(one: Outcome) -> Iterator[tuple[str, NDArray[Any], int]]:
+    yield "frame", one.frames, 0
+    yield "done", one.done, 0
+    yield "confidence", one.confidence, 2
+    for k, name in enumerate(("x0", "y0", "x1", "y1")):
+        yield name, one.boxes[:, k], 0
+
+
+def _write_column(file: TextIO, values: NDArray[Any], digits: int) -> None:
+    """A list of numbers, whole ones when digits is 0."""
+    kind = np.float64 if digits else np.int64
+    file.write("[")
+    for start in range(0, len(values), PIECE):
+        piece = np.round(values[start : start + PIECE].astype(kind), digits).tolist()
+        file.write(("," if start else "") + ",".join(map(repr, piece)))
+    file.write("]")
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+NOTHING = Outcome(
+    BYSTANDERS,
+    np.zeros(0, np.int32),
+    np.zeros(0, np.uint8),
+    np.zeros(0, np.float32),
+    np.zeros((0, 4), np.int32),
+)

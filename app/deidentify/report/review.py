@@ -1,0 +1,236 @@
+"""NAME.tracks.json, in which a person changes what is to be done with each track, and the sheet of pictures beside it.
+
+What cannot be understood in an edited file is refused, never guessed: a face could be left by a slip of the keyboard.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.app.deidentify.options import DeidentifyError
+from guise.app.deidentify.tracks import ACTIONS, Track
+from guise.common.files import write_whole
+
+FORMAT = "guise-tracks"
+VERSION = 1
+EDITABLE = ("action", "donor", "name", "person")
+HOW_TO_EDIT = (
+    "A track is one face, followed through the video; the sheet of pictures beside this file shows each. Change here "
+    "what is to be done, then run the same command again with --resume instead of --review.",
+    'action: "swap" shows another face, "cover" hides the face, "leave" leaves it as it is, for all to recognise. '
+    "A face can be swapped only where can_swap is true; reason says why Guise would not.",
+    "person: tracks with the same number are the same person and get the same donor; it is the number of one of the "
+    "tracks. Give two tracks one number when they are one person, or a track its own number when it is another one.",
+    'donor: whose face is shown, for all tracks of the person; "" lets Guise choose.',
+    "name: what you call the person, for yourself; it is in no report.",
+    "Nothing else is to be changed. Faces that are no track here are covered.",
+)
+
+
+def write_tracks(
+    path: Path,
+    tracks: Sequence[Track],
+    *,
+    input_name: str,
+    fingerprint: str,
+    frames: int,
+    seconds: NDArray[np.float64],
+) -> None:
+    """Write the tracks for a person to edit.
+
+    input_name, fingerprint : of the video.   frames : number of them.   seconds : (frames,) time of each.
+    """
+    head = {
+        "format": FORMAT,
+        "version": VERSION,
+        "input": input_name,
+        "fingerprint": fingerprint,
+        "frames": frames,
+        "how_to_edit": HOW_TO_EDIT,
+    }
+    rows = [_row(track) | {"seconds": _times(track, seconds)} for track in tracks]
+    text = (
+        json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows) + "]\n}\n"
+    )
+    # A name that is no Unicode holds lone surrogates, which only JSON's own escapes can say.
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", errors="backslashreplace"))
+
+
+def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[Track, ...]:
+    """The tracks with what the user changed in an edited file.
+
+    Raises DeidentifyError when it is not the file of these tracks of this video with sensible edits.
+    """
+    rows = _rows(path, _loaded(path), fingerprint)
+    known = {track.number: track for track in tracks}
+    edited: dict[int, Track] = {}
+    for place, row in enumerate(rows, 1):
+        number = row.get("track") if isinstance(row, dict) else None
+        if type(number) is not int or number not in known:
+            raise DeidentifyError(
+                f"{path}: entry {place}: track is {_said(number)}, which this video does not have"
+            )
+        if number in edited:
+            raise DeidentifyError(f"{path}: track {number} is there twice: delete one of the two")
+        edited[number] = _edited(path, known[number], row, known)
+    missing = [number for number in known if number not in edited]
+    if missing:
+        raise DeidentifyError(
+            f"{path}: track {missing[0]} is missing: put it back; to hide the face use action cover"
+        )
+    return _agreed(path, tracks, [edited[track.number] for track in tracks])
+
+
+def _row(track: Track) -> dict[str, Any]:
+    return {
+        "track": track.number,
+        "person": track.person,
+        "name": track.name,
+        "action": track.action,
+        "donor": track.donor,
+        "can_swap": _can_swap(track),
+        "proposed": track.proposed,
+        "reason": track.reason,
+        "frames": [track.first, track.last],
+        "seen": track.seen,
+        "width": round(track.width, 1),
+        "confidence": [round(c, 2) for c in track.confidence],
+    }
+
+
+def _can_swap(track: Track) -> bool:
+    return track.can_swap or track.proposed == "swap"
+
+
+def _times(track: Track, seconds: NDArray[np.float64]) -> list[float]:
+    return [round(float(seconds[frame]), 3) for frame in (track.first, track.last)]
+
+
+def _laid_out(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The entries of a list, one value a line."""
+    lines = (
+        ",\n".join(f"      {json.dumps(k)}: {json.dumps(v, ensure_ascii=False)}" for k, v in row.items())
+        for row in rows
+    )
+    return ",".join(f"\n    {{\n{text}\n    }}" for text in lines) + ("\n  " if rows else "")
+
+
+def _loaded(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_once_each)
+    except FileNotFoundError:
+        raise DeidentifyError(f"there is no file {path}: --review writes one") from None
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise DeidentifyError(
+            f"{path} is not JSON at {where}: {error.msg}; look for a lost comma or quote"
+        ) from None
+    except UnicodeDecodeError:
+        raise DeidentifyError(f"{path} is not UTF-8 text: save it as such") from None
+    except (ValueError, RecursionError) as error:
+        raise DeidentifyError(f"{path} cannot be understood: {error}") from None
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object, unless a key is there twice, of which JSON would forget the first."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        track = f" in track {found['track']}" if "track" in found else ""
+        raise ValueError(f"{twice} is there twice{track}: delete one of the two")
+    return found
+
+
+def _rows(path: Path, value: Any, fingerprint: str) -> list[Any]:
+    if (
+        not isinstance(value, dict)
+        or value.get("format") != FORMAT
+        or not isinstance(value.get("tracks"), list)
+    ):
+        raise DeidentifyError(f"{path} is not a file of tracks: --review writes one as NAME.tracks.json")
+    if value.get("version") != VERSION:
+        raise DeidentifyError(
+            f"{path} has version {_said(value.get('version'))} of the format and this Guise reads {VERSION}: "
+            "write it anew with --review"
+        )
+    if value.get("fingerprint") != fingerprint:
+        raise DeidentifyError(
+            f"{path} was written for another video ({_said(value.get('input'))}), or this one has changed since: "
+            "write it anew with --review"
+        )
+    return list(value["tracks"])
+
+
+def _edited(path: Path, track: Track, row: dict[str, Any], known: Container[int]) -> Track:
+    """A track with the user's values.   known : numbers of all tracks."""
+    where, fixed = f"{path}: track {track.number}", _row(track)
+    for key in row:
+        if key not in fixed and key != "seconds":
+            raise DeidentifyError(
+                f"{where}: there is no field {_said(key)}; to be edited are {', '.join(EDITABLE)}"
+            )
+    for key, value in fixed.items():
+        if key not in row:
+            raise DeidentifyError(f"{where}: {key} is missing: put it back (it was {_said(value)})")
+        if key not in EDITABLE and row[key] != value:
+            raise DeidentifyError(
+                f"{where}: {key} is not to be edited: put it back (it was {_said(value)}); "
+                f"to be edited are {', '.join(EDITABLE)}"
+            )
+    for key, fits, wanted in _WANTED:
+        if not fits(row[key]):
+            raise DeidentifyError(f"{where}: {key} is {_said(row[key])}, and must be {wanted}")
+    if row["person"] not in known:
+        raise DeidentifyError(f"{where}: person is {row['person']}, and must be the number of a track")
+    if row["action"] == "swap" and not _can_swap(track):
+        why = f" ({track.reason})" if track.reason else ""
+        raise DeidentifyError(
+            f"{where}: action is swap, but this face cannot be swapped{why}: use cover or leave"
+        )
+    return replace(track, **{key: row[key] for key in EDITABLE})
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+_WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+    ("action", lambda v: v in ACTIONS, "one of " + ", ".join(ACTIONS)),
+    ("person", lambda v: type(v) is int, "a whole number"),
+    ("donor", _is_text, 'text in quotes, "" for any'),
+    ("name", _is_text, 'text in quotes, "" for none'),
+)
+
+
+def _agreed(path: Path, before: Sequence[Track], after: Sequence[Track]) -> tuple[Track, ...]:
+    """Tracks of one person with one donor and one name: the edited one, or that of the first track."""
+    agreed = {}
+    for person in {track.person for track in after}:
+        own = [(old, new) for old, new in zip(before, after, strict=True) if new.person == person]
+        agreed[person] = _common(path, "donor", own), _common(path, "name", own)
+    return tuple(replace(t, donor=agreed[t.person][0], name=agreed[t.person][1]) for t in after)
+
+
+def _common(path: Path, key: Literal["donor", "name"], own: Sequence[tuple[Track, Track]]) -> str:
+    given = {getattr(new, key): new for old, new in own if getattr(new, key) != getattr(old, key)}
+    if len(given) > 1:
+        one, other = list(given.values())[:2]
+        raise DeidentifyError(
+            f"{path}: tracks {one.number} and {other.number} are person {one.person} but have {key} "
+            f"{_said(getattr(one, key))} and {_said(getattr(other, key))}: give both the same, or another person"
+        )
+    return next(iter(given)) if given else str(getattr(own[0][1], key))
+
+
+def _said(value: Any) -> str:
+    """A value from the file as it is there, shortened."""
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,1 @@
+"""Running a de-identification: inputs, engines, resumption, many files."""

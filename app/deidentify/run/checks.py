@@ -1,0 +1,65 @@
+"""What a user asks for, looked at before any work: paths made absolute, and wrong values refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from guise.app.deidentify.options import DeidentifyError, Options
+from guise.app.media.encoder import encoder_settings, find_encoder
+from guise.app.media.provenance import check_signing
+from guise.app.swapping.donors import MEAN, SUFFIX, KeyFile, assign, open_donor, parts
+from guise.render import GLMissing, RendererError, probe_gl
+
+
+def checked(options: Options, outputs: Iterable[Path]) -> Options:
+    """The same options with absolute paths, as workers have another current folder.
+
+    outputs : what is to be written.
+
+    Raises
+    ------
+    MediaError, ModelError, RendererError, DeidentifyError
+        When something in them does not exist or cannot be used; one sentence.
+    """
+    find_encoder(options.encode.encoder)
+    encoder_settings(options.encode)
+    if options.renderer == "gl" and isinstance(found := probe_gl(), GLMissing):
+        raise RendererError(found.reason)
+    chosen = assign([0], options.donor, own=options.gallery, seed=options.seed, salt="")[0]
+    for donor in {*parts(chosen), *map(str, options.gallery)}:
+        open_donor(donor)
+    options = replace(
+        options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
+        keyfile=_key_file(options.keyfile), certificate=_existing(options.certificate, "certificate"),
+        key=_existing(options.key, "key"),
+    )  # fmt: skip
+    if options.certificate and options.key:
+        for output in {output.suffix: output for output in outputs}.values():
+            check_signing(output, options.certificate, options.key)
+    return options
+
+
+def _absolute(donor: str) -> str:
+    """The spec of a donor with absolute paths in it."""
+    found = [str(Path(part).absolute()) if part.endswith(SUFFIX) else part for part in parts(donor)]
+    return MEAN * donor.startswith(MEAN) + "+".join(found)
+
+
+def _existing(path: Path | None, what: str) -> Path | None:
+    if path is not None and not path.is_file():
+        raise DeidentifyError(f"there is no {what} {path}: give a PEM file")
+    return path and path.absolute()
+
+
+def _key_file(path: Path | None) -> Path | None:
+    if path is None:
+        return None
+    if not path.parent.is_dir():
+        raise DeidentifyError(
+            f"the key file {path} cannot be written, there is no folder {path.parent}: make it"
+        )
+    if path.exists():
+        KeyFile.open(path)
+    return path.absolute()

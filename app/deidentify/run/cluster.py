@@ -1,0 +1,169 @@
+"""Jobs on a Dask cluster: the command submits them to a scheduler, and workers on any machine do them.
+
+All machines must see the input and the work folder under the same path, and have the same versions of what computes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from pathlib import Path
+from platform import node, python_version
+from typing import TYPE_CHECKING, Any
+
+from guise.app.deidentify.run.engines import Done, Engine, EngineError, Perform, attempt, perform
+from guise.common.version import version
+
+if TYPE_CHECKING:
+    from guise.app.deidentify.stages.jobs import Job
+
+PATIENCE = 5  # seconds to wait for the scheduler
+RETRIES = 2  # times that a job is begun again whose worker could not take or return it
+LIBRARIES = (
+    "av",
+    "numpy",
+    "scipy",
+    "onnxruntime",
+    "opencv-contrib-python-headless",
+)  # what results depend on
+_ONE = threading.Lock()
+
+
+class DaskEngine(Engine):
+    """Does the jobs on the workers of a scheduler.  A job whose worker is lost goes to another."""
+
+    def __init__(self, address: str, work: Perform = perform) -> None:
+        self._address, self._work = address, work
+        self._client = _connect(address)
+        self.workers = len(self._client.scheduler_info(n_workers=-1)["workers"])
+        if not self.workers:
+            self.close()
+            raise EngineError(
+                f"the Dask scheduler at {address} has no workers: start some with: dask worker {address}"
+            )
+
+    def run(self, jobs: Sequence[Job], done: Done) -> None:
+        ours = versions()
+        futures = {
+            self._client.submit(attempt_there, job, self._work, ours, pure=False, retries=RETRIES): job
+            for job in jobs
+        }
+        try:
+            for future in self._ended(list(futures)):
+                self._require_done(future)
+                done(futures[future])
+        except BaseException as error:
+            self._cancel(list(futures), wait=isinstance(error, Exception))
+            raise
+
+    def _ended(self, futures: list[Any]) -> Iterator[Any]:
+        """Futures as they end."""
+        from distributed import as_completed
+
+        return iter(as_completed(futures, loop=self._client.loop))
+
+    def _require_done(self, future: Any) -> None:
+        """Raise the error of a job, or why it was not done."""
+        if future.status == "finished":
+            error = future.result()
+        elif future.status == "error":
+            error = _explain(future.exception())
+        else:
+            error = EngineError(
+                f"the Dask scheduler at {self._address} is gone: start it and its workers again, then use --resume"
+            )
+        if error is not None:
+            raise error
+
+    def _cancel(self, futures: list[Any], *, wait: bool) -> None:
+        """Take back the jobs that have not begun, and let the others end."""
+        if self._client.status != "running":
+            return
+        begun = {key for keys in self._client.processing().values() for key in keys} if wait else set()
+        self._client.cancel([future for future in futures if future.key not in begun])
+        for _ in self._ended([future for future in futures if future.key in begun]):
+            pass
+
+    def close(self) -> None:
+        self._client.close()
+
+
+def _connect(address: str) -> Any:
+    """A client of the scheduler at an address."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise EngineError("--engine dask needs more packages: pip install guise-video[cluster]") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in a sentence
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of versions: `attempt_there` compares those that matter
+            return Client(address, timeout=PATIENCE, set_as_default=False, name="guise")
+    except (OSError, ValueError, TypeError) as error:
+        raise EngineError(
+            f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the address it says"
+        ) from error
+
+
+def _explain(error: Exception) -> EngineError:
+    """Why a job did not come back, of what Dask says."""
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return EngineError(
+            "a job was given up, as each worker that had it was killed, mostly for want of memory: give the workers "
+            "more, and use --resume to go on"
+        )
+    return EngineError(
+        f"a worker cannot do jobs ({error}): install the same guise-video[cluster] on every machine"
+    )
+
+
+def attempt_there(job: Job, work: Perform, theirs: dict[str, str]) -> Exception | None:
+    """Do a job on this worker for a command that has the versions `theirs`; its error is returned."""
+    differing = {name for name, number in versions().items() if theirs[name] != number}
+    if differing:
+        said = ", ".join(f"{name} {versions()[name]} and not {theirs[name]}" for name in sorted(differing))
+        return EngineError(f"the worker on {node()} has {said}: install the same versions on every machine")
+    if not Path(job.work).is_dir():
+        return EngineError(
+            f"the worker on {node()} sees no folder {job.work}: write to a file system that every machine has under "
+            "the same path"
+        )
+    with _ONE, _alone(job):  # a worker with several threads does one job at a time, too
+        return attempt(job, work)
+
+
+@contextlib.contextmanager
+def _alone(job: Job) -> Iterator[None]:
+    """Wait for whoever else does this job: a worker that was taken for lost, or one of a command that was stopped.
+
+    The system takes the lock away from a process that ends; where it has no locks for that file system, nobody waits.
+    """
+    with (Path(job.work) / f"{job.stage}.{job.index}.lock").open("w") as file:
+        with contextlib.suppress(OSError, ImportError):
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@cache
+def versions() -> dict[str, str]:
+    """The versions that decide what a job's result is."""
+    return {"guise": version(), "python": ".".join(python_version().split(".")[:2])} | {
+        name: _version(name) for name in LIBRARIES
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return installed(name)
+    except PackageNotFoundError:
+        return "none"

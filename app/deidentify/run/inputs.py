@@ -1,0 +1,388 @@
+"""From the command's INPUT... to pairs of an input and its output.  Nothing is read, written or made here.
+
+A folder stands for the videos and images in it; one with images alone is one clip, as everywhere in Guise.  Outputs go
+beside the inputs or, with their part of the tree, into a folder, and always say ``_deidentified`` in the name unless
+the user names the one output himself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+
+from guise.app.deidentify.options import DeidentifyError
+from guise.app.deidentify.run import remote
+from guise.app.media.images import looks_like_image, natural_key
+
+MARK = "_deidentified"
+OURS = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
+VIDEO_SUFFIXES = frozenset(
+    {
+        ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts", ".3gp", ".3g2",
+        ".flv", ".f4v", ".wmv", ".asf", ".ogv", ".nut", ".mxf", ".vob", ".dv", ".gif", ".y4m",
+    }
+)  # fmt: skip
+_PATTERN = frozenset("*?[")
+
+
+class InputError(DeidentifyError):
+    """Inputs or outputs that cannot be as they were given; one sentence."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An input and its output.
+
+    Parameters
+    ----------
+    source, output : where they are on this machine, absolute.
+    name : the input as the user knows it.
+    fetch : URL from which the source is copied first, or "".
+    put : URL to which the output is copied last, or "".
+    """
+
+    source: Path
+    output: Path
+    name: str
+    fetch: str = ""
+    put: str = ""
+
+    @property
+    def shown_output(self) -> str:
+        """The output as the user knows it."""
+        return self.put or short(self.output)
+
+
+@dataclass
+class Plan:
+    """What is to be done, and sentences about what is not."""
+
+    pairs: list[Pair] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """An input: a path or a URL; and the folder of it below the folder or pattern that was given."""
+
+    place: Path | str
+    below: PurePath = field(default_factory=PurePath)
+
+
+def make_plan(
+    inputs: Sequence[str],
+    output: str | None,
+    work: Path,
+    suffix_for: Callable[[Path], str],
+    *,
+    recursive: bool,
+) -> Plan:
+    """What is read and written.
+
+    Parameters
+    ----------
+    inputs : files, folders, patterns, URLs.
+    output : the output of the one input, or a folder for all; beside the inputs when None.
+    work : where copies of what is elsewhere lie.
+    suffix_for : the suffix of the container for a video's result.
+    recursive : folders with all that is below them.
+
+    Raises
+    ------
+    InputError, RemoteError
+        Nothing to do, something that does not exist, or two inputs with one output.
+    """
+    plan = Plan()
+    found = [one for text in inputs for one in _find(text, recursive, plan.notes)]
+    found = list({_identity(one.place): one for one in reversed(found)}.values())[::-1]
+    target = _Target(output, single=len(found) == 1 and _is_file(inputs, found[0]))
+    plan.pairs += _apart([_Namer(one, target, work, suffix_for) for one in found])
+    plan.notes += [note for pair in plan.pairs for note in _renamed(pair)]
+    _require_apart(plan.pairs)
+    return plan
+
+
+def require_possible(pairs: Sequence[Pair], *, force: bool, resume: bool) -> None:
+    """Raise InputError when an output could not be written, or would replace something."""
+    there = [pair for pair in pairs if is_there(pair)]
+    if there and not (force or resume):
+        more = f" (and {len(there) - 1} more)" if len(there) > 1 else ""
+        raise InputError(
+            f"{there[0].shown_output} exists{more}: use --force to replace, --resume to do only the rest, or -o"
+        )
+    reports = [pair.output.with_suffix(".report.json") for pair in pairs]
+    if not (force or resume) and (report := next(filter(Path.exists, reports), None)):
+        raise InputError(f"{short(report)} exists, without its output: use --force to replace it, or -o")
+    for folder in dict.fromkeys(_nearest_folder(pair.output) for pair in pairs):
+        if not os.access(folder, os.W_OK):
+            raise InputError(f"the folder {short(folder)} cannot be written to: choose another with -o")
+    _require_no_input_replaced(pairs)
+
+
+def is_there(pair: Pair) -> bool:
+    """Whether the output exists."""
+    return remote.exists(pair.put) if pair.put else os.path.lexists(pair.output)
+
+
+def short(path: Path) -> str:
+    """A path as seen from here when it is below."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) and path != here else path)
+
+
+# -- finding inputs ---------------------------------------------------------------------------------------------
+
+
+def _find(text: str, recursive: bool, notes: list[str]) -> list[_Found]:
+    if remote.is_url(text):
+        return _find_there(text, recursive, notes)
+    path = Path(text)
+    if path.is_dir():
+        return _find_in(path, recursive, notes)
+    if os.path.lexists(path):
+        return [_Found(path.absolute())]
+    if _PATTERN & set(text):
+        return _find_matches(text, notes)
+    raise InputError(f"{text} does not exist: give a video, an image, a folder, a pattern in quotes or a URL")
+
+
+def _find_in(folder: Path, recursive: bool, notes: list[str]) -> list[_Found]:
+    """The inputs in a folder, which may be one itself."""
+    skipped: Counter[str] = Counter()
+    found = [_Found(path.absolute(), below) for path, below in _walk(folder, PurePath(), recursive, skipped)]
+    notes += _skipped(str(folder), skipped)
+    if not found:
+        hint = "" if recursive or not skipped["subfolders"] else "; use --recursive for its subfolders"
+        raise InputError(f"the folder {folder} holds no video or image that is to be de-identified{hint}")
+    return found
+
+
+def _walk(
+    folder: Path, below: PurePath, recursive: bool, skipped: Counter[str]
+) -> Iterator[tuple[Path, PurePath]]:
+    files, folders = _content(folder, skipped)
+    images = [file for file in files if looks_like_image(file)]
+    if len(images) == len(files) > 1:
+        yield folder, below.parent
+    else:
+        yield from ((file, below) for file in files)
+    for one in folders:
+        if not recursive:
+            skipped["subfolders"] += 1
+        elif one.is_symlink():
+            skipped["links to folders"] += 1
+        else:
+            yield from _walk(one, below / one.name, recursive, skipped)
+
+
+def _content(folder: Path, skipped: Counter[str]) -> tuple[list[Path], list[Path]]:
+    """Videos and images, and folders; what is neither, or ours, or hidden is counted."""
+    try:
+        entries = sorted(folder.iterdir(), key=lambda path: natural_key(path.name))
+    except OSError as error:
+        raise InputError(
+            f"the folder {folder} cannot be read ({error.strerror}): check its permissions, or leave it out"
+        ) from error
+    reasons = {path: _why_not(path.name, folder=path.is_dir()) for path in entries}
+    skipped.update(reason for reason in reasons.values() if reason)
+    wanted = [path for path, reason in reasons.items() if not reason]
+    return [p for p in wanted if not p.is_dir()], [p for p in wanted if p.is_dir()]
+
+
+def _why_not(name: str, *, folder: bool = False) -> str:
+    """Why a file of a folder is no input; "" when it is one."""
+    if name.startswith("."):
+        return "hidden"
+    if name.endswith(OURS) or (name if folder else PurePath(name).stem).endswith(MARK):
+        return "of an earlier run"
+    known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or looks_like_image(Path(name))
+    return "" if known else "no video or image"
+
+
+def _skipped(where: str, counts: Counter[str]) -> list[str]:
+    """The sentence about what was left out."""
+    if not counts:
+        return []
+    return [f"{where}: skipped {', '.join(f'{count} {reason}' for reason, count in counts.items())}"]
+
+
+def _find_matches(text: str, notes: list[str]) -> list[_Found]:
+    """The files that a pattern stands for."""
+    parts = Path(text).parts
+    first = next(i for i, part in enumerate(parts) if _PATTERN & set(part))
+    root = Path(*parts[:first])
+    try:
+        matches = sorted(root.glob(str(Path(*parts[first:]))), key=lambda path: natural_key(str(path)))
+    except ValueError as error:
+        raise InputError(
+            f"{text} is no pattern: ** stands alone between slashes, as in 'films/**/*.mp4'"
+        ) from error
+    files = [path for path in matches if not path.is_dir()]
+    hidden = [any(part.startswith(".") for part in path.relative_to(root).parts) for path in files]
+    reasons = ["hidden" if h else _why_not(path.name) for path, h in zip(files, hidden, strict=True)]
+    notes += _skipped(text, Counter(reason for reason in reasons if reason))
+    found = [path for path, reason in zip(files, reasons, strict=True) if not reason]
+    if not found:
+        raise InputError(f"no video or image matches {text}")
+    return [_Found(path.absolute(), path.relative_to(root).parent) for path in found]
+
+
+def _find_there(url: str, recursive: bool, notes: list[str]) -> list[_Found]:
+    """The files that a URL stands for."""
+    files = dict(remote.files_at(url, recursive=recursive))
+    if list(files) == [url]:
+        return [_Found(url)]
+    reasons = {one: _why_not(remote.name_of(one)) for one in files}
+    notes += _skipped(url, Counter(reason for reason in reasons.values() if reason))
+    found = sorted((one for one, reason in reasons.items() if not reason), key=natural_key)
+    if not found:
+        raise InputError(f"{url} holds no video or image that is to be de-identified")
+    return [_Found(one, PurePath(files[one]).parent) for one in found]
+
+
+def _identity(place: Path | str) -> str:
+    return place if isinstance(place, str) else os.path.normpath(place)
+
+
+# -- naming outputs ---------------------------------------------------------------------------------------------
+
+
+class _Target:
+    """What -o says: `file`, the one output, `folder` for all, or neither; each a path or a URL."""
+
+    def __init__(self, output: str | None, *, single: bool) -> None:
+        self.file = self.folder = ""
+        if output is None:
+            return
+        names_file = bool(PurePath(output).suffix) and not output.endswith(("/", os.sep))
+        if Path(output).is_dir() or not names_file:
+            self.folder = output
+        elif single:
+            self.file = output
+        else:
+            raise InputError(
+                f"-o {output} names one file, but the inputs are more than one file: give a folder, such as "
+                f"{output}{os.sep}"
+            )
+
+
+def _is_file(inputs: Sequence[str], one: _Found) -> bool:
+    """Whether the only input was named itself, or is a clip of images, so that its output can be named, too."""
+    return len(inputs) == 1 and (
+        isinstance(one.place, str) or not Path(inputs[0]).is_dir() or one.place.is_dir()
+    )
+
+
+class _Namer:
+    """Names the output of an input."""
+
+    def __init__(self, one: _Found, target: _Target, work: Path, suffix_for: Callable[[Path], str]) -> None:
+        self._url = one.place if isinstance(one.place, str) else ""
+        self._source = _copy_of(self._url, work) if self._url else Path(one.place)
+        self._below, self._target, self._work = one.below, target, work
+        image = self._source.is_dir() or looks_like_image(self._source)
+        self._suffix = self._source.suffix if image else suffix_for(self._source)
+
+    def pair(self, *, whole: bool = False) -> Pair:
+        """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""
+        output = self._target.file or self._output(whole or self._suffix != self._source.suffix)
+        name = remote.shown(self._url) or short(self._source)
+        if not remote.is_url(output):
+            return Pair(self._source, Path(os.path.abspath(output)), name, self._url)
+        if not remote.is_writable(output):
+            raise InputError(
+                f"{output} cannot be written to: give a folder here, or one at s3:// or gs://, with -o"
+            )
+        if self._source.is_dir():
+            raise InputError(
+                f"{name} is a clip of images, which cannot be written to a URL: give a folder here with -o"
+            )
+        return Pair(self._source, _copy_of(output, self._work), name, self._url, output)
+
+    def _output(self, whole: bool) -> str:
+        folder = self._source.is_dir()
+        stem = self._source.name if whole or folder else self._source.stem
+        name = stem + MARK + ("" if folder else self._suffix)
+        if self._target.folder:
+            return remote.join(self._target.folder, str(self._below / name))
+        return (
+            remote.join(remote.folder_of(self._url), name) if self._url else str(self._source.with_name(name))
+        )
+
+
+def _apart(namers: Sequence[_Namer]) -> list[Pair]:
+    """The pairs; outputs that differ in their suffix alone get the whole names of their inputs, as do their reports."""
+    pairs = [namer.pair() for namer in namers]
+    names = Counter(_report_name(pair) for pair in {pair.shown_output: pair for pair in pairs}.values())
+    return [
+        n.pair(whole=True) if names[_report_name(p)] > 1 else p for n, p in zip(namers, pairs, strict=True)
+    ]
+
+
+def _report_name(pair: Pair) -> str:
+    return str(PurePath(pair.put or pair.output).with_suffix(".report.json"))
+
+
+def _copy_of(url: str, work: Path) -> Path:
+    """Where the copy of a file elsewhere lies; a later run finds it again."""
+    return (
+        work.absolute()
+        / hashlib.sha256(url.encode(errors="surrogateescape")).hexdigest()[:16]
+        / remote.name_of(url)
+    )
+
+
+def _renamed(pair: Pair) -> list[str]:
+    """The sentence that tells that an output is of another kind than its input."""
+    old, new = pair.source.suffix.lower(), pair.output.suffix.lower()
+    if pair.source.is_dir() or old == new:
+        return []
+    return [f"{pair.name}: written as {new}" + ("" if old == "" else f", as {old} cannot hold the result")]
+
+
+def _require_apart(pairs: Sequence[Pair]) -> None:
+    """Raise InputError when two inputs have one output, or an output is an input."""
+    taken: dict[str, Pair] = {}
+    for pair in pairs:
+        output = os.path.normcase(pair.put or pair.output)
+        if output in taken:
+            raise InputError(
+                f"{taken[output].name} and {pair.name} would both be written to {pair.shown_output}: rename one, or "
+                "do them one after the other with another -o"
+            )
+        taken[output] = pair
+    for pair in pairs:
+        clash = taken.get(os.path.normcase(pair.fetch or pair.source))
+        if clash is not None:
+            raise _replaces_input(clash)
+
+
+def _require_no_input_replaced(pairs: Sequence[Pair]) -> None:
+    """Raise InputError when an output is an input under another name (a link)."""
+    inputs = {(facts.st_dev, facts.st_ino) for pair in pairs if (facts := _stat(pair.source))}
+    for pair in pairs:
+        facts = _stat(pair.output)
+        if facts and (facts.st_dev, facts.st_ino) in inputs:
+            raise _replaces_input(pair)
+
+
+def _replaces_input(pair: Pair) -> InputError:
+    return InputError(
+        f"{pair.shown_output}, the output for {pair.name}, is an input itself: choose another with -o"
+    )
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.stat()
+    except OSError:
+        return None
+
+
+def _nearest_folder(path: Path) -> Path:
+    """The folder that exists in which a file, or the folders above it, will be made."""
+    return next(folder for folder in path.parents if folder.is_dir())

@@ -1,0 +1,440 @@
+"""A file from its input to its output and report: the stages in order, each resumed where an earlier run stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.recognition import same_person
+from guise.app.deidentify.options import DeidentifyError, Options
+from guise.app.deidentify.report.page import write_page
+from guise.app.deidentify.report.report import write_report
+from guise.app.deidentify.report.review import read_tracks, write_tracks
+from guise.app.deidentify.report.sheet import contact_sheet
+from guise.app.deidentify.stages.case import Case, Linked, track_from, track_json
+from guise.app.deidentify.stages.decide import COVERED, LEFT, SWAPPED, Bystanders, Decision, Rows, decide
+from guise.app.deidentify.stages.jobs import Job, result_of
+from guise.app.deidentify.stages.link import Piece, link
+from guise.app.deidentify.stages.people import why_not
+from guise.app.deidentify.stages.pieces import publish
+from guise.app.deidentify.stages.work import MANIFEST, Work
+from guise.app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
+from guise.app.media import MediaError, open_sink, open_source
+from guise.app.media.pictures import save_picture
+from guise.app.media.segments import scan
+from guise.app.media.sink import check_free
+from guise.app.swapping.donors import KeyFile, assign, bare
+from guise.common.arrays import F32
+from guise.common.progress import Progress, Say
+from guise.common.version import version
+
+PARTS = 100  # of a track's confidence curve
+SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap, or else it is covered
+SHARES = {"detect": 0.25, "person": 0.15, "fit": 0.1, "render": 0.5}  # of the work, roughly, for the progress
+
+
+class Jobs(Protocol):
+    """Whoever does jobs, see `guise.app.deidentify.run.engines`."""
+
+    def run(self, jobs: Sequence[Job], done: Callable[[Job], None]) -> None:
+        """Do all of them, in any order."""
+
+
+def beside(output: Path, suffix: str) -> Path:
+    """A file beside the output under its name: NAME.report.json and the like."""
+    return output.with_name(output.stem + suffix)
+
+
+def deidentify_file(
+    source: Path, output: Path, options: Options, engine: Jobs, *, resume: bool = False, force: bool = False,
+    review: bool = False, tracks: Path | None = None, names: tuple[str, str] | None = None,
+    progress: Progress, say: Say,
+) -> FileReport | None:  # fmt: skip
+    """De-identify a file; None when it stops for a review.
+
+    Parameters
+    ----------
+    source : a video, an image or a folder of images.
+    output : where the result goes; reports and the work folder lie beside it.
+    engine : does the jobs.
+    resume : go on with what an earlier run left; after a review with these options instead of those given there.
+    force : replace outputs and what was left.
+    review : stop before anything is changed, and write NAME.tracks.json and NAME.tracks.jpg.
+    tracks : the edited NAME.tracks.json.
+    names : what the reports call input and output, if not by their files' names.
+
+    Raises
+    ------
+    MediaError, DeidentifyError, ModelError, OutputError
+        One sentence; the work folder stays where something can be resumed.
+    """
+    start = time.perf_counter()
+    work = _opened(source, output, options, resume=resume or tracks is not None, force=force)
+    steps = _Steps(Case(work), engine, progress)
+    steps.analyse()
+    if review:
+        _write_review(steps.case, output)
+        say(
+            f"{source.name}: edit the actions in {beside(output, '.tracks.json')}, then run again with --resume"
+        )
+        return None
+    edited = tracks or beside(output, ".tracks.json")
+    if edited.exists() or tracks:
+        say(f"{source.name}: what is to be done is taken from {edited.name}")
+    steps.plan(edited if edited.exists() or tracks else None)
+    steps.render()
+    publish(steps.case, output, force=force)
+    report = _report(steps.case, names or (source.name, output.name), output, time.perf_counter() - start)
+    _write_report(steps.case, report, output)
+    work.remove()
+    return report
+
+
+def fingerprint(path: Path) -> str:
+    """What tells an input from another: SHA-256 of its size and of its first and last mebibyte; names for a folder."""
+    digest = hashlib.sha256()
+    if path.is_dir():
+        for entry in sorted(path.iterdir()):
+            digest.update(f"{entry.name} {entry.stat().st_size}\n".encode(errors="surrogateescape"))
+        return digest.hexdigest()
+    size = path.stat().st_size
+    digest.update(str(size).encode())
+    with path.open("rb") as file:
+        digest.update(file.read(1 << 20))
+        file.seek(max(0, size - (1 << 20)))
+        digest.update(file.read())
+    return digest.hexdigest()
+
+
+def _opened(source: Path, output: Path, options: Options, *, resume: bool, force: bool) -> Work:
+    """The work folder, with the manifest of this very run in it."""
+    work = Work(output.with_name(output.name + ".work"))
+    if not (resume and work.has("published.json")):
+        _require_possible(source, output, options, force)
+    manifest = {
+        "format": "guise-work", "version": 1, "guise": version(), "input": str(source.absolute()),
+        "fingerprint": fingerprint(source), "options": options.as_json(), "name": source.name,
+        "output": output.name,
+    }  # fmt: skip
+    if work.has(MANIFEST) and resume:
+        _require_same(work, manifest)
+        work.save_json(MANIFEST, manifest)
+        return work
+    if work.folder.exists() and not force:
+        raise DeidentifyError(
+            f"{work.folder} was left by a run that did not finish: go on with --resume, or start anew with --force"
+        )
+    work.create()
+    work.save_json(MANIFEST, manifest)
+    return work
+
+
+def _require_same(work: Work, manifest: dict[str, Any]) -> None:
+    """Raise DeidentifyError when what was left is of another run; options count once something was made with them."""
+    left = work.load_json(MANIFEST)
+    if not work.has("tracks.json"):
+        left["options"] = manifest["options"]
+    if left != manifest:
+        raise DeidentifyError(
+            f"{work.folder} is of a run with another input, other options or another version: give the same, "
+            "or start anew with --force"
+        )
+
+
+def _require_possible(source: Path, output: Path, options: Options, force: bool) -> None:
+    """Raise what reading the input or writing the output would raise, before any work is done."""
+    with open_source(source) as media:
+        check_free(output, media, force)
+        probe = output.with_name(f"probe-{output.name}")
+        try:
+            open_sink(probe, media, options.encode, force=True, private=not options.keep_metadata).abort()
+        except MediaError as error:
+            raise MediaError(str(error).replace(probe.name, output.name)) from error
+
+
+class _Steps:
+    """The stages of a case, and how far they are."""
+
+    def __init__(self, case: Case, engine: Jobs, progress: Progress) -> None:
+        self.case, self._engine, self._progress = case, engine, progress
+
+    def analyse(self) -> None:
+        """Up to the proposed actions."""
+        case = self.case
+        self._once("scan.json", lambda: scan(case.input).as_json())
+        self._map("detect", len(case.scan.segments))
+        self._once("link.json", lambda: _linked(case))
+        self._map("person", len(case.linked))
+        self._once("people.json", lambda: _people(case))
+        self._map("fit", len(case.scan.segments))
+        self._once("proposed.json", lambda: [track_json(track) for track in _proposed(case)])
+
+    def plan(self, edited: Path | None) -> None:
+        """What the user wants, whose faces are shown, and what happens to each face in each frame."""
+        case = self.case
+        self._once("tracks.json", lambda: [track_json(track) for track in _ordered(case, edited)])
+        if not case.work.has("plan.npz"):
+            case.work.save_arrays("plan.npz", **_plan(case))
+
+    def render(self) -> None:
+        """All segments of the output."""
+        self._map("render", len(self.case.scan.segments))
+
+    def _once(self, name: str, make: Callable[[], Any]) -> None:
+        if not self.case.work.has(name):
+            self.case.work.save_json(name, make())
+
+    def _map(self, stage: str, count: int) -> None:
+        work, finished = self.case.work, 0
+        jobs = [Job(stage, str(work.folder), i) for i in range(count)]
+        missing = [job for job in jobs if not work.has(result_of(stage, job.index))]
+
+        def done(job: Job) -> None:
+            nonlocal finished
+            finished += 1
+            self._progress(_WORDS[stage], finished / max(len(missing), 1))
+
+        self._progress(_WORDS[stage], 0.0)
+        self._engine.run(missing, done)
+
+
+_WORDS = {"detect": "finding faces", "person": "enrolling", "fit": "following", "render": "rendering"}
+
+
+# -- between the stages ---------------------------------------------------------------------------------------
+
+
+def _linked(case: Case) -> dict[str, Any]:
+    found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
+    chains, cuts = link(found, [s.first for s in case.scan.segments], case.rate)
+    tracks = []
+    for number, chain in enumerate(chains, start=1):
+        rows = [(p, np.flatnonzero(found[p.segment].tracklet == p.number)) for p in chain]
+        tracks.append(_linked_track(number, chain, [(found[p.segment], r) for p, r in rows]))
+    return {"cuts": cuts, "tracks": tracks}
+
+
+def _linked_track(number: int, chain: Sequence[Piece], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
+    frames = np.concatenate([one.frame[r] for one, r in rows])
+    boxes = np.concatenate([one.box[r] for one, r in rows])
+    sure = np.concatenate([one.confidence[r] for one, r in rows])
+    parts = np.array_split(np.arange(len(frames)), min(6, len(frames)))
+    shown = [int(frames[part[np.argmax(sure[part])]]) for part in parts]
+    return {
+        "number": number, "pieces": [[p.segment, p.number] for p in chain], "first": int(frames[0]),
+        "last": int(frames[-1]), "seen": len(frames), "width": float(np.median(boxes[:, 2] - boxes[:, 0])),
+        "sure": int((sure >= 0.5).sum()), "shown": shown,
+    }  # fmt: skip
+
+
+def _people(case: Case) -> dict[str, int]:
+    """Tracks of one person, who left and returned, under the number of the first of them."""
+    people: dict[str, int] = {}
+    for track in case.linked:
+        model = case.enrolled(track.number)
+        earlier = [
+            t for t in case.linked if people.get(str(t.number)) == t.number and not _together(t, track)
+        ]
+        known = (t.number for t in earlier if model is not None and _same(case, t, model))
+        people[str(track.number)] = next(known, track.number)
+    return people
+
+
+def _same(case: Case, track: Linked, model: Any) -> bool:
+    other = case.enrolled(track.number)
+    return other is not None and same_person(other, model)
+
+
+def _together(a: Linked, b: Linked) -> bool:
+    return a.first <= b.last and b.first <= a.last
+
+
+def _rows(case: Case, track: Linked) -> tuple[Rows, F32]:
+    """What is known of a track, and the confidence of its landmarks (n,)."""
+    frames, boxes, trust, sure = [], [], [], []
+    for segment, number in track.pieces:
+        found, fits = case.found(segment, points=False), case.fits(segment)
+        rows = np.flatnonzero(found.tracklet == number)
+        mine = np.flatnonzero(fits.track == track.number)
+        known = dict(zip(fits.frame[mine].tolist(), fits.confidence[mine].tolist(), strict=True))
+        frames.append(found.frame[rows])
+        boxes.append(found.box[rows])
+        trust.append([known.get(int(f), 0.0) for f in found.frame[rows]])
+        sure.append(found.confidence[rows])
+    return Rows(
+        np.concatenate(frames), np.concatenate(boxes), np.concatenate(trust).astype(np.float32)
+    ), np.concatenate(sure)
+
+
+def _decided(case: Case, track: Linked, action: Any) -> Decision:
+    rows, _ = _rows(case, track)
+    return decide(rows, action, total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+
+
+def _proposed(case: Case) -> list[Track]:
+    tracks = []
+    for one in case.linked:
+        rows, sure = _rows(case, one)
+        decision = decide(rows, "swap", total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+        inside = (decision.frames >= one.first) & (decision.frames <= one.last)
+        share = float((decision.done[inside] == SWAPPED).mean())
+        reason = _why_cover(case, one, share)
+        action: Action = "cover" if reason else "swap"
+        tracks.append(Track(
+            one.number, case.people[one.number], one.first, one.last, one.seen, round(one.width, 1),
+            _curve(one, rows.frames, rows.trust if rows.trust.any() else sure), action, reason, action,
+            can_swap=case.model_of(one.number) is not None,
+        ))  # fmt: skip
+    return tracks
+
+
+def _why_cover(case: Case, track: Linked, share: float) -> str:
+    if case.model_of(track.number) is None:
+        return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
+    return "" if share >= SWAP_SHARE else "hardly any frame shows the face well enough"
+
+
+def _curve(track: Linked, frames: NDArray[np.int32], values: F32) -> tuple[float, ...]:
+    whole = np.zeros(track.last - track.first + 1)
+    whole[frames - track.first] = values
+    parts = np.array_split(whole, min(PARTS, len(whole)))
+    return tuple(round(float(part.mean()), 3) for part in parts)
+
+
+def _ordered(case: Case, edited: Path | None) -> list[Track]:
+    """The tracks with the user's actions, and donors for those that are swapped."""
+    proposed = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    tracks = proposed
+    if edited is not None:
+        tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
+    donors = _donors(
+        case, list(dict.fromkeys(t.person for t in tracks if t.action == "swap" and not t.donor))
+    )
+    return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
+
+
+def _donors(case: Case, people: Sequence[int]) -> dict[int, str]:
+    """Whose face each person gets; with a key file, the one that they have had before."""
+    options, salt = case.options, case.manifest["name"]
+    if options.keyfile is None:
+        return assign(people, options.donor, own=options.gallery, seed=options.seed, salt=salt)
+    models = {person: case.model_of(person) for person in people}
+    return KeyFile.open(options.keyfile).assign(models, options.donor, own=options.gallery, salt=salt)
+
+
+def _plan(case: Case) -> dict[str, NDArray[Any]]:
+    """What happens to each face in each frame, by frame."""
+    columns: list[tuple[NDArray[Any], ...]] = []
+    linked = {one.number: one for one in case.linked}
+    for track in case.tracks:
+        d = _decided(case, linked[track.number], track.action)
+        columns.append(
+            (np.full(len(d.frames), track.number), d.frames, d.done, d.boxes, d.growth, d.confidence)
+        )
+    b = _bystanders(case)
+    ones = np.ones(len(b.frames))
+    columns.append((np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, ones, b.scores))
+    joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
+    order = np.argsort(joined[1], kind="stable")
+    names = ("track", "frame", "done", "box", "growth", "confidence")
+    types = (np.int32, np.int32, np.uint8, np.float32, np.float32, np.float32)
+    return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
+
+
+def _bystanders(case: Case) -> Bystanders:
+    found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
+    seen = Bystanders(
+        np.concatenate([f.bystander_frame for f in found]),
+        np.concatenate([f.bystander_box for f in found]),
+        np.concatenate([f.bystander_score for f in found]),
+    )
+    return seen.spread(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+
+
+# -- results --------------------------------------------------------------------------------------------------
+
+
+def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) -> FileReport:
+    renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
+    problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
+    problems += [p for r in renders for p in r["problems"]] + case.work.load_json("published.json")
+    finds = [
+        AuditFind(a["frame"], tuple(a["box"]), a["score"], a["covered"]) for r in renders for a in r["audit"]
+    ]
+    plan = case.plan
+    with open_source(case.input) as media:
+        width, height = media.width, media.height
+    return FileReport(
+        *names, case.scan.frames, case.times, width, height, case.tracks,
+        tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(finds),
+        _counts(plan, case.scan.frames, finds), {**_settings(case.options), "renderer": renders[0]["renderer"]},
+        tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output),
+    )  # fmt: skip
+
+
+def _settings(options: Options) -> dict[str, Any]:
+    """The options as a report tells them: files by their names, as folders may say who somebody is."""
+    named = {
+        k: v and Path(v).name for k, v in options.as_json().items() if k in ("keyfile", "certificate", "key")
+    }
+    gallery = [path.name for path in options.gallery]
+    return options.as_json() | named | {"donor": bare(options.donor), "gallery": gallery}
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file, "" for a folder."""
+    if path.is_dir():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _outcome(plan: dict[str, NDArray[Any]], track: int) -> Outcome:
+    mine = np.flatnonzero(plan["track"] == track)
+    boxes = np.round(plan["box"][mine]).astype(np.int32)
+    return Outcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
+
+
+def _counts(plan: dict[str, NDArray[Any]], frames: int, finds: Sequence[AuditFind]) -> dict[str, int]:
+    worst = np.full(frames, -1)
+    for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
+        these = plan["frame"][plan["done"] == code]
+        worst[these] = np.maximum(worst[these], rank)
+    covered = [find.frame for find in finds]
+    worst[covered] = np.maximum(worst[covered], 1)
+    names = ("without face", "swapped", "covered", "left")
+    return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
+
+
+def pictures(case: Case, kind: Literal["pictures", "output"]) -> dict[int, list[NDArray[np.uint8]]]:
+    """The tracks' pictures of the input or of the output, in the order of time."""
+    found: dict[int, list[NDArray[np.uint8]]] = {track.number: [] for track in case.linked}
+    for k in range(len(case.scan.segments)):
+        for name, picture in case.work.load_arrays(f"{kind}.{k}.npz").items():
+            found[int(name.split(".")[0])].append(picture)
+    return found
+
+
+def _write_review(case: Case, output: Path) -> None:
+    """The tracks to edit and their pictures, readable by their owner only, as they show faces of the input."""
+    tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    table, sheet = beside(output, ".tracks.json"), beside(output, ".tracks.jpg")
+    write_tracks(
+        table, tracks, input_name=case.manifest["name"], fingerprint=case.manifest["fingerprint"],
+        frames=case.scan.frames, seconds=case.times,
+    )  # fmt: skip
+    save_picture(sheet, contact_sheet(pictures(case, "pictures"), tracks, case.times))
+    for path in (table, sheet):
+        path.chmod(0o600)
+
+
+def _write_report(case: Case, report: FileReport, output: Path) -> None:
+    write_report(beside(output, ".report.json"), report)
+    write_page(beside(output, ".report.html"), report, pictures(case, "output"))

@@ -1,0 +1,151 @@
+"""A file that is being de-identified: what its work folder says of it.
+
+Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
+none), fit.K.npz, tracks.json, plan.npz, render.K.packets, render.K.json and render.K.npz, for segments K and persons P.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.model import Identity
+from guise.app.deidentify.options import Options
+from guise.app.deidentify.stages.detect import Found
+from guise.app.deidentify.stages.fit import Fits
+from guise.app.deidentify.stages.work import MANIFEST, Work
+from guise.app.deidentify.tracks import Track
+from guise.app.media.segments import Scan
+
+LEAD = 16  # frames by which a rendered segment begins after its keyframe: as long the light is watched before
+
+
+@dataclass(frozen=True)
+class Linked:
+    """A track before anything is known of its person.
+
+    Parameters
+    ----------
+    number : from 1.   pieces : (segment, tracklet) in the order of time.
+    first, last, seen, width : as for `guise.app.deidentify.tracks.Track`.
+    sure : number of frames in which the landmarks are sure.
+    shown : some frames in which it is clearest, for pictures of it.
+    """
+
+    number: int
+    pieces: tuple[tuple[int, int], ...]
+    first: int
+    last: int
+    seen: int
+    width: float
+    sure: int
+    shown: tuple[int, ...]
+
+
+class Case:
+    """Reads what is known so far; nothing of it changes once it is there.
+
+    work : the work folder.
+    """
+
+    def __init__(self, work: Work) -> None:
+        self.work = work
+        self.manifest: dict[str, Any] = work.load_json(MANIFEST)
+        self.input = Path(self.manifest["input"])
+        self.options = Options.from_json(self.manifest["options"])
+
+    @cached_property
+    def scan(self) -> Scan:
+        """The frames and segments."""
+        return Scan.from_json(self.work.load_json("scan.json"))
+
+    @cached_property
+    def rate(self) -> float:
+        """Frames a second, the usual one, for what is measured in seconds."""
+        steps = np.diff(self.scan.pts)
+        return float(1 / (np.median(steps) * self.scan.time_base)) if len(steps) else 30.0
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:
+        """(frames,) time of each frame after the first, seconds."""
+        return np.asarray((self.scan.pts - self.scan.pts[:1]) * float(self.scan.time_base), np.float64)
+
+    def found(self, segment: int, *, points: bool = True) -> Found:
+        """The faces of a segment; without their points, which are most of it, (0, 81, 2) stands for them."""
+        arrays = self.work.load_arrays(f"detect.{segment}.npz", "" if points else "points")
+        return Found(**{"points": np.zeros((0, 81, 2), np.float32), **arrays})
+
+    def fits(self, segment: int) -> Fits:
+        """The placed faces of a segment."""
+        return Fits(**self.work.load_arrays(f"fit.{segment}.npz"))
+
+    @cached_property
+    def cuts(self) -> list[int]:
+        """First frames of new shots."""
+        return [int(c) for c in self.work.load_json("link.json")["cuts"]]
+
+    @cached_property
+    def linked(self) -> list[Linked]:
+        """The tracks as they were joined."""
+        return [
+            Linked(**entry | {"pieces": tuple(map(tuple, entry["pieces"])), "shown": tuple(entry["shown"])})
+            for entry in self.work.load_json("link.json")["tracks"]
+        ]
+
+    def enrolled(self, track: int) -> Identity | None:
+        """The model enrolled from a track, if there is one."""
+        name = f"person.{track}.guise"
+        return _loaded(self.work.path(name)) if self.work.has(name) else None
+
+    @cached_property
+    def people(self) -> dict[int, int]:
+        """By track, the person: the number of the track from which they were enrolled, or its own."""
+        return {int(k): int(v) for k, v in self.work.load_json("people.json").items()}
+
+    def model_of(self, track: int) -> Identity | None:
+        """The model of a track's person, if there is one."""
+        return self.enrolled(self.people[track])
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """The tracks with what is to be done."""
+        return tuple(track_from(entry) for entry in self.work.load_json("tracks.json"))
+
+    @cached_property
+    def plan(self) -> dict[str, NDArray[Any]]:
+        """What happens to each face: track, frame, done, box, growth, confidence, by frame."""
+        return self.work.load_arrays("plan.npz")
+
+    def span(self, segment: int) -> tuple[int, int]:
+        """The frames [first, last) of a rendered segment."""
+        pieces = self.scan.segments
+        first = pieces[segment].first + (LEAD if segment else 0)
+        last = pieces[segment].last + (LEAD if segment + 1 < len(pieces) else 0)
+        return first, last
+
+
+def track_from(entry: dict[str, Any]) -> Track:
+    """The track that `track_json` gave."""
+    return Track(**entry | {"confidence": tuple(entry["confidence"])})
+
+
+def track_json(track: Track) -> dict[str, Any]:
+    """A track as JSON holds it."""
+    return asdict(track)
+
+
+_MODELS: dict[Path, Identity] = {}
+
+
+def _loaded(path: Path) -> Identity:
+    """A model, kept while it may be needed again; a few at most."""
+    if path not in _MODELS:
+        if len(_MODELS) >= 8:
+            _MODELS.pop(next(iter(_MODELS)))
+        _MODELS[path] = Identity.load(path)
+    return _MODELS[path]

@@ -1,0 +1,147 @@
+"""What happens to a track in every frame: swapped where that is trusted, covered everywhere else, also where it may be.
+
+Fail closed: a gap is covered along the line between its ends, a track's ends for a margin of time beyond them, a frame
+next to one that is not trusted as if it were not trusted either.  Boxes ``x0 y0 x1 y1`` of the 68 iBUG points, pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.app.deidentify.tracks import DONE, Action
+from guise.common.arrays import F32
+
+Bools = NDArray[np.bool_]
+
+SWAPPED, COVERED, LEFT = (DONE.index(done) for done in ("swapped", "covered", "left"))
+TRUST = 0.5  # confidence from which a face is swapped
+AROUND = 0.1  # seconds about a frame that is not trusted which are not either
+SHORTEST = 0.3  # seconds for which a swap must last
+MARGIN = 0.4  # seconds for which a track is covered beyond its ends
+BYSTANDER = 0.2  # the same for a bystander
+GROWTH = 0.03  # by which the region grows with each frame away from the last sight, and
+MOST = 1.6  # its limit
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What is known of a track: (n,) frames, ascending; (n, 4) boxes; (n,) confidence that a swap is right."""
+
+    frames: NDArray[np.int32]
+    boxes: F32
+    trust: F32
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What happens to a track.
+
+    Parameters
+    ----------
+    frames : (n,) int32, consecutive.   done : (n,) uint8, index into DONE.
+    boxes : (n, 4) of the face, seen or supposed.   growth : (n,) of the covered region.
+    confidence : (n,) that a swap is right; 0 where the face was not seen.
+    """
+
+    frames: NDArray[np.int32]
+    done: NDArray[np.uint8]
+    boxes: F32
+    growth: F32
+    confidence: F32
+
+
+def decide(rows: Rows, action: Action, *, total: int, rate: float, cuts: Sequence[int]) -> Decision:
+    """What happens to a track in the frames about it.
+
+    total : frames of the video.   rate : a second.   cuts : first frames of new shots.
+    """
+    first, last = int(rows.frames[0]), int(rows.frames[-1])
+    margin = max(1, round(MARGIN * rate))
+    start = max([0, first - margin, *(c for c in cuts if c <= first)])
+    stop = min([total, last + margin + 1, *(c for c in cuts if c > last)])
+    frames = np.arange(start, stop, dtype=np.int32)
+    boxes = np.stack([np.interp(frames, rows.frames, rows.boxes[:, k]) for k in range(4)], axis=1)
+    seen = np.isin(frames, rows.frames)
+    confidence = np.zeros(len(frames), np.float32)
+    confidence[seen] = rows.trust
+    return Decision(
+        frames, _done(confidence, action, rate), boxes.astype(np.float32), _growth(frames, rows.frames), confidence
+    )  # fmt: skip
+
+
+def _done(confidence: F32, action: Action, rate: float) -> NDArray[np.uint8]:
+    if action == "leave":
+        return np.full(len(confidence), LEFT, np.uint8)
+    if action == "cover":
+        return np.full(len(confidence), COVERED, np.uint8)
+    swapped = eroded(confidence >= TRUST, round(AROUND * rate))
+    swapped = without_short(swapped, round(SHORTEST * rate))
+    return np.where(swapped, SWAPPED, COVERED).astype(np.uint8)
+
+
+def eroded(trusted: Bools, steps: int) -> Bools:
+    """Without the `steps` elements next to a false one.
+
+    >>> eroded(np.array([1, 1, 1, 0, 1, 1], bool), 1).astype(int).tolist()
+    [1, 1, 0, 0, 0, 1]
+    """
+    near = np.convolve(~trusted, np.ones(2 * steps + 1), "same") > 0.5
+    return (
+        np.asarray(trusted & ~near[: len(trusted)]) if len(trusted) > 2 * steps else trusted & trusted.all()
+    )
+
+
+def without_short(flags: Bools, least: int) -> Bools:
+    """Without runs of fewer than `least` true elements.
+
+    >>> without_short(np.array([1, 1, 0, 1], bool), 2).astype(int).tolist()
+    [1, 1, 0, 0]
+    """
+    kept = flags.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
+    for start, stop in edges.reshape(-1, 2):
+        if stop - start < least:
+            kept[start:stop] = False
+    return kept
+
+
+def _growth(frames: NDArray[np.int32], known: NDArray[np.int32]) -> F32:
+    """How much larger the region is where the face was not seen."""
+    after = np.searchsorted(known, frames)
+    before = np.clip(after - 1, 0, len(known) - 1)
+    distance = np.minimum(
+        np.abs(frames - known[before]), np.abs(known[np.clip(after, 0, len(known) - 1)] - frames)
+    )
+    return np.asarray(np.minimum(1 + GROWTH * distance, MOST), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Bystanders:
+    """Faces that are covered without being followed: (n,) frames, ascending; (n, 4) boxes; (n,) scores."""
+
+    frames: NDArray[np.int32]
+    boxes: F32
+    scores: F32
+
+    def spread(self, *, total: int, rate: float, cuts: Sequence[int]) -> Bystanders:
+        """With the frames about each sight, not beyond cuts; where sights are near in time, the nearest box of each."""
+        reach = max(1, round(BYSTANDER * rate))
+        frames, boxes, scores = [], [], []
+        edges = np.array([0, *cuts, total])
+        for frame, box, score in zip(self.frames, self.boxes, self.scores, strict=True):
+            shot = int(np.searchsorted(edges, frame, side="right"))
+            low, high = max(int(frame) - reach, edges[shot - 1]), min(int(frame) + reach + 1, edges[shot])
+            for at in range(int(low), int(high)):
+                frames.append(at)
+                boxes.append(box)
+                scores.append(score)
+        order = np.argsort(np.array(frames, np.int64), kind="stable")
+        return Bystanders(
+            np.array(frames, np.int32)[order],
+            np.array(boxes, np.float32).reshape(-1, 4)[order],
+            np.array(scores, np.float32)[order],
+        )

@@ -1,0 +1,192 @@
+"""The jobs of a de-identification: each reads the manifest and earlier results, and writes its own, whole.
+
+Any process may do a job, at any time after the stage before; a job whose result is there does nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.model import Identity
+from guise.app.deidentify.stages.case import Case, Linked
+from guise.app.deidentify.stages.detect import detect_faces
+from guise.app.deidentify.stages.fit import Fits
+from guise.app.deidentify.stages.people import enrol
+from guise.app.deidentify.stages.pieces import open_piece, read_piece
+from guise.app.deidentify.stages.render import AGAIN, Artist, Find, audit, entries_of, with_finds
+from guise.app.deidentify.stages.work import Work
+from guise.app.media import Frame, Sink, Source, open_source, process
+from guise.app.media.reader import Problems
+from guise.app.media.segments import read_frames
+from guise.app.swapping.cover import region
+from guise.app.swapping.trust import Placed, place
+from guise.common.files import write_whole
+from guise.common.memory import given_back
+from guise.common.threads import one_thread
+
+THUMB = 160  # pixels, side of a track's pictures
+SHOWN = 4  # of each track, for the report
+
+
+@dataclass(frozen=True)
+class Job:
+    """A piece of work that any process may do: the `index`-th of a stage, for a work folder."""
+
+    stage: str
+    work: str
+    index: int
+
+
+def perform(job: Job) -> None:
+    """Do a job; nothing is done when its result is there already."""
+    work = Work(Path(job.work))
+    if not work.has(result_of(job.stage, job.index)):
+        with one_thread(), given_back():
+            _STAGES[job.stage](Case(work), job.index)
+
+
+def result_of(stage: str, index: int) -> str:
+    """The name of the result that is written last."""
+    return f"{stage}.{index}.{'npz' if stage in ('detect', 'fit') else 'json'}"
+
+
+def detect(case: Case, segment: int) -> None:
+    """All faces of a segment."""
+    piece, problems = case.scan.segments[segment], Problems()
+    found = detect_faces(read_frames(case.input, case.scan, piece.first, piece.last, problems=problems))
+    case.work.save_json(f"problems.{segment}.json", list(problems))
+    case.work.save_arrays(f"detect.{segment}.npz", **found.arrays())
+
+
+def person(case: Case, index: int) -> None:
+    """The model of a track's person."""
+    track = case.linked[index]
+    model = enrol(case, track)
+    if isinstance(model, Identity):
+        write_whole(case.work.path(f"person.{track.number}.guise"), model.save)
+    case.work.save_json(f"person.{index}.json", model if isinstance(model, str) else "")
+
+
+def fit(case: Case, segment: int) -> None:
+    """The place of each person in a segment, and pictures of the tracks."""
+    found = case.found(segment)
+    wanted: dict[int, list[tuple[Linked, int]]] = {}
+    for track in case.linked:
+        for number in (n for s, n in track.pieces if s == segment):
+            for at in np.flatnonzero(found.tracklet == number).tolist():
+                wanted.setdefault(int(found.frame[at]), []).append((track, at))
+    rows: list[tuple[int, int, Placed]] = []
+    pictures: dict[str, NDArray[np.uint8]] = {}
+    if wanted:
+        for frame in read_frames(case.input, case.scan, min(wanted), max(wanted) + 1):
+            for track, row in wanted.get(frame.index, []):
+                model, points = case.model_of(track.number), found.points[row].astype(np.float64)
+                if model is not None and np.isfinite(points).all():
+                    placed = place(model.tracker, frame.luma, points, float(found.confidence[row]))
+                    rows.append((track.number, frame.index, placed))
+                if frame.index in track.shown:
+                    pictures[f"{track.number}.{frame.index}"] = picture(frame, found.box[row])
+    case.work.save_arrays(f"pictures.{segment}.npz", **pictures)
+    case.work.save_arrays(f"fit.{segment}.npz", **vars(Fits.of(rows)))
+
+
+def picture(frame: Frame, box: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """A square picture (THUMB, THUMB, 3) of a face and what is around it; black beyond the frame."""
+    x0, y0, x1, y1 = region(box)
+    half = max(x1 - x0, y1 - y0) / 2 + 1
+    low = [int(np.floor((x0 + x1) / 2 - half)), int(np.floor((y0 + y1) / 2 - half))]
+    side = int(2 * half) + 1
+    canvas = np.zeros((side, side, 3), np.uint8)
+    left, top, w, h = frame.align_roi(low[0], low[1], low[0] + side, low[1] + side)
+    if w and h:
+        rgb = frame.rgb_roi(left, top, w, h)[max(0, low[1] - top) :, max(0, low[0] - left) :]
+        y, x = max(0, top - low[1]), max(0, left - low[0])
+        rgb = rgb[: side - y, : side - x]
+        canvas[y : y + rgb.shape[0], x : x + rgb.shape[1]] = rgb
+    return np.asarray(cv2.resize(canvas, (THUMB, THUMB), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def render(case: Case, segment: int) -> None:
+    """Swap and cover, encode, look again; and pictures of the result."""
+    (first, last), piece = case.span(segment), case.scan.segments[segment]
+    entries = entries_of(case.plan, piece.first, last)
+    covered: list[Find] = []
+    with Artist(case, segment, entries) as artist, open_source(case.input) as source:
+        for attempt in range(1 + AGAIN):
+            artist.entries = with_finds(entries, covered, first, last)
+            _encode(case, source, segment, artist)
+            finds = list(audit(read_piece(case, segment), artist))
+            if not finds or attempt == AGAIN:
+                break
+            covered += finds
+        renderer, problems = artist.renderer, list(source.problems)
+        pictures = _output_pictures(case, segment, artist)
+    case.work.save_arrays(f"output.{segment}.npz", **pictures)
+    told = [_told(find, True) for find in covered] + [_told(find, False) for find in finds]
+    case.work.save_json(f"render.{segment}.json", {"audit": told, "renderer": renderer, "problems": problems})
+
+
+@given_back()
+def _encode(case: Case, source: Source, segment: int, artist: Artist) -> None:
+    """Write a segment as the artist draws it; the encoder, which is large, ends with this."""
+    first, last = case.span(segment)
+    frames = _Frames(case, case.scan.segments[segment].first, last)
+    with open_piece(case, source, segment) as sink:
+        process(frames, _From(sink, first), artist.draw)
+
+
+def _told(find: Find, covered: bool) -> dict[str, Any]:
+    box = [round(float(v)) for v in find.box]
+    return {"frame": find.frame, "box": box, "score": round(find.score, 3), "covered": covered}
+
+
+def _output_pictures(case: Case, segment: int, artist: Artist) -> dict[str, NDArray[np.uint8]]:
+    """Pictures of the tracks as they are in the output."""
+    wanted = {frame: track.number for track in case.linked for frame in track.shown[:SHOWN]}
+    first, last = case.span(segment)
+    if not any(first <= frame < last for frame in wanted):
+        return {}
+    pictures = {}
+    for frame in read_piece(case, segment):
+        for entry in artist.entries.get(frame.index, []):
+            if wanted.get(frame.index) == entry.track:
+                pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box)
+    return pictures
+
+
+class _Frames:
+    """The frames [first, last) of a case as a source."""
+
+    def __init__(self, case: Case, first: int, last: int) -> None:
+        self._case, self._first, self._last = case, first, last
+        self.problems = Problems()
+
+    def __iter__(self) -> Iterator[Frame]:
+        return read_frames(self._case.input, self._case.scan, self._first, self._last, problems=self.problems)
+
+
+class _From:
+    """A sink that begins with a frame: those before it only warm up."""
+
+    def __init__(self, sink: Sink, first: int) -> None:
+        self._sink, self._first = sink, first
+
+    def write(self, frame: Frame) -> None:
+        """Write the frame unless it comes too early."""
+        if frame.index >= self._first:
+            self._sink.write(frame)
+
+
+_STAGES: dict[str, Callable[[Case, int], None]] = {
+    "detect": detect,
+    "person": person,
+    "fit": fit,
+    "render": render,
+}

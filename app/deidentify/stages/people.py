@@ -1,0 +1,111 @@
+"""The third stage: a model of a track's person, enrolled from the video itself.
+
+Frames in which the landmarks are sure, from at most SEGMENTS segments, evenly chosen, so that an hour of video costs
+no more than a minute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Failed
+from guise.aam.training import (
+    Choice,
+    Observation,
+    TrainingError,
+    TrainingOptions,
+    choose_frames,
+    observe,
+    train_identity,
+)
+from guise.app.deidentify.stages.case import Case, Linked
+from guise.app.media.segments import read_frames
+from guise.common.arrays import F64
+from guise.common.threads import one_thread
+
+TRAINING = TrainingOptions(frames=48, even_light=True)
+SEGMENTS = 5
+CLEAR = 0.95  # confidence of landmarks to train on, where enough frames have it; else
+SURE = 0.5
+ENOUGH = 36  # frames
+FEWEST = 24  # frames without which nobody is enrolled
+NARROWEST = 36.0  # pixels, width of a face's box below which nobody is
+
+
+def why_not(track: Linked) -> str:
+    """Why a track's person cannot be enrolled, or ""."""
+    if track.width < NARROWEST:
+        return f"the face is only {track.width:.0f} pixels wide"
+    if track.sure < FEWEST:
+        return f"the face is seen clearly in {track.sure} frames only"
+    return ""
+
+
+def enrol(case: Case, track: Linked) -> Identity | str:
+    """The model, or why there is none."""
+    reason = why_not(track)
+    if reason:
+        return reason
+    frames, points = _sure_points(case, track)
+    try:
+        choice = choose_frames(points, TRAINING)
+        observations = _observations(case, frames, points, choice)
+        with one_thread():
+            return train_identity(f"person {track.number}", observations, choice, options=TRAINING)
+    except TrainingError as error:
+        return str(error)
+
+
+def _sure_points(case: Case, track: Linked) -> tuple[NDArray[np.int32], F64]:
+    """Frames (t,) and landmarks (t, 81, 2), NaN where they are not sure, of the chosen segments."""
+    frames, points, confidence = [], [], []
+    for segment, number in _spread(track.pieces):
+        found = case.found(segment)
+        rows = np.flatnonzero(found.tracklet == number)
+        frames.append(found.frame[rows])
+        points.append(found.points[rows])
+        confidence.append(found.confidence[rows])
+    all_frames, all_points = np.concatenate(frames), np.concatenate(points).astype(np.float64)
+    sure = np.concatenate(confidence)
+    least = CLEAR if (sure >= CLEAR).sum() >= ENOUGH else SURE
+    all_points[sure < least] = np.nan
+    return all_frames, all_points
+
+
+def _spread(pieces: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
+    """The pieces that lie in at most SEGMENTS segments, evenly chosen."""
+    segments = sorted({segment for segment, _ in pieces})
+    places = np.unique(np.linspace(0, len(segments) - 1, SEGMENTS).round().astype(int))
+    chosen = {segments[i] for i in places}
+    return [piece for piece in pieces if piece[0] in chosen]
+
+
+def _observations(
+    case: Case, frames: NDArray[np.int32], points: F64, choice: Choice
+) -> dict[int, Observation]:
+    """What training needs of the chosen rows."""
+    reference = ReferenceFrame.canonical(TRAINING.resolution)
+    wanted = {int(frames[row]): int(row) for row in choice.all}
+    neutral = set(choice.neutral)
+    observations = {}
+    for index, picture in _pictures(case, sorted(wanted)):
+        row = wanted[index]
+        seen = observe(picture, points[row], reference, keep_picture=row in neutral)
+        if not isinstance(seen, Failed):
+            observations[row] = seen
+    return observations
+
+
+def _pictures(case: Case, wanted: list[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """The wanted frames as RGB, segment by segment."""
+    for segment in case.scan.segments:
+        here = {i for i in wanted if segment.first <= i < segment.last}
+        if here:
+            for frame in read_frames(case.input, case.scan, min(here), max(here) + 1):
+                if frame.index in here:
+                    yield frame.index, frame.rgb()

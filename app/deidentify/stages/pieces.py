@@ -1,0 +1,70 @@
+"""The output while it is made: a piece for each segment of a video, or the pictures themselves; and the whole."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from guise.app.deidentify.stages.case import Case
+from guise.app.media import Frame, Sink, Source, open_sink, open_source
+from guise.app.media.packets import PacketSink, assemble, read_packets
+from guise.app.media.sink import check_free
+from guise.app.media.source import VideoSource
+from guise.app.media.synthetic import synthetic_tags
+
+
+def open_piece(case: Case, source: Source, segment: int) -> Sink:
+    """Where the frames of a segment are written."""
+    if isinstance(source, VideoSource):
+        return PacketSink(_piece(case, segment), source, case.options.encode)
+    made = _made(case)
+    if made.is_dir():
+        shutil.rmtree(made)
+    return open_sink(made, source, case.options.encode, force=True, tags=synthetic_tags())
+
+
+def read_piece(case: Case, segment: int) -> Iterator[Frame]:
+    """The frames that were written, counted as in the input."""
+    if not _piece(case, segment).exists():
+        with open_source(_made(case)) as source:
+            yield from source
+        return
+    for frame in read_packets(_piece(case, segment)):
+        frame.index = int(np.searchsorted(case.scan.pts, frame.pts))
+        yield frame
+
+
+def publish(case: Case, output: Path, *, force: bool) -> None:
+    """Put the pieces together, sign the whole if that is wished, and give it its name; once is enough."""
+    options = case.options
+    if case.work.has("published.json") and not _made(case).exists():
+        return
+    with open_source(case.input) as source:
+        check_free(output, source, force)
+        if isinstance(source, VideoSource):
+            parts = [_piece(case, k) for k in range(len(case.scan.segments))]
+            assemble(
+                _made(case), source, parts, options.encode, tags=synthetic_tags(),
+                private=not options.keep_metadata, audio=options.audio, force=True,
+            )  # fmt: skip
+    if options.certificate and options.key:
+        from guise.app.media.provenance import sign
+
+        sign(_made(case), options.certificate, options.key)
+    case.work.save_json("published.json", list(source.problems))
+    if output.is_dir():
+        shutil.rmtree(output)  # a folder of pictures of an earlier run, and --force, or an empty one
+    os.replace(_made(case), output)
+
+
+def _piece(case: Case, segment: int) -> Path:
+    return case.work.path(f"render.{segment}.packets")
+
+
+def _made(case: Case) -> Path:
+    """The whole output; a name without a suffix is a folder of pictures."""
+    return case.work.path("output" + Path(case.manifest["output"]).suffix)

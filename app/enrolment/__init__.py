@@ -1,0 +1,1 @@
+"""Enrolment: from clips of a person to a model of them."""

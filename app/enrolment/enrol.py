@@ -1,0 +1,266 @@
+"""Enrolment: a person's model from one or more clips.
+
+Two passes: the first has landmarks for every frame (from a file, or by a landmarker), the second reads the
+chosen frames only, so that memory does not grow with length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
+from numpy.typing import NDArray
+
+from guise.aam.landmarks import (
+    Annotations,
+    Follower,
+    Landmarker,
+    LbpDetector,
+    load_annotations,
+    open_landmarker,
+)
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.refinement import refine_shapes
+from guise.aam.similarity import Failed
+from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
+from guise.aam.training import (
+    FEWEST,
+    Choice,
+    Observation,
+    TrainingError,
+    TrainingOptions,
+    choose_frames,
+    observe,
+    train_identity,
+)
+from guise.app.media import open_source
+from guise.common.arrays import F64
+from guise.common.errors import GuiseError
+from guise.common.threads import one_thread
+
+Say = Callable[[str], None]
+Progress = Callable[[str, float], None]
+
+SIDECARS = (".landmarks.npz", ".npz", ".landmarks.json", ".json", ".pts")
+BOX_FRAMES = 12  # frames on which the detector's box is compared with the landmarks
+
+
+class EnrolError(GuiseError):
+    """An enrolment that cannot be done; one sentence."""
+
+
+@dataclass(frozen=True)
+class LandmarkSource:
+    """Where landmarks come from: files (one for each clip), a landmarker, or else files that lie beside the clips.
+
+    A clip without a file beside it gets its landmarks from the built-in landmarker.
+
+    refine : whether found landmarks are refined, all frames together. By default those of other landmarkers are; the
+    models of the built-in one track no better for it (benchmarks/self_calibration.py). Files are trusted.
+    """
+
+    files: Sequence[Path] = ()
+    landmarker: Landmarker | None = None
+    refine: bool | None = None
+
+    def refines(self, clip: Path) -> bool:
+        """Whether a clip's landmarks are found, and then refined."""
+        if self.landmarker is None:
+            return bool(self.refine) and not (self.files or landmark_file(clip))
+        return self.landmarker.name != "builtin" if self.refine is None else self.refine
+
+
+def _silent(stage: str, share: float) -> None:
+    """Progress that nobody watches."""
+
+
+def enrol(
+    clips: Sequence[Path],
+    landmarks: LandmarkSource,
+    *,
+    name: str,
+    options: TrainingOptions = TrainingOptions(),
+    progress: Progress = _silent,
+    say: Say = lambda _: None,
+) -> Identity:
+    """Train a person's model.
+
+    Parameters
+    ----------
+    clips : video files, images or folders of images of one person.
+    landmarks : see `LandmarkSource`.
+    progress : called with the stage ("landmarks", "refinement", "frames", "training") and the share of it that is done.
+    say : called with notes for the user.
+    """
+    shapes = [_clip_landmarks(i, clip, landmarks, progress, say) for i, clip in enumerate(clips)]
+    choice = choose_frames(np.concatenate(shapes), options)
+    generic = [landmarks.refines(clip) for clip in clips]
+    if any(generic):
+        shapes, choice = _refined(clips, shapes, generic, choice, progress, say)
+    observations, boxes = _observe(clips, shapes, choice, options, progress)
+    return train(name, observations, choice, options, boxes, [clip.name for clip in clips], progress)
+
+
+def train(
+    name: str, observations: dict[int, Observation], choice: Choice, options: TrainingOptions, boxes: Sequence[F64],
+    clips: Sequence[str], progress: Progress,
+) -> Identity:  # fmt: skip
+    """The model of observed frames, trained on one thread.
+
+    boxes : `box_relation`s of some frames.   clips : names of what the frames are from.   progress : as for `enrol`.
+    """
+    box = np.median(boxes, axis=0) if len(boxes) >= 3 else None
+    facts: dict[str, Any] = {"clips": list(clips), "box_known": box is not None}
+    with one_thread():
+        return train_identity(
+            name,
+            observations,
+            choice,
+            options=options,
+            box_to_shape=box,
+            facts=facts,
+            progress=lambda share: progress("training", share),
+        )
+
+
+def landmark_file(clip: Path) -> Path | None:
+    """The landmark file that lies beside a clip under its name, if there is one."""
+    for suffix in SIDECARS:
+        beside = clip.with_name(clip.stem + suffix)
+        if beside.is_file():
+            return beside
+    return None
+
+
+def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress: Progress, say: Say) -> F64:
+    if landmarks.landmarker is not None:
+        return _detected(clip, landmarks.landmarker, progress, say)
+    file = landmarks.files[index] if landmarks.files else landmark_file(clip)
+    if file is None:
+        return _detected(clip, open_landmarker("builtin"), progress, say)
+    if not landmarks.files:
+        say(f"landmarks of {clip.name} from {file.name} beside it")
+    annotations: Annotations = load_annotations(file)
+    if annotations.note:
+        say(annotations.note)
+    return annotations.points.astype(np.float64)
+
+
+def _detected(clip: Path, landmarker: Landmarker, progress: Progress, say: Say) -> F64:
+    rows = []
+    missing = np.full((81, 2), np.nan)
+    with open_source(clip) as source:
+        follower = Follower(landmarker, report=lambda text: say(f"{clip.name}: {text}"))
+        for frame in source:
+            face = follower.step(frame.rgb())
+            rows.append(missing if face is None else face.points.astype(np.float64))
+            progress("landmarks", min(1.0, len(rows) / max(1, source.frame_count or 1)))
+        for problem in source.problems:
+            say(f"{clip.name}: {problem}")
+    if not rows or all(np.isnan(r).all() for r in rows):
+        raise EnrolError(f"no face found in {clip}; use a clip that shows the face from the front")
+    return np.stack(rows)
+
+
+def _refined(
+    clips: Sequence[Path], shapes: Sequence[F64], generic: Sequence[bool], choice: Choice, progress: Progress,
+    say: Say,
+) -> tuple[list[F64], Choice]:  # fmt: skip
+    """The landmarks with those of the chosen frames of generic clips refined, and the frames that are left."""
+    crops = _crops(clips, shapes, generic, choice)
+    index = np.array(list(crops), np.intp)
+    if len(index) < FEWEST:
+        return list(shapes), choice
+    points = np.concatenate(shapes)
+    with one_thread():
+        refined = refine_shapes(
+            list(crops.values()), points[index], lambda share: progress("refinement", share)
+        )
+    points[index] = refined.shapes
+    left_out = index[~refined.kept]
+    say(
+        f"landmarks of {len(index)} frames refined together, by {100 * refined.moved:.1f} % of the inter-ocular "
+        f"distance; {len(left_out)} of them left out"
+    )
+    return np.split(points, np.cumsum([len(s) for s in shapes])[:-1]), _without(choice, left_out)
+
+
+def _crops(
+    clips: Sequence[Path], shapes: Sequence[F64], generic: Sequence[bool], choice: Choice
+) -> dict[int, Crop]:
+    """The working crops of the chosen frames of generic clips, by index over all clips."""
+    frame, wanted = ReferenceFrame.canonical(FEATURE_RESOLUTION), {int(i) for i in choice.all}
+    crops: dict[int, Crop] = {}
+    base = 0
+    for clip, points, found in zip(clips, shapes, generic, strict=True):
+        last = max((i - base for i in wanted if i < base + len(points)), default=-1)
+        if found and last >= 0:
+            with open_source(clip) as source:
+                for picture in source:
+                    if picture.index > last:
+                        break
+                    if base + picture.index in wanted:
+                        crop = cut(picture.luma, points[picture.index], frame)
+                        if not isinstance(crop, Failed):
+                            crops[base + picture.index] = crop
+        base += len(points)
+    return crops
+
+
+def _without(choice: Choice, left_out: NDArray[np.intp]) -> Choice:
+    """The choice without some frames; of the neutral ones at least one stays."""
+    neutral = [i for i in choice.neutral if i not in left_out] or choice.neutral[:1]
+    return Choice(np.setdiff1d(choice.training, left_out), neutral, np.setdiff1d(choice.held_out, left_out))
+
+
+def _observe(
+    clips: Sequence[Path], shapes: Sequence[F64], choice: Choice, options: TrainingOptions, progress: Progress
+) -> tuple[dict[int, Observation], list[F64]]:
+    """The chosen frames, and how the face lies in the detector's box in some of them."""
+    frame, wanted = ReferenceFrame.canonical(options.resolution), {int(i) for i in choice.all}
+    boxed = {int(i) for i in choice.training[:: max(1, len(choice.training) // BOX_FRAMES)]}
+    detector, boxes = LbpDetector(), []
+    observations: dict[int, Observation] = {}
+    base = 0
+    for clip, points in zip(clips, shapes, strict=True):
+        count = 0
+        with open_source(clip) as source:
+            for picture in source:
+                count = picture.index + 1
+                index = base + picture.index
+                if picture.index >= len(points):
+                    continue
+                if index in wanted:
+                    keep = index in choice.neutral
+                    seen = observe(picture.rgb(), points[picture.index], frame, keep_picture=keep)
+                    if not isinstance(seen, Failed):
+                        observations[index] = seen
+                        progress("frames", len(observations) / len(wanted))
+                if index in boxed:
+                    boxes.append(box_relation(detector.detect(picture.luma), points[picture.index]))
+        if count != len(points):
+            raise EnrolError(
+                f"the landmarks of {clip} are for {len(points)} frames, the clip has {count}; "
+                "give the landmarks of this very clip"
+            )
+        base += len(points)
+    return observations, [b for b in boxes if b is not None]
+
+
+def box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
+    """(3,) shape centre minus box centre and face width, in widths of the box that holds the nose."""
+    nose, centre = shape[30], shape.mean(0)
+    for x0, y0, x1, y1 in boxes.astype(np.float64):
+        if x0 < nose[0] < x1 and y0 < nose[1] < y1:
+            width = x1 - x0
+            middle = (x0 + x1) / 2, (y0 + y1) / 2
+            return np.array([*((centre - middle) / width), np.ptp(shape[:, 0]) / width])
+    return None
+
+
+__all__ = ["EnrolError", "LandmarkSource", "TrainingError", "box_relation", "enrol", "landmark_file", "train"]

@@ -1,0 +1,94 @@
+"""Enrolment from files to a file, and the report of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from guise.aam.training import TrainingOptions
+from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.common.files import require_free
+from guise.common.progress import Progress, Say, mute, silent
+from guise.common.version import version
+
+
+@dataclass(frozen=True)
+class EnrolReport:
+    """What an enrolment gave.
+
+    Parameters
+    ----------
+    modes : of appearance.   retained : share of the variance in them.
+    held_out_error : mean landmark error on frames not trained with, per cent of the inter-ocular distance.
+    size : of the file, bytes.   seconds : wall time.
+    """
+
+    output: str
+    name: str
+    clips: tuple[str, ...]
+    frames: int
+    modes: int
+    retained: float
+    held_out_error: float
+    resolution: int
+    size: int
+    seconds: float
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return asdict(self)
+
+    def as_rows(self) -> dict[str, str]:
+        """The report for a person to read."""
+        return {
+            "clips": ", ".join(self.clips),
+            "frames": str(self.frames),
+            "modes": f"{self.modes}, {100 * self.retained:.1f} % of the variance",
+            "held-out error": f"{self.held_out_error:.2f} % of the inter-ocular distance",
+            "resolution": f"{self.resolution} pixels across the face",
+            "size": f"{self.size / 1e6:.1f} MB",
+            "time": f"{self.seconds:.1f} s",
+        }
+
+
+def describe_options(
+    *,
+    frames: int | None = None,
+    resolution: int | None = None,
+    retain: float | None = None,
+    modes: int | None = None,
+) -> TrainingOptions:
+    """Training options in which None stands for the default; `modes` goes before `retain`."""
+    options = TrainingOptions()
+    kept = modes if modes is not None else retain if retain is not None else options.retain
+    return replace(
+        options,
+        frames=frames or options.frames,
+        resolution=resolution or options.resolution,
+        retain=kept,
+        max_modes=max(options.max_modes, modes or 0),
+    )
+
+
+def enrol_file(
+    clips: Sequence[Path], output: Path, landmarks: LandmarkSource, *, name: str,
+    options: TrainingOptions = TrainingOptions(), force: bool = False, progress: Progress = silent, say: Say = mute,
+) -> EnrolReport:  # fmt: skip
+    """Train a person's model and write it; parameters as for `guise.app.enrolment.enrol.enrol`.
+
+    Raises OutputError before the work when the output cannot be written; a failed run leaves nothing behind.
+    """
+    require_free(output, force=force)
+    start = time.perf_counter()
+    identity = enrol(clips, landmarks, name=name, options=options, progress=progress, say=say)
+    identity.facts["guise"] = version()
+    size = identity.save(output)
+    components, facts = identity.appearance.components, identity.facts
+    return EnrolReport(
+        str(output), name, tuple(facts["clips"]), int(facts["frames"]), components.modes, round(components.retained, 4),
+        round(100 * float(facts["held_out_error"]), 3), identity.frame.resolution, size,
+        round(time.perf_counter() - start, 2),
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Landmarks of every face in a video: found, written to files, drawn."""

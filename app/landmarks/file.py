@@ -1,0 +1,200 @@
+"""Landmarks of all faces of a video, a picture or a folder of pictures, to a file and drawn onto a copy.
+
+In a video faces are followed and have numbers; each picture of a folder stands for itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from guise.aam.landmarks import Face, Landmarker, tight_box
+from guise.aam.landmarks.face import Float32
+from guise.aam.landmarks.smoothing import Smoother
+from guise.aam.landmarks.tracking import MultiFollower
+from guise.app.landmarks.formats import About, Found, LandmarkFile, format_of, open_landmark_file
+from guise.app.landmarks.overlay import draw_face
+from guise.app.media import EncodeOptions, Frame, Sink, Source, open_sink, open_source, process
+from guise.common.errors import OutputError
+from guise.common.progress import Progress, Say, mute, silent
+from guise.common.threads import one_thread
+
+
+@dataclass(frozen=True)
+class LandmarkOptions:
+    """How landmarks are found and written.
+
+    Parameters
+    ----------
+    form : "json", "npz", "pts", or None for what the output's suffix says.
+    overlay : a copy of the video or picture with the landmarks drawn on it.
+    min_confidence : in [0, 1]; faces below are left out.
+    smooth : whether points are smoothed over the frames of a video.
+    encode : of the overlay.
+    force : replace existing outputs.
+    """
+
+    form: str | None = None
+    overlay: Path | None = None
+    min_confidence: float = 0.5
+    smooth: bool = True
+    encode: EncodeOptions = field(default_factory=EncodeOptions)
+    force: bool = False
+
+
+@dataclass(frozen=True)
+class LandmarkReport:
+    """What a run found.
+
+    Parameters
+    ----------
+    frames : number read; `with_face` of them have a face.   faces : number written.
+    tracks : number of faces followed in a video.   seconds : wall time.
+    """
+
+    output: str
+    overlay: str | None
+    landmarker: str
+    frames: int
+    with_face: int
+    faces: int
+    tracks: int
+    seconds: float
+    problems: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        """One line for a person to read."""
+        found = (
+            f"{_count(self.faces, 'face')} in {self.with_face} of {_count(self.frames, 'frame')}"
+            if self.faces
+            else f"no face found in {_count(self.frames, 'frame')}"
+        )
+        tracks = f", {_count(self.tracks, 'track')}" if self.tracks else ""
+        rate = self.frames / max(self.seconds, 1e-9)
+        return f"{self.output}: {found}{tracks}; {self.seconds:.1f} s, {rate:.1f} frames per second"
+
+
+def landmarks_file(
+    video: Path, output: Path, landmarker: Landmarker, options: LandmarkOptions = LandmarkOptions(),
+    *, progress: Progress = silent, say: Say = mute,
+) -> LandmarkReport:  # fmt: skip
+    """Write the landmarks of all faces of `video`; a file without any says so by empty lists.
+
+    Parameters
+    ----------
+    video : a video file, an image or a folder of images.
+    output : appears only when it is complete, as does the overlay.
+    progress : called with the stage and the share of it that is done.   say : called with notes for the user.
+
+    Raises
+    ------
+    MediaError, OutputError, LandmarkError
+        For a user's mistake; nothing is then left behind.
+    """
+    start = time.perf_counter()
+    form = options.form or format_of(output)
+    if options.overlay is not None and options.overlay.absolute() == output.absolute():
+        raise OutputError(f"{output} cannot be both output and overlay: give two names")
+    with open_source(video) as media, contextlib.ExitStack() as outputs:
+        smooth = options.smooth and media.kind == "video"
+        about = About.of(media, landmarker.name, smoothed=smooth)
+        file = outputs.enter_context(
+            open_landmark_file(output, media, about, form, force=options.force)
+        )  # closed last: it appears only when the overlay is complete
+        sink = _sink(outputs, media, options)
+        work = _Work(_Finder(landmarker, media, options.min_confidence, smooth), file, sink is not None)
+        total = media.frame_count or 0
+        with one_thread():
+            stats = process(
+                media, sink or _Nowhere(output, force=True), work,
+                progress=lambda done: progress("landmarks", done / total if total else 0.0),
+            )  # fmt: skip
+    for problem in stats.problems:
+        say(f"{media.name}: {problem}")
+    drawn = None if options.overlay is None else str(options.overlay)
+    return LandmarkReport(
+        str(output), drawn, landmarker.name, stats.frames, work.with_face, work.faces, len(work.tracks),
+        round(time.perf_counter() - start, 3), stats.problems,
+    )  # fmt: skip
+
+
+class _Finder:
+    """The faces of each frame: followed and smoothed in a video, found anew in each picture."""
+
+    def __init__(self, landmarker: Landmarker, source: Source, min_confidence: float, smooth: bool) -> None:
+        self._landmarker, self._min_confidence = landmarker, min_confidence
+        self._follower = MultiFollower(landmarker, min_confidence) if source.kind == "video" else None
+        self._smooth = smooth
+        self._smoothers: dict[int, Smoother] = {}
+
+    def __call__(self, frame: Frame) -> list[Found]:
+        """The faces of a frame: by their numbers, or the largest first."""
+        if self._follower is None:
+            faces = self._landmarker.detect(frame.rgb())
+            return [Found(face) for face in faces if face.confidence >= self._min_confidence]
+        tracked = self._follower.step(frame.rgb())
+        if self._smooth:
+            tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
+        return [Found(face, number) for number, face in tracked.items()]
+
+    def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
+        """Each face by the smoother of its track, which begins anew after a gap."""
+        kept = self._smoothers
+        self._smoothers = {number: kept[number] if number in kept else Smoother() for number in tracked}
+        return {
+            number: _moved(face, self._smoothers[number].step(face.points, face.point_confidence, seconds))
+            for number, face in tracked.items()
+        }
+
+
+class _Work:
+    """Finds the faces of a frame, writes them and draws them onto it; counts."""
+
+    def __init__(self, find: _Finder, file: LandmarkFile, draw: bool) -> None:
+        self._find, self._file, self._draw = find, file, draw
+        self.with_face = self.faces = 0
+        self.tracks: set[int] = set()
+
+    def __call__(self, frame: Frame) -> None:
+        """One more frame."""
+        found = self._find(frame)
+        self._file.add(frame, found)
+        self.with_face += bool(found)
+        self.faces += len(found)
+        self.tracks.update(one.track for one in found if one.track is not None)
+        if self._draw:
+            _draw(frame, found)
+
+
+class _Nowhere(Sink):
+    """Takes the frames of a run without an overlay."""
+
+    def write(self, frame: Frame) -> None:
+        pass
+
+
+def _sink(outputs: contextlib.ExitStack, media: Source, options: LandmarkOptions) -> Sink | None:
+    if options.overlay is None:
+        return None
+    return outputs.enter_context(open_sink(options.overlay, media, options.encode, force=options.force))
+
+
+def _draw(frame: Frame, found: Sequence[Found]) -> None:
+    for one in found:
+        draw_face(frame, one.face, one.track)
+
+
+def _moved(face: Face, points: Float32) -> Face:
+    return replace(face, points=points, box=tight_box(points))
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,0 +1,84 @@
+"""Drawing landmarks onto a frame: points, face outline, number and confidence.
+
+Only the rectangle around a face is converted and written back.  Pixels, x right, y down, pixel centres at integers.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.landmarks import INNER_LIPS, LEFT_BROW, LEFT_EYE, NOSE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE, Face
+from guise.app.media import Frame
+
+Picture = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+# One colour for each of neighbouring tracks.
+_OUTLINES: tuple[Colour, ...] = (
+    (80, 200, 255), (255, 170, 60), (190, 130, 255), (120, 230, 120), (255, 110, 150), (240, 230, 90)
+)  # fmt: skip
+_SURE, _UNSURE = np.array([90, 255, 120]), np.array([255, 60, 40])  # points, by their confidence
+_PAPER = (24, 24, 24)
+_SILHOUETTE = (*range(17), *range(80, 67, -1))
+_CLOSED = (_SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
+_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE[:4], NOSE[4:])
+_BITS = 4  # of a pixel's fraction, in OpenCV's drawing
+_FAR = 2**14  # pixels beyond which points are not drawn: OpenCV's drawing takes 16 bits and the fraction
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+def draw_face(frame: Frame, face: Face, number: int | None = None) -> None:
+    """Draw a face on the frame, in place.
+
+    Parameters
+    ----------
+    frame : Frame
+    face : its points are drawn from red to green by their confidence, or by the face's.
+    number : of its track, shown beside the confidence and chosen for the outline's colour.
+    """
+    if not (np.abs(face.points) < _FAR).all():
+        return
+    size = float(np.ptp(face.points, axis=0).max())
+    text = f"{'' if number is None else f'#{number} '}{face.confidence:.2f}"
+    scale = min(max(size / 400, 0.35), 1.5)
+    (wide, high), _ = cv2.getTextSize(text, _FONT, scale, 1)
+    left, top = face.points.min(axis=0) - size / 40 - 3
+    right, bottom = face.points.max(axis=0) + size / 40 + 4
+    label_x = int(np.clip(left, 0, max(frame.width - wide - 6, 0)))
+    label_y = int(np.clip(top - high - 8, 0, max(frame.height - high - 8, 0)))
+    x0, y0, w, h = frame.align_roi(
+        min(left, label_x), min(top, label_y), max(right, label_x + wide + 6), max(bottom, label_y + high + 8)
+    )
+    if w < 1 or h < 1:
+        return
+    picture = frame.rgb_roi(x0, y0, w, h)
+    _draw_points(picture, face, face.points - (x0, y0), _OUTLINES[(number or 0) % len(_OUTLINES)], size)
+    _draw_label(picture, text, (label_x - x0, label_y - y0), (wide, high), scale)
+    stored = cv2.transform(picture, frame.colour.from_rgb)
+    frame.write_roi(x0, y0, np.asarray(stored, np.uint8))
+
+
+def _draw_points(
+    picture: Picture, face: Face, points: NDArray[np.float32], outline: Colour, size: float
+) -> None:
+    fixed = np.round(points * (1 << _BITS)).astype(np.int32)
+    thickness = max(1, round(size / 250))
+    for group, closed in [*((g, True) for g in _CLOSED), *((g, False) for g in _OPEN)]:
+        cv2.polylines(picture, [fixed[list(group)]], closed, outline, thickness, cv2.LINE_AA, _BITS)
+    sure = (
+        face.point_confidence if face.point_confidence is not None else np.full(len(points), face.confidence)
+    )
+    radius = round(max(1.0, size / 150) * (1 << _BITS))
+    for (x, y), share in zip(fixed.tolist(), np.clip(sure, 0, 1), strict=True):
+        red, green, blue = (share * _SURE + (1 - share) * _UNSURE).tolist()
+        cv2.circle(picture, (x, y), radius, (red, green, blue), -1, cv2.LINE_AA, _BITS)
+
+
+def _draw_label(
+    picture: Picture, text: str, corner: tuple[int, int], size: tuple[int, int], scale: float
+) -> None:
+    (x, y), (wide, high) = corner, size
+    cv2.rectangle(picture, (x, y), (x + wide + 5, y + high + 7), _PAPER, -1)
+    cv2.putText(picture, text, (x + 3, y + high + 3), _FONT, scale, (255, 255, 255), 1, cv2.LINE_AA)

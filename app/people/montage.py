@@ -1,0 +1,63 @@
+"""A picture of what a model has learned: mean, neutral, still, and the first modes at two standard deviations.
+
+Each face is drawn on its own shape, so that modes of shape show as well as modes of texture.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from guise.aam.appearance import AppearanceModel
+from guise.aam.model import Identity
+from guise.app.media.pictures import PAPER, Picture, labelled, sheet
+from guise.common.arrays import F32
+from guise.render import feather, make_compositor
+
+DEVIATIONS = 2.0
+MODES = 6
+FACE = 150  # pixels across a face
+_BORDER = 0.12  # of the face's width, around it
+
+
+def montage(identity: Identity, modes: int = MODES) -> Picture:
+    """Rows: mean, neutral and still; then modes at minus and plus two standard deviations (h, w, 3)."""
+    look = identity.appearance
+    components = look.components
+    shown = min(modes, components.modes)
+    faces = {"mean": components.mean, "neutral": look.neutral}
+    rows = [[labelled(draw(look, face), name) for name, face in faces.items()] + [_still(identity)]]
+    for sign, name in ((-1, "-"), (1, "+")):
+        row = []
+        for k in range(shown):
+            step = np.float32(sign * DEVIATIONS) * components.deviations[k] * components.basis[:, k]
+            share = components.deviations[k] ** 2 / max(components.total_variance, 1e-12)
+            caption = f"mode {k + 1} {name}{DEVIATIONS:.0f} sd ({100 * share:.0f} %)"
+            row.append(labelled(draw(look, components.mean + step), caption))
+        rows.append(row)
+    return sheet(rows)
+
+
+def draw(look: AppearanceModel, vector: F32, face: int = FACE) -> Picture:
+    """An appearance on its own shape, `face` pixels across, on dark paper (h, w, 3)."""
+    frame = look.frame
+    zoom = face / frame.resolution
+    border = _BORDER * frame.resolution
+    height, width = (round((side + 2 * border) * zoom) for side in frame.size)
+    paper = np.full((height, width, 3), PAPER, np.uint8)
+    alpha = feather(look.mask, 0.01 * frame.resolution)
+    with make_compositor("cpu", frame.triangles, frame.points.astype(np.float32), alpha) as compositor:
+        mesh = (look.shape_of(vector) + border) * zoom
+        return compositor.composite(paper, look.picture(vector), mesh)
+
+
+def _still(identity: Identity) -> Picture:
+    """The enrolment frame's face, as high as the drawn ones."""
+    height, width = draw(identity.appearance, identity.appearance.neutral).shape[:2]
+    shape, picture = identity.still.shape, identity.still.picture
+    centre, scale = (shape.min(0) + shape.max(0)) / 2, FACE / np.ptp(shape[:, 0])
+    offset = np.array([width, height]) / 2 - centre * scale
+    matrix = np.array([[scale, 0, offset[0]], [0, scale, offset[1]]])
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    crop = cv2.warpAffine(picture, matrix, (width, height), flags=how, borderValue=(PAPER, PAPER, PAPER))
+    return labelled(np.asarray(crop, np.uint8), "still")

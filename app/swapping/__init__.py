@@ -1,0 +1,1 @@
+"""Swapping: the engine, what it draws with, and whole files."""

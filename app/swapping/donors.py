@@ -1,0 +1,308 @@
+"""Donors: whose face a person gets, chosen without a look at the person.
+
+A donor is told by its spec: ``p03``, a person of the gallery that ships with Guise; ``NAME.guise``, a model of the
+user's own; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.
+
+A key file remembers people and their donors, so that a person keeps a donor from video to video.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib import resources
+from itertools import count, repeat
+from math import comb
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.averaging import average
+from guise.aam.model import Identity, ModelError
+from guise.aam.recognition import DIRECTIONS, SAME, likeness, signature
+from guise.common.files import write_whole
+
+MEAN = "mean:"
+SUFFIX = ".guise"
+COMMON = ("p01", "p06")  # faces that a recogniser finds like many others, which hide a person less well
+KEY_FORMAT, KEY_VERSION = "guise-key", 1
+
+
+class DonorError(ModelError):
+    """Donors that cannot be used as asked; one sentence."""
+
+
+@lru_cache(maxsize=1)
+def gallery() -> tuple[str, ...]:
+    """Names of the donors that ship with Guise: rendered people who do not exist (docs/gallery.md)."""
+    names = (entry.name for entry in resources.files("guise.app").joinpath("gallery").iterdir())
+    return tuple(sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)))
+
+
+@lru_cache(maxsize=8)
+def open_donor(spec: str) -> Identity:
+    """The donor of a spec, kept for the next time.
+
+    Raises
+    ------
+    DonorError, ModelError
+        When it does not exist or its file cannot be used.
+    ReferenceMismatchError
+        When people with different reference frames are to be averaged.
+    """
+    if spec.startswith(MEAN):
+        return average([open_donor(part) for part in parts(spec)], spec)
+    if spec in gallery():
+        with resources.as_file(resources.files("guise.app").joinpath("gallery", spec + SUFFIX)) as path:
+            return Identity.load(path)
+    if not spec.endswith(SUFFIX):
+        raise DonorError(f"there is no donor {spec}; use NAME.guise, or one of {', '.join(gallery())}")
+    return Identity.load(spec)
+
+
+def parts(spec: str) -> list[str]:
+    """The specs of which a spec is the average; a path may hold a plus sign.
+
+    >>> parts("mean:p01+a+b.guise"), parts("mine.guise")
+    (['p01', 'a+b.guise'], ['mine.guise'])
+    """
+    if not spec.startswith(MEAN):
+        return [spec]
+    found: list[str] = []
+    for piece in spec.removeprefix(MEAN).split("+"):
+        whole = not found or found[-1] in gallery() or found[-1].endswith(SUFFIX)
+        found = [*found, piece] if whole else [*found[:-1], f"{found[-1]}+{piece}"]
+    return found
+
+
+def bare(spec: str) -> str:
+    """A spec without folders, which may tell who made a model.
+
+    >>> bare("/home/ann/mine.guise"), bare("mean:p01+b/c.guise")
+    ('mine.guise', 'mean:p01+c.guise')
+    """
+    return MEAN * spec.startswith(MEAN) + "+".join(Path(part).name for part in parts(spec))
+
+
+def assign(
+    people: Sequence[int], donor: str, *, own: Sequence[Path] = (), seed: int, salt: str,
+    known: Mapping[int, str] | None = None, taken: Collection[str] = (),
+) -> dict[int, str]:  # fmt: skip
+    """The spec of each person's donor, which depends on the arguments alone, never on what a person looks like.
+
+    Parameters
+    ----------
+    people : numbers of the people of a video.
+    donor : "auto", a donor for each: single ones, then averages of two, of three ..; "mean:K", an average of K for
+        each, as k-Same-M does (`guise.aam.averaging`), but the person's own face is in none of them; or a
+        spec, for all.
+    own : models that replace the gallery.
+    seed, salt : choose the order; the salt is the video's name, so that not every video begins with the same donor.
+    known : donors of some people, which go before the choice.
+    taken : donors that nobody else should get.
+
+    Donors are distinct as long as there are any; after that they are given again.
+
+    Raises
+    ------
+    DonorError
+        When K is more than there are, or there are none.
+    """
+    fixed = {person: spec for person, spec in (known or {}).items() if person in people}
+    order = _endless(donor, _names(own), seed, salt, {*fixed.values(), *taken})
+    return {person: fixed[person] if person in fixed else next(order) for person in people}
+
+
+def _names(own: Sequence[Path]) -> tuple[str, ...]:
+    wrong = [path for path in own if path.suffix != SUFFIX]
+    if wrong:
+        raise DonorError(f"a donor is a file NAME{SUFFIX}, got {wrong[0]}; make one with: guise enroll VIDEO")
+    return tuple(dict.fromkeys(map(str, own))) or gallery()
+
+
+def _endless(
+    donor: str, names: Sequence[str], seed: int, salt: str, taken: Collection[str]
+) -> Iterator[str]:  # fmt: skip
+    """Specs in the order in which they are given; from the first again when there is no other."""
+    sizes = _sizes(donor, len(names))
+    if not sizes:
+        yield from repeat(donor)
+    yield from (spec for size in sizes for spec in _subsets(names, size, seed, salt) if spec not in taken)
+    while True:
+        yield from (spec for size in sizes for spec in _subsets(names, size, seed, salt))
+
+
+def _sizes(donor: str, most: int) -> range:
+    """How many donors are averaged, in the order of trying; empty when the donor is a spec."""
+    if donor == "auto":
+        return range(1, most + 1)
+    text = donor.removeprefix(MEAN)
+    if text == donor or not text.isdigit():
+        return range(0)
+    if not 1 <= int(text) <= most:
+        raise DonorError(f"{donor} takes the average of {text} donors, there are {most}; choose 1 to {most}")
+    return range(int(text), int(text) + 1)
+
+
+def _subsets(names: Sequence[str], size: int, seed: int, salt: str) -> Iterator[str]:
+    """Every subset of a size once, as a spec, in an order drawn by SHA-256; of single donors COMMON last."""
+    if size == 1:
+        yield from sorted(names, key=lambda name: (name in COMMON, _digest(seed, salt, Path(name).name)))
+        return
+    seen: set[str] = set()
+    for draw in count():
+        if len(seen) == comb(len(names), size):
+            return
+        order = sorted(names, key=lambda name: _digest(seed, salt, size, draw, Path(name).name))
+        spec = MEAN + "+".join(sorted(order[:size]))
+        if spec not in seen:
+            seen.add(spec)
+            yield spec
+
+
+def _digest(*values: object) -> bytes:
+    return hashlib.sha256(repr(values).encode()).digest()
+
+
+@dataclass(frozen=True)
+class Known:
+    """A person of a key file: name, spec of the donor, signature (64,) of the face."""
+
+    name: str
+    donor: str
+    signature: tuple[float, ...]
+
+
+class KeyFile:
+    """People and their donors, so that a person gets the same donor in every video.
+
+    The file holds biometric data (by which a person can be looked for in other pictures), and it links outputs to
+    people: whoever has it can undo a part of what de-identification did.  It is readable by its owner only; keep it
+    apart from the outputs and delete it when it has served.  Its secret seed takes the place of a public one, so that
+    nobody without the file can tell who would have got which donor.
+
+    Every change reads the file anew and writes it whole, while no other process may.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.seed, self.people = _read_key(path)
+
+    @classmethod
+    def open(cls, path: Path) -> KeyFile:
+        """Read a key file, which is made if there is none.
+
+        Raises DonorError when it is damaged or is something else.
+        """
+        with _alone(path):
+            if not path.exists():
+                _write_key(path, secrets.randbits(64), ())
+            return cls(path)
+
+    def recognise(self, identity: Identity) -> Known | None:
+        """The person of the file who is most like an enrolled person, if they are one; see `guise.aam.recognition`."""
+        return self._like(signature(identity))
+
+    def remember(self, name: str, donor: str, identity: Identity) -> Known:
+        """Add a person; if another process has done so in the meantime, what it has remembered stays.
+
+        name : "" for the next number.
+        """
+        with _alone(self.path):
+            return self._remembered(name, donor, signature(identity))
+
+    def assign(
+        self, people: Mapping[int, Identity | None], donor: str, *, own: Sequence[Path] = (), salt: str
+    ) -> dict[int, str]:  # fmt: skip
+        """As `assign`: known people keep their donors, the others get donors that nobody here has yet.
+
+        people : the model of each person of a video, or None; those with a model are remembered.
+        """
+        faces = {person: signature(model) for person, model in people.items() if model is not None}
+        with _alone(self.path):
+            self.seed, self.people = _read_key(self.path)
+            found = {person: self._like(face) for person, face in faces.items()}
+            known = {person: entry.donor for person, entry in found.items() if entry is not None}
+            taken = {entry.donor for entry in self.people}
+            donors = assign(list(people), donor, own=own, seed=self.seed, salt=salt, known=known, taken=taken)
+            for person in faces.keys() - known.keys():
+                self._remembered("", donors[person], faces[person])
+        return donors
+
+    def _like(self, face: NDArray[np.float32]) -> Known | None:
+        best = max(self.people, key=lambda entry: _likeness(entry, face), default=None)
+        return best if best is not None and _likeness(best, face) >= SAME else None
+
+    def _remembered(self, name: str, donor: str, face: NDArray[np.float32]) -> Known:
+        self.seed, self.people = _read_key(self.path)
+        known = self._like(face)
+        if known is None:
+            values = tuple(round(float(v), 5) for v in face)
+            known = Known(name or f"person {len(self.people) + 1}", donor, values)
+            self.people = (*self.people, known)
+            _write_key(self.path, self.seed, self.people)
+        return known
+
+
+def _likeness(entry: Known, face: NDArray[np.float32]) -> float:
+    return likeness(np.array(entry.signature, np.float32), face)
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold the lock on the folder of a key file, which nothing else takes."""
+    import fcntl
+
+    folder = os.open(path.absolute().parent, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _write_key(path: Path, seed: int, people: Sequence[Known]) -> None:
+    entries = [asdict(person) for person in people]
+    text = json.dumps({"format": KEY_FORMAT, "version": KEY_VERSION, "seed": seed, "people": entries})
+
+    def write(part: Path) -> None:
+        part.unlink(missing_ok=True)
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+
+    write_whole(path, write)
+
+
+def _read_key(path: Path) -> tuple[int, tuple[Known, ...]]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        form, version = content["format"], content["version"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise DonorError(
+            f"{path} is no key file or is damaged: take a copy of it, or another name"
+        ) from error
+    if (form, version) != (KEY_FORMAT, KEY_VERSION):
+        raise DonorError(
+            f"{path} is {form} of version {version}, expected {KEY_FORMAT} of version {KEY_VERSION}: use another name"
+        )
+    try:
+        return int(content["seed"]), tuple(_known(entry) for entry in content["people"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise DonorError(f"{path} is damaged ({error}): take a copy of it, or another name") from error
+
+
+def _known(entry: dict[str, Any]) -> Known:
+    face = tuple(float(value) for value in entry["signature"])
+    if len(face) != DIRECTIONS or not np.isfinite(face).all():
+        raise ValueError(f"a signature of {len(face)} values instead of {DIRECTIONS}")
+    return Known(str(entry["name"]), str(entry["donor"]), face)

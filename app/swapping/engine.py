@@ -1,0 +1,89 @@
+"""The engine: from a frame of one person to the same frame with another face, in place.
+
+fit -> parameters -> extrapolation -> pose and palette -> warp -> blend, in the frame's own YUV planes
+(the way of a frame, docs/conventions.md).  Pixels, x right, y down; RGB 0..255 unless said otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from guise.aam.extrapolation import Extrapolator
+from guise.aam.follow import Finder, PersonFollower
+from guise.aam.model import Identity
+from guise.aam.parameters import ParameterEstimator
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Fit
+from guise.app.media import Frame
+from guise.app.swapping.options import Options
+from guise.app.swapping.painter import Painter
+from guise.common.arrays import F32, F64
+from guise.common.closing import Closing
+
+HOLD = 4  # frames for which a lost face keeps its last place
+
+Outcome = Literal["swapped", "held", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What happened to a frame: outcome, the fit or the reason, and the mesh that was drawn (81, 2)."""
+
+    outcome: Outcome
+    fit: Fit | Failed
+    mesh: F64 | None = None
+
+
+class Engine(Closing):
+    """Draws `target` over `source`, frame by frame; holds the compositors, so it is closed by `with`.
+
+    Parameters
+    ----------
+    source : Identity of the person in the video.
+    target : Identity whose face is shown.
+    boxes : what finds the face at the start and after a loss, see `PersonFollower`.
+    options : Options.
+
+    Raises
+    ------
+    ReferenceMismatchError
+        When the two do not share a reference frame.
+    RendererError
+        When the chosen renderer is not there.
+    """
+
+    def __init__(
+        self, source: Identity, target: Identity, boxes: Finder | None, options: Options = Options()
+    ) -> None:
+        self.source, self.target, self.options = source, target, options
+        self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
+        self.estimator = ParameterEstimator(source.appearance)
+        self.follower = PersonFollower(source.tracker, boxes)
+        self.painter = Painter(source, target, self.estimator, options)
+        self._last: tuple[F64, F32] | None = None
+
+    def step(self, frame: Frame) -> Step:
+        """Swap the face in a frame, in place; a frame in which the person is lost is not touched.
+
+        For a few frames after a loss the last face is held where it was.
+        """
+        fit = self.follower.step(frame.luma)
+        if isinstance(fit, Fit):
+            return Step("swapped", fit, self.draw(frame, fit.shape))
+        if self._last is not None and self.follower.lost <= HOLD:
+            return Step("held", fit, self.painter.paint(frame, *self._last, None))
+        self._last = None
+        self.painter.forget()
+        return Step("lost", fit)
+
+    def draw(self, frame: Frame, shape: F64) -> F64:
+        """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
+        texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
+        appearance = self.extrapolator.apply(self.estimator(shape, texels))
+        self._last = shape, appearance
+        return self.painter.paint(frame, shape, appearance, texels)
+
+    def close(self) -> None:
+        """Release the compositors."""
+        self.painter.close()

@@ -1,0 +1,52 @@
+"""Swap the face in a file: the identity's face on the video's head, with the video's sound and time stamps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from guise.aam.model import Identity
+from guise.app.media import Frame, open_sink, open_source, process
+from guise.app.media.synthetic import synthetic_tags
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.run import DEFAULTS, Report, Settings, Tally, person_in
+from guise.common.threads import one_thread
+
+if TYPE_CHECKING:
+    from guise.app.enrolment.enrol import LandmarkSource
+
+
+def swap_file(
+    video: Path, identity: Identity, output: Path, *, source: Identity | LandmarkSource,
+    settings: Settings = DEFAULTS,
+) -> Report:  # fmt: skip
+    """Write `video` with the identity's face on its person's head.
+
+    Parameters
+    ----------
+    video : a video file, an image or a folder of images.
+    identity : whose face is shown.
+    output : its suffix says what is written; it appears only when it is complete.
+    source : the model of the person in the video, or where landmarks come from to enrol them first.
+    settings : see `Settings`.
+
+    Raises
+    ------
+    SwapError
+        When no frame shows the source person; no output is left behind.
+    MediaError, EnrolError, ReferenceMismatchError, RendererError
+        For a user's mistake.
+    """
+    with open_source(video) as media:
+        with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
+            person = person_in(media, source, identity, settings)
+            tally = Tally(settings, media, "swapping")
+            with one_thread(), Engine(person, identity, settings.boxes(), settings.options) as engine:
+
+                def work(frame: Frame) -> None:
+                    tally.add(engine.step(frame).outcome)
+
+                stats = process(media, sink, work, progress=tally.progress)
+                tally.require_some(person.name)
+                tally.faces, tally.renderer = engine.follower.most_faces, engine.painter.renderer
+        return tally.report(output, stats)

@@ -1,0 +1,140 @@
+"""Painting a face onto a head in a frame: pose, palette, warp and blend.
+
+Pixels, x right, y down; RGB 0..255 unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.appearance import SHAPE
+from guise.aam.model import Identity
+from guise.aam.parameters import ParameterEstimator
+from guise.aam.reference import POINTS, RIGID_WEIGHTS
+from guise.aam.similarity import align_planar
+from guise.app.media import ColourMatrix, Frame
+from guise.app.swapping.options import Options
+from guise.app.swapping.palette import Palette
+from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
+from guise.common.arrays import F32, F64
+from guise.render import Compositor, feather, make_compositor
+
+FEATHER = 0.01  # standard deviation of the soft border, in face widths
+FINE = 1.15  # face on screen wider than this many texture grids: detail is added
+
+
+class Painter:
+    """Aligns a synthesised appearance with a head in a frame and blends it in.
+
+    Parameters
+    ----------
+    source, target : Identity of the head and of the face.
+    estimator : of the source; its texels serve the palette.
+    options : Options.
+    """
+
+    def __init__(
+        self, source: Identity, target: Identity, estimator: ParameterEstimator, options: Options
+    ) -> None:
+        self.options, self.frame = options, target.frame
+        mask = self.frame.mask if options.disguise else shown_mask(source.appearance.mask, self.frame)
+        self._alpha = feather(mask, FEATHER * self.frame.resolution)
+        self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
+        self._texels = estimator.texels
+        self._detail = target.detail
+        self._features = proportions(self.frame) if options.disguise else np.eye(POINTS)
+        self._pull = options.outline * outline_pull(self.frame)
+        self._beyond = outward(self.frame, options.jaw, options.forehead)
+        self._compositors: dict[bool, Compositor] = {}
+        self._grid = np.zeros(self.frame.size, np.uint32)
+        self._zeros = np.zeros((3, 0), np.float32)
+
+    def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
+        """Blend an appearance (162 + 3 n,) over the head (81, 2) in the frame; returns the mesh (81, 2).
+
+        texels (t, 3): the frame's RGB under the estimator's places; None keeps the last palette.
+        """
+        shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / self.frame.shape_weight
+        mesh, zoom = self.place(shape, head)
+        texture = appearance[SHAPE:].reshape(-1, 3)
+        if texels is not None:
+            self._palette.update(texture[self._texels], texels)
+        self.blend(frame, mesh, texture, zoom)
+        return mesh
+
+    def place(self, shape: F64, head: F64) -> tuple[F64, float]:
+        """The face's shape (81, 2) on the grid, carried to the head by its rigid landmarks; and the zoom."""
+        a, b, tx, ty = align_planar(shape, head, RIGID_WEIGHTS)
+        turn = np.array([[a, b], [-b, a]])
+        mesh = self._features @ (shape @ turn + (tx, ty))
+        return mesh + self._pull @ (head - mesh) + self._beyond @ turn, math.hypot(a, b)
+
+    def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
+        """Draw a texture (n, 3) RGB, in the current palette, on the mesh."""
+        x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
+        if w < 2 or h < 2:
+            return
+        fine = zoom > FINE
+        picture = self._stored(texture, frame.colour, zoom, fine)
+        roi = frame.read_roi(x0, y0, w, h)
+        self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
+        frame.write_roi(x0, y0, roi)
+
+    def forget(self) -> None:
+        """Start the palette anew with the next face."""
+        self._palette.forget()
+
+    def close(self) -> None:
+        """Release the compositors."""
+        for compositor in self._compositors.values():
+            compositor.close()
+        self._compositors.clear()
+
+    @property
+    def renderer(self) -> str:
+        """Who draws, for a person to read."""
+        return self._compositor(False).description
+
+    def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> NDArray[np.uint8]:
+        """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
+        planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
+        picture = self._scattered(planes)
+        if zoom < 0.7:
+            return np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom), np.uint8)
+        if not fine:
+            return picture
+        h, w = self.frame.size
+        picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.uint8)
+        contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
+        luma = cv2.extractChannel(picture, 0)
+        cv2.addWeighted(luma, 1.0, self._detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
+        return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
+
+    def _scattered(self, planes: F32) -> NDArray[np.uint8]:
+        """Planes (3, n) rounded to bytes, as a picture (h, w, 3); whole words, as that is the quickest way."""
+        if self._zeros.shape != planes.shape:
+            self._zeros = np.zeros_like(planes)
+        bytes_ = cv2.add(planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
+        words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
+        self._grid[self.frame.mask] = words
+        return np.asarray(
+            cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.frame.size, 4), cv2.COLOR_BGRA2BGR)
+        )
+
+    def _compositor(self, fine: bool) -> Compositor:
+        if fine not in self._compositors:
+            factor = 2 if fine else 1
+            uv = (self.frame.points + 0.5) * factor - 0.5
+            h, w = self.frame.size
+            alpha = cv2.resize(self._alpha, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR)
+            self._compositors[fine] = make_compositor(
+                self.options.renderer,
+                self.frame.triangles,
+                uv.astype(np.float32),
+                np.asarray(alpha, np.float32),
+            )
+        return self._compositors[fine]

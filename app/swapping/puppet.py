@@ -1,0 +1,283 @@
+"""Expression transfer: the expressions of the person in a video on the identity's own head, in an enrolment frame.
+
+The first of the two modes of de la Hunty, Asthana and Goecke (ICPR 2010).  Head and light stay those of the
+still; the driver's head turns are taken out of the shape, and what lies around the face is drawn along with it,
+so that the still's own chin never shows beside the moving one.  Pixels, x right, y down.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.extrapolation import Extrapolator
+from guise.aam.follow import Finder, PersonFollower
+from guise.aam.model import Identity, Still
+from guise.aam.parameters import ParameterEstimator
+from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.similarity import align_planar
+from guise.aam.tracker import Fit
+from guise.app.media import Frame, open_sink, open_source
+from guise.app.media.remake import remake
+from guise.app.media.synthetic import synthetic_tags
+from guise.app.swapping.engine import Outcome
+from guise.app.swapping.options import Options
+from guise.app.swapping.painter import Painter
+from guise.app.swapping.run import DEFAULTS, Report, Settings, Tally, person_in
+from guise.common.arrays import F32, F64
+from guise.common.closing import Closing
+from guise.common.threads import one_thread
+from guise.render import make_compositor
+
+if TYPE_CHECKING:
+    from guise.app.enrolment.enrol import LandmarkSource
+
+Picture = NDArray[np.uint8]
+
+TALLEST = 1080  # pixels, height of the output at most
+CALM = 0.6  # share of a new expression that is taken at once; the rest follows
+SURROUND = 0.55  # how far around the face the picture moves along, in face widths
+NOISE = 1.0  # degrees by which a head's turn is misjudged
+RING = 28  # fixed points around the face
+
+UPPER_LIP, LOWER_LIP = [61, 62, 63], [67, 66, 65]  # inner lips, from the image left
+
+# Points that belong to the skull, not to the expression: upper jaw and forehead.
+PINNED = np.zeros(POINTS, bool)
+PINNED[[0, 1, 2, 3, 13, 14, 15, 16]] = PINNED[68:] = True
+
+
+class Puppet(Closing):
+    """Draws the identity's still with the expression of a driver, frame by frame; closed by `with`.
+
+    Parameters
+    ----------
+    source : Identity of the driver.
+    target : Identity whose still moves.
+    boxes : what finds the face at the start and after a loss, see `PersonFollower`.
+    options : guise.app.swapping.options.Options.
+    """
+
+    def __init__(
+        self, source: Identity, target: Identity, boxes: Finder | None, options: Options = Options()
+    ) -> None:
+        self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
+        self.estimator = ParameterEstimator(source.appearance)
+        self.follower = PersonFollower(source.tracker, boxes)
+        self._still = fitted(target.still)
+        own = ParameterEstimator(target.appearance)
+        self.painter = Painter(target, target, own, options)
+        self._pose = PoseRemover(target.frame)
+        self._neutral = source.appearance.neutral_parameters
+        self._unturned = self._pose.from_parameters(source.appearance)
+        self._rest = self._shape(self.extrapolator.apply(source.appearance.neutral_parameters))
+        a, b, _, _ = align_planar(target.appearance.neutral_shape, self._still.shape, RIGID_WEIGHTS)
+        self._linear = np.array([[a, b], [-b, a]])
+        self.zoom = math.hypot(a, b)
+        self._surroundings = Surroundings(self._still, options)
+        self._appearance = np.array(target.appearance.neutral, np.float32)  # a copy: it moves
+        self._fit_palette(target, own)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures."""
+        height, width = self._still.picture.shape[:2]
+        return width, height
+
+    def step(self, frame: Frame) -> tuple[Outcome, Frame]:
+        """The still with the expression of the driver's frame; the last one when the driver is lost."""
+        fit = self.follower.step(frame.luma)
+        if isinstance(fit, Fit):
+            texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
+            expression = self._unturned @ (self.estimator(fit.shape, texels) - self._neutral)
+            seen = self.extrapolator.apply(self._neutral + expression)
+            self._appearance += np.float32(CALM) * (seen - self._appearance)
+        outcome: Outcome = "swapped" if isinstance(fit, Fit) else "held"
+        return outcome, self._drawn()
+
+    def mesh(self, appearance: F32) -> F64:
+        """The face (81, 2) in the still's pixels for an appearance."""
+        moved = self._pose.without(self._shape(appearance) - self._rest)
+        moved[PINNED] = 0
+        return uncrossed(self._still.shape + moved @ self._linear)
+
+    def close(self) -> None:
+        """Release the compositors."""
+        self.painter.close()
+        self._surroundings.close()
+
+    def _drawn(self) -> Frame:
+        mesh = self.mesh(self._appearance)
+        made = Frame.from_rgb(self._surroundings.around(mesh))
+        self.painter.blend(made, mesh, self._appearance[SHAPE:].reshape(-1, 3), self.zoom)
+        return made
+
+    def _shape(self, appearance: F32) -> F64:
+        frame = self.painter.frame
+        return appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
+
+    def _fit_palette(self, target: Identity, own: ParameterEstimator) -> None:
+        """The light of the still, once."""
+        scratch = Frame.from_rgb(self._still.picture)
+        texels = scratch.sample_rgb(own.sampler.positions(self._still.shape))
+        self.painter.paint(scratch, self._still.shape, target.appearance.neutral, texels)
+
+
+class PoseRemover:
+    """Takes the turn of a head out of appearance parameters, and out of a displacement of its landmarks.
+
+    The turns are fitted to the points that expression does not move: shift, scale, roll, and yaw and pitch through the
+    depth that the yaw of the reference frame shows.
+
+    Parameters
+    ----------
+    frame : ReferenceFrame.
+
+    depth : (81,) grid pixels by which each point goes as the head turns by a degree.
+    """
+
+    def __init__(self, frame: ReferenceFrame) -> None:
+        self.depth = depth = frame.yaw_mode[:, 0] - np.average(frame.yaw_mode[:, 0], weights=RIGID_WEIGHTS)
+        x, y = (frame.points - frame.points.mean(0)).T
+        zero, one = np.zeros(POINTS), np.ones(POINTS)
+        columns = [(one, zero), (zero, one), (x, y), (-y, x), (depth, zero), (zero, depth)]
+        modes = np.stack([np.column_stack(c).ravel() for c in columns], axis=1)
+        self._degree = float(np.linalg.norm(frame.yaw_mode[:, 0]))
+        self._modes = modes / np.linalg.norm(modes, axis=0)
+        weights = np.repeat(RIGID_WEIGHTS + 0.03 * PINNED, 2)
+        weighted = self._modes * weights[:, None]
+        self._solve = np.linalg.solve(weighted.T @ self._modes + 1e-6 * np.eye(len(columns)), weighted.T)
+
+    def from_parameters(self, look: AppearanceModel) -> F32:
+        """(k, k) product that takes what yaw and pitch let expect out of parameters, measured from the neutral ones.
+
+        With rho of covariance D and turns A^T rho, known to a degree, that is I - D A (A^T D A + noise)^-1 A^T.
+        """
+        shapes = look.components.basis[:SHAPE].astype(np.float64) / look.frame.shape_weight
+        turns = (self._solve[4:] @ shapes).T
+        spread = (look.components.deviations.astype(np.float64) ** 2)[:, None] * turns
+        known = turns.T @ spread + (NOISE * self._degree) ** 2 * np.eye(2)
+        return (np.eye(len(turns)) - spread @ np.linalg.solve(known, turns.T)).astype(np.float32)
+
+    def angles(self, displacement: F64) -> tuple[float, float]:
+        """Degrees by which a displacement (81, 2), grid pixels, turns the head to the image right, and down."""
+        right, down = self._solve[4:] @ displacement.ravel() / self._degree
+        return float(right), float(down)
+
+    def without(self, displacement: F64) -> F64:
+        """A displacement (81, 2), grid pixels, without its pose."""
+        flat = displacement.ravel()
+        return np.asarray((flat - self._modes @ (self._solve @ flat)).reshape(POINTS, 2))
+
+
+class Surroundings:
+    """The still, with what lies around the face drawn along with it; far from the face it stays as it is.
+
+    Parameters
+    ----------
+    still : picture and landmarks.
+    options : for the renderer.
+    """
+
+    def __init__(self, still: Still, options: Options) -> None:
+        from scipy.spatial import Delaunay
+
+        self._picture = still.picture
+        points = np.concatenate([still.shape, _ring(still.shape)])
+        height, width = still.picture.shape[:2]
+        x0, y0 = np.maximum(np.floor(points.min(0)).astype(int) - 1, 0)
+        x1, y1 = np.minimum(np.ceil(points.max(0)).astype(int) + 2, (width, height))
+        self._corner, self._roi = np.array([x0, y0]), np.s_[y0:y1, x0:x1]
+        self._ring = points[POINTS:] - self._corner
+        uv = np.clip(points - self._corner, 0, (x1 - x0 - 1, y1 - y0 - 1))
+        self._texture = np.ascontiguousarray(still.picture[self._roi])
+        self._compositor = make_compositor(
+            options.renderer,
+            Delaunay(points).simplices.astype(np.int32),
+            uv.astype(np.float32),
+            np.ones(self._texture.shape[:2], np.float32),
+        )
+
+    def around(self, mesh: F64) -> Picture:
+        """A new picture of the still in which the face's landmarks lie at `mesh` (81, 2)."""
+        picture = self._picture.copy()
+        roi = picture[self._roi]
+        vertices = np.concatenate([mesh - self._corner, self._ring])
+        self._compositor.composite(roi, self._texture, vertices, out=roi)
+        return picture
+
+    def close(self) -> None:
+        """Release the compositor."""
+        self._compositor.close()
+
+
+def _ring(shape: F64) -> F64:
+    """Points (RING, 2) on an ellipse around the face."""
+    centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
+    reach = half + SURROUND * np.ptp(shape[:, 0])
+    turn = np.linspace(0, 2 * np.pi, RING, endpoint=False)
+    return np.asarray(centre + reach * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def uncrossed(mesh: F64) -> F64:
+    """A face (81, 2) whose inner lips meet where the upper one would lie below the lower one."""
+    down = mesh[57] - mesh[51]
+    gap = (mesh[LOWER_LIP] - mesh[UPPER_LIP]) @ down / max(float(down @ down), 1e-9)
+    out = mesh.copy()
+    overlap = np.minimum(gap, 0)[:, None] * down / 2
+    out[UPPER_LIP] += overlap
+    out[LOWER_LIP] -= overlap
+    return out
+
+
+def fitted(still: Still) -> Still:
+    """The still with an even size and at most 1080 pixels high, its landmarks with it."""
+    height, width = still.picture.shape[:2]
+    factor = min(1.0, TALLEST / height)
+    size = [max(2, 2 * round(side * factor / 2)) for side in (width, height)]
+    if size == [width, height]:
+        return still
+    scale = np.array(size) / (width, height)
+    how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    picture = np.asarray(cv2.resize(still.picture, size, interpolation=how), np.uint8)
+    return Still(picture, (still.shape + 0.5) * scale - 0.5)
+
+
+def puppet_file(
+    video: Path, identity: Identity, output: Path, *, source: Identity | LandmarkSource,
+    settings: Settings = DEFAULTS,
+) -> Report:  # fmt: skip
+    """Write the identity's still moved by the expressions in `video`, with the video's sound and time stamps.
+
+    Parameters and errors as for `guise.app.swapping.file.swap_file`; `held` counts frames that keep the last
+    expression.
+    """
+    with open_source(video) as media:
+        size = fitted(identity.still).picture.shape[1::-1]
+        with open_sink(
+            output,
+            media,
+            settings.encode,
+            force=settings.force,
+            tags=synthetic_tags(),
+            size=(size[0], size[1]),
+        ) as sink:
+            person = person_in(media, source, identity, settings)
+            tally = Tally(settings, media, "moving")
+            with one_thread(), Puppet(person, identity, settings.boxes(), settings.options) as puppet:
+
+                def make(frame: Frame) -> Frame:
+                    outcome, picture = puppet.step(frame)
+                    tally.add(outcome)
+                    return picture
+
+                stats = remake(media, sink, make, progress=tally.progress)
+                tally.require_some(person.name)
+                tally.faces, tally.renderer = puppet.follower.most_faces, puppet.painter.renderer
+        return tally.report(output, stats)

@@ -1,0 +1,157 @@
+"""How long each stage of a frame takes on this computer, by calling the engine's parts one after the other.
+
+Milliseconds; the decoder and the encoder are not in them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from guise.aam.model import Identity
+from guise.aam.tracker import Fit
+from guise.aam.training import TrainingOptions
+from guise.app.media import Frame, MediaError, open_source
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.options import Options
+from guise.app.swapping.painter import Painter
+from guise.common.progress import Progress, Say, mute, silent
+from guise.common.threads import one_thread
+from guise.render import RendererError
+from guise.render.compositor import Renderer
+
+T = TypeVar("T")
+RENDERERS: tuple[Renderer, ...] = ("cpu", "gl")
+FRAMES = 150
+ENROL_FRAMES = 60  # enough for a tracker of the usual size
+WARM_UP = 10  # frames that are not counted
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Milliseconds of a stage: median, 95th percentile, and the number of frames."""
+
+    renderer: str
+    stage: str
+    median: float
+    p95: float
+    frames: int
+
+    def as_json(self) -> dict[str, Any]:
+        """The timing as JSON holds it."""
+        return asdict(self)
+
+
+class _Clock:
+    """Collects times by stage."""
+
+    def __init__(self) -> None:
+        self.times: dict[str, list[float]] = defaultdict(list)
+
+    def measure(self, stage: str, work: Callable[[], T]) -> T:
+        """The result of `work`, whose time is kept."""
+        start = time.perf_counter()
+        result = work()
+        self.times[stage].append(1e3 * (time.perf_counter() - start))
+        return result
+
+    def timings(self, renderer: str) -> list[Timing]:
+        """Median and 95th percentile of every stage, and of their sum."""
+        times = {stage: np.array(values[WARM_UP:]) for stage, values in self.times.items()}
+        times["all"] = np.sum(list(times.values()), axis=0)
+        return [
+            Timing(
+                renderer, stage, round(float(np.median(t)), 3), round(float(np.quantile(t, 0.95)), 3), len(t)
+            )
+            for stage, t in times.items()
+        ]
+
+
+class _TimedPainter(Painter):
+    """A painter whose drawing is timed apart from the rest of its work."""
+
+    def __init__(self, clock: _Clock, *parts: Any) -> None:
+        super().__init__(*parts)
+        self._clock = clock
+
+    def blend(self, *arguments: Any, **more: Any) -> None:
+        self._clock.measure("warp and blend", lambda: Painter.blend(self, *arguments, **more))
+
+
+def prepare(
+    clip: Path | None, source: Path | None, identity: Path | None, samples: Path | None,
+    *, progress: Progress = silent, say: Say = mute,
+) -> tuple[Path, Identity, Identity]:  # fmt: skip
+    """Clip, person in it and identity; what is not given is a sample clip, enrolled, and the same person."""
+    from guise.app.enrolment.enrol import LandmarkSource, enrol
+    from guise.app.tools.demo import HEAD, find_samples
+
+    teacher = clip
+    if clip is None:
+        folder = find_samples(samples) / HEAD
+        clip, teacher = folder / "talk2.mp4", folder / "talk.mp4"
+    assert teacher is not None
+    if source is not None:
+        person = Identity.load(source)
+    else:
+        say(f"enrolling the person in {teacher.name}")
+        options = TrainingOptions(frames=ENROL_FRAMES)
+        person = enrol([teacher], LandmarkSource(), name="bench", options=options, progress=progress, say=say)
+    return clip, person, Identity.load(identity) if identity is not None else person
+
+
+def measure(
+    clip: Path, source: Identity, target: Identity, *, frames: int = FRAMES, say: Say = mute
+) -> list[Timing]:
+    """Timings of the stages with each renderer; one that is not there is said and left out."""
+    timings = []
+    for renderer in RENDERERS:
+        try:
+            with one_thread():
+                timings += _measure_one(clip, source, target, renderer, frames)
+        except RendererError as error:
+            say(f"renderer {renderer} was left out: {error}")
+    return timings
+
+
+def _measure_one(
+    clip: Path, source: Identity, target: Identity, renderer: Renderer, frames: int
+) -> list[Timing]:
+    from guise.aam.landmarks import LbpDetector
+
+    clock, done = _Clock(), 0
+    with (
+        open_source(clip) as media,
+        Engine(source, target, LbpDetector(), Options(renderer=renderer)) as engine,
+    ):
+        engine.painter = _TimedPainter(clock, source, target, engine.estimator, engine.options)
+        for frame in media:
+            done += _timed_step(engine, frame, clock)
+            if done >= frames + WARM_UP:
+                break
+    if done <= WARM_UP:
+        raise MediaError(f"{clip} shows the source person in {done} frames, which is too little to measure")
+    return clock.timings(renderer)
+
+
+def _timed_step(engine: Engine, frame: Frame, clock: _Clock) -> bool:
+    """As Engine.step, with a clock around its parts; False when the person is lost."""
+    tracking = _Clock()
+    fit = tracking.measure("track", lambda: engine.follower.step(frame.luma))
+    if not isinstance(fit, Fit):
+        return False
+    clock.times["track"] += tracking.times["track"]
+    places = engine.estimator.sampler.positions
+    texels = clock.measure("sample", lambda: frame.sample_rgb(places(fit.shape)))
+    parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, texels))
+    appearance = clock.measure("extrapolate", lambda: engine.extrapolator.apply(parameters))
+    painting = _Clock()
+    painting.measure("paint", lambda: engine.painter.paint(frame, fit.shape, appearance, texels))
+    clock.times["place and palette"].append(painting.times["paint"][0] - clock.times["warp and blend"][-1])
+    return True

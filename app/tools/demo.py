@@ -1,0 +1,132 @@
+"""The demonstration: two of the sample people are enrolled and one gets the other's face.
+
+Writes the models, the swapped video, the same beside the original, and a contact sheet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from guise.aam.model import Identity
+from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.enrolment.file import EnrolReport, enrol_file
+from guise.app.media import Frame, MediaError, open_sink, open_source
+from guise.app.media.pictures import Picture, labelled, save_picture, sheet
+from guise.app.media.remake import remake
+from guise.app.media.synthetic import synthetic_tags
+from guise.app.swapping.file import swap_file
+from guise.app.swapping.run import DEFAULTS, Report, Settings
+from guise.common.files import require_free
+
+HEAD, FACE = "p01", "p06"  # whose video, whose face
+COLUMNS = 6
+WIDTH = 320  # pixels, of a picture on the contact sheet
+
+
+@dataclass(frozen=True)
+class DemoReport:
+    """What the demonstration made."""
+
+    enrolments: tuple[EnrolReport, ...]
+    swap: Report
+    video: str
+    side_by_side: str
+    contact_sheet: str
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return asdict(self) | {"swap": self.swap.as_json()}
+
+
+def find_samples(folder: Path | None) -> Path:
+    """The folder of sample people: the given one, or the one that lies beside this package in a checkout.
+
+    Raises MediaError when the clips are not there.
+    """
+    samples = folder or Path(__file__).parents[2] / "sample_videos"
+    wanted = [
+        samples / person / clip for person in (HEAD, FACE) for clip in ("talk.mp4", "talk.npz", "talk2.mp4")
+    ]
+    missing = next((file for file in wanted if not file.is_file()), None)
+    if missing is not None:
+        raise MediaError(
+            f"the sample clips are not in {samples} ({missing.relative_to(samples)} is missing): "
+            "give the folder sample_videos of a Guise checkout with --samples"
+        )
+    return samples
+
+
+def run_demo(samples: Path | None, folder: Path, settings: Settings = DEFAULTS) -> DemoReport:
+    """Enrol, swap and show; files appear in `folder`, which is made when its parent exists."""
+    samples = find_samples(samples)
+    names = ["swapped.mp4", "side_by_side.mp4", "contact_sheet.png", f"{HEAD}.guise", f"{FACE}.guise"]
+    _make_folder(folder)
+    video, beside, contact, head, face = (folder / name for name in names)
+    for output in (video, beside, contact, head, face):
+        require_free(output, force=settings.force)
+    enrolments = tuple(_enrol(samples, model, settings) for model in (head, face))
+    clip = samples / HEAD / "talk2.mp4"
+    report = swap_file(clip, Identity.load(face), video, source=Identity.load(head), settings=settings)
+    side_by_side(clip, video, beside, settings)
+    contact_sheet(clip, video, contact)
+    return DemoReport(enrolments, report, str(video), str(beside), str(contact))
+
+
+def side_by_side(original: Path, swapped: Path, output: Path, settings: Settings = DEFAULTS) -> None:
+    """Write a video with the original on the left and the swapped one on the right, with the original's sound."""
+    with open_source(original) as left, open_source(swapped) as right:
+        others = iter(right)
+
+        def make(frame: Frame) -> Frame:
+            pictures = labelled(frame.rgb(), "original"), labelled(next(others).rgb(), "swapped")
+            return Frame.from_rgb(np.concatenate(pictures, axis=1))
+
+        size = 2 * left.width, labelled(np.zeros((left.height, left.width, 3), np.uint8), "").shape[0]
+        encode = replace(settings.encode, lossless=False)
+        with open_sink(output, left, encode, force=settings.force, tags=synthetic_tags(), size=size) as sink:
+            total = left.frame_count or 1
+            remake(left, sink, make, progress=lambda done: settings.progress("side by side", done / total))
+
+
+def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = COLUMNS) -> None:
+    """Write a picture with some frames of the original over the same frames of the swapped video."""
+    pairs = list(_some_pairs(original, swapped, columns))
+    above = [labelled(_small(before), f"original, frame {index}") for index, before, _ in pairs]
+    below = [labelled(_small(after), f"swapped, frame {index}") for index, _, after in pairs]
+    save_picture(output, sheet([above, below]))
+
+
+def _some_pairs(original: Path, swapped: Path, count: int) -> Iterator[tuple[int, Picture, Picture]]:
+    """Frame number, original and swapped picture, evenly through the video."""
+    with open_source(original) as left, open_source(swapped) as right:
+        wanted = set(
+            np.linspace(0, (left.frame_count or 1) - 1, count + 2).round().astype(int)[1:-1].tolist()
+        )
+        for before, after in zip(left, right, strict=False):
+            if before.index in wanted:
+                yield before.index, before.rgb(), after.rgb()
+
+
+def _small(picture: Picture) -> Picture:
+    height = round(picture.shape[0] * WIDTH / picture.shape[1])
+    return np.asarray(cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _enrol(samples: Path, model: Path, settings: Settings) -> EnrolReport:
+    settings.say(f"enrolling {model.stem}")
+    return enrol_file(
+        [samples / model.stem / "talk.mp4"], model, LandmarkSource(), name=model.stem, force=settings.force,
+        progress=settings.progress, say=settings.say,
+    )  # fmt: skip
+
+
+def _make_folder(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise MediaError(f"{folder} is a file: give a folder with -o")
+    folder.mkdir(exist_ok=True)

@@ -1,0 +1,153 @@
+"""What of Guise works on this computer, and what to install for the rest."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from pathlib import Path
+from typing import Any
+
+from guise.app.media.codecs import has_decoder, has_encoder, library_versions
+from guise.common.version import version
+
+_ENCODERS = {
+    "libx264": "H.264",
+    "libx265": "H.265",
+    "libsvtav1": "AV1",
+    "libvpx-vp9": "VP9",
+    "ffv1": "lossless",
+}
+_DECODERS = {
+    "h264": "H.264",
+    "hevc": "H.265",
+    "vp9": "VP9",
+    "av1": "AV1",
+    "aac": "AAC sound",
+    "opus": "Opus sound",
+}
+_PACKAGES = (
+    "av",
+    "opencv-contrib-python-headless",
+    "numpy",
+    "scipy",
+    "scikit-image",
+    "moderngl",
+    "onnxruntime",
+    "safetensors",
+)
+_EXTRAS = {
+    "window": ("moderngl-window", "glfw", "sounddevice"),
+    "virtualcam": ("pyvirtualcam",),
+    "studio": ("nicegui", "aiortc"),
+    "cluster": ("distributed", "fsspec"),
+    "provenance": ("c2pa-python", "cryptography"),
+    "plots": ("matplotlib",),
+}
+_VIDEO_DEVICES = Path("/sys/class/video4linux")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at: ok True, False, or None where it is optional and not there."""
+
+    topic: str
+    name: str
+    ok: bool | None
+    detail: str
+
+
+def examine() -> list[Finding]:
+    """Everything, in the order in which it is shown."""
+    looks: list[Callable[[], Iterator[Finding]]] = [
+        _system,
+        _packages,
+        _extras,
+        _codecs,
+        _renderer,
+        _faces,
+        _cameras,
+    ]
+    return [finding for look in looks for finding in look()]
+
+
+def as_json(findings: list[Finding]) -> dict[str, Any]:
+    """The findings by topic, as JSON holds them."""
+    topics: dict[str, Any] = {}
+    for f in findings:
+        topics.setdefault(f.topic, {})[f.name] = {"ok": f.ok, "detail": f.detail}
+    return topics
+
+
+def _system() -> Iterator[Finding]:
+    yield Finding("system", "Guise", True, version())
+    yield Finding("system", "Python", True, f"{platform.python_version()} on {platform.platform()}")
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    yield Finding("system", "CPU threads", True, f"{usable} usable of {os.cpu_count()}")
+
+
+def _packages() -> Iterator[Finding]:
+    for package in _PACKAGES:
+        try:
+            yield Finding("packages", package, True, installed(package))
+        except PackageNotFoundError:
+            yield Finding("packages", package, False, f"missing: pip install {package}")
+
+
+def _extras() -> Iterator[Finding]:
+    for extra, packages in _EXTRAS.items():
+        try:
+            yield Finding("extras", extra, True, ", ".join(f"{name} {installed(name)}" for name in packages))
+        except PackageNotFoundError:
+            yield Finding("extras", extra, None, f'pip install "guise-video[{extra}]"')
+
+
+def _codecs() -> Iterator[Finding]:
+    missing = "not in this PyAV: pip install --upgrade av"
+    yield Finding("codecs", "FFmpeg", True, library_versions())
+    for name, title in _ENCODERS.items():
+        ok = has_encoder(name)
+        yield Finding("codecs", f"{name} (writes)", ok, title if ok else missing)
+    for name, title in _DECODERS.items():
+        ok = has_decoder(name)
+        yield Finding("codecs", f"{name} (reads)", ok, title if ok else missing)
+
+
+def _renderer() -> Iterator[Finding]:
+    from guise.render import GLMissing, probe_gl
+
+    yield Finding("drawing", "cpu", True, "always there")
+    found = probe_gl()
+    if isinstance(found, GLMissing):
+        yield Finding("drawing", "gl", None, found.reason)
+        return
+    kind = "software, so that auto draws on the cpu" if found.software else "hardware, which auto takes"
+    yield Finding("drawing", "gl", True, f"{found.description}, OpenGL {found.version}; {kind}")
+
+
+def _faces() -> Iterator[Finding]:
+    from guise.aam.landmarks import LandmarkError, open_detector, open_landmarker
+
+    open_landmarker("builtin")
+    yield Finding("faces", "builtin", True, "faces and landmarks by the networks that ship with Guise")
+    try:
+        open_detector("lbp")
+        yield Finding("faces", "lbp", True, "face boxes by the cascade of scikit-image")
+    except LandmarkError as error:
+        yield Finding("faces", "lbp", False, str(error))
+    yield Finding("faces", "yunet", None, "give its model: --detector yunet:MODEL.onnx")
+
+
+def _cameras() -> Iterator[Finding]:
+    devices = sorted(_VIDEO_DEVICES.glob("video*")) if _VIDEO_DEVICES.is_dir() else []
+    for device in devices:
+        name = device / "name"
+        title = name.read_text(errors="replace").strip() if name.is_file() else "unnamed"
+        node = Path("/dev") / device.name
+        ok = os.access(node, os.R_OK | os.W_OK)
+        yield Finding("cameras", str(node), ok, title if ok else f"{title}; no access: join the group video")
+    if not devices:
+        yield Finding("cameras", "none", None, "no camera is connected; files work without one")

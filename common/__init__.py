@@ -1,0 +1,1 @@
+"""The ground floor: files, arrays, errors, progress.  Imports nothing else of Guise."""
