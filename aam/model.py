@@ -20,6 +20,7 @@ from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.tracker import POSE, Quality, Tracker
 from guise.common.arrays import F32, F64
 from guise.common.errors import GuiseError
+from guise.common.files import write_whole
 
 FORMAT = "guise-identity"
 VERSION = 1
@@ -77,12 +78,7 @@ class Identity:
             "facts": json.dumps(self.facts),
         }
         data = _ordered(save({k: np.ascontiguousarray(v) for k, v in self._tensors().items()}, header))
-        part = Path(f"{os.fspath(path)}.part")
-        try:
-            part.write_bytes(data)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
+        write_whole(Path(path), data)
         return len(data)
 
     def _tensors(self) -> dict[str, NDArray[Any]]:

@@ -1,9 +1,11 @@
-"""Outputs: refused before the work when they could not be written, and written whole or not at all."""
+"""Files: outputs that are refused before the work or written whole, and names in natural order."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -53,11 +55,24 @@ def _require_folder(folder: Path) -> None:
         raise OutputError(f"{folder} cannot be written to, the folder {there} is not yours: choose another")
 
 
-def write_whole(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill NAME.part, then rename it; nothing is left behind when it fails."""
-    part = path.with_name(path.name + ".part")
+def part_of(path: Path) -> Path:
+    """NAME.part, the name under which an output is written until it is complete."""
+    return path.with_name(f"{path.name}.part")
+
+
+def write_whole(path: Path, content: bytes | str | Callable[[Path], object]) -> None:
+    """Write NAME.part, then rename it; nothing is left behind when that fails.
+
+    content : of the file, text as UTF-8; or a function that fills the file whose path it is given.
+    """
+    part = part_of(path)
     try:
-        write(part)
+        if isinstance(content, bytes):
+            part.write_bytes(content)
+        elif isinstance(content, str):
+            part.write_text(content, encoding="utf-8")
+        else:
+            content(part)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -65,5 +80,57 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
 
 def write_json(path: Path, facts: Mapping[str, Any]) -> None:
     """Write a report; it appears only when it is complete."""
-    text = json.dumps(facts, indent=1, allow_nan=False, default=str) + "\n"
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    write_whole(path, json.dumps(facts, indent=1, allow_nan=False, default=str) + "\n")
+
+
+class PartFile:
+    """NAME.part of an output that grows while others must not write it: a file, or a folder of files.
+
+    Parameters
+    ----------
+    target : the name that the output gets when it is complete.
+    force : take over what another run left under the name NAME.part.
+    folder : whether it is a folder of files.
+    """
+
+    def __init__(self, target: Path, *, force: bool = False, folder: bool = False) -> None:
+        self.target, self.path = target, part_of(target)
+        self._force, self._folder = force, folder
+
+    def claim(self) -> None:
+        """Create an empty NAME.part; OutputError when there is one, which another run may be writing."""
+        try:
+            self._create()
+        except FileExistsError as error:
+            raise OutputError(
+                f"{self.path} exists, from another run or one that was killed: delete it or use --force"
+            ) from error
+
+    def _create(self) -> None:
+        if not self._folder:
+            with self.path.open("wb" if self._force else "xb"):
+                return
+        if self._force and self.path.is_dir():
+            shutil.rmtree(self.path)
+        self.path.mkdir()
+
+    def publish(self) -> None:
+        """Give NAME.part its final name, in place of what had that name."""
+        self.path.replace(self.target)
+
+    def discard(self) -> None:
+        """Remove NAME.part, if it is still there."""
+        if self._folder:
+            shutil.rmtree(self.path, ignore_errors=True)
+        else:
+            self.path.unlink(missing_ok=True)
+
+
+def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:
+    """The sort key by which frame2 comes before frame10, whatever the case of letters.
+
+    >>> sorted(["f10.png", "f2.png", "F1.png"], key=natural_key)
+    ['F1.png', 'f2.png', 'f10.png']
+    """
+    parts = re.split(r"(\d+)", name.casefold())  # text and numbers by turns, so that like meets like
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts], name

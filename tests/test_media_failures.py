@@ -283,7 +283,7 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path, clip: Path, monkeypatch: py
     from guise.app.media.sink import Sink
 
     def claim(self: Sink) -> None:
-        self._part.symlink_to("/dev/full")
+        self._part.path.symlink_to("/dev/full")
 
     monkeypatch.setattr(Sink, "_claim", claim)
     expect(r"No space left on device", lambda: convert(clip, tmp_path / "out.mp4"), tmp_path)

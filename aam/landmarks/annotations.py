@@ -24,7 +24,6 @@ JSON
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import re
@@ -40,6 +39,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.face import Float32, LandmarkError, frozen
 from guise.aam.landmarks.schemes import COUNT, scheme_named, scheme_of_count, to_face81
+from guise.common.files import natural_key, write_whole
 
 _NPZ_KEYS = ("face81", "landmarks", "points")
 _JSON_KEYS = ("scheme", "frames", "count", "about")
@@ -173,18 +173,6 @@ def save_annotations(
         return
     for index, frame in enumerate(points):
         _write(path / f"{index:06d}.pts", _pts_bytes(frame[None], scheme))
-
-
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sorting key by which ``f2`` comes before ``f10``.
-
-    Examples
-    --------
-    >>> sorted(["f10", "f2", "F1"], key=natural_key)
-    ['F1', 'f2', 'f10']
-    """
-    parts = re.split(r"([0-9]+)", name.casefold())
-    return [(0, int(part), "") if part.isdecimal() and part.isascii() else (1, 0, part) for part in parts]
 
 
 def _load_npz(path: Path) -> Annotations:
@@ -478,13 +466,8 @@ def pts_bytes(points: Float32) -> bytes:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write beside, then rename, so that no half file stays."""
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content)
-        part.replace(path)
+        write_whole(path, content)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
         raise LandmarkError(f"landmarks could not be written to {path}: {error.strerror}") from error

@@ -8,7 +8,6 @@ colours and comments stay.
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.normals import Normals
 from guise.common.arrays import F64
+from guise.common.files import natural_key, write_whole
 
 Int = NDArray[np.intp]
 
@@ -186,10 +186,10 @@ def read_frames(path: Path, neutral: MeshFile, rate: float | None = None) -> Ite
     if not path.is_dir():
         yield from _animated(path, neutral, rate)
         return
-    files = sorted((file for file in path.iterdir() if file.suffix.lower() in (".obj", ".ply")), key=_natural)
+    files = [file for file in path.iterdir() if file.suffix.lower() in (".obj", ".ply")]
     if not files:
         raise MeshError(f"the folder {path} holds no OBJ or PLY files")
-    for file in files:
+    for file in sorted(files, key=lambda file: natural_key(file.name)):
         yield file.stem, neutral.expression(file)
 
 
@@ -202,11 +202,6 @@ def _animated(path: Path, neutral: MeshFile, rate: float | None) -> Iterator[tup
     neutral.check(path, len(held.vertices))
     for i, vertices in enumerate(_named(path, frames, held, rate)):
         yield f"{i:04d}", _named(path, neutral.mesh.moved, vertices[neutral.cleaned.kept]).vertices
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Frame 9 before frame 10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
 
 
 def _as_glb(target: MeshFile) -> tuple[GltfDocument, Int]:
@@ -260,15 +255,8 @@ def _of_vertices(values: F64 | None, ids: Int | None, polygons: Polygons, count:
 
 
 def _put(path: Path, data: bytes) -> None:
-    """Written under another name first, so that a file is complete or not there."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    except BaseException:  # a full disk, an interruption
-        part.unlink(missing_ok=True)
-        raise
+    write_whole(path, data)
 
 
 def _named(path: Path, step: Callable[..., T], *args: object) -> T:

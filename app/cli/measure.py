@@ -75,7 +75,7 @@ def measure(
     facts = result.as_json()
     if output is not None:
         text = dumps(facts, indent=1, allow_nan=False) + "\n"
-        write_whole(output, lambda part: part.write_text(text, encoding="utf-8"))
+        write_whole(output, text)
     if plot is not None:
         draw(result, plot)
     console.grid(result.original, [FACTS, *(one.name for one in result.outputs)], rows_of(result))

@@ -24,7 +24,7 @@ from guise.aam.landmarks import Face
 from guise.aam.landmarks.annotations import TRACKED_FORMAT, TRACKED_VERSION, pts_bytes, shortest
 from guise.app.media import Frame, Source
 from guise.common.errors import OutputError
-from guise.common.files import require_free
+from guise.common.files import PartFile, require_free
 from guise.common.version import version
 
 SCHEME = "face81"
@@ -79,10 +79,12 @@ class LandmarkFile:
     force : replace an existing one.
     """
 
+    is_folder = False
+
     def __init__(self, path: Path, about: About, *, force: bool = False) -> None:
         self.path, self.about = path, about
         self._force = force
-        self._part = path.with_name(path.name + ".part")
+        self._part = PartFile(path, force=force, folder=self.is_folder)
 
     def add(self, frame: Frame, found: Sequence[Found]) -> None:
         """The faces of the next frame."""
@@ -90,13 +92,8 @@ class LandmarkFile:
 
     def __enter__(self) -> Self:
         self._require_free()
-        try:
-            with _as_output_error(self.path):
-                self._begin()
-        except FileExistsError as error:
-            raise OutputError(
-                f"{self._part} exists, from another run or one that was killed: delete it or use --force"
-            ) from error
+        with _as_output_error(self.path):
+            self._begin()
         return self
 
     def __exit__(
@@ -116,15 +113,14 @@ class LandmarkFile:
 
     def _begin(self) -> None:
         """Make NAME.part, which nobody else may be writing."""
-        with self._part.open("wb" if self._force else "xb"):
-            pass
+        self._part.claim()
 
     def _finish(self) -> None:
         """Complete NAME.part and rename it."""
-        self._part.replace(self.path)
+        self._part.publish()
 
     def _discard(self) -> None:
-        self._part.unlink(missing_ok=True)
+        self._part.discard()
 
 
 class JsonFile(LandmarkFile):
@@ -134,7 +130,7 @@ class JsonFile(LandmarkFile):
 
     def _begin(self) -> None:
         super()._begin()
-        self._text = self._part.open("w", encoding="utf-8")
+        self._text = self._part.path.open("w", encoding="utf-8")
         self._text.write(json.dumps(self.about.as_json())[:-1] + ', "frames": [')
         self._count = 0
 
@@ -173,7 +169,7 @@ class NpzFile(LandmarkFile):
         self._rows.append((frame.pts, (frame.width, frame.height), list(found)))
 
     def _finish(self) -> None:
-        with self._part.open("wb") as file:
+        with self._part.path.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **self._arrays())
         super()._finish()
 
@@ -204,6 +200,8 @@ class PtsFolder(LandmarkFile):
     NAME.pts of no points.  A face of a video's frame is FRAME_TRACK.pts.
     """
 
+    is_folder = True
+
     def add(self, frame: Frame, found: Sequence[Found]) -> None:
         for rank, one in enumerate(found):
             number = rank if one.track is None else one.track
@@ -216,7 +214,7 @@ class PtsFolder(LandmarkFile):
         return f"{frame.index:06d}" if frame.name is None else Path(frame.name).stem
 
     def _write(self, name: str, points: NDArray[np.float32]) -> None:
-        file = self._part / f"{name}.pts"
+        file = self._part.path / f"{name}.pts"
         try:
             with _as_output_error(self.path), file.open("xb") as opened:
                 opened.write(pts_bytes(points))
@@ -233,20 +231,12 @@ class PtsFolder(LandmarkFile):
         elif any(self.path.iterdir()) and not self._force:
             raise OutputError(f"{self.path} exists: use --force to replace it, or choose another name")
 
-    def _begin(self) -> None:
-        if self._force and self._part.is_dir():
-            shutil.rmtree(self._part)
-        self._part.mkdir()
-
     def _finish(self) -> None:
         if self.path.is_dir():
             shutil.rmtree(self.path)
         else:
             self.path.unlink(missing_ok=True)
-        self._part.replace(self.path)
-
-    def _discard(self) -> None:
-        shutil.rmtree(self._part, ignore_errors=True)
+        super()._finish()
 
 
 class PtsPicture(PtsFolder):
@@ -259,7 +249,7 @@ class PtsPicture(PtsFolder):
         require_free(self.path, force=self._force)
 
     def _finish(self) -> None:
-        files = sorted(self._part.iterdir())
+        files = sorted(self._part.path.iterdir())
         for file in files:
             require_free(self.path.with_name(file.name), force=self._force)
         for file in files:

@@ -51,7 +51,7 @@ def draw(result: Result, path: Path) -> None:
     axes[-1].set_xlabel("seconds")
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
-    write_whole(path, lambda part: part.write_bytes(data.getvalue()))
+    write_whole(path, data.getvalue())
 
 
 def _histograms(axis: Axes, result: Result) -> None:

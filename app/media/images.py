@@ -6,7 +6,6 @@ not written.
 
 from __future__ import annotations
 
-import re
 import struct
 import zlib
 from collections.abc import Mapping
@@ -23,6 +22,7 @@ from guise.app.media import ifd
 from guise.app.media.errors import MediaError
 from guise.app.media.orientation import AS_STORED, Orientation
 from guise.app.media.reader import Problems
+from guise.common.files import natural_key
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
 _JPEG_SUFFIXES = frozenset({".jpg", ".jpeg"})
@@ -83,16 +83,6 @@ class DeepImage:
 def looks_like_image(path: Path) -> bool:
     """Whether the suffix is that of a still image."""
     return path.suffix.lower() in IMAGE_SUFFIXES
-
-
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """A sort key under which frame2 comes before frame10.
-
-    >>> sorted(["a10.png", "a2.png"], key=natural_key)
-    ['a2.png', 'a10.png']
-    """
-    parts = re.split(r"(\d+)", name.casefold())
-    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in parts]
 
 
 def list_images(folder: Path) -> list[Path]:

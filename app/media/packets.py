@@ -69,7 +69,7 @@ class PacketSink(Sink):
         self._entries: list[_Entry] = []
         self._indices: dict[int, int] = {}
         self._claim()
-        self._file = open(self._part, "wb")  # noqa: SIM115
+        self._file = self._part.path.open("wb")
 
     def write(self, frame: Frame) -> None:
         self._last = later_time(frame, self._last)

@@ -41,7 +41,7 @@ def sheet(rows: Sequence[Sequence[Picture]]) -> Picture:
 def save_picture(path: Path, picture: Picture) -> None:
     """Write an image file; it appears only when it is complete."""
     data = encode_image(picture, None, path.suffix, {})
-    write_whole(path, lambda part: part.write_bytes(data))
+    write_whole(path, data)
 
 
 def _row(pictures: Sequence[Picture]) -> Picture:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import json
 import mimetypes
-import os
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,6 +18,7 @@ import numpy as np
 from guise.app.media.errors import MediaError
 from guise.app.media.images import encode_image, list_images
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
+from guise.common.files import write_whole
 from guise.common.version import version
 
 _SETTINGS = {"builder": {"thumbnail": {"enabled": False}}}
@@ -45,13 +46,12 @@ def sign(path: Path, certificate: Path, key: Path) -> None:
     On an error the file stays as it was.  Raises MediaError.
     """
     for file in list_images(path) if path.is_dir() else [path]:
-        part = file.with_name(file.name + ".signed")
-        try:
-            with file.open("rb") as source, part.open("w+b") as target:
-                _sign_stream(_type_of(file), source, target, certificate, key)
-            os.replace(part, file)
-        finally:
-            part.unlink(missing_ok=True)
+        write_whole(file, partial(_sign_file, file, certificate, key))
+
+
+def _sign_file(file: Path, certificate: Path, key: Path, signed: Path) -> None:
+    with file.open("rb") as source, signed.open("w+b") as target:
+        _sign_stream(_type_of(file), source, target, certificate, key)
 
 
 def _type_of(path: Path) -> str:

@@ -6,8 +6,6 @@ What is written lies in NAME.part until it is complete and is then renamed; on a
 from __future__ import annotations
 
 import contextlib
-import os
-import shutil
 import threading
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
@@ -26,6 +24,8 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.images import encode_image, is_lossy, looks_like_image
 from guise.app.media.source import ImageSource, Source, VideoSource
+from guise.common.errors import OutputError
+from guise.common.files import PartFile
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
@@ -45,11 +45,11 @@ class Sink:
 
     needs_frames = True
 
-    def __init__(self, path: Path, *, force: bool) -> None:
+    def __init__(self, path: Path, *, force: bool, folder: bool = False) -> None:
         self.path = path
         self.frames = 0
         self._force = force
-        self._part = path.with_name(path.name + ".part")
+        self._part = PartFile(path, force=force, folder=folder)
         self._closed = False
 
     def write(self, frame: Frame) -> None:
@@ -62,7 +62,7 @@ class Sink:
 
     def _discard(self) -> None:
         """Remove NAME.part."""
-        self._part.unlink(missing_ok=True)
+        self._part.discard()
 
     def __enter__(self) -> Self:
         return self
@@ -88,17 +88,10 @@ class Sink:
 
     def _claim(self) -> None:
         """Create NAME.part, which nobody else may be writing."""
-        with self._claiming(), open(self._part, "wb" if self._force else "xb"):
-            pass
-
-    @contextlib.contextmanager
-    def _claiming(self) -> Iterator[None]:
         try:
-            yield
-        except FileExistsError as error:
-            raise MediaError(
-                f"{self._part} exists, from another run or one that was killed: delete it or use --force."
-            ) from error
+            self._part.claim()
+        except OutputError as error:
+            raise MediaError(f"{error}.") from error
         except OSError as error:
             raise MediaError(
                 f"{self.path} cannot be written ({error.strerror}): choose a folder that exists and is yours."
@@ -107,7 +100,7 @@ class Sink:
     def _publish(self) -> None:
         if self.path.exists() and not self._force:
             raise MediaError(f"{self.path} appeared meanwhile: use --force to replace it, or another name.")
-        os.replace(self._part, self.path)
+        self._part.publish()
 
 
 class VideoOutput(Sink):
@@ -127,7 +120,7 @@ class VideoOutput(Sink):
         self._claim()
         try:
             self._output = av.open(
-                str(self._part.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
+                str(self._part.path.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
                 container_options=muxer_options(format_name, metadata, source.time_base),
             )  # fmt: skip
             self._output.metadata.update(metadata)
@@ -245,7 +238,7 @@ class ImageSink(Sink):
             raise MediaError(f"{self.path} holds one image but more came: write to a folder or a video.")
         data = encode_image(frame.rgb(), frame.alpha, self.path.suffix, self._tags)
         with as_media_error(self.path):
-            self._part.write_bytes(data)
+            self._part.path.write_bytes(data)
         self.frames = 1
 
     def _finish(self) -> None:
@@ -256,30 +249,24 @@ class FolderSink(Sink):
     """A folder of images that keep their names; frames without one are numbered PNG files."""
 
     def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
-        super().__init__(path, force=force)
+        super().__init__(path, force=force, folder=True)
         self._tags = dict(tags)
-        if force and self._part.is_dir():
-            shutil.rmtree(self._part)
-        with self._claiming():
-            self._part.mkdir()
+        self._claim()
 
     def write(self, frame: Frame) -> None:
         name = frame.name or f"frame_{self.frames:06d}.png"
         data = encode_image(frame.rgb(), frame.alpha, Path(name).suffix, self._tags)
         with as_media_error(self.path):
-            (self._part / name).write_bytes(data)
+            (self._part.path / name).write_bytes(data)
         self.frames += 1
 
     def _finish(self) -> None:
         if not self.path.exists():
-            os.replace(self._part, self.path)
+            self._part.publish()
             return
-        for file in self._part.iterdir():
-            os.replace(file, self.path / file.name)
-        self._part.rmdir()
-
-    def _discard(self) -> None:
-        shutil.rmtree(self._part, ignore_errors=True)
+        for file in self._part.path.iterdir():
+            file.replace(self.path / file.name)
+        self._part.discard()
 
 
 def open_sink(

@@ -32,7 +32,7 @@ def write_film(path: Path, target: MeshFile, frames: Sequence[F32], rate: float)
         rig = Path(folder) / "rig.glb"
         write_rig(rig, target, names, shapes)
         data = with_animation(rig.read_bytes(), weights, rate)
-    write_whole(path, lambda part: part.write_bytes(data))
+    write_whole(path, data)
     return len(modes)
 
 

@@ -159,7 +159,7 @@ def require_pictures(outputs: Sequence[Path | None]) -> None:
 def save(path: Path, image: DeepImage) -> None:
     """Write a picture that is marked as synthetic; it appears only when it is complete."""
     data = encode_deep(image, path.suffix, synthetic_tags())
-    write_whole(path, lambda part: part.write_bytes(data))
+    write_whole(path, data)
 
 
 def row(images: Sequence[DeepImage], names: Sequence[str]) -> Picture:

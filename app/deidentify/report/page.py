@@ -79,7 +79,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         data_frames=report.frames,
     )
     page = document(f"{printable(name)}: de-identification report", join(patterns(), body), STYLE, SCRIPT)
-    write_whole(path, lambda part: part.write_text(page, encoding="utf-8"))
+    write_whole(path, page)
 
 
 def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
@@ -100,7 +100,7 @@ def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
         *(_group(title, group, path.parent) for title, group in groups.items() if group),
     )
     page = document("De-identification report", join(patterns(), body), STYLE)
-    write_whole(path, lambda part: part.write_text(page, encoding="utf-8"))
+    write_whole(path, page)
 
 
 # -- what came out --------------------------------------------------------------------------------------------

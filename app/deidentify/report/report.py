@@ -74,7 +74,7 @@ def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
         "entries": [vars(entry) for entry in entries],
     }
     text = json.dumps(value, indent=1, ensure_ascii=False) + "\n"
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", errors="backslashreplace"))
+    write_whole(path, text.encode("utf-8", "backslashreplace"))
 
 
 def outcome(report: FileReport) -> int:

@@ -60,7 +60,7 @@ def write_tracks(
         json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows) + "]\n}\n"
     )
     # A name that is no Unicode holds lone surrogates, which only JSON's own escapes can say.
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8", errors="backslashreplace"))
+    write_whole(path, text.encode("utf-8", "backslashreplace"))
 
 
 def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[Track, ...]:

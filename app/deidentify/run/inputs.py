@@ -16,7 +16,8 @@ from pathlib import Path, PurePath
 
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.run import remote
-from guise.app.media.images import looks_like_image, natural_key
+from guise.app.media.images import looks_like_image
+from guise.common.files import natural_key
 
 MARK = "_deidentified"
 OURS = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")

@@ -37,7 +37,7 @@ class Work:
     def save_json(self, name: str, value: Any) -> None:
         """Write a JSON result."""
         text = json.dumps(value)
-        write_whole(self.path(name), lambda part: part.write_text(text, encoding="utf-8"))
+        write_whole(self.path(name), text)
 
     def load_json(self, name: str) -> Any:
         """Read a JSON result."""

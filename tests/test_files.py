@@ -1,0 +1,82 @@
+"""Outputs are written whole or not at all, and names are put in natural order."""
+
+from pathlib import Path
+
+import pytest
+
+from guise.common.errors import OutputError
+from guise.common.files import PartFile, natural_key, part_of, write_json, write_whole
+
+
+@pytest.mark.parametrize("content", [b"\xc3\xa9", "é", lambda part: part.write_bytes(b"\xc3\xa9")])
+def test_bytes_text_or_a_function_fill_a_file(tmp_path: Path, content: object) -> None:
+    path = tmp_path / "out.txt"
+    path.write_bytes(b"old")
+    write_whole(path, content)  # type: ignore[arg-type]
+    assert path.read_bytes() == "é".encode()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "out.txt"
+    path.write_bytes(b"old")
+
+    def fails(part: Path) -> None:
+        part.write_bytes(b"half")
+        assert part == part_of(path) == tmp_path / "out.txt.part"
+        raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        write_whole(path, fails)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_report_that_json_cannot_hold_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(tmp_path / "report.json", {"error": float("nan")})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_part_is_claimed_once(tmp_path: Path) -> None:
+    mine = PartFile(tmp_path / "out.mp4")
+    mine.claim()
+    with pytest.raises(OutputError, match=r"out\.mp4\.part exists, from another run .* --force$"):
+        PartFile(tmp_path / "out.mp4").claim()
+    PartFile(tmp_path / "out.mp4", force=True).claim()
+    mine.path.write_bytes(b"whole")
+    mine.publish()
+    mine.discard()
+    assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"out.mp4": b"whole"}
+
+
+def test_a_folder_is_claimed_once_and_removed_with_what_is_in_it(tmp_path: Path) -> None:
+    mine = PartFile(tmp_path / "out", folder=True)
+    mine.claim()
+    (mine.path / "a.png").write_bytes(b"")
+    with pytest.raises(OutputError, match=r"out\.part exists"):
+        PartFile(tmp_path / "out", folder=True).claim()
+    taken = PartFile(tmp_path / "out", force=True, folder=True)
+    taken.claim()
+    assert not list(taken.path.iterdir())
+    taken.discard()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["f1", "f2", "f10"],
+        ["F1.png", "f2.png", "F10.png"],
+        ["1", "2a", "10", "a", "b1", "b1c"],
+        ["clip2_frame9", "clip2_frame10", "clip10_frame1"],
+        ["a", "a0", "a1"],
+        ["x²", "x³"],  # digits that are no decimals are text
+        ["v\u0662", "v3", "v\u0661\u0660"],  # other scripts' decimals are numbers
+        ["f01", "f1"],  # equal numbers: by the name as it stands
+        ["Same", "same"],
+    ],
+)
+def test_numbers_in_names_count_as_numbers(names: list[str]) -> None:
+    backwards = names[::-1]
+    assert sorted(backwards, key=natural_key) == names
