@@ -25,7 +25,7 @@ from guise.aam.landmarks import LbpDetector, interocular, load_annotations
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
 from guise.app.enrolment.enrol import LandmarkSource, enrol, landmark_file
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -79,7 +79,7 @@ def synthetic_people(shared: Path) -> list[str]:
 
 def frames(clip: Clip) -> Iterator[Frame]:
     """The clip's frames, in order."""
-    with open_source(clip.video) as source:
+    with open_input(clip.video) as source:
         yield from source
 
 

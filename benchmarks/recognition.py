@@ -27,7 +27,7 @@ from guise.aam.recognition import RESOLUTION, SAME, likeness, signature, signatu
 from guise.aam.reference import ReferenceFrame
 from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import LandmarkSource, enrol
-from guise.app.media import open_source
+from guise.app.media import open_input
 
 OPTIONS = TrainingOptions(frames=48)
 # Clips of one person under different names.
@@ -81,7 +81,7 @@ def clips(shared: Path) -> Iterator[tuple[str, Path, int]]:
 
 def enrolments(name: str, video: Path, parts: int, landmarker: Landmarker) -> Iterator[Enrolment]:
     """The parts of a clip."""
-    with open_source(video) as source:
+    with open_input(video) as source:
         points = track_video(landmarker, (frame.rgb() for frame in source))
     edges = np.linspace(0, len(points), parts + 1).round().astype(int)
     for k in range(parts):

@@ -62,9 +62,9 @@ def p01() -> Identity:
 @pytest.fixture(scope="session")
 def talk2() -> tuple[list[np.ndarray], np.ndarray]:
     """Every second frame of the first person's second clip: luma (h, w) uint8, and the true landmarks."""
-    from guise.app.media import open_source
+    from guise.app.media import open_input
 
-    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as source:
         luma = [frame.luma.copy() for frame in source if frame.index % 2 == 0]
     truth = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"][::2].astype(float)
     return luma, truth

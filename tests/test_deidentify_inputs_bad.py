@@ -19,7 +19,7 @@ from made_up import SAMPLES
 from guise.app.cli.main import main
 from guise.app.deidentify.run import engines
 from guise.app.deidentify.stages.jobs import Job
-from guise.app.media import open_source
+from guise.app.media import open_input
 
 FRAMES = 6
 FAST = {"preset": "ultrafast", "qp": "10"}
@@ -29,7 +29,7 @@ TURNED = (0, 65536, 0, -65536, 0, 0, 0, 0, 1 << 30)  # shown a quarter turn from
 @pytest.fixture(scope="module")
 def faces() -> list[np.ndarray]:
     """Some pictures (480, 640, 3) of a face."""
-    with open_source(SAMPLES / "p02" / "talk2.mp4") as source:
+    with open_input(SAMPLES / "p02" / "talk2.mp4") as source:
         return [frame.rgb().copy() for _, frame in zip(range(FRAMES), source, strict=False)]
 
 
@@ -78,7 +78,7 @@ def deidentify(*arguments: str) -> int:
 
 def shown(path: Path) -> list[np.ndarray]:
     """The pictures as they are shown."""
-    with open_source(path) as source:
+    with open_input(path) as source:
         return [frame.rgb().copy() for frame in source]
 
 
@@ -125,7 +125,7 @@ def test_a_portrait_with_a_rotation_flag(here: Path, faces: list[np.ndarray]) ->
     assert shown(source)[0].shape == (480, 640, 3)
     assert deidentify("turned.mp4", "-q") == 3
     assert_hidden(shown(source), shown(Path("turned_deidentified.mp4")))
-    with open_source(Path("turned_deidentified.mp4")) as output:
+    with open_input(Path("turned_deidentified.mp4")) as output:
         assert output.rotation != 0
 
 

@@ -11,7 +11,7 @@ import pytest
 from test_media import STEADY, make_clip
 
 from guise.app.deidentify.stages.label import Label
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 
 
 def changed(before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -46,7 +46,7 @@ def test_only_its_rectangle_changes_and_all_pixel_formats_work(tmp_path: Path) -
             encoder="ffv1",
             clock=Fraction(1, 1000),
         )
-        with open_source(clip) as source:
+        with open_input(clip) as source:
             for frame in source:
                 before = frame.read_roi(0, 0, frame.width, frame.height)
                 Label(frame.width, frame.height).draw(frame)
@@ -61,7 +61,7 @@ def test_it_stands_upright_in_a_turned_video(tmp_path: Path) -> None:
     clip = make_clip(
         tmp_path / "in.mp4", STEADY[:2], size=(320, 240), adjust=lambda video: video.set_display_rotation(90)
     )
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         frame = next(iter(source))
         straight = Frame.from_rgb(np.full((320, 240, 3), 128, np.uint8))
         before = frame.rgb()

@@ -22,7 +22,7 @@ from guise.app.measure.pair import Timing, require_alike
 from guise.app.measure.people import Gallery, embedded
 from guise.app.measure.reported import UNTOLD, read_report
 from guise.app.measure.table import FACTS, rows_of
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.media.pictures import save_picture
 from guise.app.people.recogniser import Recogniser
 
@@ -316,7 +316,7 @@ def test_the_higher_score_of_both_places_counts(folder: Path) -> None:
     nowhere = Seen(np.zeros(0, np.int32), np.zeros((0, 81, 2), np.float32))
     half = Seen(face.frames[::2], face.points[::2])
     recognise = Recogniser(folder / "card.toml")
-    with open_source(original) as source:
+    with open_input(original) as source:
         rows = embedded(source, [face], recognise)[0]
     judge = Judge(recognise, Gallery.of([]), [(beside, rows)], [])
     missed, some = (judge.scores(original, [again])[0].own for again in (nowhere, half))

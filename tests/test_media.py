@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from av.codec.context import Flags
 
-from guise.app.media import EncodeOptions, Frame, ProcessStats, open_sink, open_source, process
+from guise.app.media import EncodeOptions, Frame, ProcessStats, open_input, open_sink, process
 from guise.app.media.frame import plane_arrays
 
 SHARED = Path(__file__).parents[2] / "shared"
@@ -117,7 +117,7 @@ def run(
     private: bool = False, progress: Callable[[int], None] | None = None, queue: int = 8,
 ) -> ProcessStats:  # fmt: skip
     with (
-        open_source(inp) as source,
+        open_input(inp) as source,
         open_sink(out, source, options, force=force, tags=tags or {}, private=private) as sink,
     ):
         return process(source, sink, work, progress=progress, queue=queue)
@@ -195,7 +195,7 @@ def test_rotation_is_kept_and_frames_come_upright(tmp_path: Path, angle: int, su
     )
     out = tmp_path / f"out{suffix}"
     run(clip, out, paint, LOSSLESS)
-    with open_source(clip) as source, open_source(out) as result:
+    with open_input(clip) as source, open_input(out) as result:
         assert result.rotation == source.rotation == -angle % 360
         assert (source.width, source.height) == ((64, 32) if angle == 180 else (32, 64))
         for before, after in zip(source, result, strict=True):
@@ -209,7 +209,7 @@ def test_rotation_is_kept_and_frames_come_upright(tmp_path: Path, angle: int, su
 def test_mirrored_video_is_shown_mirrored(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", adjust=lambda video: video.set_display_rotation(0, hflip=True))
     plain = make_clip(tmp_path / "plain.mp4")
-    with open_source(clip) as source, open_source(plain) as straight:
+    with open_input(clip) as source, open_input(plain) as straight:
         for mirrored, frame in zip(source, straight, strict=True):
             np.testing.assert_array_equal(mirrored.luma, frame.luma[:, ::-1])
 
@@ -254,7 +254,7 @@ def test_full_range_stays_full_range(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mkv", fmt="yuvj420p", clock=Fraction(1, 1000))
     for name in ("libx264", "ffv1"):
         run(clip, tmp_path / f"{name}.mkv", options=EncodeOptions(encoder=name, preset="ultrafast"))
-        with open_source(clip) as source, open_source(tmp_path / f"{name}.mkv") as result:
+        with open_input(clip) as source, open_input(tmp_path / f"{name}.mkv") as result:
             a, b = next(iter(source)), next(iter(result))
             np.testing.assert_array_equal(a.colour.to_rgb, b.colour.to_rgb)
             assert np.abs(a.rgb().astype(int) - b.rgb()).mean() < 4
@@ -355,13 +355,13 @@ def test_odd_sizes_grow_by_a_repeated_edge_for_h264(tmp_path: Path) -> None:
 def test_frames_of_another_size_can_be_written(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", UNEVEN, sound=1)
     out = tmp_path / "out.mp4"
-    with open_source(clip) as source, open_sink(out, source, FAST, size=(128, 48)) as sink:
+    with open_input(clip) as source, open_sink(out, source, FAST, size=(128, 48)) as sink:
         for frame in source:
             wide = np.hstack([frame.rgb(), frame.rgb()])
             sink.write(Frame.from_rgb(wide, frame.pts, frame.time_base, frame.index))
     assert video_times(out) == video_times(clip)
     assert packets(out, "audio") == packets(clip, "audio")
-    with open_source(clip) as source, open_source(out) as result:
+    with open_input(clip) as source, open_input(out) as result:
         for a, b in zip(source, result, strict=True):
             assert np.abs(a.rgb().astype(int) - b.rgb()[:, :64]).mean() < 12
 
@@ -370,22 +370,22 @@ def test_frames_of_another_size_can_be_written(tmp_path: Path) -> None:
 
 
 def test_changing_a_frame_does_not_change_later_ones() -> None:
-    with open_source(SAMPLE) as clean, open_source(SAMPLE) as painted:
+    with open_input(SAMPLE) as clean, open_input(SAMPLE) as painted:
         for before, after in zip(clean, painted, strict=True):
             np.testing.assert_array_equal(before.luma, after.luma)
             after.write_roi(0, 0, np.zeros((after.height, after.width, 3), np.uint8))
 
 
 def test_a_view_of_a_frame_outlives_it() -> None:
-    with open_source(SAMPLE) as source:
+    with open_input(SAMPLE) as source:
         views = [frame.luma for frame, _ in zip(source, range(12), strict=False)]
-    with open_source(SAMPLE) as source:
+    with open_input(SAMPLE) as source:
         for view, frame in zip(views, source, strict=False):
             np.testing.assert_array_equal(view, frame.luma)
 
 
 def test_a_source_can_be_read_twice_and_keeps_its_audio_for_the_sink(tmp_path: Path) -> None:
-    with open_source(SAMPLE) as source:
+    with open_input(SAMPLE) as source:
         first = [frame.pts for frame in source]
         with open_sink(tmp_path / "out.mp4", source, FAST) as sink:
             process(source, sink, lambda frame: None)
@@ -395,7 +395,7 @@ def test_a_source_can_be_read_twice_and_keeps_its_audio_for_the_sink(tmp_path: P
 
 def test_describe_gives_the_facts(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", sound=1)
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         assert source.describe() == {
             "name": "in.mp4", "kind": "video", "width": 64, "height": 48, "frame_rate": "30",
             "frame_count": 12, "duration_seconds": 0.4, "rotation": 0, "has_audio": True,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from test_media import FAST, SHARED, STEADY, make_clip
 from test_media_packets import put_together
 
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.media.audio import LOWER
 from guise.app.media.packets import PacketSink, assemble
 
@@ -134,7 +134,7 @@ def test_real_speech_stays_in_step(tmp_path: Path) -> None:
     if not clip.exists():
         pytest.skip(f"{clip} is not there")
     parts = [tmp_path / "0.packets"]
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         with PacketSink(parts[0], source, FAST) as sink:
             sink.write(next(iter(source)))
         assemble(tmp_path / "out.mp4", source, parts, FAST, tags={}, private=True, audio="mask")

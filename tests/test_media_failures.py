@@ -14,7 +14,7 @@ import av
 import numpy as np
 import pytest
 
-from guise.app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
+from guise.app.media import EncodeOptions, Frame, MediaError, open_input, open_sink, process
 from guise.app.media.images import encode_image
 
 SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"
@@ -54,7 +54,7 @@ def convert(
     inp: Path, out: Path, options: EncodeOptions = FAST, *, force: bool = False,
     work: Callable[[Frame], None] = lambda frame: None,
 ) -> None:  # fmt: skip
-    with open_source(inp) as source, open_sink(out, source, options, force=force) as sink:
+    with open_input(inp) as source, open_sink(out, source, options, force=force) as sink:
         process(source, sink, work)
 
 
@@ -62,7 +62,7 @@ def convert(
 
 
 def test_missing_input(tmp_path: Path) -> None:
-    expect("none.mp4 does not exist: give a video file", lambda: open_source(tmp_path / "none.mp4"), tmp_path)
+    expect("none.mp4 does not exist: give a video file", lambda: open_input(tmp_path / "none.mp4"), tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"just some text\n" * 50], ids=["empty", "text"])
@@ -71,7 +71,7 @@ def test_input_that_is_no_video(tmp_path: Path, name: str, content: bytes) -> No
     (tmp_path / name).write_bytes(content)
     expect(
         "is not a video that can be read|is a text file",
-        lambda: open_source(tmp_path / name),
+        lambda: open_input(tmp_path / name),
         tmp_path,
     )
 
@@ -83,7 +83,7 @@ def test_input_without_video(tmp_path: Path) -> None:
         frame.sample_rate, frame.pts = 44100, 0
         out.mux(stream.encode(frame))
         out.mux(stream.encode(None))
-    expect("in.mp4 holds no video stream", lambda: open_source(tmp_path / "in.mp4"), tmp_path)
+    expect("in.mp4 holds no video stream", lambda: open_input(tmp_path / "in.mp4"), tmp_path)
 
 
 @pytest.mark.parametrize("name", ["in.mkv", "in.mp4"])
@@ -94,16 +94,16 @@ def test_input_with_zero_frames(tmp_path: Path, name: str) -> None:
         out.start_encoding()
     expect(
         f"{name} (is not a video|holds no picture|holds no video)",
-        lambda: open_source(tmp_path / name),
+        lambda: open_input(tmp_path / name),
         tmp_path,
     )
 
 
 def test_empty_folder_and_broken_image(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
-    expect("is a folder without images", lambda: open_source(tmp_path / "folder"), tmp_path)
+    expect("is a folder without images", lambda: open_input(tmp_path / "folder"), tmp_path)
     (tmp_path / "in.png").write_bytes(b"no image")
-    expect("in.png holds no image that can be read", lambda: open_source(tmp_path / "in.png"), tmp_path)
+    expect("in.png holds no image that can be read", lambda: open_input(tmp_path / "in.png"), tmp_path)
 
 
 # -- outputs ------------------------------------------------------------------------------------------------
@@ -250,7 +250,7 @@ def test_an_interrupt_signal_leaves_no_half_file(tmp_path: Path) -> None:
 
 def test_the_output_appears_only_when_it_is_complete(tmp_path: Path, clip: Path) -> None:
     out = tmp_path / "out.mp4"
-    with open_source(clip) as source, open_sink(out, source, FAST) as sink:
+    with open_input(clip) as source, open_sink(out, source, FAST) as sink:
         for frame in source:
             sink.write(frame)
             assert not out.exists()
@@ -260,7 +260,7 @@ def test_the_output_appears_only_when_it_is_complete(tmp_path: Path, clip: Path)
 
 def test_nothing_is_written_when_no_frame_came(tmp_path: Path, clip: Path) -> None:
     def attempt() -> None:
-        with open_source(clip) as source, open_sink(tmp_path / "out.mp4", source, FAST):
+        with open_input(clip) as source, open_sink(tmp_path / "out.mp4", source, FAST):
             pass
 
     expect("out.mp4 was not written: no frame came from the input", attempt, tmp_path)
@@ -290,7 +290,7 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path, clip: Path, monkeypatch: py
 
 
 def test_frames_must_ascend_and_fit(tmp_path: Path, clip: Path) -> None:
-    with open_source(clip) as source, open_sink(tmp_path / "out.mp4", source, FAST) as sink:
+    with open_input(clip) as source, open_sink(tmp_path / "out.mp4", source, FAST) as sink:
         frame = next(iter(source))
         sink.write(frame)
         with pytest.raises(ValueError, match="frame times must ascend, got 0 s after 0 s"):
@@ -309,7 +309,7 @@ def test_unwritable_image_format() -> None:
 
 def test_a_wait_can_be_interrupted(tmp_path: Path, clip: Path) -> None:
     """A caller that waits for a stuck encoder still answers to Ctrl-C."""
-    with open_source(clip) as source, open_sink(tmp_path / "out.mp4", source, FAST) as sink:
+    with open_input(clip) as source, open_sink(tmp_path / "out.mp4", source, FAST) as sink:
         release = threading.Event()
         sink.write = lambda frame: release.wait(5) and None  # type: ignore[method-assign]
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from guise.app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
+from guise.app.media import EncodeOptions, Frame, MediaError, open_input, open_sink, process
 from guise.app.media.images import encode_image
 
 USUAL = EncodeOptions()
@@ -37,7 +37,7 @@ def run(
     inp: Path, out: Path, work: Callable[[Frame], None] = lambda frame: None,
     options: EncodeOptions = USUAL, *, force: bool = False, tags: dict[str, str] | None = None,
 ) -> tuple[str, ...]:  # fmt: skip
-    with open_source(inp) as source, open_sink(out, source, options, force=force, tags=tags or {}) as sink:
+    with open_input(inp) as source, open_sink(out, source, options, force=force, tags=tags or {}) as sink:
         return process(source, sink, work).problems
 
 
@@ -64,7 +64,7 @@ def test_an_image_is_bit_identical_outside_the_rectangle(tmp_path: Path, suffix:
 
 
 def test_describe_an_image(tmp_path: Path) -> None:
-    with open_source(save(tmp_path / "in.png", noise())) as source:
+    with open_input(save(tmp_path / "in.png", noise())) as source:
         assert source.describe() == {
             "name": "in.png", "kind": "image", "width": 21, "height": 15, "frame_rate": "30",
             "frame_count": 1, "duration_seconds": 1 / 30, "rotation": 0, "has_audio": False,
@@ -91,7 +91,7 @@ def test_exif_orientation_is_applied(tmp_path: Path) -> None:
     (tmp_path / "in.jpg").write_bytes(
         data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:]
     )
-    with open_source(tmp_path / "in.jpg") as source:
+    with open_input(tmp_path / "in.jpg") as source:
         assert (source.width, source.height) == (32, 48)
         assert np.abs(next(iter(source)).rgb().astype(int) - np.rot90(image, -1)).mean() < 8
 
@@ -124,7 +124,7 @@ def test_a_folder_is_read_in_natural_order_and_written_with_its_names(tmp_path: 
     folder = make_folder(tmp_path, ["f2.png", "f10.png", "F1.png"])
     (folder / "notes.txt").write_text("not an image")
     (folder / ".hidden.png").write_bytes(b"")
-    with open_source(folder) as source:
+    with open_input(folder) as source:
         assert [frame.name for frame in source] == ["F1.png", "f2.png", "f10.png"]
         assert source.kind == "images"
         assert source.frame_count == 3

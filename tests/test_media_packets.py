@@ -24,7 +24,7 @@ from test_media import (
 )
 from test_media_segments import GOP, facts, steady
 
-from guise.app.media import EncodeOptions, Frame, MediaError, open_source
+from guise.app.media import EncodeOptions, Frame, MediaError, open_input
 from guise.app.media.copies import Audio
 from guise.app.media.packets import PacketSink, assemble, decoding_times, read_packets
 from guise.app.media.segments import read_frames, scan
@@ -36,7 +36,7 @@ def make_pieces(clip: Path, folder: Path, options: EncodeOptions, length: int = 
     """The clip, painted, in pieces of at least `length` frames, made in reverse order."""
     found = scan(clip, length)
     parts = [folder / f"{piece.index}.packets" for piece in found.segments]
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         for piece in reversed(found.segments):
             with PacketSink(parts[piece.index], source, options) as sink:
                 for frame in read_frames(clip, found, piece.first, piece.last):
@@ -57,7 +57,7 @@ def put_together(
 ) -> int:  # fmt: skip
     """Make the pieces of a clip and the whole; returns how many pieces there were."""
     parts = make_pieces(clip, out.parent, options, length)
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         assemble(out, source, parts, options, tags=TAGS, private=private, audio=audio, force=force)
     for part in parts:
         part.unlink()
@@ -171,7 +171,7 @@ def test_sound_can_be_left_out(tmp_path: Path) -> None:
 def test_an_empty_piece_is_nothing(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", UNEVEN)
     [part] = make_pieces(clip, tmp_path, FAST)
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         with PacketSink(tmp_path / "empty.packets", source, FAST):
             pass
         parts = [part, tmp_path / "empty.packets"]
@@ -182,7 +182,7 @@ def test_an_empty_piece_is_nothing(tmp_path: Path) -> None:
 
 def test_an_error_leaves_no_piece_and_no_output(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", UNEVEN)
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         frame = next(iter(source))
         with pytest.raises(ValueError, match="frame times must ascend"):
             write_all(PacketSink(tmp_path / "a.packets", source, FAST), [frame, frame])
@@ -193,7 +193,7 @@ def test_a_cut_piece_is_one_sentence(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", UNEVEN)
     [part] = make_pieces(clip, tmp_path, FAST)
     whole = part.read_bytes()
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         for length in (0, 10, len(whole) - 1):
             part.write_bytes(whole[:length])
             with pytest.raises(

@@ -14,15 +14,15 @@ import av
 import numpy as np
 import pytest
 
-from guise.app.media import EncodeOptions, Frame, open_sink, open_source, process
+from guise.app.media import EncodeOptions, Frame, open_input, open_sink, process
+from guise.app.media.input import MediaInput
 from guise.app.media.sink import Sink
-from guise.app.media.source import Source
 
 SHARED = Path(__file__).parents[2] / "shared"
 SAMPLE = Path(__file__).parents[1] / "sample_videos" / "p01" / "talk2.mp4"
 
 
-class Numbers(Source):
+class Numbers(MediaInput):
     """Frames 0 .. count - 1; keeps track of how many are alive."""
 
     def __init__(self, count: int, fail_at: int | None = None) -> None:
@@ -131,7 +131,7 @@ def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
     for number, count in enumerate([300, 1500]):
         clip = long_clip(tmp_path / f"in{number}.mp4", count)
         with (
-            open_source(clip) as source,
+            open_input(clip) as source,
             open_sink(tmp_path / f"out{number}.mp4", source, EncodeOptions(preset="ultrafast")) as sink,
         ):
             assert process(source, sink, touch).frames == count
@@ -143,12 +143,12 @@ def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
 def test_a_720p_clip_with_audio_passes_through(tmp_path: Path) -> None:
     clip = SHARED / "data/real/room_s18.mp4"
     with (
-        open_source(clip) as source,
+        open_input(clip) as source,
         open_sink(tmp_path / "out.mp4", source, EncodeOptions(preset="ultrafast", crf=35)) as sink,
     ):
         stats = process(source, sink, lambda frame: None)
     assert stats.frames == 282
     assert stats.problems == ()
-    with open_source(tmp_path / "out.mp4") as result:
+    with open_input(tmp_path / "out.mp4") as result:
         assert result.has_audio
         assert sum(1 for _ in result) == 282

@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from guise.app.media import open_source
+from guise.app.media import open_input
 
 TICK = Fraction(1, 1000)
 
@@ -28,12 +28,12 @@ def record(path: Path, times: list[int]) -> Path:
 @pytest.mark.parametrize("step", [33, 100])
 def test_the_rate_is_that_of_the_frames_not_of_the_clock(tmp_path: Path, step: int) -> None:
     times = [step * i + i % 3 for i in range(90)]
-    with open_source(record(tmp_path / "recording.webm", times)) as source:
+    with open_input(record(tmp_path / "recording.webm", times)) as source:
         assert float(source.frame_rate) == pytest.approx(1000 / step, rel=0.01)
         assert source.frame_count == pytest.approx(90, abs=2)
         assert [round(1000 * frame.pts * frame.time_base) for frame in source] == times
 
 
 def test_a_single_frame_has_a_rate(tmp_path: Path) -> None:
-    with open_source(record(tmp_path / "recording.webm", [0])) as source:
+    with open_input(record(tmp_path / "recording.webm", [0])) as source:
         assert 0 < source.frame_rate < 100

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from test_media import SAMPLE, SHARED, damage, make_clip, picture
 
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 from guise.app.media.frame import plane_arrays
+from guise.app.media.input import VideoInput
 from guise.app.media.reader import Problems
 from guise.app.media.segments import Scan, read_frames, scan
-from guise.app.media.source import VideoSource
 
 THOUSANDTHS = Fraction(1, 1000)
 GOP = {"g": "10", "bf": "2", "x264-params": "scenecut=0"}
@@ -30,7 +30,7 @@ def facts(frame: Frame) -> tuple[object, ...]:
 
 
 def whole(path: Path) -> list[tuple[object, ...]]:
-    with open_source(path) as source:
+    with open_input(path) as source:
         return [facts(frame) for frame in source]
 
 
@@ -104,7 +104,7 @@ def test_rotated_video_comes_upright_from_the_middle(tmp_path: Path) -> None:
         adjust=lambda video: video.set_display_rotation(90),
     )  # fmt: skip
     assert len(check_windows(clip).segments) == 2
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         assert (source.width, source.height) == (32, 64)
 
 
@@ -165,8 +165,8 @@ def test_a_damaged_file_gives_the_same_on_any_machine(tmp_path: Path) -> None:
     found = scan(clip, 20)
     for number in (4, 13, 27, 44, 45):
         damage(clip, number, seed=number)
-    with open_source(clip) as source:
-        assert isinstance(source, VideoSource)
+    with open_input(clip) as source:
+        assert isinstance(source, VideoInput)
         reader = source.open_reader(Problems())
         reader.use_one_thread()
         frames = [facts(frame)[1:] for frame in source.frames_of(reader)]
@@ -212,6 +212,6 @@ def test_real_clips(name: str) -> None:
     piece = found.segments[-1]
     first = max(piece.first, piece.last - 300)
     got = [facts(frame) for frame in read_frames(path, found, first, piece.last)]
-    with open_source(path) as source:
+    with open_input(path) as source:
         frames = [facts(frame) for frame in source if frame.index >= first]
     assert got == frames

@@ -465,12 +465,12 @@ def test_previews_are_pictures_and_videos(here: Path, capsys: pytest.CaptureFixt
 def test_a_preview_turns(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from guise.app.media import open_source
+    from guise.app.media import open_input
     from guise.app.meshes import pictures
 
     monkeypatch.setattr(pictures, "TURN", 4)
     assert run(capsys, "preview", HEAD, "-o", "turn.mp4", "-q") == (0, "", "")
-    with open_source(here / "turn.mp4") as film:
+    with open_input(here / "turn.mp4") as film:
         shown = [frame.rgb() for frame in film]
     assert len(shown) == 4
     assert np.abs(shown[0].astype(int) - shown[1]).mean() > 2

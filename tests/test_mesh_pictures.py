@@ -9,7 +9,7 @@ from test_render_visibility import sphere
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import NAMES
 from guise.analogy.mesh import Mesh
-from guise.app.media import MediaError, open_source
+from guise.app.media import MediaError, open_input
 from guise.app.meshes import pictures
 from guise.app.meshes.pictures import FOOT, TITLE, YAWS, Head, Stand
 
@@ -142,7 +142,7 @@ def test_a_turning_head_is_a_video(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     one = Head(mesh.vertices, mesh.faces, "head", Stand.of(mesh.vertices), nose)
     shares: list[float] = []
     pictures.turntable(tmp_path / "turn.mp4", [one, one], progress=shares.append)
-    with open_source(tmp_path / "turn.mp4") as source:
+    with open_input(tmp_path / "turn.mp4") as source:
         frames = [frame.rgb().astype(int) for frame in source]
         assert (source.width, source.height) == (2 * SIZE[0], SIZE[1] + TITLE)
     assert shares == [0.25, 0.5, 0.75, 1.0]

@@ -11,7 +11,7 @@ from models import model_file
 
 from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
-from guise.app.media import EncodeOptions, open_source
+from guise.app.media import EncodeOptions, open_input
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.options import Options
@@ -63,7 +63,7 @@ def test_the_file_says_that_the_face_is_synthetic(
 
 def test_sound_and_times_are_kept(tmp_path: Path, clip: Path, p01: Identity, p06: Identity) -> None:
     swap_file(clip, p06, tmp_path / "out.mp4", source=p01)
-    with open_source(clip) as old, open_source(tmp_path / "out.mp4") as new:
+    with open_input(clip) as old, open_input(tmp_path / "out.mp4") as new:
         assert new.has_audio
         assert [f.pts * f.time_base for f in new] == [f.pts * f.time_base for f in old]
 
@@ -71,7 +71,7 @@ def test_sound_and_times_are_kept(tmp_path: Path, clip: Path, p01: Identity, p06
 def test_lost_frames_are_untouched_and_counted(tmp_path: Path, p01: Identity, p06: Identity) -> None:
     frames = tmp_path / "frames"
     frames.mkdir()
-    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as source:
         for frame in source:
             shown = frame.rgb() if frame.index < 4 else np.full((480, 640, 3), 70, np.uint8)
             cv2.imwrite(str(frames / f"{frame.index:03d}.png"), shown[..., ::-1])
@@ -84,7 +84,7 @@ def test_lost_frames_are_untouched_and_counted(tmp_path: Path, p01: Identity, p0
 
 
 def test_one_image(tmp_path: Path, p01: Identity, p06: Identity) -> None:
-    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as source:
         rgb = next(iter(source)).rgb()
     cv2.imwrite(str(tmp_path / "one.png"), rgb[..., ::-1])
     report = swap_file(tmp_path / "one.png", p06, tmp_path / "two.png", source=p01)
@@ -102,7 +102,7 @@ def test_a_video_without_the_person_leaves_nothing(tmp_path: Path, p01: Identity
 def test_several_faces_are_said_once(tmp_path: Path, p01: Identity, p06: Identity) -> None:
     frames = tmp_path / "frames"
     frames.mkdir()
-    with open_source(SAMPLES / "p01" / "talk2.mp4") as one, open_source(SAMPLES / "p02" / "talk2.mp4") as two:
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as one, open_input(SAMPLES / "p02" / "talk2.mp4") as two:
         for left, right in zip(one, two, strict=True):
             both = np.concatenate([left.rgb(), right.rgb()], axis=1)
             cv2.imwrite(str(frames / f"{left.index:03d}.png"), both[..., ::-1])

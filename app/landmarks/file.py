@@ -18,7 +18,7 @@ from guise.aam.landmarks.smoothing import Smoother
 from guise.aam.landmarks.tracking import MultiFollower
 from guise.app.landmarks.formats import About, Found, LandmarkFile, format_of, open_landmark_file
 from guise.app.landmarks.overlay import draw_face
-from guise.app.media import EncodeOptions, Frame, Sink, Source, open_sink, open_source, process
+from guise.app.media import EncodeOptions, Frame, MediaInput, Sink, open_input, open_sink, process
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
@@ -103,7 +103,7 @@ def landmarks_file(
     form = options.form or format_of(output)
     if options.overlay is not None and options.overlay.absolute() == output.absolute():
         raise OutputError(f"{output} cannot be both output and overlay: give two names")
-    with open_source(video) as media, contextlib.ExitStack() as outputs:
+    with open_input(video) as media, contextlib.ExitStack() as outputs:
         smooth = options.smooth and media.kind == "video"
         about = About.of(media, landmarker.name, smoothed=smooth)
         file = outputs.enter_context(
@@ -129,7 +129,9 @@ def landmarks_file(
 class _Finder:
     """The faces of each frame: followed and smoothed in a video, found anew in each picture."""
 
-    def __init__(self, landmarker: Landmarker, source: Source, min_confidence: float, smooth: bool) -> None:
+    def __init__(
+        self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
+    ) -> None:
         self._landmarker, self._min_confidence = landmarker, min_confidence
         self._follower = MultiFollower(landmarker, min_confidence) if source.kind == "video" else None
         self._smooth = smooth
@@ -181,7 +183,7 @@ class _Nowhere(Sink):
         pass
 
 
-def _sink(outputs: contextlib.ExitStack, media: Source, options: LandmarkOptions) -> Sink | None:
+def _sink(outputs: contextlib.ExitStack, media: MediaInput, options: LandmarkOptions) -> Sink | None:
     if options.overlay is None:
         return None
     return outputs.enter_context(open_sink(options.overlay, media, options.encode, force=options.force))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.annotations import TRACKED_FORMAT, TRACKED_VERSION, pts_bytes, shortest
-from guise.app.media import Frame, Source
+from guise.app.media import Frame, MediaInput
 from guise.common.errors import OutputError
 from guise.common.files import PartFile, require_free
 from guise.common.version import version
@@ -50,7 +50,7 @@ class About:
     time_base: Fraction
 
     @classmethod
-    def of(cls, source: Source, landmarker: str, *, smoothed: bool) -> About:
+    def of(cls, source: MediaInput, landmarker: str, *, smoothed: bool) -> About:
         """What is known about an opened source."""
         return cls(source.name, source.kind, landmarker, smoothed, source.time_base)
 
@@ -256,7 +256,9 @@ class PtsPicture(PtsFolder):
             file.replace(self.path.with_name(file.name))
 
 
-def open_landmark_file(path: Path, source: Source, about: About, form: str, *, force: bool) -> LandmarkFile:
+def open_landmark_file(
+    path: Path, source: MediaInput, about: About, form: str, *, force: bool
+) -> LandmarkFile:
     """The file for a format: "json", "npz" or "pts"; see the classes.
 
     Raises OutputError for .pts files of a video or a folder that are to go into one file.

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import cv2
 
-from guise.app.media import Frame, MediaError, open_source
+from guise.app.media import Frame, MediaError, open_input
 from guise.common.closing import Closing
 
 Say = Callable[[str], None]
@@ -60,7 +60,7 @@ class FileCapture(Capture):
     """
 
     def __init__(self, path: Path, *, loop: bool = False, paced: bool = True) -> None:
-        self.source = open_source(path)
+        self.source = open_input(path)
         self.name, self.paced = self.source.name, paced
         self.width, self.height = self.source.width, self.source.height
         self.fps = float(self.source.frame_rate)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face, Landmarker, load_annotations, overlap, tight_box
 from guise.aam.landmarks.tracking import MultiFollower
-from guise.app.media import Frame, Source
+from guise.app.media import Frame, MediaInput
 from guise.common.arrays import F32
 from guise.common.errors import GuiseError
 
@@ -78,7 +78,7 @@ class Collected:
         return sorted(map(self.of, self._frames), key=lambda face: -len(face.frames))
 
 
-def faces_in(source: Source, landmarker: Landmarker, tell: Callable[[int], None]) -> list[Seen]:
+def faces_in(source: MediaInput, landmarker: Landmarker, tell: Callable[[int], None]) -> list[Seen]:
     """The faces of a video; MeasureError without any.   tell : called with the number of frames that are done."""
     find, found = Finder(landmarker, video=source.kind == "video"), Collected()
     for frame in source:
@@ -114,7 +114,7 @@ class At:
         return self._rows.get(frame, [])
 
 
-def seen_again(source: Source, faces: Sequence[Seen], landmarker: Landmarker) -> list[Seen]:
+def seen_again(source: MediaInput, faces: Sequence[Seen], landmarker: Landmarker) -> list[Seen]:
     """The known faces as they are found in a video, each frame searched on its own."""
     at, found = At(faces), Collected()
     for frame in source:

@@ -41,7 +41,7 @@ from guise.app.measure.pair import Timing, Untouched, compare_sounds, require_al
 from guise.app.measure.people import Gallery, Known, embedded, joined, open_gallery
 from guise.app.measure.privacy import Scores, accepted, equal_error_rate, rank, rank_one, template
 from guise.app.measure.reported import Reported, read_report
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser
 from guise.app.swapping.donors import open_donor
 from guise.common.arrays import F32, F64
@@ -160,7 +160,7 @@ class _Measurement:
         total = len(self._timing.times)
         if self._request.landmarks is not None:
             return faces_of_file(self._request.landmarks, total)
-        with open_source(self._request.original) as source:
+        with open_input(self._request.original) as source:
             return faces_in(source, self._landmarker, lambda done: self._progress("faces", done / total))
 
     def _judge(self, faces: list[Seen], recogniser: Recogniser) -> Judge:
@@ -168,7 +168,7 @@ class _Measurement:
         folder = self._request.gallery
         known = open_gallery(folder, self._landmarker, recogniser, self._say) if folder else []
         gallery = Gallery.of(known)
-        with open_source(self._request.original) as source:
+        with open_input(self._request.original) as source:
             embeddings = embedded(source, faces, recogniser)
         groups = joined(faces, embeddings, gallery.same)
         own = [_joined_face(group, faces, embeddings) for group in groups]
@@ -285,9 +285,9 @@ class Judge:
 
         again : for each person the face as it is found in the video, in some of the original's frames.
         """
-        with open_source(path) as source:
+        with open_input(path) as source:
             at_place = embedded(source, self.faces, self._recogniser)
-        with open_source(path) as source:
+        with open_input(path) as source:
             as_found = embedded(source, again, self._recogniser)
         return [self._worse(i, at_place[i], again[i].frames, as_found[i]) for i in range(len(self.faces))]
 

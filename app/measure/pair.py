@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import tight_box
 from guise.app.measure.faces import MeasureError
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 from guise.app.media.soundtrack import Sound, sounds
 
 SAFETY = (
@@ -41,7 +41,7 @@ class Timing:
     @classmethod
     def of(cls, path: Path) -> Timing:
         """By decoding the video once."""
-        with open_source(path) as source:
+        with open_input(path) as source:
             size = source.width, source.height
             return cls(
                 source.name,
@@ -83,7 +83,7 @@ def require_alike(original: Timing, output: Timing) -> None:
 
 def side_by_side(original: Path, output: Path) -> Iterator[tuple[Frame, Frame]]:
     """Both frames, in order; the files are alike."""
-    with open_source(original) as first, open_source(output) as second:
+    with open_input(original) as first, open_input(output) as second:
         yield from zip(first, second, strict=True)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Landmarker
 from guise.app.measure.faces import At, MeasureError, Seen
 from guise.app.measure.privacy import Threshold, template, threshold
-from guise.app.media import MediaError, Source, open_source
+from guise.app.media import MediaError, MediaInput, open_input
 from guise.app.people.recogniser import Recogniser
 from guise.common.arrays import F32, F64
 
@@ -59,7 +59,7 @@ def open_gallery(folder: Path, landmarker: Landmarker, recogniser: Recogniser, s
 def embeddings_of(file: Path, landmarker: Landmarker, recogniser: Recogniser, say: Say) -> list[F32]:
     """Embeddings (d,) of the largest face in a picture, or in some frames of a video."""
     try:
-        with open_source(file) as source:
+        with open_input(file) as source:
             found = list(_looked_at(source, landmarker, recogniser))
     except MediaError as error:
         say(f"left out of the gallery: {error}")
@@ -69,7 +69,7 @@ def embeddings_of(file: Path, landmarker: Landmarker, recogniser: Recogniser, sa
     return found
 
 
-def _looked_at(source: Source, landmarker: Landmarker, recogniser: Recogniser) -> list[F32]:
+def _looked_at(source: MediaInput, landmarker: Landmarker, recogniser: Recogniser) -> list[F32]:
     step = max(1, (source.frame_count or 1) // LOOKS)
     found = []
     for frame in source:
@@ -124,7 +124,7 @@ class Gallery:
         return Gallery(rest, self.impostors, self.limit)
 
 
-def embedded(source: Source, faces: Sequence[Seen], recogniser: Recogniser) -> list[F32]:
+def embedded(source: MediaInput, faces: Sequence[Seen], recogniser: Recogniser) -> list[F32]:
     """For each face the embeddings (n, d) in its frames of a video, NaN where there is none."""
     at = At(faces)
     found: list[list[NDArray[Any]]] = [[] for _ in faces]

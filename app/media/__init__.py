@@ -3,19 +3,19 @@
 from guise.app.media.encoder import EncodeOptions
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import ColourMatrix, Frame
+from guise.app.media.input import MediaInput, open_input
 from guise.app.media.process import ProcessStats, process
 from guise.app.media.sink import Sink, open_sink
-from guise.app.media.source import Source, open_source
 
 __all__ = [
     "ColourMatrix",
     "EncodeOptions",
     "Frame",
     "MediaError",
+    "MediaInput",
     "ProcessStats",
     "Sink",
-    "Source",
+    "open_input",
     "open_sink",
-    "open_source",
     "process",
 ]

@@ -14,8 +14,8 @@ from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
 from numpy.typing import NDArray
 
+from guise.app.media.input import VideoInput
 from guise.app.media.reader import Problems, Reader, open_container
-from guise.app.media.source import VideoSource
 from guise.common.closing import Closing
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ Samples = NDArray[np.float32]
 RATE = 48_000  # samples a second of what is heard
 
 
-def first_pts(source: VideoSource) -> int:
+def first_pts(source: VideoInput) -> int:
     """Time of the first picture, in units of the source's time base."""
     with contextlib.closing(Reader(source.path, Problems())) as reader:
         return next(iter(reader)).pts or 0
@@ -39,7 +39,7 @@ class Beside:
     cut : pictures were left when `rest` was read.
     """
 
-    def __init__(self, source: VideoSource) -> None:
+    def __init__(self, source: VideoInput) -> None:
         self.first, self.cut = first_pts(source), False
         reader = source.open_reader(Problems())
         self._video, self._packets = reader.stream, reader.packets()
@@ -73,7 +73,7 @@ class SoundReader(Closing):
     Use `has_audio` of the source to know whether there is one.
     """
 
-    def __init__(self, source: VideoSource) -> None:
+    def __init__(self, source: VideoInput) -> None:
         self._container = open_container(source.path)
         self._stream = self._container.streams.audio[0]
         self.seek(0.0)

@@ -14,8 +14,8 @@ from av.stream import Stream
 
 from guise.app.media.audio import MaskedAudio, named_layout
 from guise.app.media.errors import MediaError
+from guise.app.media.input import VideoInput
 from guise.app.media.reader import is_still
-from guise.app.media.source import VideoSource
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
@@ -82,7 +82,7 @@ class StreamCopies:
     """
 
     def __init__(
-        self, output: OutputContainer, source: VideoSource, *, private: bool, audio: Audio = "keep"
+        self, output: OutputContainer, source: VideoInput, *, private: bool, audio: Audio = "keep"
     ) -> None:
         self._output = output
         self._problems = source.problems
@@ -93,7 +93,7 @@ class StreamCopies:
             if stream.index != source.stream.index and (stream.type != "audio" or audio != "drop"):
                 self._add(stream, source, private, audio == "mask")
 
-    def _add(self, stream: Stream, source: VideoSource, private: bool, mask: bool) -> None:
+    def _add(self, stream: Stream, source: VideoInput, private: bool, mask: bool) -> None:
         reason = _why_dropped(stream, source, private)
         if reason is None and mask and isinstance(stream, AudioStream):
             self._add_masked(stream, private)
@@ -160,7 +160,7 @@ class StreamCopies:
         packet.pts = dts if packet.pts is None else max(packet.pts, dts)
 
 
-def _why_dropped(stream: Stream, source: VideoSource, private: bool) -> str | None:
+def _why_dropped(stream: Stream, source: VideoInput, private: bool) -> str | None:
     """Why a stream must not be copied: '' to say nothing, None to copy it."""
     if isinstance(stream, av.video.stream.VideoStream):
         return "a cover may show the face" if is_still(stream) else "only the first video is processed"

@@ -12,7 +12,7 @@ from av.video.frame import PictureType
 
 from guise.app.media.encoder import EncodeOptions, encoder_settings, find_encoder
 from guise.app.media.frame import Frame
-from guise.app.media.source import Source, VideoSource
+from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.target import Target, target_for
 
 _CAPTIONING = frozenset(
@@ -65,7 +65,7 @@ class Encoding:
 
 
 def encoding_for(
-    source: Source, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
+    source: MediaInput, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
     captions: bool = True,
 ) -> Encoding:  # fmt: skip
     """How a source is encoded; what the encoder cannot keep is noted in the source's problems.
@@ -79,7 +79,7 @@ def encoding_for(
     settings = encoder_settings(options, threads)
     if not captions and codec.name in _CAPTIONING:
         settings = settings | {"a53cc": "0"}
-    interlaced = isinstance(source, VideoSource) and source.interlaced
+    interlaced = isinstance(source, VideoInput) and source.interlaced
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}
     order = source.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
@@ -96,12 +96,12 @@ def encoding_for(
     )
 
 
-def _note_changes(source: Source, target: Target, encoder: str) -> None:
+def _note_changes(source: MediaInput, target: Target, encoder: str) -> None:
     if target.coded != target.size:
         source.problems.note(
             f"The picture was grown from {target.size[0]} x {target.size[1]} to {target.coded[0]} x "
             f"{target.coded[1]}, as {encoder} needs even sizes."
         )
-    native = source.first_picture.format.name if isinstance(source, VideoSource) else target.fmt
+    native = source.first_picture.format.name if isinstance(source, VideoInput) else target.fmt
     if native.replace("yuvj", "yuv") != target.fmt.replace("yuvj", "yuv"):
         source.problems.note(f"Pictures were encoded as {target.fmt}, as {encoder} has no {native}.")

@@ -28,10 +28,10 @@ from guise.app.media.encoder import EncodeOptions
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS, Frame
+from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
 from guise.app.media.reader import Reader, nearest_format, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
-from guise.app.media.source import Source, VideoSource
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
@@ -61,7 +61,7 @@ class PacketSink(Sink):
 
     needs_frames = False
 
-    def __init__(self, path: Path, source: Source, options: EncodeOptions) -> None:
+    def __init__(self, path: Path, source: MediaInput, options: EncodeOptions) -> None:
         super().__init__(path, force=True)
         self._encoding = encoding_for(source, options, threads=THREADS, captions=False)
         self._context = _encoder(self._encoding)
@@ -200,7 +200,7 @@ def _native(picture: av.VideoFrame) -> av.VideoFrame:
 
 
 def assemble(
-    output: Path, source: Source, parts: Sequence[Path], options: EncodeOptions, *, tags: Mapping[str, str],
+    output: Path, source: MediaInput, parts: Sequence[Path], options: EncodeOptions, *, tags: Mapping[str, str],
     private: bool, audio: Audio = "keep", force: bool = False,
 ) -> None:  # fmt: skip
     """Write the video that the pieces of a source make up, in order, with copies of the source's other streams.
@@ -218,10 +218,10 @@ def assemble(
 class _Assembly(VideoOutput):
     """A video whose encoded stream comes in pieces."""
 
-    def mux(self, source: Source, pieces: Sequence[_Piece]) -> None:
+    def mux(self, source: MediaInput, pieces: Sequence[_Piece]) -> None:
         """Write the packets of all streams, in the order of their time."""
         streams = [self._timed(pieces)]
-        if isinstance(source, VideoSource):
+        if isinstance(source, VideoInput):
             streams.append(_timed_others(source))
         for _, is_video, packet in heapq.merge(*streams, key=lambda item: item[0]):
             if is_video:
@@ -257,7 +257,7 @@ def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
     return whole
 
 
-def _timed_others(source: VideoSource) -> Iterator[_Timed]:
+def _timed_others(source: VideoInput) -> Iterator[_Timed]:
     """The packets of the other streams with where they are due, seconds; one without a time follows the last."""
     reader = Reader(source.path, source.problems)
     time = Fraction(-(2**62))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from guise.app.media import Frame, ProcessStats, Sink, Source, process
+from guise.app.media import Frame, MediaInput, ProcessStats, Sink, process
 
 
 class _Exchange(Sink):
@@ -20,7 +20,7 @@ class _Exchange(Sink):
 
 
 def remake(
-    source: Source,
+    source: MediaInput,
     sink: Sink,
     make: Callable[[Frame], Frame],
     *,

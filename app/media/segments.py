@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.media.frame import Frame
+from guise.app.media.input import MediaInput, VideoInput, open_input
 from guise.app.media.reader import Problems, Reader
-from guise.app.media.source import Source, VideoSource, open_source
 
 # Codecs whose every packet is one shown picture; others may hold hidden or repeated ones.
 _ONE_EACH = frozenset(
@@ -91,15 +91,15 @@ def scan(path: Path | str, length: int = 240) -> Scan:
     Only packets are read, unless they do not tell the frames surely; then, as for images, everything is decoded and
     there is one segment.  Raises MediaError when there is nothing to read.
     """
-    with open_source(path) as source:
-        if isinstance(source, VideoSource) and (found := _from_packets(source, length)):
+    with open_input(path) as source:
+        if isinstance(source, VideoInput) and (found := _from_packets(source, length)):
             return found
         pts = np.array([frame.pts for frame in source], np.int64)
         start = np.zeros(1, np.int32)
         return Scan(source.time_base, pts, start, pts[:1], (Segment(0, 0, len(pts)),))
 
 
-def _from_packets(source: VideoSource, length: int) -> Scan | None:
+def _from_packets(source: VideoInput, length: int) -> Scan | None:
     """The scan without decoding, or None where that is not sure."""
     packets = _video_packets(source)
     looked = [frame.pts for frame in islice(source, _LOOK)]
@@ -117,7 +117,7 @@ def _from_packets(source: VideoSource, length: int) -> Scan | None:
 
 
 def _video_packets(
-    source: VideoSource,
+    source: VideoInput,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]] | None:
     """pts, dts and key flag (n,) of the video's packets in decoding order; None where they do not tell the frames."""
     problems = Problems()
@@ -160,7 +160,7 @@ def read_frames(
 
     A picture that the decoder cannot give is left out, as in that pass; `problems` then says so.
     """
-    with open_source(path) as source:
+    with open_input(path) as source:
         try:
             yield from _window(source, scan, first, last)
         finally:
@@ -168,7 +168,7 @@ def read_frames(
                 problems.add(source.problems)
 
 
-def _window(source: Source, scan: Scan, first: int, last: int) -> Iterator[Frame]:
+def _window(source: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Frame]:
     """From the keyframe before where that works, with one thread where the file is damaged, else from the start."""
     key = int(np.searchsorted(scan.keyframes, first, "right")) - 1
     following = first
@@ -192,7 +192,7 @@ class _Attempt:
 
     gave_up = False
 
-    def __init__(self, source: Source, scan: Scan, key: int, *, careful: bool) -> None:
+    def __init__(self, source: MediaInput, scan: Scan, key: int, *, careful: bool) -> None:
         self._source, self._scan = source, scan
         self._first = int(scan.keyframes[key])
         self._dts = int(scan.dts[key])
@@ -202,7 +202,7 @@ class _Attempt:
         self._careful = careful
 
     def __iter__(self) -> Iterator[Frame]:
-        if not isinstance(self._source, VideoSource):
+        if not isinstance(self._source, VideoInput):
             yield from self._source
             return
         problems = Problems()
@@ -212,7 +212,7 @@ class _Attempt:
             if not self.gave_up:
                 self._source.problems.add(problems)
 
-    def _decode(self, source: VideoSource, problems: Problems) -> Iterator[Frame]:
+    def _decode(self, source: VideoInput, problems: Problems) -> Iterator[Frame]:
         reader = source.open_reader(problems)
         if self._careful:
             reader.use_one_thread()

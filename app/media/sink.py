@@ -23,7 +23,7 @@ from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.images import encode_image, is_lossy, looks_like_image
-from guise.app.media.source import ImageSource, Source, VideoSource
+from guise.app.media.input import ImageInput, MediaInput, VideoInput
 from guise.common.errors import OutputError
 from guise.common.files import PartFile
 
@@ -107,7 +107,7 @@ class VideoOutput(Sink):
     """A video file that is being written: one encoded stream, and copies of the source's other streams."""
 
     def __init__(
-        self, path: Path, source: Source, encoding: Encoding, *, force: bool, tags: Mapping[str, str],
+        self, path: Path, source: MediaInput, encoding: Encoding, *, force: bool, tags: Mapping[str, str],
         private: bool, audio: Audio,
     ) -> None:  # fmt: skip
         super().__init__(path, force=force)
@@ -125,7 +125,7 @@ class VideoOutput(Sink):
             )  # fmt: skip
             self._output.metadata.update(metadata)
             self._stream = self._add_video(source)
-            if isinstance(source, VideoSource):
+            if isinstance(source, VideoInput):
                 self._copies = StreamCopies(self._output, source, private=private, audio=audio)
                 if not private:
                     self._output.set_chapters(source.container.chapters())
@@ -141,7 +141,7 @@ class VideoOutput(Sink):
                 f"{self.path.name} cannot keep the picture's rotation: write to .mp4, .mov or .mkv."
             )
 
-    def _add_video(self, source: Source) -> VideoStream:
+    def _add_video(self, source: MediaInput) -> VideoStream:
         encoding = self._encoding
         try:
             stream = self._output.add_stream(encoding.encoder, encoding.rate, encoding.settings)
@@ -154,7 +154,7 @@ class VideoOutput(Sink):
         encoding.configure(stream.codec_context)
         if encoding.target.display_matrix:
             stream.set_display_matrix(encoding.target.display_matrix)
-        if isinstance(source, VideoSource):
+        if isinstance(source, VideoInput):
             stream.disposition = source.stream.disposition
             language = source.stream.metadata.get("language")
             if language:
@@ -197,13 +197,13 @@ class VideoSink(VideoOutput):
     """Encodes the pictures and copies the source's other streams."""
 
     def __init__(
-        self, path: Path, source: Source, options: EncodeOptions, *, force: bool = False,
+        self, path: Path, source: MediaInput, options: EncodeOptions, *, force: bool = False,
         tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
     ) -> None:  # fmt: skip
         encoding = encoding_for(source, options, size, captions=not private)
         super().__init__(path, source, encoding, force=force, tags=tags, private=private, audio="keep")
         self._last: Fraction | None = None
-        if isinstance(source, VideoSource):
+        if isinstance(source, VideoInput):
             source.send_packets_to(self._copy)
 
     def write(self, frame: Frame) -> None:
@@ -270,7 +270,7 @@ class FolderSink(Sink):
 
 
 def open_sink(
-    path: Path | str, source: Source, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
+    path: Path | str, source: MediaInput, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
     tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
 ) -> Sink:  # fmt: skip
     """Open the output for a source: the suffix says what it is; all that can fail early fails here.
@@ -286,13 +286,13 @@ def open_sink(
     if looks_like_image(path) and not path.is_dir():
         _check_image(path, source, options)
         return ImageSink(path, force=force, tags=tags)
-    if isinstance(source, ImageSource) and source.kind == "images" and (path.is_dir() or not path.suffix):
+    if isinstance(source, ImageInput) and source.kind == "images" and (path.is_dir() or not path.suffix):
         _check_images(source, options)
         return FolderSink(path, force=force, tags=tags)
     return VideoSink(path, source, options, force=force, tags=tags, size=size, private=private)
 
 
-def check_free(path: Path, source: Source, force: bool) -> None:
+def check_free(path: Path, source: MediaInput, force: bool) -> None:
     """Raise MediaError when the output would replace something that it must not."""
     if path.exists() and source.path.exists() and path.samefile(source.path):
         raise MediaError(f"{path} is the input itself: choose another name for the output.")
@@ -302,7 +302,7 @@ def check_free(path: Path, source: Source, force: bool) -> None:
         raise MediaError(f"{path} exists: use --force to replace it, or choose another name.")
 
 
-def _check_image(path: Path, source: Source, options: EncodeOptions) -> None:
+def _check_image(path: Path, source: MediaInput, options: EncodeOptions) -> None:
     if source.kind != "image":
         raise MediaError(
             f"{path.name} is one image but {source.name} is not: write to a video such as out.mp4."
@@ -311,7 +311,7 @@ def _check_image(path: Path, source: Source, options: EncodeOptions) -> None:
         raise MediaError(f"{path.name} cannot be lossless, as JPEG never is: write to .png.")
 
 
-def _check_images(source: ImageSource, options: EncodeOptions) -> None:
+def _check_images(source: ImageInput, options: EncodeOptions) -> None:
     lossy = next((file.name for file in source.files if is_lossy(file.suffix)), None)
     if options.lossless and lossy:
         raise MediaError(
@@ -331,8 +331,8 @@ def _container_of(path: Path) -> str:
     return name
 
 
-def _metadata(source: Source, tags: Mapping[str, str], private: bool) -> dict[str, str]:
-    if private or not isinstance(source, VideoSource):
+def _metadata(source: MediaInput, tags: Mapping[str, str], private: bool) -> dict[str, str]:
+    if private or not isinstance(source, VideoInput):
         return dict(tags)
     return fresh_metadata(source.container.metadata) | dict(tags)
 

@@ -12,9 +12,9 @@ from guise.app.media import colour
 from guise.app.media.encoder import EncodeOptions, encoded_size, encoder_format
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS, Frame, clone_video_frame
+from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import AS_STORED, Orientation
 from guise.app.media.reader import is_full_range, reformat
-from guise.app.media.source import Source, VideoSource
 
 
 @dataclass(frozen=True)
@@ -72,10 +72,10 @@ class Target:
 
 
 def target_for(
-    source: Source, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
+    source: MediaInput, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
 ) -> Target:
     """The encoder's picture for a source; a `size` of one's own means shown pictures without rotation."""
-    if size is not None or not isinstance(source, VideoSource):
+    if size is not None or not isinstance(source, VideoInput):
         width, height = size or (source.width, source.height)
         fmt = encoder_format(codec, "yuv420p", (1, 1))
         return Target((width, height), encoded_size(options.encoder, fmt, width, height), fmt)

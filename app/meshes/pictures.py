@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import NAMES
 from guise.analogy.mesh import Mesh
-from guise.app.media import Frame, Source, open_sink
+from guise.app.media import Frame, MediaInput, open_sink
 from guise.common.arrays import F64
 from guise.render.shaded import Camera, Paint, exposure, shaded
 
@@ -202,7 +202,7 @@ def turntable(
                 progress((frame.index + 1) / TURN)
 
 
-class _Film(Source):
+class _Film(MediaInput):
     """Heads that turn once around."""
 
     kind = "video"

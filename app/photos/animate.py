@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import open_landmarker
 from guise.analogy.photo import PhotoAnalogy, PhotoError
-from guise.app.media import EncodeOptions, Frame, open_sink, open_source
+from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.images import DeepImage, looks_like_image
 from guise.app.media.remake import remake
 from guise.app.media.synthetic import synthetic_tags
@@ -103,7 +103,7 @@ def animate_file(
     given = None if source is None else opened("s", source, files.get("s"), landmarker, notes)
     size = t.image.pixels.shape[1], t.image.pixels.shape[0]
     with (
-        open_source(clip) as media,
+        open_input(clip) as media,
         open_sink(output, media, encode, force=how.force, tags=synthetic_tags(), size=size) as sink,
     ):
         driver = follow(clip, tracking, progress, notes)

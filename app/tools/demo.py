@@ -16,7 +16,7 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import EnrolReport, enrol_file
-from guise.app.media import Frame, MediaError, open_sink, open_source
+from guise.app.media import Frame, MediaError, open_input, open_sink
 from guise.app.media.pictures import Picture, labelled, save_picture, sheet
 from guise.app.media.remake import remake
 from guise.app.media.synthetic import synthetic_tags
@@ -80,7 +80,7 @@ def run_demo(samples: Path | None, folder: Path, settings: Settings = DEFAULTS) 
 
 def side_by_side(original: Path, swapped: Path, output: Path, settings: Settings = DEFAULTS) -> None:
     """Write a video with the original on the left and the swapped one on the right, with the original's sound."""
-    with open_source(original) as left, open_source(swapped) as right:
+    with open_input(original) as left, open_input(swapped) as right:
         others = iter(right)
 
         def make(frame: Frame) -> Frame:
@@ -104,7 +104,7 @@ def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = CO
 
 def _some_pairs(original: Path, swapped: Path, count: int) -> Iterator[tuple[int, Picture, Picture]]:
     """Frame number, original and swapped picture, evenly through the video."""
-    with open_source(original) as left, open_source(swapped) as right:
+    with open_input(original) as left, open_input(swapped) as right:
         wanted = set(
             np.linspace(0, (left.frame_count or 1) - 1, count + 2).round().astype(int)[1:-1].tolist()
         )

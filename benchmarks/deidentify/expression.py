@@ -25,7 +25,7 @@ from benchmarks.landmarks.setting import MEDIAPIPE, skipped
 from guise.aam.landmarks import open_landmarker, track_video
 from guise.app.measure.curves import CURVES, correlation, expression
 from guise.app.measure.figures import mean_of
-from guise.app.media import EncodeOptions, open_sink, open_source
+from guise.app.media import EncodeOptions, open_input, open_sink
 
 NAME, TITLE = "deidentify.expression", "De-identification: expression kept"
 FRAMES = 240  # the first ones of each clip
@@ -38,7 +38,7 @@ def watched(video: Path, options: argparse.Namespace) -> F64:
     """MediaPipe's landmarks (t, 81, 2) of the first frames, NaN where it finds nobody."""
     rows = []
     with (
-        open_source(video) as source,
+        open_input(video) as source,
         Peer(options.peers_python, "video", options.shared / "models" / MEDIAPIPE) as peer,
     ):
         for frame in islice(source, FRAMES):
@@ -57,7 +57,7 @@ def kept(before: F64, after: F64) -> tuple[Kept, float]:
 
 def copied(video: Path, output: Path) -> Path:
     """The first frames encoded anew, as an output is."""
-    with open_source(video) as source, open_sink(output, source, EncodeOptions(), force=True) as sink:
+    with open_input(video) as source, open_sink(output, source, EncodeOptions(), force=True) as sink:
         for frame in islice(source, FRAMES):
             sink.write(frame)
     return output
@@ -71,7 +71,7 @@ def of_clip(video: Path, options: argparse.Namespace) -> tuple[Kept, float, Kept
         deidentified(video, output)
         after, found = kept(before, watched(output, options))
         copy, _ = kept(before, watched(copied(video, Path(folder) / "copy.mp4"), options))
-    with open_source(video) as source:
+    with open_input(video) as source:
         own = track_video(open_landmarker("builtin"), (frame.rgb() for frame in islice(source, FRAMES)))
     return after, found, copy, kept(before, own.astype(np.float64))[0]
 

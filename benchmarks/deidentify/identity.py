@@ -34,7 +34,7 @@ from guise.app.measure.faces import Seen, seen_again
 from guise.app.measure.job import Compared, Judge
 from guise.app.measure.people import Gallery, Known, embedded, embeddings_of
 from guise.app.measure.privacy import rank, rank_one, template
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser, RecogniserCard
 from guise.app.swapping.donors import gallery
 
@@ -108,14 +108,14 @@ class Outcome:
 def judged(video: Path, people: list[Known], recognise: Recogniser) -> Outcome:
     """De-identify a clip and look for its person."""
     face = sampled(video)
-    with open_source(video) as source:
+    with open_input(video) as source:
         own = embedded(source, [face], recognise)[0]
     others = [one for one in people if one.name != person_of(video)]
     judge = Judge(recognise, Gallery.of(others), [(face, own)], [])
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / f"{video.parent.name}_{video.name}"
         report = deidentified(video, output.with_suffix(".mp4"), *others_than(person_of(video)))
-        with open_source(output.with_suffix(".mp4")) as source:
+        with open_input(output.with_suffix(".mp4")) as source:
             again = seen_again(source, [face], open_landmarker("builtin"))
         after = judge.scores(output.with_suffix(".mp4"), again)[0]
     real = [0, *(i + 1 for i, one in enumerate(others) if not one.name.startswith(RENDERED))]

@@ -26,7 +26,7 @@ from guise.app.deidentify.stages.people import why_not
 from guise.app.deidentify.stages.pieces import publish
 from guise.app.deidentify.stages.work import MANIFEST, Work
 from guise.app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
-from guise.app.media import MediaError, open_sink, open_source
+from guise.app.media import MediaError, open_input, open_sink
 from guise.app.media.pictures import save_picture
 from guise.app.media.segments import scan
 from guise.app.media.sink import check_free
@@ -150,7 +150,7 @@ def _require_same(work: Work, manifest: dict[str, Any]) -> None:
 
 def _require_possible(source: Path, output: Path, options: Options, force: bool) -> None:
     """Raise what reading the input or writing the output would raise, before any work is done."""
-    with open_source(source) as media:
+    with open_input(source) as media:
         check_free(output, media, force)
         probe = output.with_name(f"probe-{output.name}")
         try:
@@ -369,7 +369,7 @@ def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) ->
         AuditFind(a["frame"], tuple(a["box"]), a["score"], a["covered"]) for r in renders for a in r["audit"]
     ]
     plan = case.plan
-    with open_source(case.input) as media:
+    with open_input(case.input) as media:
         width, height = media.width, media.height
     return FileReport(
         *names, case.scan.frames, case.times, width, height, case.tracks,

@@ -22,7 +22,7 @@ from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import AGAIN, Artist, Find, audit, entries_of, with_finds
 from guise.app.deidentify.stages.work import Work
-from guise.app.media import Frame, Sink, Source, open_source, process
+from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.reader import Problems
 from guise.app.media.segments import read_frames
 from guise.app.swapping.cover import region
@@ -118,7 +118,7 @@ def render(case: Case, segment: int) -> None:
     (first, last), piece = case.span(segment), case.scan.segments[segment]
     entries = entries_of(case.plan, piece.first, last)
     covered: list[Find] = []
-    with Artist(case, segment, entries) as artist, open_source(case.input) as source:
+    with Artist(case, segment, entries) as artist, open_input(case.input) as source:
         for attempt in range(1 + AGAIN):
             artist.entries = with_finds(entries, covered, first, last)
             _encode(case, source, segment, artist)
@@ -134,7 +134,7 @@ def render(case: Case, segment: int) -> None:
 
 
 @given_back()
-def _encode(case: Case, source: Source, segment: int, artist: Artist) -> None:
+def _encode(case: Case, source: MediaInput, segment: int, artist: Artist) -> None:
     """Write a segment as the artist draws it; the encoder, which is large, ends with this."""
     first, last = case.span(segment)
     frames = _Frames(case, case.scan.segments[segment].first, last)

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from guise.app.deidentify.stages.case import Case
-from guise.app.media import Frame, Sink, Source, open_sink, open_source
+from guise.app.media import Frame, MediaInput, Sink, open_input, open_sink
+from guise.app.media.input import VideoInput
 from guise.app.media.packets import PacketSink, assemble, read_packets
 from guise.app.media.sink import check_free
-from guise.app.media.source import VideoSource
 from guise.app.media.synthetic import synthetic_tags
 
 
-def open_piece(case: Case, source: Source, segment: int) -> Sink:
+def open_piece(case: Case, source: MediaInput, segment: int) -> Sink:
     """Where the frames of a segment are written."""
-    if isinstance(source, VideoSource):
+    if isinstance(source, VideoInput):
         return PacketSink(_piece(case, segment), source, case.options.encode)
     made = _made(case)
     if made.is_dir():
@@ -30,7 +30,7 @@ def open_piece(case: Case, source: Source, segment: int) -> Sink:
 def read_piece(case: Case, segment: int) -> Iterator[Frame]:
     """The frames that were written, counted as in the input."""
     if not _piece(case, segment).exists():
-        with open_source(_made(case)) as source:
+        with open_input(_made(case)) as source:
             yield from source
         return
     for frame in read_packets(_piece(case, segment)):
@@ -43,9 +43,9 @@ def publish(case: Case, output: Path, *, force: bool) -> None:
     options = case.options
     if case.work.has("published.json") and not _made(case).exists():
         return
-    with open_source(case.input) as source:
+    with open_input(case.input) as source:
         check_free(output, source, force)
-        if isinstance(source, VideoSource):
+        if isinstance(source, VideoInput):
             parts = [_piece(case, k) for k in range(len(case.scan.segments))]
             assemble(
                 _made(case), source, parts, options.encode, tags=synthetic_tags(),

@@ -29,7 +29,7 @@ _CLOCK = 500  # frames a second; a higher rate is the ticks of the container's c
 _MEASURED = 64  # packets
 
 
-class Source:
+class MediaInput:
     """Frames with what is known about them; iterate once per pass.
 
     width, height : pixels, as shown.
@@ -87,7 +87,7 @@ class Source:
         }
 
 
-class VideoSource(Source):
+class VideoInput(MediaInput):
     """A video file.  Other streams' packets go to the sink that asked for them, on its next pass."""
 
     kind = "video"
@@ -206,7 +206,7 @@ class VideoSource(Source):
             reader.close()
 
 
-class ImageSource(Source):
+class ImageInput(MediaInput):
     """One image file, or the images of a folder in natural order, 30 a second."""
 
     def __init__(self, path: Path) -> None:
@@ -239,7 +239,7 @@ class ImageSource(Source):
             index += 1
 
 
-def open_source(path: Path | str) -> Source:
+def open_input(path: Path | str) -> MediaInput:
     """Open a video file, an image or a folder of images.
 
     Raises MediaError when there is nothing to read.
@@ -248,8 +248,8 @@ def open_source(path: Path | str) -> Source:
     if not path.exists():
         raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
     if path.is_dir() or looks_like_image(path):
-        return ImageSource(path)
-    return VideoSource(path)
+        return ImageInput(path)
+    return VideoInput(path)
 
 
 def _ignore(packet: AnyPacket) -> None:
