@@ -19,16 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.normals import BEYOND, smooth, unit
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Bool, Int
 
 FLAT = 1e-5  # height by longest side up to which a triangle has no area: what float32 positions round to
 GOES_ON = 0.5  # cosine between the normals of a seam's two sides, in the mean
@@ -106,7 +103,7 @@ def _faces(vertices: F64, polygons: Polygons) -> tuple[Int, Int]:
     return _once(fans[good & ~whole[owner]]), _once(quads)
 
 
-def _flat(vertices: F64, triangles: Int) -> NDArray[np.bool_]:
+def _flat(vertices: F64, triangles: Int) -> Bool:
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     longest = np.max([((p - q) ** 2).sum(1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
@@ -142,7 +139,7 @@ def _welded(
     return np.asarray(np.unique(label, return_index=True)[1][label], np.intp)
 
 
-def _told_apart(normals: F64 | None, apart: F64, left: Int, right: Int) -> NDArray[np.bool_]:
+def _told_apart(normals: F64 | None, apart: F64, left: Int, right: Int) -> Bool:
     """(s,) whether anything but their ids tells two facing edges apart."""
     differs = (apart[left] != apart[right]).any(axis=(1, 2))
     if normals is not None:
@@ -202,7 +199,7 @@ def _filled(normals: F64 | None, vertices: F64, polygons: Polygons) -> F64:
     return own if normals is None else np.where(normals.any(axis=1, keepdims=True), normals, own)
 
 
-def _goes_on(normals: F64, left: Int, right: Int, runs: Int) -> NDArray[np.bool_]:
+def _goes_on(normals: F64, left: Int, right: Int, runs: Int) -> Bool:
     """(r,) whether the two sides of a run have the same normals, in the mean."""
     unit_normals = unit(normals)
     cosine = np.einsum("sij,sij->si", unit_normals[left], unit_normals[right])

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from guise.analogy.solver import compact
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Bool, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +29,7 @@ class Correspondence:
 
     corners: Int
     weights: F64
-    found: NDArray[np.bool_]
+    found: Bool
 
     def __post_init__(self) -> None:
         count = len(self.corners)

@@ -23,7 +23,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from guise.analogy.correspondence import Correspondence
@@ -31,11 +30,9 @@ from guise.analogy.geometry import Surface, face_normals, vertex_normals
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit
 from guise.analogy.register import RegistrationError, aligned_by_points, checked, skin_of
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Bool, Int
 from guise.render.visibility import visible
 
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 Ends = tuple[float, float]
 
 FINE = 1.6  # pixels of a mesh image around the whole cylinder, of the root of the number of its faces

@@ -24,7 +24,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from guise.analogy.geometry import (
@@ -36,10 +35,7 @@ from guise.analogy.geometry import (
     vertex_normals,
 )
 from guise.analogy.solver import Solve, factorised, factoriser
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
+from guise.common.arrays import F64, Bool, Int
 
 ANGLE = 60.0  # degrees between the normals of what may match
 TURN = 0.025  # of the size: what a radian of normals counts when closest points are sought

@@ -13,13 +13,12 @@ from itertools import permutations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.geometry import gathered
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit
 from guise.analogy.views import Solid, View
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64
 
 if TYPE_CHECKING:
     from guise.aam.landmarks.builtin import BuiltinLandmarker
@@ -42,7 +41,7 @@ class Facing:
 
     solid: Solid
     view: View
-    points: NDArray[np.float32]
+    points: F32
 
 
 @cache

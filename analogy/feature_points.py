@@ -14,43 +14,62 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from guise.aam.landmarks.schemes import (
+    CHIN,
+    LEFT_BROW_INNER,
+    LEFT_BROW_OUTER,
+    LEFT_EYE_INNER,
+    LEFT_EYE_OUTER,
+    LEFT_MOUTH_CORNER,
+    LEFT_NOSTRIL,
+    LOWER_LIP_BOTTOM,
+    LOWER_LIP_INNER,
+    NOSE_BASE,
+    NOSE_ROOT,
+    NOSE_TIP,
+    RIGHT_BROW_INNER,
+    RIGHT_BROW_OUTER,
+    RIGHT_EYE_INNER,
+    RIGHT_EYE_OUTER,
+    RIGHT_MOUTH_CORNER,
+    RIGHT_NOSTRIL,
+    UPPER_LIP_INNER,
+    UPPER_LIP_TOP,
+)
 from guise.aam.similarity import Failed
 from guise.analogy.facing import facings
 from guise.analogy.mesh import Mesh
 from guise.analogy.sighting import sighted
 from guise.analogy.views import Solid
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Int
 from guise.common.errors import GuiseError
-
-Int = NDArray[np.intp]
 
 # Name -> the point of scheme `face81`, and the way from it in hundredths of the eye width: to the person's left, up,
 # forward.  The ways are the means of two definitions, those of the rendered people and of the ICT head, made symmetric
 # (`benchmarks/mesh/landmarks.py --shifts`); the outer ends of the brows, which differ most, are the people's.
 DEFINITIONS: dict[str, tuple[int, tuple[float, float, float]]] = {
-    "mouth_corner_right": (48, (-0.2, -0.5, -1.1)),
-    "mouth_corner_left": (54, (0.2, -0.5, -1.1)),
-    "upper_lip_top": (51, (0.0, 1.6, 0.7)),
-    "lower_lip_bottom": (57, (0.0, 0.1, -0.6)),
-    "upper_lip_inner": (62, (0.0, -0.6, 0.5)),
-    "lower_lip_inner": (66, (0.0, -0.3, -1.6)),
-    "nose_tip": (30, (0.0, -1.2, 2.3)),
-    "nose_bridge": (27, (0.0, -0.9, 3.9)),
-    "nose_base": (33, (0.0, -1.5, -0.3)),
-    "nose_wing_right": (31, (-3.4, -3.8, -0.3)),
-    "nose_wing_left": (35, (3.4, -3.8, -0.3)),
-    "eye_right_outer": (36, (-1.9, 0.6, -0.7)),
-    "eye_right_inner": (39, (-2.6, 0.5, -1.1)),
-    "eye_left_inner": (42, (2.6, 0.5, -1.1)),
-    "eye_left_outer": (45, (1.9, 0.6, -0.7)),
-    "chin": (8, (0.0, -0.2, 4.5)),
-    "brow_right_outer": (17, (16.1, 5.5, 16.5)),
-    "brow_right_inner": (21, (-1.1, 6.9, 4.1)),
-    "brow_left_inner": (22, (1.1, 6.9, 4.1)),
-    "brow_left_outer": (26, (-16.1, 5.5, 16.5)),
+    "mouth_corner_right": (RIGHT_MOUTH_CORNER, (-0.2, -0.5, -1.1)),
+    "mouth_corner_left": (LEFT_MOUTH_CORNER, (0.2, -0.5, -1.1)),
+    "upper_lip_top": (UPPER_LIP_TOP, (0.0, 1.6, 0.7)),
+    "lower_lip_bottom": (LOWER_LIP_BOTTOM, (0.0, 0.1, -0.6)),
+    "upper_lip_inner": (UPPER_LIP_INNER, (0.0, -0.6, 0.5)),
+    "lower_lip_inner": (LOWER_LIP_INNER, (0.0, -0.3, -1.6)),
+    "nose_tip": (NOSE_TIP, (0.0, -1.2, 2.3)),
+    "nose_bridge": (NOSE_ROOT, (0.0, -0.9, 3.9)),
+    "nose_base": (NOSE_BASE, (0.0, -1.5, -0.3)),
+    "nose_wing_right": (RIGHT_NOSTRIL, (-3.4, -3.8, -0.3)),
+    "nose_wing_left": (LEFT_NOSTRIL, (3.4, -3.8, -0.3)),
+    "eye_right_outer": (RIGHT_EYE_OUTER, (-1.9, 0.6, -0.7)),
+    "eye_right_inner": (RIGHT_EYE_INNER, (-2.6, 0.5, -1.1)),
+    "eye_left_inner": (LEFT_EYE_INNER, (2.6, 0.5, -1.1)),
+    "eye_left_outer": (LEFT_EYE_OUTER, (1.9, 0.6, -0.7)),
+    "chin": (CHIN, (0.0, -0.2, 4.5)),
+    "brow_right_outer": (RIGHT_BROW_OUTER, (16.1, 5.5, 16.5)),
+    "brow_right_inner": (RIGHT_BROW_INNER, (-1.1, 6.9, 4.1)),
+    "brow_left_inner": (LEFT_BROW_INNER, (1.1, 6.9, 4.1)),
+    "brow_left_outer": (LEFT_BROW_OUTER, (-16.1, 5.5, 16.5)),
 }
 NAMES = tuple(DEFINITIONS)
 POINTS = np.array([point for point, _ in DEFINITIONS.values()])

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from guise.analogy.solver import factorised
 from guise.analogy.tents import Rings
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Bool
 
 
 class Filling:
@@ -25,7 +24,7 @@ class Filling:
     vertices : (N, 3).   rings : of them.   known : (N,) bool.   reach : length.
     """
 
-    def __init__(self, vertices: F64, rings: Rings, known: NDArray[np.bool_], reach: float) -> None:
+    def __init__(self, vertices: F64, rings: Rings, known: Bool, reach: float) -> None:
         self._unknown, self._known = np.flatnonzero(~known), np.flatnonzero(known)
         if not len(self._unknown):
             return

@@ -15,16 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from guise.analogy.normals import unit
 from guise.analogy.tents import triangle_normals
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
+from guise.common.arrays import F64, Bool, Int
 
 TINY = 1e-300
 LONG_EDGES = 3.0  # median edges, from which a face gets more samples than its centre

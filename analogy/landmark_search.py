@@ -13,15 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.deform import ANGLE
 from guise.analogy.geometry import Surface, gathered, geodesic_patch, vertex_normals
 from guise.analogy.mesh import Mesh
 from guise.analogy.register import aligned_by_points, checked, register, size_of
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 # By default; of the target's size (the root of its area): how far the patches reach, and twice the starts' shift.
 RADIUS = 0.015

@@ -12,14 +12,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from guise.analogy.tents import Rings
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Int
 from guise.common.errors import GuiseError
-
-Int = NDArray[np.intp]
 
 
 class MeshError(GuiseError):

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from guise.analogy.formats.polygons import Polygons
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 BEYOND = 1e30  # any number that is meant; float32 holds it
 ALIKE = 1000  # steps of a coordinate of a normal within which two are one

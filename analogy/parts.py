@@ -10,16 +10,13 @@ stretches the lips, and no eye with its lid.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from guise.analogy.geometry import Surface
 from guise.analogy.geometry import border as borders
 from guise.analogy.mesh import Mesh
 from guise.analogy.rigid import fit, fit_most, moved
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Bool, Int
 
 OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards
 AROUND = 64  # skin vertices that say how a part moves
@@ -38,7 +35,7 @@ def areas(mesh: Mesh) -> F64:
     return np.asarray(mesh.rings.around @ face)
 
 
-def restricted(mesh: Mesh, kept: NDArray[np.bool_]) -> Mesh:
+def restricted(mesh: Mesh, kept: Bool) -> Mesh:
     """The mesh of whole components only: vertices in their order, those `kept` (N,) is False for left out."""
     if kept.all():
         return mesh
@@ -55,7 +52,7 @@ class Parts:
     mesh : neutral.   skin : (N,) bool.   still : what is not skin stays where it is instead.
     """
 
-    def __init__(self, mesh: Mesh, skin: NDArray[np.bool_], still: bool) -> None:
+    def __init__(self, mesh: Mesh, skin: Bool, still: bool) -> None:
         self._vertices = mesh.vertices
         self._skin = np.flatnonzero(skin)
         self._still = still or bool(skin.all())

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from guise.aam.similarity import Failed, Similarity, align
@@ -22,11 +21,8 @@ from guise.analogy.correspondence import Correspondence
 from guise.analogy.deform import ANGLE, TURN, Points, deform
 from guise.analogy.geometry import Places, Surface, edge_lengths, face_normals, vertex_normals
 from guise.analogy.mesh import Mesh
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Bool, Int
 from guise.common.errors import GuiseError
-
-Int = NDArray[np.intp]
-Bool = NDArray[np.bool_]
 
 SKIN = 0.25  # of the largest component's area, from which a component is skin
 FEWEST = 3  # points

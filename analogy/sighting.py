@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from guise.aam.landmarks import OUTER_EYE_CORNERS, Face
+from guise.aam.landmarks.schemes import IBUG68, LEFT_EYE, NOSE_TIP, OUTER_LIPS, RIGHT_EYE
 from guise.aam.similarity import Failed
 from guise.analogy.facing import Facing, landmarker
 from guise.analogy.normals import unit
-from guise.analogy.views import Image, Solid, View
-from guise.common.arrays import F64
+from guise.analogy.views import Solid, View
+from guise.common.arrays import F64, U8
 
 PIXELS = 160  # side of the pictures; the landmarker's own crop is 128
 HALF, REACH = 1.0, 1.3  # eye widths from the middle of the face to a picture's edge; to what is drawn
@@ -29,7 +30,6 @@ LEAST = (
 )
 DEPTH = 0.3  # what a distance in depth counts beside one across, for the nearest point of the surface
 STEPS, LOOSE = 6, 1.5  # rounds of weighting, and the medians of distance at which a line weighs one half
-RIGHT_EYE, LEFT_EYE, MOUTH, NOSE_TIP = slice(36, 42), slice(42, 48), slice(48, 60), 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def _observed(
     return Sighted(points, off, frontal_axes(points), _width(points), confidence, near.part(shown))
 
 
-def _face(picture: Image, near: F64 | None) -> Face | None:
+def _face(picture: U8, near: F64 | None) -> Face | None:
     """The surest face of a picture, or the one with points (81, 2) near those given."""
     if near is not None:
         return landmarker().refine(picture, Face.around(near, 1.0))
@@ -120,7 +120,7 @@ def meeting(rows: F64, lines: F64) -> tuple[F64, F64]:
 
 def frontal_axes(points: F64) -> F64:
     """(3, 3) rows: to the person's left, up and forward, of points (81, 3)."""
-    right, left, mouth = (points[part].mean(0) for part in (RIGHT_EYE, LEFT_EYE, MOUTH))
+    right, left, mouth = (points[part].mean(0) for part in (RIGHT_EYE, LEFT_EYE, OUTER_LIPS))
     across = unit(left - right)
     rise = (left + right) / 2 - mouth
     up = unit(rise - (rise @ across) * across)
@@ -129,12 +129,12 @@ def frontal_axes(points: F64) -> F64:
 
 def _stands_out(seen: Sighted) -> bool:
     """Whether the nose is before the eyes: a mask from behind looks like a face, too."""
-    nose = seen.points[NOSE_TIP] - seen.points[list(OUTER_EYE_CORNERS)].mean(0)
+    nose = seen.points[NOSE_TIP] - seen.points[OUTER_EYE_CORNERS].mean(0)
     return float(nose @ seen.axes[2]) > 0
 
 
 def _frontal(points: F64) -> View:
-    return View(frontal_axes(points), points[:68].mean(0), HALF * _width(points), PIXELS)
+    return View(frontal_axes(points), points[IBUG68].mean(0), HALF * _width(points), PIXELS)
 
 
 def _width(points: F64) -> float:

@@ -20,12 +20,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from guise.analogy.solver import compact, least_squares
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 THIN = 1e-6  # of the trace, added to w w^T where all edges lie along a line
 HELD = 1e-10  # of the mean of the system's diagonal: the least weight of the displacements; makes the answer unique

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.similarity import Failed, Similarity, align
 from guise.analogy.baselines import Cloning, GradientTransfer
@@ -24,9 +23,8 @@ from guise.analogy.parts import Parts, areas, restricted
 from guise.analogy.register import register, skin_of
 from guise.analogy.rigid import fit_most
 from guise.analogy.tents import Tents, TentTransfer
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Bool, Int
 
-Bools = NDArray[np.bool_]
 Method = Literal["tents", "gradients", "cloning"]
 Core = Callable[[F64], F64]
 
@@ -145,7 +143,7 @@ def _core(method: Method, source: F64, target: Mesh, reach: float) -> Core:
     raise MeshError(f"the method must be tents, gradients or cloning, got {method}")
 
 
-def _found(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Bools) -> Bools:
+def _found(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Bool) -> Bool:
     """Of each skin vertex of the target, whether it has a place on the source's skin."""
     corners = correspondence.corners
     if len(corners) != len(target.vertices):
@@ -172,7 +170,7 @@ def _aligned(source: F64, target: F64, weights: F64) -> Similarity:
     return pose
 
 
-def _in_order(carried: F64, target: Mesh) -> Bools:
+def _in_order(carried: F64, target: Mesh) -> Bool:
     """Of each vertex, whether its ring keeps about its form on the source: a place on the other lip tears it."""
     change = Tents(target.vertices, target.rings).transformations(carried)
     stretch = np.linalg.svd(change, compute_uv=False)
@@ -186,7 +184,7 @@ def _radius(vertices: F64, weights: F64) -> float:
     return float(np.sqrt(share @ np.square(vertices - share @ vertices).sum(1)))
 
 
-def _sampled(vertices: NDArray[np.intp]) -> NDArray[np.intp]:
+def _sampled(vertices: Int) -> Int:
     return vertices[:: -(-len(vertices) // SAMPLE)]
 
 

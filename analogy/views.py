@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 from guise.analogy.geometry import barycentric, vertex_normals
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render.visibility import Visibility, visible
-
-Int = NDArray[np.intp]
-Image = NDArray[np.uint8]
 
 LIGHT = np.array([0.3, 0.5, 1.0]) / np.sqrt(1.34)  # from the viewer's upper right, in the axes of a view
 AMBIENT, BRIGHT, INSIDE, BEHIND = 50, 150, 25, 128  # grey values: of skin, of an inside, of nothing
@@ -86,7 +83,7 @@ class Solid:
         """The same with its vertices multiplied by a matrix (3, 3)."""
         return Solid(self.vertices @ matrix, self.faces, self.normals)
 
-    def part(self, kept: NDArray[np.bool_]) -> Solid:
+    def part(self, kept: Bool) -> Solid:
         """The triangles of a mask (m,), and their vertices."""
         used, faces = np.unique(self.faces[kept], return_inverse=True)
         normals = None if self.normals is None else self.normals[used]
@@ -99,7 +96,7 @@ class Solid:
         radius = np.linalg.norm(corners - middle[:, None], axis=2).max(1)
         return np.array([_nearest(place, corners, middle, radius) for place in places])
 
-    def picture(self, view: View) -> tuple[Image, Visibility]:
+    def picture(self, view: View) -> tuple[U8, Visibility]:
         """The solid in a studio's light, RGB uint8 (pixels, pixels, 3), its inside black; and what is seen where."""
         places = view.project(self.vertices)
         seen = visible(places, self.faces, (view.pixels, view.pixels))
@@ -120,7 +117,7 @@ class Solid:
         return View(axes, (low + high) / 2 @ axes, max(half, 1e-300), pixels)
 
 
-def _coloured(grey: Image) -> Image:
+def _coloured(grey: U8) -> U8:
     return np.repeat(grey[:, :, None], 3, axis=2)
 
 
@@ -129,14 +126,14 @@ def _lit(normal: F64) -> F64:
     return np.asarray(AMBIENT + BRIGHT * np.clip(normal @ LIGHT, 0, None))
 
 
-def _depths(places: F64, faces: Int, seen: Visibility) -> NDArray[np.float32]:
+def _depths(places: F64, faces: Int, seen: Visibility) -> F32:
     """(h, w), infinite where nothing is seen."""
     depth = np.full(seen.triangle.shape, np.inf, np.float32)
     depth[seen.covered] = seen.interpolated(places[:, 2:], faces)[:, 0]
     return depth
 
 
-def _relief(depth: NDArray[np.float32]) -> Image:
+def _relief(depth: F32) -> U8:
     """Grey values (h, w) of a surface told by depths (h, w), which may be noisy and have small holes."""
     import cv2
 

@@ -17,7 +17,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, I32, Bool, Int
 from guise.common.closing import Closing
 from guise.render.compositor import Renderer
 from guise.render.context import GLMissing, check, create_context, probe_gl
@@ -25,8 +25,6 @@ from guise.render.errors import RendererError
 from guise.render.gl import program
 from guise.render.mesh import MAX_COORDINATE, SUBPIXELS, outline_box, snap, spans
 from guise.render.pixel_centres import to_clip_space
-
-Int = NDArray[np.intp]
 
 MAX_TRIANGLES = 1 << 24  # a float holds each number below
 _NEAR = 0.98  # of GL's depth range is used, so that rounding clips nothing
@@ -40,11 +38,11 @@ class Visibility:
     planes : (2, 3, t), a, b, c of each triangle with a x + b y + c the weight of its corners 1 and 2 at pixel (x, y).
     """
 
-    triangle: NDArray[np.int32]
+    triangle: I32
     planes: F64
 
     @cached_property
-    def covered(self) -> NDArray[np.bool_]:
+    def covered(self) -> Bool:
         """(h, w), where the mesh is seen."""
         return np.asarray(self.triangle >= 0)
 
@@ -121,7 +119,7 @@ def _checked(points: ArrayLike, triangles: ArrayLike, size: tuple[int, int]) -> 
     return snap(place[:, :2], len(place)), place[:, 2], np.asarray(corners, np.intp)
 
 
-def _on_cpu(snapped: F64, depths: F64, triangles: Int, size: tuple[int, int]) -> NDArray[np.int32]:
+def _on_cpu(snapped: F64, depths: F64, triangles: Int, size: tuple[int, int]) -> I32:
     """The NumPy twin: of all triangles at every pixel (h, w), whose depths are planes (3, t), the nearest."""
     width, height = size
     owner, row, left, right = spans(snapped, triangles, width, height)
@@ -173,7 +171,7 @@ class GLVisibility(Closing):
             self._target = self._new_target((1, 1))
             check(self._context, "building the shaders")
 
-    def draw(self, snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> NDArray[np.int32]:
+    def draw(self, snapped: F64, depth: F64, triangles: Int, size: tuple[int, int]) -> I32:
         """The triangle (h, w) seen at each pixel, -1 for none.
 
         Places (N, 2) in whole 1/256 pixels, depths (N,), triangles (t, 3); at least one of them.

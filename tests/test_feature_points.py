@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from guise.aam.similarity import Failed
@@ -18,8 +17,8 @@ from guise.analogy.formats.files import read_mesh
 from guise.analogy.mesh import Mesh
 from guise.analogy.sighting import meeting
 from guise.analogy.views import Solid, View
+from guise.common.arrays import F64, Int
 
-F64 = NDArray[np.float64]
 HEADS = Path(__file__).parents[1] / "sample_videos" / "heads"
 TRUE = {
     "mean": "1377 3482 455 492 520 523 297 133 317 358 2530 21 1055 3160 2216 1692 178 181 2368 2365",
@@ -46,7 +45,7 @@ def found(mesh: Mesh) -> FeaturePoints:
     return answer
 
 
-def faces(mesh: Mesh, triangles: NDArray[np.intp]) -> Mesh:
+def faces(mesh: Mesh, triangles: Int) -> Mesh:
     return Mesh(mesh.vertices, triangles, np.empty((0, 4), np.intp))
 
 

@@ -7,15 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
-from numpy.typing import NDArray
 
 from guise.analogy.cleaning import Cleaned
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.normals import Normals, smooth, unit
+from guise.common.arrays import F64, Int
 
-F64 = NDArray[np.float64]
-Int = NDArray[np.intp]
 SIDE = 9
 HEADS = Path(__file__).parents[2] / "shared" / "data" / "mesh"
 NO_TRIANGLES, NO_QUADS = np.zeros((0, 3), np.intp), np.zeros((0, 4), np.intp)

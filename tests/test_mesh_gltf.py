@@ -19,8 +19,8 @@ from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError
 from guise.analogy.normals import smooth
+from guise.common.arrays import F64, Int
 
-F64 = NDArray[np.float64]
 Json = dict[str, Any]
 
 KINDS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -60,7 +60,7 @@ class Glb:
         )
         return len(self.json["accessors"]) - 1
 
-    def mesh(self, vertices: F64, triangles: NDArray[np.intp], targets: dict[str, F64] | None = None) -> int:
+    def mesh(self, vertices: F64, triangles: Int, targets: dict[str, F64] | None = None) -> int:
         attributes = {
             "POSITION": self.accessor(vertices),
             "NORMAL": self.accessor(smooth(vertices, Polygons.of(triangles))),

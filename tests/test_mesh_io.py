@@ -8,14 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
 from guise.analogy.formats.decimals import rows_of_text
 from guise.analogy.formats.files import MeshFile, read_frames, read_mesh
 from guise.analogy.formats.obj import ObjDocument, positions
 from guise.analogy.mesh import MeshError
-
-F64 = NDArray[np.float64]
+from guise.common.arrays import F64
 
 HEAD = b"""# made by hand \xe2\x80\x94 with care
 mtllib my colours.mtl

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 from test_mesh import grid, sheet, slit
 from test_mesh_gltf import PLACED, SIDE2, TRIANGLES, Glb, document, head, ways
 
@@ -18,8 +17,7 @@ from guise.analogy.formats.files import MeshFile, read_frames, read_mesh, read_r
 from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.gltf_container import Container
 from guise.analogy.mesh import MeshError
-
-F64 = NDArray[np.float64]
+from guise.common.arrays import F64
 
 OBJ = (
     "mtllib sheet.mtl\n"

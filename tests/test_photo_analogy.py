@@ -7,17 +7,23 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from guise.aam.landmarks.schemes import (
+    BROWS,
+    IBUG68,
     INNER_LIPS,
     JAW,
     LEFT_BROW,
     LEFT_EYE,
+    LOWER_INNER_LIP,
+    LOWER_LIP_INNER,
+    NOSE_ROOT,
     OUTER_LIPS,
     RIGHT_BROW,
     RIGHT_EYE,
+    UPPER_INNER_LIP,
+    UPPER_LIP_INNER,
 )
 from guise.aam.reference import ReferenceFrame
 from guise.analogy.photo import METHODS, Method, PhotoAnalogy, PhotoError
@@ -32,14 +38,13 @@ from guise.analogy.photo.poisson import integrated
 from guise.analogy.photo.ratio import correlation, ratio
 from guise.analogy.photo.template import ring, template
 from guise.analogy.tents import Rings, Tents
+from guise.common.arrays import F32, F64, U8, Bool
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+Picture = U8
 
 SIZE = (230, 200)
 NEUTRAL = ReferenceFrame.canonical(96).points + np.array([50, 45])
-NEUTRAL[list(INNER_LIPS[1:4])] += (0, 3.6)  # the canonical mouth is open
+NEUTRAL[UPPER_INNER_LIP] += (0, 3.6)  # the canonical mouth is open
 NEUTRAL[list(INNER_LIPS[7:4:-1])] -= (0, 3.6)
 PEOPLE = Path(__file__).parents[2] / "shared" / "data" / "synthetic" / "people"
 
@@ -62,7 +67,7 @@ def drawn(points: F64, seed: int, skin: float = 0.6, furrow: float = 0.0) -> F32
         corners = np.rint(points[list(part)] * 16).astype(np.int32)
         cv2.fillPoly(picture, [corners], [float(c) for c in colour], cv2.LINE_AA, 4)
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
-    middle = points[27] - (0, 22)
+    middle = points[NOSE_ROOT] - (0, 22)
     dark = np.exp(-(((x - middle[0]) / 14) ** 2) - ((y - middle[1]) / 2) ** 2)
     lit = cv2.GaussianBlur(picture, (0, 0), 0.7) * (1 + 0.1 * shade - furrow * dark)[:, :, None]
     return np.asarray(np.clip(lit, 0, 1), np.float32)
@@ -71,10 +76,10 @@ def drawn(points: F64, seed: int, skin: float = 0.6, furrow: float = 0.0) -> F32
 def smiling(points: F64, much: float = 1.0) -> F64:
     """Mouth corners out and up, lower lip down, brows up."""
     out = points.copy()
-    out[[48, 60]] += np.array([-4, -4]) * much
-    out[[54, 64]] += np.array([4, -4]) * much
-    out[[55, 56, 57, 58, 59, 65, 66, 67]] += np.array([0, 5]) * much
-    out[17:27] += np.array([0, -4]) * much
+    out[[OUTER_LIPS[0], INNER_LIPS[0]]] += np.array([-4, -4]) * much
+    out[[OUTER_LIPS[6], INNER_LIPS[4]]] += np.array([4, -4]) * much
+    out[[*OUTER_LIPS[7:], *INNER_LIPS[5:]]] += np.array([0, 5]) * much
+    out[BROWS] += np.array([0, -4]) * much
     return out
 
 
@@ -129,7 +134,7 @@ def test_a_moved_head_is_no_expression() -> None:
 
 @pytest.mark.parametrize("method", ["tents", "ratio"])
 def test_a_furrow_is_carried_and_a_warp_has_none(method: Method) -> None:
-    place = np.rint(OTHER[27] - (0, 21)).astype(int)
+    place = np.rint(OTHER[NOSE_ROOT] - (0, 21)).astype(int)
     at = np.s_[place[1] - 2 : place[1] + 3, place[0] - 5 : place[0] + 6]
     made, bare = (carry(m)(S1, smiling(NEUTRAL))[at].mean() for m in (method, METHODS[2]))
     assert made < 0.93 * bare
@@ -228,7 +233,9 @@ def test_the_inside_of_a_mouth_that_opens_is_the_sources() -> None:
     points = smiling(NEUTRAL, 2.0)
     expressive = drawn(points, 0)
     cv2.fillPoly(expressive, [np.rint(points[list(INNER_LIPS)]).astype(np.int32)], (0.1, 0.8, 0.1))
-    middle = np.rint(Motion(NEUTRAL, OTHER)(points, 1.0)[[62, 66]].mean(0)).astype(int)
+    middle = np.rint(Motion(NEUTRAL, OTHER)(points, 1.0)[[UPPER_LIP_INNER, LOWER_LIP_INNER]].mean(0)).astype(
+        int
+    )
     colours = [
         PhotoAnalogy(S, NEUTRAL, T, OTHER, mouth=mouth)(eight(expressive), points)[middle[1], middle[0]]
         for mouth in ("fill", "none")
@@ -247,7 +254,7 @@ def test_how_far_a_mouth_opens() -> None:
 def test_eyes_that_close_take_their_lids_from_the_source() -> None:
     points = NEUTRAL.copy()
     for eye in (RIGHT_EYE, LEFT_EYE):
-        points[list(eye[1:3])] = points[[eye[5], eye[4]]] - (0, 0.3)
+        points[eye[1:3]] = points[[eye[5], eye[4]]] - (0, 0.3)
     assert_allclose(closed(NEUTRAL, points, 1.0), 1)
     assert_allclose(closed(NEUTRAL, points, 0.3), 0)
     assert_allclose(opened_again(points, NEUTRAL, np.ones(2)), NEUTRAL)
@@ -275,10 +282,10 @@ def test_lips_move_apart_in_the_template() -> None:
     points = ReferenceFrame.canonical(96).points
     mesh, around = template(), ring(points)
     moved = points.copy()
-    moved[list(INNER_LIPS[5:8])] += (0, 10)
+    moved[LOWER_INNER_LIP] += (0, 10)
     way = (mesh.vertices(moved, around) - mesh.vertices(points, around))[:, 1]
     lips = set(mesh.triangles[mesh.parts == 0].ravel())
-    near = np.linalg.norm(mesh.vertices(points, around) - points[62], axis=1) < 3
+    near = np.linalg.norm(mesh.vertices(points, around) - points[UPPER_LIP_INNER], axis=1) < 3
     upper = [k for k in lips if near[k]]
     assert len(upper) >= 1
     assert np.abs(way[upper]).max() < 1.5
@@ -318,7 +325,7 @@ def test_heights_come_back_from_their_slopes() -> None:
     assert_array_equal(made[~region], 0)
 
 
-def least_squares(right: F32, down: F32, region: NDArray[np.bool_]) -> F64:
+def least_squares(right: F32, down: F32, region: Bool) -> F64:
     """The same by a sparse direct solver."""
     index = np.arange(region.size).reshape(region.shape)
     pairs = [(index[:, :-1], index[:, 1:], right), (index[:-1], index[1:], down)]
@@ -384,7 +391,7 @@ def test_mistakes_are_one_sentence() -> None:
     with pytest.raises(
         PhotoError, match=r"source_points must be \(81, 2\) landmarks of scheme face81, got \(68, 2\)"
     ):
-        PhotoAnalogy(S, NEUTRAL[:68], T, OTHER)
+        PhotoAnalogy(S, NEUTRAL[IBUG68], T, OTHER)
     with pytest.raises(PhotoError, match="points must be finite"):
         carry()(S1, np.full((81, 2), np.nan))
     with pytest.raises(PhotoError, match="the landmarks make no face"):

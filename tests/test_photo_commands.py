@@ -19,10 +19,18 @@ from made_up import SAMPLES
 from models import model_file
 
 from guise.aam.landmarks import save_annotations
+from guise.aam.landmarks.schemes import (
+    INNER_LIPS,
+    LIPS,
+    LOWER_LIP_INNER,
+    NOSE_BASE,
+    OUTER_LIPS,
+    UPPER_LIP_INNER,
+)
 from guise.aam.reference import ReferenceFrame
 from guise.analogy.photo import PhotoError
 from guise.app.cli.main import main
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.media.images import DeepImage, encode_deep, read_deep
 from guise.app.photos.driver import Driver
 from guise.app.photos.faces import SHAPES_APART, Photo, require_usable, shapes_apart, turned, warnings
@@ -34,7 +42,7 @@ CORNER = (170, 10)  # of T, in a frame of p06
 
 
 def frames(person: str, wanted: tuple[int, ...]) -> Iterator[np.ndarray]:
-    with open_source(SAMPLES / person / "talk2.mp4") as source:
+    with open_input(SAMPLES / person / "talk2.mp4") as source:
         for frame in source:
             if frame.index in wanted:
                 yield frame.rgb()
@@ -98,7 +106,7 @@ def refused(capsys: pytest.CaptureFixture[str], here: Path, *arguments: str) -> 
 
 
 def mouth(pixels: np.ndarray, points: np.ndarray) -> np.ndarray:
-    low, high = points[48:68].min(0).astype(int), points[48:68].max(0).astype(int)
+    low, high = points[LIPS].min(0).astype(int), points[LIPS].max(0).astype(int)
     return pixels[low[1] : high[1], low[0] : high[0]]
 
 
@@ -324,7 +332,7 @@ def test_a_turn_of_the_head_is_no_expression() -> None:
     np.testing.assert_allclose(facing(frame.points), frame.points, atol=1e-9)
     turn = 12 * frame.yaw_mode * [1, 0]
     mouth_open = np.zeros((81, 2))
-    mouth_open[55:60, 1] = mouth_open[65:68, 1] = 15
+    mouth_open[[*OUTER_LIPS[7:], *INNER_LIPS[5:]], 1] = 15
     expressed = facing(1.5 * (frame.points + turn + mouth_open) + 30) - frame.points
     np.testing.assert_allclose(expressed, mouth_open, atol=0.6)
     assert np.abs(turn).max() > 10
@@ -332,7 +340,7 @@ def test_a_turn_of_the_head_is_no_expression() -> None:
 
 def test_the_resting_frame_has_its_mouth_shut() -> None:
     points = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"].astype(float)
-    gap = np.linalg.norm(points[:, 62] - points[:, 66], axis=1)
+    gap = np.linalg.norm(points[:, UPPER_LIP_INNER] - points[:, LOWER_LIP_INNER], axis=1)
     points[:3] = np.nan
     resting = Driver(points).resting
     assert resting >= 3
@@ -352,7 +360,7 @@ def test_animate_keeps_times_and_sound_and_says_what_it_did(
     assert report["neutral"].startswith("frame ")
     assert "grown from 311 x 419 to 312 x 420, as libx264 needs even sizes" in err
     assert tags(Path("out.mp4"))["comment"].startswith("Synthetic face")
-    with open_source("clip.mp4") as old, open_source("out.mp4") as new:
+    with open_input("clip.mp4") as old, open_input("out.mp4") as new:
         assert (new.width, new.height, new.has_audio) == (312, 420, True)
         assert [f.pts * f.time_base for f in new] == [f.pts * f.time_base for f in old]
 
@@ -365,14 +373,14 @@ def test_animate_by_a_photo_and_by_a_model(here: Path, capsys: pytest.CaptureFix
     assert code == 0
     assert out.startswith("out.mp4: 8 of 8 frames animated, 0 held; neutral is s.png;")
     assert run(capsys, "animate", "s.png", *ANIMATE[1:3], "-o", "b.mp4", "--lossless")[0] == 0
-    with open_source("out.mp4") as by_model, open_source("b.mp4") as by_landmarker:
+    with open_input("out.mp4") as by_model, open_input("b.mp4") as by_landmarker:
         pairs = [(a.rgb().astype(int), b.rgb()) for a, b in zip(by_model, by_landmarker, strict=True)]
     assert 0 < max(np.abs(a - b).mean() for a, b in pairs) < 3
 
 
 def with_box(path: Path, frames: slice, box: tuple[slice, slice] = np.s_[:, :]) -> Path:
     """The clip, with a part of the picture covered in some frames."""
-    with open_source("clip.mp4") as source, av.open(str(path), "w") as out:
+    with open_input("clip.mp4") as source, av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", 30, {"qp": "0"})
         stream.width, stream.height, stream.pix_fmt = 640, 480, "yuv444p"
         for frame in source:
@@ -390,13 +398,13 @@ def with_box(path: Path, frames: slice, box: tuple[slice, slice] = np.s_[:, :]) 
 def test_a_lost_or_hidden_face_holds_the_expression_and_is_counted(
     here: Path, capsys: pytest.CaptureFixture[str], hidden: str
 ) -> None:
-    middle = int(landmarks("p01", 3)[0, 33, 1])  # of the face, below the nose
+    middle = int(landmarks("p01", 3)[0, NOSE_BASE, 1])  # of the face, below the nose
     with_box(here / "gap.mp4", slice(3, 6), np.s_[middle:, :] if hidden == "mouth" else np.s_[:, :])
     code, out, _ = run(capsys, "animate", "gap.mp4", "t.png", "-o", "out.mp4", "--lossless", "--json")
     assert code == 0
     report = json.loads(out)
     assert (report["frames"], report["animated"], report["held"]) == (8, 5, 3)
-    with open_source("out.mp4") as made:
+    with open_input("out.mp4") as made:
         pictures = [frame.rgb() for frame in made]
     np.testing.assert_array_equal(pictures[2], pictures[5])
     assert (pictures[2] != pictures[6]).any()
@@ -405,7 +413,7 @@ def test_a_lost_or_hidden_face_holds_the_expression_and_is_counted(
 def test_before_the_face_is_seen_the_photo_is_itself(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with_box(here / "late.mp4", slice(0, 2))
     assert run(capsys, "animate", "late.mp4", "t.png", "-o", "out.mkv", "--encoder", "ffv1")[0] == 0
-    with open_source("out.mkv") as made:
+    with open_input("out.mkv") as made:
         first = next(iter(made)).rgb()
     photo = read_deep(Path("t.png")).pixels
     assert np.abs(first[:HEIGHT, :WIDTH].astype(int) - photo).mean() < 2  # ffv1 takes 4:2:0

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from guise.aam.similarity import Similarity
@@ -14,8 +13,8 @@ from guise.analogy.geometry import Surface, barycentric, border, geodesic_patch,
 from guise.analogy.landmark_search import refine_points
 from guise.analogy.mesh import Mesh
 from guise.analogy.register import Registration, RegistrationError, register, skin_of
+from guise.common.arrays import F64, Int
 
-F64 = NDArray[np.float64]
 PAIRS = Path(__file__).parents[2] / "shared" / "data" / "mesh"
 NO_QUADS = np.empty((0, 4), np.intp)
 MARKS = np.array([(0.0, 0.0), (0.6, 0.0), (-0.6, 0.0), (0.0, 0.7), (0.3, -0.6), (-0.3, -0.6)])
@@ -42,14 +41,14 @@ def marks(nose: float = 0.3, wide: float = 1.0) -> F64:
     return relief(MARKS[:, 0], MARKS[:, 1], nose) * (wide, 1, 1)
 
 
-def ball(radius: float, centre: tuple[float, float, float]) -> tuple[F64, NDArray[np.intp]]:
+def ball(radius: float, centre: tuple[float, float, float]) -> tuple[F64, Int]:
     """An octahedron."""
     corners = np.concatenate([np.eye(3), -np.eye(3)])
     faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
     return radius * corners + centre, np.array(faces, np.intp)
 
 
-def joined(mesh: Mesh, vertices: F64, faces: NDArray[np.intp]) -> Mesh:
+def joined(mesh: Mesh, vertices: F64, faces: Int) -> Mesh:
     both = np.concatenate([mesh.vertices, vertices])
     return Mesh(both, np.concatenate([mesh.triangles, faces + len(mesh.vertices)]), mesh.quads)
 

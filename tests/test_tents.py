@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
 from guise.analogy.baselines import Cloning, GradientTransfer
 from guise.analogy.solver import SolverError, _by_superlu, factorised
 from guise.analogy.tents import Rings, Tents, TentTransfer, tips, vertex_error
+from guise.common.arrays import F64, Int
 
-F64 = NDArray[np.float64]
 SIDE = 14
 
 
-def grid() -> NDArray[np.intp]:
+def grid() -> Int:
     at = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
     corners = at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]
     return np.stack([c.ravel() for c in corners], axis=1)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from guise.aam.similarity import Failed, Similarity
@@ -18,9 +17,8 @@ from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.rigid import fit, fit_most, moved
 from guise.analogy.tents import vertex_error
 from guise.analogy.transfer import Method, Transfer, prepare
+from guise.common.arrays import F64, Bool, Int
 
-F64 = NDArray[np.float64]
-Int = NDArray[np.intp]
 METHODS: tuple[Method, ...] = ("tents", "gradients", "cloning")
 NO_TRIANGLES, NO_QUADS = np.empty((0, 3), np.intp), np.empty((0, 4), np.intp)
 
@@ -159,7 +157,7 @@ def test_what_is_made_is_the_expression_of_the_other_head() -> None:
 # -- what the source has nothing for ----------------------------------------------------------------------------
 
 
-def with_hole(missing: NDArray[np.bool_]) -> Correspondence:
+def with_hole(missing: Bool) -> Correspondence:
     """Where nothing is found, places are nonsense."""
     corners = np.where(missing[:, None], 0, LINK.corners)
     return Correspondence(corners, LINK.weights, ~missing)

@@ -22,26 +22,32 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-F64 = NDArray[np.float64]
-F32 = NDArray[np.float32]
+from guise.aam.landmarks.schemes import (
+    BELOW_BROWS,
+    BROWS,
+    FOREHEAD,
+    JAW,
+    LEFT_EYE_OUTER,
+    MIRROR,
+    MOUTH_CORNERS,
+    OUTER_EYE_CORNERS,
+    RIGHT_EYE_OUTER,
+)
+from guise.common.arrays import F32, F64
 
-JAW, BROWS, FACE, FOREHEAD = slice(0, 17), slice(17, 27), slice(27, 68), slice(68, 81)
-_EYES, _LIPS = (36, 45), (48, 54)
 _DROP = 0.78  # from the eyes' middle to the mouth's, in outer-eye distances, of a face seen from the front
 
 
 def frame(points: NDArray[Any]) -> tuple[F64, F64]:
     """Across and down the face (n, 1, 2) each, one outer-eye distance long when seen from the front."""
     points = np.asarray(points, np.float64)
-    eyes, lips = points[:, _EYES].mean(1), points[:, _LIPS].mean(1)
-    across = points[:, _EYES[1]] - points[:, _EYES[0]]
+    eyes, lips = points[:, OUTER_EYE_CORNERS].mean(1), points[:, MOUTH_CORNERS].mean(1)
+    across = points[:, LEFT_EYE_OUTER] - points[:, RIGHT_EYE_OUTER]
     return across[:, None], ((lips - eyes) / _DROP)[:, None]
 
 
 def difference(found: NDArray[Any], labels: NDArray[Any]) -> F64:
     """Mean of found less labels (n, 81, 2) along and down the faces, made symmetric: (81, 2)."""
-    from guise.aam.landmarks import MIRROR
-
     across, down = frame(labels)
     basis = np.concatenate([across, down], axis=1)  # (n, 2, 2), rows are the axes
     parts = np.einsum("nki,nij->nkj", found - labels, np.linalg.inv(basis))
@@ -75,7 +81,7 @@ def shipped(kind: str) -> tuple[F64, F64]:
 def moves(mesh_less_label: F64) -> tuple[F64, F64]:
     """How rendered points and real labels move (81, 2 each), from the `difference` of the definitions."""
     rendered, real = np.zeros((81, 2)), np.zeros((81, 2))
-    rendered[FACE] = -mesh_less_label[FACE]
+    rendered[BELOW_BROWS] = -mesh_less_label[BELOW_BROWS]
     rendered[BROWS, 1] = -mesh_less_label[BROWS, 1]
     real[BROWS, 0] = mesh_less_label[BROWS, 0]
     real[FOREHEAD] = mesh_less_label[FOREHEAD]

@@ -13,11 +13,10 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.files import read_mesh, write_rig
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 Faces = list[list[int]]
 
 PEOPLE = ("p01", "p02", "p04", "p05", "p07", "p10")

@@ -7,7 +7,6 @@ from typing import Protocol
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.materials import Material, libraries, read_materials, textures
@@ -15,9 +14,7 @@ from guise.analogy.formats.obj import ObjDocument, positions
 from guise.analogy.formats.ply import PlyDocument
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 LARGEST = 1 << 30  # bytes of a file
 

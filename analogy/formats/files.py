@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.cleaning import Cleaned
 from guise.analogy.formats.documents import Document, companions, materials_of, read_document, read_positions
@@ -26,10 +25,8 @@ from guise.analogy.formats.gltf_rig import frames, rigged
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.normals import Normals
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Int
 from guise.common.files import natural_key, write_whole
-
-Int = NDArray[np.intp]
 
 T = TypeVar("T")
 

@@ -14,15 +14,12 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.gltf_container import Container, Json
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError, shown
 from guise.analogy.normals import sound, unit
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Bool, Int
 
 TRIANGLES = 4
 BOUND = 1e-3  # of the size of a joint's matrix, up to which all joints stand as bound
@@ -59,7 +56,7 @@ class Part:
         """Whether it has an attribute."""
         return name in self.primitives[0]["attributes"]
 
-    def change(self, container: Container, name: str, values: F64, rows: NDArray[np.bool_]) -> None:
+    def change(self, container: Container, name: str, values: F64, rows: Bool) -> None:
         """Other numbers (m, 3) in those rows of an attribute, if it has it."""
         index = self.primitives[0]["attributes"].get(name)
         if index is not None and rows.any():

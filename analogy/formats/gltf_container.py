@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.analogy.mesh import MeshError
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Bool
 
 Json = dict[str, Any]
 
@@ -84,7 +84,7 @@ class Container:
             return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
         return values
 
-    def change(self, index: int, values: F64, rows: NDArray[np.bool_]) -> int:
+    def change(self, index: int, values: F64, rows: Bool) -> int:
         """Other numbers (count, width) in those rows of an accessor; the accessor that then holds them.
 
         In place where it holds floats; otherwise they are put into a new one.

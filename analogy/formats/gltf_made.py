@@ -6,16 +6,13 @@ Quads become triangles and groups are dropped, for glTF has neither.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.documents import Document
 from guise.analogy.formats.gltf_container import INDICES, VERTICES, Container, Json
 from guise.analogy.formats.materials import Material
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.normals import smooth, sound, unit
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 ROUGHNESS = 0.7  # of skin, for materials that say nothing of it
 

@@ -6,15 +6,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.gltf import GltfDocument, Part, parts_of, undamaged
 from guise.analogy.formats.gltf_container import VERTICES, Container, Json, content
 from guise.analogy.mesh import MeshError
 from guise.analogy.normals import Normals
-from guise.common.arrays import F32, F64
-
-Bool = NDArray[np.bool_]
+from guise.common.arrays import F32, F64, Bool
 
 
 def rigged(

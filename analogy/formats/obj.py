@@ -11,15 +11,12 @@ import re
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.decimals import rows_of_text
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError, shown
 from guise.analogy.normals import sound
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 KINDS = (b"v", b"vn", b"vt", b"f")
 FAR = 1 << 40  # beyond any vertex

@@ -11,15 +11,12 @@ import re
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.ply_rows import Binary, Change, Element, Rows, Text
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError, shown
 from guise.analogy.normals import sound
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Int
 
 KINDS = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 KINDS |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from guise.analogy.formats.decimals import rows_of_text
 from guise.analogy.mesh import MeshError
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Bool, Int
 
 CODES = {
     "i1": "b",
@@ -50,7 +48,7 @@ class Change:
 
     names: tuple[str, ...]
     values: F64
-    rows: NDArray[np.bool_]
+    rows: Bool
 
 
 class Binary:

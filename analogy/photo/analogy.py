@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from guise.analogy.photo.change import agreement, bounded, carried, steadied
 from guise.analogy.photo.eyes import closed, opened_again
@@ -32,7 +32,7 @@ from guise.analogy.photo.pictures import (
 from guise.analogy.photo.poisson import integrated
 from guise.analogy.photo.ratio import faded, ratio
 from guise.analogy.photo.template import ring, template
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, Bool
 
 Method = Literal["tents", "ratio", "warp"]
 Mouth = Literal["fill", "none"]
@@ -191,7 +191,7 @@ class PhotoAnalogy:
 
     def _written(self, made: F32, seen: Seen) -> Picture:
         """T with what the mesh covers replaced."""
-        covered: NDArray[np.bool_] = self._grid.fine(seen.covered.astype(np.float32)) > 0.5
+        covered: Bool = self._grid.fine(seen.covered.astype(np.float32)) > 0.5
         out = self._target.copy()
         self._grid.of(out)[covered] = like(np.clip(made, 0, 1), self._target)[covered]
         return out

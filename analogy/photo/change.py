@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from guise.common.arrays import F32
+from guise.common.arrays import F32, Bool
 
 NEAR = 0.012  # of the face's width: sigma of the neighbourhoods that are compared
 FLAT = 0.03  # heights (logarithms of luminance) within which a neighbourhood is flat
@@ -31,7 +30,7 @@ def agreement(source: F32, target: F32, width: float) -> tuple[F32, F32]:
     return np.asarray(np.clip(alike, 0, 1), np.float32), np.asarray(np.clip(same, 0, 1) ** 2, np.float32)
 
 
-def carried(change: F32, alike: F32, same: F32, filled: NDArray[np.bool_], width: float) -> F32:
+def carried(change: F32, alike: F32, same: F32, filled: Bool, width: float) -> F32:
     """What the target's heights take of a change from S to S', by how alike S and T are (h, w), and whether the same.
 
     Its detail, in so far as S is there like T and the change no noise; else what is left of it when smoothed.  A
@@ -48,7 +47,7 @@ def carried(change: F32, alike: F32, same: F32, filled: NDArray[np.bool_], width
     return np.asarray(coarse + kept * _signal(detail, same, NEAR * width) * detail, np.float32)
 
 
-def steadied(change: F32, face: NDArray[np.bool_], keep: float) -> F32:
+def steadied(change: F32, face: Bool, keep: float) -> F32:
     """A change of heights (h, w) less the plane that most of the face shows: S and S' were lit a little differently.
 
     keep : the share of that light which is kept; where T is S itself, that of S' is as good.

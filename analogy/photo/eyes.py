@@ -10,7 +10,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
 from guise.common.arrays import F64
 
-EYES = (RIGHT_EYE, LEFT_EYE)
+BOTH_EYES = (RIGHT_EYE, LEFT_EYE)
 CLOSES = (
     0.34,
     0.26,
@@ -20,8 +20,7 @@ CLOSES = (
 def closed(neutral: F64, expressive: F64, strength: float) -> F64:
     """How much of each eye's lid is new in landmarks (81, 2): (2,), 0 to 1."""
     shares = [
-        1 + strength * (_opening(expressive[list(e)]) / max(_opening(neutral[list(e)]), 1e-6) - 1)
-        for e in EYES
+        1 + strength * (_opening(expressive[e]) / max(_opening(neutral[e]), 1e-6) - 1) for e in BOTH_EYES
     ]
     first, last = CLOSES
     share = np.clip((first - np.array(shares)) / (first - last), 0, 1)
@@ -31,7 +30,7 @@ def closed(neutral: F64, expressive: F64, strength: float) -> F64:
 def opened_again(points: F64, rest: F64, shares: F64) -> F64:
     """Landmarks (81, 2) with the lids put back, in shares, to where they rest in the same picture (81, 2)."""
     out = points.copy()
-    for eye, share in zip(EYES, shares, strict=True):
+    for eye, share in zip(BOTH_EYES, shares, strict=True):
         lids = [eye[k] for k in (1, 2, 4, 5)]
         out[lids] += share * (rest[lids] - points[lids])
     return out

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from guise.common.arrays import F32
+from guise.common.arrays import F32, U8, Bool
 
 FARTHEST = 0.03  # of the face's width: motion that landmarks may leave
 SMOOTH = 0.01  # of the face's width: sigma of the field
@@ -19,7 +18,7 @@ CONTRAST = 0.05  # heights, below which contrast is not raised
 GAIN = 0.7  # of the squared difference that must be gone for the motion to be believed fully
 
 
-def left(after: F32, before: F32, region: NDArray[np.bool_], width: float) -> F32:
+def left(after: F32, before: F32, region: Bool, width: float) -> F32:
     """(h, w, 2) pixels: the place in `before` of what each pixel of `after` shows, less its own.
 
     after, before : (h, w) heights of S' and S on the grid of T'.
@@ -59,7 +58,7 @@ def _even(field: F32, width: float) -> F32:
     return np.asarray(detail / spread, np.float32)
 
 
-def _bytes(field: F32) -> NDArray[np.uint8]:
+def _bytes(field: F32) -> U8:
     return np.asarray(np.clip(field * 40 + 128, 0, 255), np.uint8)
 
 

@@ -8,12 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.schemes import SILHOUETTE
 from guise.analogy.photo.pictures import PhotoError
-from guise.analogy.photo.template import OUTLINE, Template
-from guise.common.arrays import F32, F64
+from guise.analogy.photo.template import Template
+from guise.common.arrays import F32, F64, Bool, Int
 from guise.render.visibility import visible
-
-Mask = NDArray[np.bool_]
 
 FINEST = 512  # pixels across the face, above which appearance is computed on a coarser grid
 SMALLEST = 32  # pixels across the face
@@ -79,13 +78,13 @@ class Seen:
     values : (h, w, d) float32 of the vertices; zero beyond them.
     """
 
-    covered: Mask
-    face: Mask
-    part: NDArray[np.intp]
+    covered: Bool
+    face: Bool
+    part: Int
     values: F32
 
     @property
-    def between(self) -> Mask:
+    def between(self) -> Bool:
         """(h, w), between the lips."""
         return np.asarray(self.part == 1)
 
@@ -94,7 +93,7 @@ class Seen:
         return np.asarray(np.array([0, 0, *shares])[self.part], np.float32)
 
 
-def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int], within: Mask) -> Seen:
+def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int], within: Bool) -> Seen:
     """Values (V, d) over a grid of a size (width, height), the mesh lying at vertices (V, 2), the face within."""
     flat = np.column_stack([vertices, np.zeros(len(vertices))])
     seen = visible(flat, mesh.triangles, size)
@@ -106,7 +105,7 @@ def drawn(mesh: Template, vertices: F64, values: F64, size: tuple[int, int], wit
 
 def wide(points: F64) -> float:
     """Pixels across the face of landmarks (81, 2)."""
-    return float(np.ptp(points[list(OUTLINE), 0]))
+    return float(np.ptp(points[SILHOUETTE, 0]))
 
 
 def own(size: tuple[int, int]) -> F32:
@@ -115,9 +114,9 @@ def own(size: tuple[int, int]) -> F32:
     return np.stack([x, y], axis=2)
 
 
-def face(points: F64, size: tuple[int, int]) -> Mask:
+def face(points: F64, size: tuple[int, int]) -> Bool:
     """(h, w), where the face of landmarks (81, 2) is, its contour pulled inward."""
-    outline = points[list(OUTLINE)]
+    outline = points[SILHOUETTE]
     pulled = outline + INWARD * (outline.mean(0) - outline)
     mask = np.zeros(size[::-1], np.uint8)
     cv2.fillPoly(mask, [np.rint(pulled * 16).astype(np.int32)], (1,), cv2.LINE_8, 4)

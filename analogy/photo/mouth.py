@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LOWER_INNER_LIP, RIGHT_EYE, UPPER_INNER_LIP
 from guise.common.arrays import F32, F64
 
 OPENS = (0.005, 0.03)  # gap of the lips by their width, gained over the neutral one: nothing to all is filled
@@ -17,7 +17,7 @@ def opening(points: F64) -> float:
     """The gap of the inner lips of landmarks (81, 2), by their width."""
     corners = points[[INNER_LIPS[0], INNER_LIPS[4]]]
     across = float(np.linalg.norm(corners[1] - corners[0]))
-    upper, lower = points[list(INNER_LIPS[1:4])], points[list(INNER_LIPS[7:4:-1])]
+    upper, lower = points[UPPER_INNER_LIP], points[LOWER_INNER_LIP]
     return float(np.linalg.norm(upper - lower, axis=1).mean()) / max(across, 1e-6)
 
 
@@ -40,6 +40,6 @@ def light(source: F32, source_points: F64, target: F32, target_points: F64) -> F
 def _white(picture: F32, points: F64) -> F32:
     mask = np.zeros(picture.shape[:2], np.uint8)
     for eye in (RIGHT_EYE, LEFT_EYE):
-        cv2.fillPoly(mask, [np.rint(points[list(eye)] * 16).astype(np.int32)], (1,), cv2.LINE_8, 4)
+        cv2.fillPoly(mask, [np.rint(points[eye] * 16).astype(np.int32)], (1,), cv2.LINE_8, 4)
     pixels = picture[mask > 0] if mask.any() else picture.reshape(-1, 3)
     return np.asarray(np.percentile(pixels, WHITE, axis=0), np.float32)

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from guise.common.arrays import F32
+from guise.common.arrays import F32, Bool
 
 CYCLES = 6
 SWEEPS = 2  # before and after each coarser grid
@@ -19,7 +18,7 @@ COARSEST = 4  # pixels; grids are halved down to it
 _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32)
 
 
-def integrated(right: F32, down: F32, region: NDArray[np.bool_]) -> F32:
+def integrated(right: F32, down: F32, region: Bool) -> F32:
     """The field (h, w) whose edges are as near as can be to those given, zero outside a region.
 
     right, down : (h, w - 1) and (h - 1, w) edges, as of `guise.analogy.photo.heights.slopes`.

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from guise.common.arrays import F32
+from guise.common.arrays import F32, Bool
 
 WIDEST = 0.02  # of the face's width: the Gaussian's sigma where nothing correlates
 LEVELS = 4  # Gaussians between which is chosen
@@ -45,7 +44,7 @@ def correlation(one: F32, other: F32) -> F32:
     return np.asarray(np.clip(both / np.maximum(scale, 1e-6), 0, 1), np.float32)
 
 
-def faded(region: NDArray[np.bool_], width: float) -> F32:
+def faded(region: Bool, width: float) -> F32:
     """(h, w) 1 inside a region, falling to 0 at its rim, for a face of a width in pixels."""
     away = cv2.distanceTransform(region.astype(np.uint8), cv2.DIST_L2, 3)
     return np.asarray(np.clip(away / (RIM * width), 0, 1), np.float32)

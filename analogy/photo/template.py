@@ -14,18 +14,21 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from guise.aam.landmarks.schemes import FOREHEAD, INNER_LIPS, JAW, LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks.schemes import (
+    CHIN,
+    COUNT,
+    INNER_LIPS,
+    LEFT_EYE,
+    RIGHT_EYE,
+    SILHOUETTE,
+)
 from guise.aam.reference import ReferenceFrame
 from guise.analogy.solver import factorised
-from guise.common.arrays import F64
-
-Int = NDArray[np.intp]
+from guise.common.arrays import F64, Bool, Int
 
 SPACING = 5.0  # between vertices, canonical pixels
 TENSION = 20.0  # canonical pixels over which bending gives way to tension
-OUTLINE = (*JAW, *reversed(FOREHEAD))  # landmarks around the face
 BEYOND = 1.4  # of the way from the face's middle to its outline, where the ring lies
 BELOW = 0.2  # more under the chin, which moves most
 HOLES = (INNER_LIPS, RIGHT_EYE, LEFT_EYE)
@@ -53,9 +56,9 @@ class Template:
 
 def ring(points: F64) -> F64:
     """The ring (r, 2) around the face of landmarks (81, 2), its chin at rest; where nothing moves."""
-    outline = points[list(OUTLINE)]
+    outline = points[SILHOUETTE]
     middle = outline.mean(0)
-    down = points[8] - middle
+    down = points[CHIN] - middle
     share = np.clip((outline - middle) @ down / (down @ down), 0, 1)
     return np.asarray(middle + (outline - middle) * (BEYOND + BELOW * share)[:, None])
 
@@ -74,7 +77,7 @@ def template() -> Template:
     return Template(_affine(vertices, held, blend), triangles[order], part[order])
 
 
-def inside(polygon: F64, places: F64) -> NDArray[np.bool_]:
+def inside(polygon: F64, places: F64) -> Bool:
     """Which of places (n, 2) lie in a polygon (k, 2)."""
     out = np.zeros(len(places), bool)
     x, y = places.T
@@ -86,7 +89,7 @@ def inside(polygon: F64, places: F64) -> NDArray[np.bool_]:
 
 def _places(held: F64) -> F64:
     """(V, 2): what is held, then places along the holes and the ring, then a grid between them."""
-    curves = [held[list(hole)] for hole in HOLES] + [held[81:]]
+    curves = [held[hole] for hole in HOLES] + [held[COUNT:]]
     edges = np.concatenate([_along(curve) for curve in curves])
     taken = np.concatenate([held, edges])
     low, high = held.min(0), held.max(0)
@@ -100,7 +103,7 @@ def _places(held: F64) -> F64:
         ]
     )
     far = np.linalg.norm(grid[:, None] - taken, axis=2).min(1) > 0.6 * SPACING
-    return np.concatenate([taken, grid[far & inside(held[81:], grid)]])
+    return np.concatenate([taken, grid[far & inside(held[COUNT:], grid)]])
 
 
 def _along(curve: F64) -> F64:
@@ -121,8 +124,8 @@ def _triangulated(vertices: F64, held: F64) -> tuple[Int, Int]:
     centres = vertices[triangles].mean(1)
     part = np.zeros(len(triangles), np.intp)
     for number, hole in enumerate(HOLES):
-        part[inside(held[list(hole)], centres)] = number + 1
-    kept = inside(held[81:], centres) & (_areas(vertices, triangles) > 1e-6)
+        part[inside(held[hole], centres)] = number + 1
+    kept = inside(held[COUNT:], centres) & (_areas(vertices, triangles) > 1e-6)
     return triangles[kept], part[kept]
 
 

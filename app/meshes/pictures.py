@@ -13,17 +13,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import NAMES
 from guise.analogy.mesh import Mesh
 from guise.app.media import Frame, MediaInput, open_sink
-from guise.common.arrays import F64
+from guise.common.arrays import F64, U8, Int
 from guise.render.shaded import Camera, Paint, exposure, shaded
 
-Int = NDArray[np.intp]
-Picture = NDArray[np.uint8]
+Picture = U8
 Progress = Callable[[float], None]
 
 YAWS = (0.0, 40.0)  # degrees, rows of a strip

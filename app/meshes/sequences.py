@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.analogy.formats.files import read_frames, read_mesh
 from guise.app.meshes.film import write_film
@@ -15,7 +14,7 @@ from guise.app.meshes.pair import Carrier, How, open_carrier
 from guise.app.meshes.reports import Carried, TransferReport
 from guise.app.meshes.transferring import CARRYING, READING, WRITING, draw, report_of, told
 from guise.app.meshes.work import Work
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64
 from guise.common.errors import Interrupted, OutputError
 from guise.common.files import require_outputs
 
@@ -119,7 +118,7 @@ class _Run:
         self._speed = _Speed(work, frames.count)
         self.carried: list[Carried] = []
         self.skipped = 0
-        self.made: list[NDArray[np.float32]] = []
+        self.made: list[F32] = []
         self.most: tuple[F64, F64] | None = None
 
     def carry(self) -> None:

@@ -8,25 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.landmarks import open_landmarker
 from guise.analogy.photo import PhotoAnalogy, PhotoError
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.images import DeepImage, looks_like_image
-from guise.app.media.remake import remake
+from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.driver import Driver, Tracking, follow, picture_of
 from guise.app.photos.faces import Photo, in_colours, in_colours_of, warnings
 from guise.app.photos.facing import Facing
 from guise.app.photos.image import USUAL, How, Notes, Role, opened
-from guise.common.arrays import F64
+from guise.common.arrays import F64, U8
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
 
-Picture = NDArray[np.uint8]
+Picture = U8
 
 AROUND = 0.5  # of the face's size, that is read around it
 UNTOLD, ENCODING = Tracking(), EncodeOptions()
@@ -112,7 +111,7 @@ def animate_file(
         with one_thread():
             puppet = _Animator(s, t, how, driver)
             total = media.frame_count or len(driver.points)
-            stats = remake(media, sink, puppet.step, progress=lambda done: progress("moving", done / total))
+            stats = replace_frames(media, sink, puppet.step, progress=lambda done: progress("moving", done / total))
     neutral = str(source) if source else f"frame {driver.resting} of {clip.name}"
     for problem in stats.problems:
         say(f"{media.name}: {problem}")

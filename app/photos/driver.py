@@ -9,15 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import neutral_frames
-from guise.aam.follow import PersonFollower
 from guise.aam.landmarks import (
-    INNER_LIPS,
-    LEFT_EYE,
-    OUTER_LIPS,
-    RIGHT_EYE,
     Face,
     Follower,
     Landmarker,
@@ -26,13 +20,15 @@ from guise.aam.landmarks import (
     load_annotations,
     open_landmarker,
 )
+from guise.aam.landmarks.schemes import EYES, LIPS
 from guise.aam.model import Identity
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import FEATURE_RESOLUTION, Fit
 from guise.analogy.photo import PhotoError
-from guise.app.media import Frame, Sink, open_source, process
+from guise.app.media import Frame, Sink, open_input, process
 from guise.app.photos.faces import CONFIDENT, LEAST_EYES, MOST_TURN, turned
-from guise.common.arrays import F64
+from guise.common.arrays import F64, U8, Bool
 from guise.common.progress import Progress, Say
 
 # Mean confidence of a mouth's or the eyes' points from which their expression is taken.  Behind a hand, a mug or a box
@@ -63,7 +59,7 @@ class Driver:
     points: F64
 
     @property
-    def found(self) -> NDArray[np.bool_]:
+    def found(self) -> Bool:
         """(frames,) where the face was found."""
         return np.asarray(np.isfinite(self.points).all((1, 2)))
 
@@ -106,9 +102,9 @@ def follow(clip: Path, tracking: Tracking, progress: Progress, say: Say) -> Driv
     return driver
 
 
-def picture_of(clip: Path, index: int) -> NDArray[np.uint8]:
+def picture_of(clip: Path, index: int) -> U8:
     """A frame of a clip (h, w, 3)."""
-    with open_source(clip) as media:
+    with open_input(clip) as media:
         return next(frame.rgb() for frame in media if frame.index == index)
 
 
@@ -131,7 +127,7 @@ class _ByLandmarker:
 def _is_clear(face: Face) -> bool:
     """Whether nothing hides mouth or eyes, as far as the landmarker knows."""
     sure = face.point_confidence
-    parts = ([*OUTER_LIPS, *INNER_LIPS], [*RIGHT_EYE, *LEFT_EYE])
+    parts = (LIPS, EYES)
     return sure is None or all(float(sure[part].mean()) >= CLEAR for part in parts)
 
 
@@ -139,10 +135,10 @@ class _ByModel:
     """One person, by the tracker of their model."""
 
     def __init__(self, model: Identity, finder: Landmarker) -> None:
-        self._follower = PersonFollower(model.tracker, finder)
+        self._tracker = PersonTracker(model.tracker, finder)
 
     def __call__(self, frame: Frame) -> F64 | None:
-        fit = self._follower.step(frame.luma)
+        fit = self._tracker.update(frame.luma)
         return fit.shape if isinstance(fit, Fit) else None
 
 
@@ -165,7 +161,7 @@ def _tracked(clip: Path, tracking: Tracking, progress: Progress, say: Say) -> F6
         points = step(frame)
         rows.append(np.full((81, 2), np.nan) if points is None else points)
 
-    with open_source(clip) as media:
+    with open_input(clip) as media:
         total = media.frame_count or 0
         process(
             media, _Nowhere(clip, force=True), look,
@@ -177,7 +173,7 @@ def _tracked(clip: Path, tracking: Tracking, progress: Progress, say: Say) -> F6
 def _from_file(clip: Path, tracking: Tracking, say: Say) -> F64:
     assert tracking.landmarks is not None
     annotations = load_annotations(tracking.landmarks)
-    with open_source(clip) as media:
+    with open_input(clip) as media:
         annotations.require_frames(sum(1 for _ in media))
     if annotations.note:
         say(annotations.note)

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
@@ -34,6 +33,7 @@ from guise.analogy.feature_points import find
 from guise.analogy.mesh import Mesh
 from guise.analogy.register import Registration, register
 from guise.analogy.transfer import prepare
+from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.correspondence", "Dense correspondence of heads"
 FILES = {"P": "pair_P_7678_to_37500", "M": "pair_M_ict_to_37500"}
@@ -49,7 +49,6 @@ PEOPLE = (
 )
 RUNS = 5
 CENTIMETRES = 10.0  # in the people's decimetre
-F64 = NDArray[np.float64]
 Points = tuple[F64, F64] | None
 Row = tuple[str, str, float, float, float, float, float, float]
 
@@ -95,7 +94,7 @@ class Model:
         meshes = triangles(source, self.small["T"]), triangles(target, self.large["T"])
         return Case(f"ICT {first} to {second}", *meshes, (source[marks[:, 0]], target[marks[:, 1]]), truth)
 
-    def on(self, vertices: F64, remesh: dict[str, NDArray[np.float64]]) -> F64:
+    def on(self, vertices: F64, remesh: dict[str, F64]) -> F64:
         """The remesh's vertices on an identity."""
         return np.asarray(np.einsum("nk,nki->ni", remesh["bary"], vertices[self.faces[remesh["tri"]]]))
 

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
@@ -28,12 +27,12 @@ from benchmarks.mesh.transfer import ELSEWHERE, Pair, errors, load_pair, true_co
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.cylinder import cylindrical
 from guise.analogy.register import register, skin_of
+from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.cylinder", "Cylindrical correspondence between heads"
 SECONDS = 0.3
 PAIRS = ("P", "M")
 PEOPLE = (("p01", "p02", "t12k"), ("p05", "p04", "t24k"), ("p07", "p10", "t5k"))
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

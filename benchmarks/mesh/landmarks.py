@@ -21,6 +21,14 @@ from scipy.spatial.transform import Rotation
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.mesh.marked_heads import Head, heads
+from guise.aam.landmarks.schemes import (
+    LEFT_EYE,
+    LEFT_EYE_CORNERS,
+    MOUTH_CORNERS,
+    OUTER_LIPS,
+    RIGHT_EYE,
+    RIGHT_EYE_CORNERS,
+)
 from guise.aam.similarity import Failed
 from guise.analogy.facing import facings, landmarker
 from guise.analogy.feature_points import NAMES, POINTS, FeaturePoints, find
@@ -139,8 +147,10 @@ def draw(path: Path, head: Head, points: FeaturePoints) -> None:
     """The head from three sides, true points green, found ones red."""
     solid, corners = Solid.of(head.mesh), np.zeros((81, 3))
     corners[POINTS] = points.positions
-    for group, of in ((slice(36, 42), (36, 39)), (slice(42, 48), (42, 45)), (slice(48, 60), (48, 54))):
-        corners[group] = corners[list(of)].mean(0)
+    for group, corners_of in (
+        (RIGHT_EYE, RIGHT_EYE_CORNERS), (LEFT_EYE, LEFT_EYE_CORNERS), (OUTER_LIPS, MOUTH_CORNERS)
+    ):  # fmt: skip
+        corners[group] = corners[corners_of].mean(0)
     front = View(frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, SIZE)
     shown = []
     for yaw, pitch in SIDES:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from guise.analogy.feature_points import NAMES, POINTS
 from guise.analogy.formats.files import read_mesh
 from guise.analogy.mesh import Mesh
+from guise.common.arrays import F64
 
-F64 = NDArray[np.float64]
 REMESHED = ("", "t5k", "t12k", "t24k")
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
@@ -24,12 +23,12 @@ from guise.analogy.geometry import Surface, vertex_normals
 from guise.analogy.mesh import Mesh
 from guise.analogy.register import register
 from guise.analogy.transfer import Transfer
+from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.people", "Transfer of expressions between synthetic people"
 UNTOUCHED = {"p04", "p10"}
 TOPOLOGIES = ("t5k", "t12k", "t24k")
 CENTIMETRE = 0.1  # in the people's decimetres
-F64 = NDArray[np.float64]
 Link = Callable[["Person", "Person"], Correspondence]
 
 

@@ -24,7 +24,6 @@ from unittest import mock
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from benchmarks import common
@@ -40,7 +39,6 @@ FACTORISED, SOLVED = 1.06, 0.039  # seconds of the reference where the targets h
 ROUNDS = 15
 FRAMES = 300
 SHAPES = 52
-F64 = NDArray[np.float64]
 
 
 def seconds(action: Callable[[], Any]) -> float:

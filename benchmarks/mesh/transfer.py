@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from benchmarks import common
@@ -25,6 +25,7 @@ from guise.analogy.mesh import Mesh
 from guise.analogy.register import register
 from guise.analogy.tents import vertex_error
 from guise.analogy.transfer import Method, Transfer
+from guise.common.arrays import F64, Bool
 
 NAME, TITLE = "mesh.transfer", "Transfer of expressions between heads"
 METHODS: tuple[Method, ...] = ("tents", "gradients", "cloning")
@@ -35,7 +36,6 @@ STILL, MOVED = (
     0.05,
 )  # cm: the truth's way below which a vertex should stay, and from which it should move
 MILLIMETRES = 10.0  # of pair X, in a centimetre
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def _closest(source: Mesh, target: Mesh) -> Correspondence:
     return Correspondence(source.faces[places.faces], places.weights, np.ones(len(normals), bool))
 
 
-def without_offset(neutral: F64, truth: F64, made: F64, unit: float) -> tuple[F64, F64, NDArray[np.bool_]]:
+def without_offset(neutral: F64, truth: F64, made: F64, unit: float) -> tuple[F64, F64, Bool]:
     """The ways made and true (N, 3), the mean offset where nothing should move removed, and what should move (N,)."""
     way = np.linalg.norm(truth - neutral, axis=1) / unit
     still = way < STILL
