@@ -14,6 +14,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.schemes import (
+    BROW_TOPS,
+    LEFT_EYE_OUTER,
+    LEFT_MOUTH_CORNER,
+    LIDS_BELOW_BROW_TOPS,
+    LOWER_INNER_LIP,
+    LOWER_LIDS,
+    RIGHT_EYE_OUTER,
+    RIGHT_MOUTH_CORNER,
+    UPPER_INNER_LIP,
+    UPPER_LIDS,
+)
 from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64
@@ -96,7 +108,7 @@ def _modes_to_keep(values: F64, retain: float | int) -> int:
     return min(int(np.searchsorted(share, retain)) + 1, useful)
 
 
-def sample_texture(rgb: NDArray[np.uint8], shape: F64, frame: ReferenceFrame) -> F32:
+def sample_texture(rgb: NDArray[np.uint8], shape: F64, reference: ReferenceFrame) -> F32:
     """Texture (n, 3) float32 of a picture (h, w, 3) under a shape (81, 2) in its pixels.
 
     A face larger than the grid is first reduced by area, so that every frame pixel counts (no aliasing).
@@ -107,14 +119,14 @@ def sample_texture(rgb: NDArray[np.uint8], shape: F64, frame: ReferenceFrame) ->
     if roi.size == 0:
         raise ValueError("the face lies outside the picture")
     local = shape - (x0, y0)
-    a, b, _, _ = align_planar(frame.points, local, RIGID_WEIGHTS)
+    a, b, _, _ = align_planar(reference.points, local, RIGID_WEIGHTS)
     ratio = float(np.hypot(a, b))  # picture pixels per grid pixel
     if ratio > 1.25:
         small = (max(2, round(roi.shape[1] / ratio)), max(2, round(roi.shape[0] / ratio)))
         factor = np.array(small) / (roi.shape[1], roi.shape[0])
         roi = np.asarray(cv2.resize(roi, small, interpolation=cv2.INTER_AREA), np.uint8)
         local = (local + 0.5) * factor - 0.5
-    return frame.sampler.sample(np.ascontiguousarray(roi), local)
+    return reference.sampler.sample(np.ascontiguousarray(roi), local)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +135,13 @@ class AppearanceModel:
 
     Parameters
     ----------
-    frame : ReferenceFrame of every vector here.
+    reference : ReferenceFrame of every vector here.
     components : Components of the appearance vectors (162 + 3 n).
     neutral : (162 + 3 n,) float32, the appearance with the face at rest.
     mask : (h, w) bool, where the face may be shown: no hair, no background.
     """
 
-    frame: ReferenceFrame
+    reference: ReferenceFrame
     components: Components
     neutral: F32
     mask: NDArray[np.bool_]
@@ -151,7 +163,7 @@ class AppearanceModel:
 
     def shape_of(self, vector: F32) -> F64:
         """Landmarks (81, 2), grid pixels, of an appearance vector."""
-        return np.asarray(vector[:SHAPE].reshape(POINTS, 2), np.float64) / self.frame.shape_weight
+        return np.asarray(vector[:SHAPE].reshape(POINTS, 2), np.float64) / self.reference.shape_weight
 
     def texture_of(self, vector: F32) -> F32:
         """RGB (n, 3) of an appearance vector."""
@@ -159,33 +171,38 @@ class AppearanceModel:
 
     def picture(self, vector: F32) -> NDArray[np.uint8]:
         """RGB picture (h, w, 3) uint8 of an appearance vector's texture on the grid."""
-        return np.asarray(np.clip(self.frame.scatter(self.texture_of(vector)), 0, 255).round(), np.uint8)
+        return np.asarray(np.clip(self.reference.scatter(self.texture_of(vector)), 0, 255).round(), np.uint8)
 
 
-def appearance_vectors(shapes: F64, textures: F32, frame: ReferenceFrame, weights: F32 | None = None) -> F32:
+def appearance_vectors(
+    shapes: F64, textures: F32, reference: ReferenceFrame, weights: F32 | None = None
+) -> F32:
     """Appearance vectors (m, 162 + 3 n) of shapes (m, 81, 2) in pixels and textures (m, n, 3).
 
     weights (n,) in [0, 1] damp the variation of pixels that are not face (hair, background): outside the
     learned mask every frame shows the mean.
     """
-    aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), SHAPE)
+    aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), SHAPE)
     if weights is not None:
         mean = textures.mean(0)
         textures = mean + (textures - mean) * weights[:, None]
-    parts = [aligned.astype(np.float32) * np.float32(frame.shape_weight), textures.reshape(len(textures), -1)]
+    parts = [
+        aligned.astype(np.float32) * np.float32(reference.shape_weight),
+        textures.reshape(len(textures), -1),
+    ]
     return np.concatenate(parts, axis=1)
 
 
 def openness(shapes: F64) -> F64:
     """Mouth, lid and brow openings (m, 3) of shapes (m, 81, 2), in inter-ocular distances."""
-    iod = np.linalg.norm(shapes[:, 45] - shapes[:, 36], axis=1)
-    mouth = np.linalg.norm(shapes[:, 61:64] - shapes[:, 67:64:-1], axis=2).mean(1)
-    lids = np.linalg.norm(shapes[:, [37, 38, 43, 44]] - shapes[:, [41, 40, 47, 46]], axis=2).mean(1)
-    brows = np.linalg.norm(shapes[:, [19, 24]] - shapes[:, [37, 44]], axis=2).mean(1)
+    iod = np.linalg.norm(shapes[:, LEFT_EYE_OUTER] - shapes[:, RIGHT_EYE_OUTER], axis=1)
+    mouth = np.linalg.norm(shapes[:, UPPER_INNER_LIP] - shapes[:, LOWER_INNER_LIP], axis=2).mean(1)
+    lids = np.linalg.norm(shapes[:, UPPER_LIDS] - shapes[:, LOWER_LIDS], axis=2).mean(1)
+    brows = np.linalg.norm(shapes[:, BROW_TOPS] - shapes[:, LIDS_BELOW_BROW_TOPS], axis=2).mean(1)
     return np.asarray(np.stack([mouth, lids, brows], 1) / iod[:, None])
 
 
-def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequence[int]:
+def neutral_frames(shapes: F64, reference: ReferenceFrame, count: int = 7) -> Sequence[int]:
     """Indices of the frames nearest to a face at rest: mouth shut, lids open as usual, brows and head as usual.
 
     shapes : (m, 81, 2) pixels.
@@ -195,10 +212,12 @@ def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequen
         [np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.75), np.median(openings[:, 2])]
     )
     spread = np.maximum(openings.std(0), 0.01)
-    aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), -1)
+    aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1)
     from_usual = np.linalg.norm(aligned - np.median(aligned, 0), axis=1)
     width = np.linalg.norm(
-        aligned.reshape(-1, POINTS, 2)[:, 54] - aligned.reshape(-1, POINTS, 2)[:, 48], axis=1
+        aligned.reshape(-1, POINTS, 2)[:, LEFT_MOUTH_CORNER]
+        - aligned.reshape(-1, POINTS, 2)[:, RIGHT_MOUTH_CORNER],
+        axis=1,
     )
     score = (
         2.0 * np.abs(openings[:, 0] - usual[0]) / spread[0]
@@ -210,15 +229,18 @@ def neutral_frames(shapes: F64, frame: ReferenceFrame, count: int = 7) -> Sequen
     return [int(i) for i in np.argsort(score)[:count]]
 
 
-def rest_weights(shapes: F64, frame: ReferenceFrame) -> F64:
+def rest_weights(shapes: F64, reference: ReferenceFrame) -> F64:
     """Weights (m,) summing to 1 that make the face at rest out of frames with shapes (m, 81, 2).
 
     Local linear regression on the openings, the mouth's width and the yaw, read at rest: mouth shut, lids open, the
     others as usual.  Many frames vote, so the slips and the noise of single ones cancel.
     """
-    aligned = np.stack([frame.align(s) for s in shapes])
-    width = np.linalg.norm(aligned[:, 54] - aligned[:, 48], axis=1) / frame.resolution
-    yaw = np.array([frame.yaw(a) for a in aligned])
+    aligned = np.stack([reference.align(s) for s in shapes])
+    width = (
+        np.linalg.norm(aligned[:, LEFT_MOUTH_CORNER] - aligned[:, RIGHT_MOUTH_CORNER], axis=1)
+        / reference.resolution
+    )
+    yaw = np.array([reference.yaw(a) for a in aligned])
     state = np.column_stack([openness(shapes), width, yaw])
     rest = np.median(state, axis=0)
     rest[0], rest[1] = np.quantile(state[:, 0], 0.05), np.quantile(state[:, 1], 0.75)

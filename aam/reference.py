@@ -16,7 +16,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.landmarks.schemes import (
+    EYE_CORNERS,
+    FOREHEAD,
+    LEFT_NOSTRIL,
+    MIRROR,
+    NOSE_BASE,
+    NOSE_BRIDGE,
+    NOSE_ROOT,
+    RIGHT_NOSTRIL,
+    TEMPLES,
+)
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64
 
@@ -28,10 +38,10 @@ MARGIN = 2  # grid pixels kept free around the hull
 
 # How strongly each landmark moves with the skull: eye corners, upper nose and temples; lips, lids, jaw: nothing.
 RIGID_WEIGHTS: F64 = np.zeros(POINTS)
-RIGID_WEIGHTS[[36, 39, 42, 45]] = 1.0
-RIGID_WEIGHTS[[27, 28]] = 1.0
-RIGID_WEIGHTS[[29, 30, 31, 33, 35]] = 0.5
-RIGID_WEIGHTS[[0, 16, 68, 80]] = 0.25
+RIGID_WEIGHTS[EYE_CORNERS] = 1.0
+RIGID_WEIGHTS[NOSE_BRIDGE[:2]] = 1.0
+RIGID_WEIGHTS[[*NOSE_BRIDGE[2:], RIGHT_NOSTRIL, NOSE_BASE, LEFT_NOSTRIL]] = 0.5
+RIGID_WEIGHTS[[*TEMPLES, *FOREHEAD[[0, -1]]]] = 0.25
 RIGID_WEIGHTS /= RIGID_WEIGHTS.sum()
 RIGID_WEIGHTS.setflags(write=False)
 
@@ -73,7 +83,7 @@ class ReferenceFrame:
 
         Read off the part of the shape that is not symmetric, so that a broad face does not pass for a turned one.
         """
-        flipped = aligned[list(MIRROR)] * [-1, 1] + [2 * float(self.points[27, 0]), 0]
+        flipped = aligned[list(MIRROR)] * [-1, 1] + [2 * float(self.points[NOSE_ROOT, 0]), 0]
         skewed = (aligned - self.align(flipped)) / 2
         mode = self.yaw_mode
         return float((skewed * mode).sum() / (mode * mode).sum())
@@ -149,14 +159,14 @@ class MeshSampler:
     weights: F32
 
     @classmethod
-    def build(cls, frame: ReferenceFrame, places: F64) -> MeshSampler:
+    def build(cls, reference: ReferenceFrame, places: F64) -> MeshSampler:
         """Places (n, 2) in grid pixels; one outside the hull takes the triangle nearest to it."""
-        columns = np.clip(np.round(places).astype(int), 0, np.array(frame.size[::-1]) - 1)
-        triangle = frame.triangle_map[columns[:, 1], columns[:, 0]]
+        columns = np.clip(np.round(places).astype(int), 0, np.array(reference.size[::-1]) - 1)
+        triangle = reference.triangle_map[columns[:, 1], columns[:, 0]]
         if (triangle < 0).any():  # only then, as it takes a large import
-            triangle = _filled(frame.triangle_map)[columns[:, 1], columns[:, 0]]
-        vertices = frame.triangles[triangle]
-        a, b, c = (frame.points[vertices[:, k]] for k in range(3))
+            triangle = _filled(reference.triangle_map)[columns[:, 1], columns[:, 0]]
+        vertices = reference.triangles[triangle]
+        a, b, c = (reference.points[vertices[:, k]] for k in range(3))
         u, v, w = b - a, c - a, places - a
         det = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         wb = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / det

@@ -26,8 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.appearance import openness
-from guise.aam.landmarks.schemes import FOREHEAD, INNER_LIPS, JAW, OUTER_LIPS
-from guise.aam.reference import RIGID_WEIGHTS, MeshSampler, ReferenceFrame
+from guise.aam.landmarks.schemes import (
+    LEFT_EYE_OUTER,
+    LIPS,
+    NOSE_BRIDGE,
+    OUTLINE,
+    RIGHT_EYE_OUTER,
+)
+from guise.aam.reference import POINTS, RIGID_WEIGHTS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.aam.tracker import Crop
 from guise.common.arrays import F32, F64
@@ -47,8 +53,8 @@ FLAT = 4.0  # grey levels of contrast below which there is nothing to see
 # Share of the way that is gone in a round.  Teeth come and go between the lips, and beyond the outline lies what is not
 # the face: there the picture tells less.  Chosen with a good and a poor landmarker on rendered people.
 SHARES = np.full((81, 1), 0.8)
-SHARES[[*OUTER_LIPS, *INNER_LIPS]] = 0.5
-SHARES[[*JAW, *FOREHEAD]] = 0.3
+SHARES[LIPS] = 0.5
+SHARES[OUTLINE] = 0.3
 OUTLIER = 4.0  # robust standard deviations above the median residual
 
 
@@ -97,7 +103,7 @@ def refine_shapes(
     kept = after <= _limit(after)
     now[after > before] = seen[after > before]  # the picture says that these were better
     now = anchored(seen, now, kept)
-    sizes = np.linalg.norm(seen[:, 45] - seen[:, 36], axis=1)[:, None]
+    sizes = np.linalg.norm(seen[:, LEFT_EYE_OUTER] - seen[:, RIGHT_EYE_OUTER], axis=1)[:, None]
     return Refined(
         np.stack([crop.to_frame(shape) for crop, shape in zip(crops, now, strict=True)]),
         kept,
@@ -128,8 +134,8 @@ def _to_reference(shape: F64) -> F64:
 
 def _few_modes(shapes: F64) -> F64:
     """Shapes (n, 81, 2) reduced to their main modes in the head's frame."""
-    frame = ReferenceFrame.canonical(RESOLUTION)
-    aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), -1)
+    reference = ReferenceFrame.canonical(RESOLUTION)
+    aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1)
     mean = aligned.mean(0)
     _, _, modes = np.linalg.svd(aligned - mean, full_matrices=False)
     off = (aligned - mean) - (aligned - mean) @ modes[:SHAPE_MODES].T @ modes[:SHAPE_MODES]
@@ -149,7 +155,7 @@ class _Grid:
         points = _with_rim(ReferenceFrame.canonical(RESOLUTION).points)
         points -= points.min(0) - 1
         self.size = int(np.ceil(points[:, 1].max())) + 2, int(np.ceil(points[:, 0].max())) + 2
-        self.landmarks = points[:81]
+        self.landmarks = points[:POINTS]
         ys, xs = np.mgrid[: self.size[0], : self.size[1]]
         mesh = ReferenceFrame(points, _triangles(points), self.size)
         places = np.column_stack([xs.ravel(), ys.ravel()]).astype(np.float64)
@@ -170,8 +176,8 @@ def _triangles(points: F64) -> NDArray[np.int32]:
 
 def _with_rim(shape: F64) -> F64:
     """A shape (81, 2) and, beyond its outermost points, a rim."""
-    rim = np.concatenate([shape[:17], shape[68:]])
-    nose = shape[27:31].mean(0)
+    rim = shape[OUTLINE]
+    nose = shape[NOSE_BRIDGE].mean(0)
     return np.concatenate([shape, nose + (1 + AROUND) * (rim - nose)])
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.appearance import Components, principal_components
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.reference import POINTS, RIGID_WEIGHTS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import Failed, align_planar
 from guise.common.arrays import F32, F64
@@ -92,10 +93,10 @@ class Crop:
         return (shape + 0.5) / self.scale - 0.5 + self.corner
 
 
-def cut(luma: Grey, shape: F64, frame: ReferenceFrame) -> Crop | Failed:
+def cut(luma: Grey, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
     """The working crop of a picture (h, w) around a shape (81, 2) in its pixels."""
-    a, b, _, _ = align_planar(frame.points, shape, RIGID_WEIGHTS)
-    ratio = CROP_FACE / max(float(np.hypot(a, b)) * frame.resolution, 1e-6)
+    a, b, _, _ = align_planar(reference.points, shape, RIGID_WEIGHTS)
+    ratio = CROP_FACE / max(float(np.hypot(a, b)) * reference.resolution, 1e-6)
     centre, half = shape.mean(0), CROP_REACH * CROP_FACE / ratio
     if not (np.isfinite(half) and half < 4 * max(luma.shape)):
         return Failed("the face is larger than the picture")
@@ -171,17 +172,17 @@ class Tracker:
     box_to_shape: F64
 
     @cached_property
-    def frame(self) -> ReferenceFrame:
+    def reference(self) -> ReferenceFrame:
         """The feature grid."""
         return ReferenceFrame.canonical(FEATURE_RESOLUTION)
 
     @cached_property
     def _sampler(self) -> MeshSampler:
-        return self.frame.sampler[self.pixels]
+        return self.reference.sampler[self.pixels]
 
     @cached_property
     def _shape_space(self) -> ShapeSpace:
-        return ShapeSpace(self.shapes, self.frame)
+        return ShapeSpace(self.shapes, self.reference)
 
     def fit(self, luma: Grey, start: F64) -> Fit | Failed:
         """The face near a start shape.
@@ -189,7 +190,7 @@ class Tracker:
         luma : (h, w) uint8.   start : (81, 2) float64, frame pixels.
         Failed when the face has left the picture or its texture is not this person's face.
         """
-        crop = cut(luma, start, self.frame)
+        crop = cut(luma, start, self.reference)
         if isinstance(crop, Failed):
             return crop
         space = self._shape_space
@@ -235,7 +236,7 @@ class Tracker:
         width = float(box[2] - box[0])
         centre = np.array([box[0] + box[2], box[1] + box[3]]) / 2 + self.box_to_shape[:2] * width
         mean = self.shapes.mean.reshape(POINTS, 2).astype(np.float64)
-        mean = (mean - mean.mean(0)) / self.frame.resolution
+        mean = (mean - mean.mean(0)) / self.reference.resolution
         face = self.box_to_shape[2] * width
         shifts = ((0, 0), (0, -0.1), (0, 0.1), (-0.1, 0), (0.1, 0))
         tries = [(1.0, s) for s in shifts] + [(0.88, (0, 0)), (1.14, (0, 0))]
@@ -243,7 +244,7 @@ class Tracker:
 
     def likeness(self, luma: Grey, shape: F64) -> Likeness | Failed:
         """How much the face at a shape (81, 2), frame pixels, in luma (h, w) looks like this person."""
-        crop = cut(luma, shape, self.frame)
+        crop = cut(luma, shape, self.reference)
         if isinstance(crop, Failed):
             return crop
         features = normalised(self._sampler.sample(crop.image, crop.to_crop(shape)))
@@ -253,18 +254,20 @@ class Tracker:
     def _hidden(self, features: F32) -> float:
         """Share of the pixels around which the texture is off by more than STRANGE."""
         centred = features - self.texture.mean
-        missed = np.zeros(len(self.frame.pixels), np.float32)
+        missed = np.zeros(len(self.reference.pixels), np.float32)
         missed[self.pixels] = (centred - self.texture.basis @ (centred @ self.texture.basis)) ** 2
-        around = cv2.GaussianBlur(self.frame.scatter(missed), (0, 0), AROUND)[self.frame.mask][self.pixels]
+        around = cv2.GaussianBlur(self.reference.scatter(missed), (0, 0), AROUND)[self.reference.mask][
+            self.pixels
+        ]
         return float((around > STRANGE**2 * self._weight).mean())
 
     @cached_property
     def _weight(self) -> F32:
         """Share of each pixel's surroundings that is looked at."""
-        looked = np.zeros(len(self.frame.pixels), np.float32)
+        looked = np.zeros(len(self.reference.pixels), np.float32)
         looked[self.pixels] = 1
         return np.asarray(
-            cv2.GaussianBlur(self.frame.scatter(looked), (0, 0), AROUND)[self.frame.mask][self.pixels]
+            cv2.GaussianBlur(self.reference.scatter(looked), (0, 0), AROUND)[self.reference.mask][self.pixels]
         )
 
     def _residual(self, features: F32) -> float:
@@ -279,15 +282,15 @@ class ShapeSpace:
     """Pose and shape parameters of a shape, and how corrections change them."""
 
     shapes: Components
-    frame: ReferenceFrame
+    reference: ReferenceFrame
 
     @cached_property
     def _centre(self) -> F64:
-        return RIGID_WEIGHTS @ self.frame.points
+        return RIGID_WEIGHTS @ self.reference.points
 
     def encode(self, shape: F64) -> tuple[Pose, F64]:
         """Pose and parameters (k,), in standard deviations, of a shape (81, 2) in picture pixels."""
-        a, b, tx, ty = align_planar(shape, self.frame.points, RIGID_WEIGHTS)
+        a, b, tx, ty = align_planar(shape, self.reference.points, RIGID_WEIGHTS)
         linear, offset = np.array([[a, b], [-b, a]]), np.array([tx, ty])
         vector = (shape @ linear + offset).ravel()
         parameters = ((vector - self.shapes.mean) @ self.shapes.basis) / self.shapes.deviations
@@ -303,7 +306,7 @@ class ShapeSpace:
         """A pose and parameters after a correction (4 + k,), which acts on the feature grid."""
         a, b = 1 + float(correction[0]), float(correction[1])
         turn = np.array([[a, b], [-b, a]])
-        shift = self._centre - self._centre @ turn + correction[2:POSE] * self.frame.resolution
+        shift = self._centre - self._centre @ turn + correction[2:POSE] * self.reference.resolution
         moved = Pose(turn @ pose.linear, shift @ pose.linear + pose.offset)
         return moved, np.clip(parameters + correction[POSE:], -LIMIT, LIMIT)
 
@@ -312,7 +315,7 @@ class ShapeSpace:
         inverse = np.linalg.inv(pose.linear)
         turn = true[0].linear @ inverse
         shift = (true[0].offset - pose.offset) @ inverse - (self._centre - self._centre @ turn)
-        head = [turn[0, 0] - 1, turn[0, 1], *(shift / self.frame.resolution)]
+        head = [turn[0, 0] - 1, turn[0, 1], *(shift / self.reference.resolution)]
         return np.concatenate([head, true[1] - parameters])
 
 
@@ -393,13 +396,13 @@ class _Training:
     ) -> None:
         self.options, self.crops = options, crops
         self.rng = np.random.default_rng(options.seed)
-        self.frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
-        self.pixels = np.flatnonzero(np.ones(len(self.frame.pixels), bool) if face is None else face)
-        self.sampler = self.frame.sampler[self.pixels]
+        self.reference = ReferenceFrame.canonical(FEATURE_RESOLUTION)
+        self.pixels = np.flatnonzero(np.ones(len(self.reference.pixels), bool) if face is None else face)
+        self.sampler = self.reference.sampler[self.pixels]
         self.true_shapes = [c.to_crop(s) for c, s in zip(crops, shapes, strict=True)]
         images = [c.image for c in crops]
         self.images, self.true_shapes = self._with_turned(images, self.true_shapes)
-        self.space = ShapeSpace(_shape_components(self.true_shapes, self.frame, options), self.frame)
+        self.space = ShapeSpace(_shape_components(self.true_shapes, self.reference, options), self.reference)
         self.true = [self.space.encode(s) for s in self.true_shapes]
         self.owner = [i for i in range(len(crops)) for _ in range(options.copies)]
         self.fold = (np.arange(len(crops)) * 2 * options.folds // len(crops)) % options.folds
@@ -412,7 +415,7 @@ class _Training:
         turned = []
         for i in self.turned_from:
             degrees = self.options.turn * self.rng.uniform(0.3, 1) * self.rng.choice([-1, 1])
-            turned.append(turn_head(images[i], shapes[i], self.frame, degrees))
+            turned.append(turn_head(images[i], shapes[i], self.reference, degrees))
         return images + [t[0] for t in turned], shapes + [t[1] for t in turned]
 
     def _perturbed(self, i: int) -> tuple[Pose, F64]:
@@ -426,7 +429,7 @@ class _Training:
         return self.space.corrected(pose, parameters, np.concatenate([jump, noise]))
 
     def _ramps(self) -> F32:
-        ys, xs = np.divmod(self.frame.pixels[self.pixels], self.frame.size[1])
+        ys, xs = np.divmod(self.reference.pixels[self.pixels], self.reference.size[1])
         ramps = np.stack([xs, ys]).astype(np.float32)
         return np.asarray((ramps - ramps.mean(1, keepdims=True)) / ramps.std(1, keepdims=True), np.float32)
 
@@ -462,7 +465,7 @@ class _Training:
         for j, (i, state) in enumerate(zip(self.owner, self.state, strict=True)):
             truth = self.true_shapes[i]
             miss = np.linalg.norm(self.space.decode(*state) - truth, axis=1).mean()
-            out[j] = miss / np.linalg.norm(truth[45] - truth[36])
+            out[j] = miss / np.linalg.norm(truth[LEFT_EYE_OUTER] - truth[RIGHT_EYE_OUTER])
         return out
 
     def quality(self, stages: list[F32]) -> tuple[Components, Quality]:
@@ -490,20 +493,21 @@ class _Training:
                 state = self.space.corrected(*state, stage[0] + f @ stage[1:])
             shape = self.space.decode(*state)
             truth = self.true_shapes[i]
-            if np.linalg.norm(shape - truth, axis=1).mean() > 0.1 * np.linalg.norm(truth[45] - truth[36]):
+            eyes = np.linalg.norm(truth[LEFT_EYE_OUTER] - truth[RIGHT_EYE_OUTER])
+            if np.linalg.norm(shape - truth, axis=1).mean() > 0.1 * eyes:
                 out.append(normalised(self.sampler.sample(self.images[i], shape)))
         return _residuals(np.stack(out), texture) if out else np.array([0.9])
 
 
-def turn_head(image: Grey, shape: F64, frame: ReferenceFrame, degrees: float) -> tuple[Grey, F64]:
+def turn_head(image: Grey, shape: F64, reference: ReferenceFrame, degrees: float) -> tuple[Grey, F64]:
     """A picture (h, w) and shape (81, 2) with the head turned to the image right by some degrees.
 
     The reference frame's yaw mode moves the landmarks; the picture follows them by a smooth field (a Gaussian
     mean of their displacements), which is good enough for turns of up to about 20 degrees.
     """
-    a, b, _, _ = align_planar(frame.points, shape, RIGID_WEIGHTS)
-    moved = shape + degrees * frame.yaw_mode @ np.array([[a, b], [-b, a]])
-    step, reach = 6, 0.12 * float(np.hypot(a, b)) * frame.resolution
+    a, b, _, _ = align_planar(reference.points, shape, RIGID_WEIGHTS)
+    moved = shape + degrees * reference.yaw_mode @ np.array([[a, b], [-b, a]])
+    step, reach = 6, 0.12 * float(np.hypot(a, b)) * reference.resolution
     h, w = image.shape
     ys, xs = np.mgrid[0 : h + step : step, 0 : w + step : step].astype(np.float64)
     places = np.stack([xs, ys], axis=-1)
@@ -523,8 +527,10 @@ def turn_head(image: Grey, shape: F64, frame: ReferenceFrame, degrees: float) ->
     return np.asarray(bent, np.uint8), moved
 
 
-def _shape_components(shapes: Sequence[F64], frame: ReferenceFrame, options: TrackerOptions) -> Components:
-    vectors = np.stack([frame.align(s).ravel() for s in shapes]).astype(np.float32)
+def _shape_components(
+    shapes: Sequence[F64], reference: ReferenceFrame, options: TrackerOptions
+) -> Components:
+    vectors = np.stack([reference.align(s).ravel() for s in shapes]).astype(np.float32)
     kept = principal_components(vectors, options.retain)
     k = min(kept.modes, options.max_modes)
     return Components(

@@ -24,8 +24,9 @@ from guise.aam.appearance import (
     rest_weights,
     sample_texture,
 )
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.mask import core_band, learn_mask, skin_mask, smooth_skin
-from guise.aam.model import Identity, Still
+from guise.aam.model import Identity, RestFrame
 from guise.aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
@@ -80,7 +81,7 @@ class Observation:
 
 
 def observe(
-    rgb: Picture, shape: F64, frame: ReferenceFrame, *, keep_picture: bool = False
+    rgb: Picture, shape: F64, reference: ReferenceFrame, *, keep_picture: bool = False
 ) -> Observation | Failed:
     """Reduce a frame (h, w, 3) with landmarks (81, 2) in its pixels to what training needs."""
     feature_frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
@@ -91,7 +92,7 @@ def observe(
     inside = ((shape >= 0) & (shape < rgb.shape[1::-1])).all(axis=1).mean()
     if inside < LEAST_INSIDE:
         return Failed("most of the face lies outside the picture")
-    texture = sample_texture(rgb, shape, frame)
+    texture = sample_texture(rgb, shape, reference)
     return Observation(texture, crop, shape, rgb.copy() if keep_picture else None)
 
 
@@ -131,16 +132,16 @@ def choose_frames(shapes: F64, options: TrainingOptions) -> Choice:
         raise TrainingError(
             f"a model needs at least {FEWEST} frames with a face, got {len(usable)}; use a longer or clearer clip"
         )
-    frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
+    reference = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     count = min(options.frames, max(FEWEST, int(0.8 * len(usable))))
-    described = _descriptors(shapes[usable], frame)
+    described = _descriptors(shapes[usable], reference)
     even = np.linspace(0, len(usable) - 1, max(1, count // 3)).round().astype(int)
     training = np.sort(usable[_farthest(described, count, list(np.unique(even)))])
     rest = np.setdiff1d(usable, training)
     held_out = (
         rest[np.linspace(0, len(rest) - 1, min(len(rest), 60)).round().astype(int)] if len(rest) else rest
     )
-    neutral = [int(usable[i]) for i in neutral_frames(shapes[usable], frame, STILLS)]
+    neutral = [int(usable[i]) for i in neutral_frames(shapes[usable], reference, STILLS)]
     return Choice(training, neutral, np.unique(held_out))
 
 
@@ -157,8 +158,8 @@ def _steady(shapes: F64) -> NDArray[np.intp]:
     return np.asarray(usable[(jump < max(0.05, 6 * float(np.median(jump)))) & (width > 20)])
 
 
-def _descriptors(shapes: F64, frame: ReferenceFrame) -> F64:
-    aligned = np.stack([frame.align(s) for s in shapes]).reshape(len(shapes), -1) / frame.resolution
+def _descriptors(shapes: F64, reference: ReferenceFrame) -> F64:
+    aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1) / reference.resolution
     openings = openness(shapes) - openness(shapes).mean(0)
     return np.concatenate([aligned - aligned.mean(0), openings * [1.0, 3.0, 1.0]], axis=1)
 
@@ -191,7 +192,7 @@ def train_identity(
     facts : what the caller wants to be kept with the model.
     progress : called with the share done.
     """
-    frame = ReferenceFrame.canonical(options.resolution)
+    reference = ReferenceFrame.canonical(options.resolution)
     training = [observations[i] for i in choice.training if i in observations]
     if len(training) < FEWEST:
         raise TrainingError(
@@ -199,9 +200,9 @@ def train_identity(
         )
     textures = np.stack([o.texture for o in training])
     if options.even_light:
-        textures = in_even_light(textures, frame)
-    mask = learn_mask(textures, frame)
-    appearance = _appearance(training, textures, mask, observations, choice, frame, options)
+        textures = in_even_light(textures, reference)
+    mask = learn_mask(textures, reference)
+    appearance = _appearance(training, textures, mask, observations, choice, reference, options)
     progress(0.2)
     tracker = train_tracker(
         [o.crop for o in training],
@@ -226,7 +227,7 @@ def train_identity(
         appearance,
         tracker,
         _detail(stills, appearance),
-        Still(stills[0].picture, stills[0].shape),
+        RestFrame(stills[0].picture, stills[0].shape),
         {"frames": len(training), "held_out_error": tracker.quality.error, **(facts or {})},
     )
 
@@ -237,32 +238,32 @@ def _appearance(
     mask: NDArray[np.bool_],
     observations: dict[int, Observation],
     choice: Choice,
-    frame: ReferenceFrame,
+    reference: ReferenceFrame,
     options: TrainingOptions,
 ) -> AppearanceModel:
     soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.02 * options.resolution)
-    weights = np.asarray(soft[frame.mask], np.float32)
+    weights = np.asarray(soft[reference.mask], np.float32)
     shapes = np.stack([o.shape for o in training])
-    vectors = appearance_vectors(shapes, textures, frame, weights)
+    vectors = appearance_vectors(shapes, textures, reference, weights)
     components = principal_components(vectors, options.retain)
     if components.modes > options.max_modes:
         k = options.max_modes
         components = replace(components, basis=components.basis[:, :k], deviations=components.deviations[:k])
-    raw = appearance_vectors(shapes, textures, frame)
-    neutral = rest_weights(shapes, frame).astype(np.float32) @ raw
-    neutral[SHAPE:] = _bare(neutral[SHAPE:].reshape(-1, 3), mask, frame).ravel()
-    return AppearanceModel(frame, components, neutral, mask)
+    raw = appearance_vectors(shapes, textures, reference)
+    neutral = rest_weights(shapes, reference).astype(np.float32) @ raw
+    neutral[SHAPE:] = _bare(neutral[SHAPE:].reshape(-1, 3), mask, reference).ravel()
+    return AppearanceModel(reference, components, neutral, mask)
 
 
-def in_even_light(textures: F32, frame: ReferenceFrame) -> F32:
+def in_even_light(textures: F32, reference: ReferenceFrame) -> F32:
     """Textures (t, n, 3) as if all were taken in the mean light.
 
     Light scales what it falls on; for each channel it is a quadratic in the place on the grid, fitted to the skin.
     """
-    ys, xs = np.divmod(frame.pixels, frame.size[1])
-    x = (xs - frame.size[1] / 2) / frame.resolution
-    y = (ys - frame.size[0] / 2) / frame.resolution
-    skin = skin_mask(frame)[frame.mask]
+    ys, xs = np.divmod(reference.pixels, reference.size[1])
+    x = (xs - reference.size[1] / 2) / reference.resolution
+    y = (ys - reference.size[0] / 2) / reference.resolution
+    skin = skin_mask(reference)[reference.mask]
     fields = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     solve = np.linalg.pinv(fields[skin])
     mean = fields @ (solve @ textures[:, skin].mean(0))
@@ -273,19 +274,19 @@ def in_even_light(textures: F32, frame: ReferenceFrame) -> F32:
     return even
 
 
-def _bare(texture: F32, mask: NDArray[np.bool_], frame: ReferenceFrame) -> F32:
+def _bare(texture: F32, mask: NDArray[np.bool_], reference: ReferenceFrame) -> F32:
     """A texture (n, 3) with smooth skin where it shows hair or background, so that it can be shown there too."""
-    known = skin_mask(frame) & core_band(frame) & mask
-    skin = smooth_skin(frame.scatter(texture), known, frame)[frame.mask]
-    hair = cv2.dilate((frame.mask & ~mask).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)
-    share = 1 - cv2.GaussianBlur(hair, (0, 0), 0.012 * frame.resolution)[frame.mask][:, None]
+    known = skin_mask(reference) & core_band(reference) & mask
+    skin = smooth_skin(reference.scatter(texture), known, reference)[reference.mask]
+    hair = cv2.dilate((reference.mask & ~mask).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)
+    share = 1 - cv2.GaussianBlur(hair, (0, 0), 0.012 * reference.resolution)[reference.mask][:, None]
     return np.asarray(share * texture + (1 - share) * skin, np.float32)
 
 
 def _feature_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
-    small = cv2.resize(mask.astype(np.float32), frame.size[::-1], interpolation=cv2.INTER_AREA)
-    return np.asarray(small[frame.mask] > 0.3)
+    reference = ReferenceFrame.canonical(FEATURE_RESOLUTION)
+    small = cv2.resize(mask.astype(np.float32), reference.size[::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(small[reference.mask] > 0.3)
 
 
 def held_out_error(tracker: Tracker, held_out: Sequence[Observation]) -> float:
@@ -297,17 +298,17 @@ def held_out_error(tracker: Tracker, held_out: Sequence[Observation]) -> float:
         fit = tracker.fit(now.crop.image, now.crop.to_crop(start))
         if isinstance(fit, Fit):
             miss = np.linalg.norm(fit.shape - truth, axis=1).mean()
-            errors.append(miss / np.linalg.norm(truth[45] - truth[36]))
+            errors.append(miss / np.linalg.norm(truth[LEFT_EYE_OUTER] - truth[RIGHT_EYE_OUTER]))
     return float(np.mean(errors)) if errors else float("nan")
 
 
 def _detail(stills: Sequence[Observation], appearance: AppearanceModel) -> F32:
     """Luma (2 h, 2 w) of the neutral face that the texture grid is too coarse for."""
-    frame = appearance.frame
-    h, w = frame.size
+    reference = appearance.reference
+    h, w = reference.size
     ys, xs = np.mgrid[: 2 * h, : 2 * w]
     places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / 2 - 0.5
-    sampler = MeshSampler.build(frame, places)
+    sampler = MeshSampler.build(reference, places)
     fine = []
     for still in stills:
         assert still.picture is not None

@@ -39,9 +39,9 @@ from guise.aam.landmarks.schemes import (
     UPPER_LIP_TOP,
 )
 from guise.aam.similarity import Failed
-from guise.analogy.facing import facings
+from guise.analogy.face_views import facings
 from guise.analogy.mesh import Mesh
-from guise.analogy.sighting import sighted
+from guise.analogy.triangulation import sighted
 from guise.analogy.views import Solid
 from guise.common.arrays import F64, Int
 from guise.common.errors import GuiseError

@@ -17,6 +17,7 @@ import onnxruntime as ort
 
 from benchmarks import common
 from benchmarks.common import F32, F64, Clip, Criterion, Picture, Report, Table
+from guise.aam.landmarks.schemes import LEFT_EYE, MOUTH_CORNERS, NOSE_TIP, RIGHT_EYE
 from guise.aam.model import Identity
 from guise.aam.similarity import Similarity, align
 from guise.app.swapping.engine import Engine
@@ -53,7 +54,9 @@ class Recogniser:
 
 def aligned(rgb: Picture, shape: F64) -> Picture:
     """The face (112, 112, 3), by the least-squares similarity of five points to the recogniser's template."""
-    five = np.stack([shape[36:42].mean(0), shape[42:48].mean(0), shape[30], shape[48], shape[54]])
+    five = np.stack(
+        [shape[RIGHT_EYE].mean(0), shape[LEFT_EYE].mean(0), shape[NOSE_TIP], *shape[MOUTH_CORNERS]]
+    )
     move = align(five, TEMPLATE)
     assert isinstance(move, Similarity)
     matrix = np.column_stack([move.linear, move.translation])
@@ -98,9 +101,9 @@ def swapped(
     with Engine(source, donor, common.detector()) as engine:
         for frame in common.frames(clip):
             original = frame.rgb() if frame.index in indices else None
-            step = engine.step(frame)
-            outcomes[step.outcome] += 1
-            shape = common.shape_of(step.fit)
+            result = engine.swap(frame)
+            outcomes[result.outcome] += 1
+            shape = common.shape_of(result.fit)
             if original is not None and shape is not None:
                 kept.append(Judged(original, frame.rgb(), shape))
     return kept, outcomes

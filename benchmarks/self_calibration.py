@@ -25,9 +25,10 @@ from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from benchmarks.tracker_real import FEWEST_STILL, jitter, still_frames
 from guise.aam.appearance import SHAPE, appearance_vectors, openness, sample_texture
-from guise.aam.follow import PersonFollower
 from guise.aam.landmarks import Face, Landmarker, interocular, open_landmarker, track_video
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.refinement import Refined, refine_shapes
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
@@ -113,7 +114,7 @@ def refined_frames(clip: Clip, points: F64) -> tuple[NDArray[np.intp], Refined]:
 
 def off(shapes: F64, truth: F64) -> F64:
     """(t, 81, 2) errors in the true head's frame without the mean of each point, %."""
-    axis = (truth[:, 45] - truth[:, 36]) @ [1, 1j]
+    axis = (truth[:, LEFT_EYE_OUTER] - truth[:, RIGHT_EYE_OUTER]) @ [1, 1j]
     errors = ((shapes - truth) @ [1, 1j]) / axis[:, None]
     errors = 100 * (errors - errors.mean(0))
     return np.stack([errors.real, errors.imag], axis=-1)
@@ -128,14 +129,14 @@ def slope(shapes: F64, truth: F64, column: int) -> float:
 
 def tracked(person: Identity, clip: Clip, first: int, last: int) -> tuple[F64, float]:
     """Shapes (t, 81, 2) of frames from first to last, NaN where lost, and the texture residual, grey levels."""
-    follower = PersonFollower(person.tracker, common.detector(), clip.points[first])
+    person_tracker = PersonTracker(person.tracker, common.detector(), clip.points[first])
     shapes, residuals = np.full((last, *clip.points.shape[1:]), np.nan), []
     for frame in common.frames(clip):
         if frame.index >= last:
             break
         if frame.index < first:
             continue
-        shape = common.shape_of(follower.step(frame.luma))
+        shape = common.shape_of(person_tracker.update(frame.luma))
         if shape is not None:
             shapes[frame.index] = shape
             if frame.index % EVERY == 0:
@@ -146,9 +147,9 @@ def tracked(person: Identity, clip: Clip, first: int, last: int) -> tuple[F64, f
 def texture_residual(person: Identity, rgb: Picture, shape: F64) -> float:
     """What some modes of the appearance leave of the texture under a shape, root mean square in grey levels."""
     look = person.appearance.components
-    texture = sample_texture(rgb, shape, person.frame)
-    vector = appearance_vectors(shape[None], texture[None], person.frame)[0]
-    kept = np.repeat(person.appearance.mask[person.frame.mask], 3)
+    texture = sample_texture(rgb, shape, person.reference)
+    vector = appearance_vectors(shape[None], texture[None], person.reference)[0]
+    kept = np.repeat(person.appearance.mask[person.reference.mask], 3)
     centred = vector - look.mean
     basis = look.basis[:, :MODES]
     left = (centred - basis @ (basis.T @ centred))[SHAPE:]

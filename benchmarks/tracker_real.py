@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Report, Table
-from benchmarks.tracker_synthetic import INNER, percent_errors, tracked
+from benchmarks.tracker_synthetic import percent_errors, tracked
+from guise.aam.landmarks.schemes import INNER51
 
 CLIPS = ("franck", "webcam_a1", "studio_d6", "address_o1", "phone_d13", "studio_d3", "address_o3", "room_s18")
 SHARE = 1 / 3
@@ -93,7 +94,7 @@ def result(clip: Clip) -> Result:
     return Result(
         clip.name,
         error,
-        float(errors[found, INNER].mean()),
+        float(errors[found, INNER51].mean()),
         p95,
         int(known.sum()),
         lost,

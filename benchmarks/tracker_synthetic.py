@@ -11,19 +11,18 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Report, Table
-from guise.aam.follow import PersonFollower
-
-INNER = slice(17, 68)
+from guise.aam.landmarks.schemes import INNER51
+from guise.aam.person_tracker import PersonTracker
 
 
 def tracked(person_clip: Clip, clip: Clip, share: float = 1.0, first: int = 0) -> F64:
     """Shapes (t, 81, 2) in a clip from frame `first` on, NaN where lost, by a tracker enrolled on another's share."""
     person = common.enrolled(person_clip, share)
-    follower = PersonFollower(person.tracker, common.detector())
+    person_tracker = PersonTracker(person.tracker, common.detector())
     shapes = np.full(clip.points.shape, np.nan)
     for frame in common.frames(clip):
         if frame.index >= first:
-            shape = common.shape_of(follower.step(frame.luma))
+            shape = common.shape_of(person_tracker.update(frame.luma))
             shapes[frame.index] = np.nan if shape is None else shape
     return shapes
 
@@ -41,7 +40,7 @@ def measure(options: argparse.Namespace) -> Report:
         errors = percent_errors(tracked(common.synthetic_clip(options.shared, name), clip), clip)
         found = np.isfinite(errors).all(1)
         each = errors[found].mean(1)
-        inner, p95 = errors[found, INNER].mean(), np.quantile(each, 0.95)
+        inner, p95 = errors[found, INNER51].mean(), np.quantile(each, 0.95)
         rows.append((name, float(each.mean()), float(inner), float(p95), len(errors), int((~found).sum())))
         common.say(str(rows[-1]))
     columns = ("person", "mean error, %", "inner points, %", "95th percentile of frames, %", "frames", "lost")

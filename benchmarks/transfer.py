@@ -31,15 +31,15 @@ from benchmarks import common
 from benchmarks.common import F32, F64, Clip, Criterion, Report, Table
 from guise.aam.appearance import SHAPE, sample_texture
 from guise.aam.extrapolation import DEFAULT_ALPHA, GATE, Extrapolator
-from guise.aam.follow import PersonFollower
+from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.mask import expressive_mask
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
 from guise.aam.similarity import Similarity, align
-from guise.app.media import open_source
+from guise.app.media import open_input
 
-INNER = slice(17, 68)
 REST_FRAMES = 8
 WEIGHT_UNITS = np.array([1.0] * 34 + [30.0] * 2)  # expression units, then gaze in degrees
 LABELS = {"landmarks": "landmarks", "change": "face region, change", "level": "face region, level"}
@@ -94,11 +94,11 @@ class Errors:
 
 def driven(driver: Clip, source: Identity) -> dict[int, F32]:
     """The source's parameters (k,) in every frame of a clip in which it is tracked."""
-    follower = PersonFollower(source.tracker, common.detector())
+    person_tracker = PersonTracker(source.tracker, common.detector())
     estimator = ParameterEstimator(source.appearance)
     found = {}
     for frame in common.frames(driver):
-        shape = common.shape_of(follower.step(frame.luma))
+        shape = common.shape_of(person_tracker.update(frame.luma))
         if shape is not None:
             found[frame.index] = estimator(shape, frame.sample_rgb(estimator.sampler.positions(shape)))
     return found
@@ -118,7 +118,7 @@ def own_rest(shared: Path, person: str, frame: ReferenceFrame) -> F32:
     folder = shared / "data" / "synthetic" / "people" / person
     stills = np.load(folder / "stills.npz")
     shape = stills["landmarks"][list(stills["names"]).index("neutral")].astype(np.float64)
-    with open_source(folder / "neutral.jpg") as source:
+    with open_input(folder / "neutral.jpg") as source:
         return sample_texture(next(iter(source)).rgb(), shape, frame)
 
 
@@ -137,13 +137,13 @@ def landmark_error(appearance: F32, truth: F64, frame: ReferenceFrame) -> float:
     shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
     move = align(shape, truth, RIGID_WEIGHTS)
     assert isinstance(move, Similarity)
-    miss = common.point_error(move.apply(shape)[INNER], truth[INNER])
-    return 100 * miss / float(np.linalg.norm(truth[45] - truth[36]))
+    miss = common.point_error(move.apply(shape)[INNER51], truth[INNER51])
+    return 100 * miss / float(np.linalg.norm(truth[LEFT_EYE_OUTER] - truth[RIGHT_EYE_OUTER]))
 
 
 def errors(setting: Setting, source: Identity, target: Identity, rho: dict[int, F32], truth: Truth) -> Errors:
     """Mean errors of a setting over the frames in which the driver was tracked."""
-    frame, index = target.frame, list(rho)
+    frame, index = target.reference, list(rho)
     inside = target.appearance.mask[frame.mask]
     features = expressive_mask(frame)[frame.mask][inside]
     made = synthesised(setting, source, target, np.stack([rho[i] for i in index]))
@@ -187,7 +187,7 @@ def measure(options: argparse.Namespace) -> Report:
     for a, b in chosen:
         common.say(f"{a} drives {b}")
         rho = driven(common.synthetic_clip(options.shared, a, "talk2"), people[a])
-        truth, less = truth_of(options.shared, a, b, people[b].frame), common.enrolled(clips[b], POOR)
+        truth, less = truth_of(options.shared, a, b, people[b].reference), common.enrolled(clips[b], POOR)
         for setting in SETTINGS:
             rich[setting.name].append(errors(setting, people[a], people[b], rho, truth))
             poor[setting.name].append(errors(setting, people[a], less, rho, truth))

@@ -12,6 +12,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 from benchmarks import common, file_to_file, identity, run_all, tracker_real
 from benchmarks.children import CommandError, Ran, ran
 from benchmarks.common import Criterion, Report, Table
+from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_MOUTH_CORNER, NOSE_TIP, RIGHT_EYE, RIGHT_MOUTH_CORNER
 
 
 @pytest.mark.parametrize(
@@ -77,7 +78,13 @@ def test_landmarks_that_are_missing_are_never_still() -> None:
 def test_recogniser_sees_the_template_where_the_face_is() -> None:
     shape = np.zeros((81, 2))
     template = identity.TEMPLATE * 2 + 30
-    shape[36:42], shape[42:48], shape[30], shape[48], shape[54] = template
+    (
+        shape[RIGHT_EYE],
+        shape[LEFT_EYE],
+        shape[NOSE_TIP],
+        shape[RIGHT_MOUTH_CORNER],
+        shape[LEFT_MOUTH_CORNER],
+    ) = template
     picture = np.zeros((300, 300, 3), np.uint8)
     x, y = np.round(template[2]).astype(int)
     picture[y - 3 : y + 4, x - 3 : x + 4] = 255

@@ -15,7 +15,7 @@ from benchmarks.landmarks import annotated, false_faces, metrics, rendered, smal
 from benchmarks.landmarks.mediapipe_mesh import FACE81, face81
 from benchmarks.landmarks.stills import at_faces, own_faces
 from guise.aam.landmarks import Face
-from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.schemes import CHIN, IBUG68, JAW, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, mean_geometry
 
 MEAN = np.stack([mean_geometry().mean.real, mean_geometry().mean.imag], axis=-1)
 
@@ -27,24 +27,24 @@ def faces(count: int, seed: int = 0) -> np.ndarray:
     for _ in range(count):
         angle, size = rng.uniform(-0.5, 0.5), rng.uniform(40, 200)
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        made.append(size * MEAN[:68] @ turn + rng.uniform(0, 500, 2))
+        made.append(size * MEAN[IBUG68] @ turn + rng.uniform(0, 500, 2))
     return np.array(made)
 
 
 def carried(truth: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Faces (n, 68, 2) whose points are off by (68, 2) in the frame of the eyes."""
-    eyes = truth[:, 45] - truth[:, 36]
+    eyes = truth[:, LEFT_EYE_OUTER] - truth[:, RIGHT_EYE_OUTER]
     moved = (offset[:, 0] + 1j * offset[:, 1]) * (eyes[:, 0] + 1j * eyes[:, 1])[:, None]
     return truth + np.stack([moved.real, moved.imag], axis=-1)
 
 
 def test_error_is_in_percent_of_the_eye_distance() -> None:
     truth = faces(3)
-    eyes = np.linalg.norm(truth[:, 45] - truth[:, 36], axis=1)
+    eyes = np.linalg.norm(truth[:, LEFT_EYE_OUTER] - truth[:, RIGHT_EYE_OUTER], axis=1)
     found = truth.copy()
-    found[:, 8, 0] += 0.2 * eyes
+    found[:, CHIN, 0] += 0.2 * eyes
     errors = metrics.percent_errors(found, truth)
-    assert errors[:, 8] == pytest.approx(20)
+    assert errors[:, CHIN] == pytest.approx(20)
     assert metrics.accuracy(found, truth).raw == pytest.approx(20 / 68)
     assert metrics.accuracy(found, truth).inner == pytest.approx(0)
 
@@ -80,8 +80,8 @@ def test_faces_not_found_are_failures_but_not_errors() -> None:
 def test_points_that_a_scheme_lacks_do_not_count() -> None:
     truth = faces(8)
     found = truth + np.array([3, 0])
-    found[:, :17] += 500
-    truth[:, :17] = np.nan
+    found[:, JAW] += 500
+    truth[:, JAW] = np.nan
     measured = metrics.accuracy(found, truth)
     assert measured.raw == pytest.approx(measured.inner)
     assert measured.removed < measured.raw < 10
@@ -162,7 +162,7 @@ def test_reliability_counts_every_face_once() -> None:
 def test_mesh_points_are_all_different() -> None:
     mesh = np.arange(478.0)[:, None] * np.ones(2)
     assert len(set(FACE81)) == 81
-    assert face81(mesh)[36].tolist() == [33.0, 33.0]
+    assert face81(mesh)[RIGHT_EYE_OUTER].tolist() == [33.0, 33.0]
 
 
 def test_imm_points_keep_the_order_of_a_face() -> None:
@@ -185,7 +185,7 @@ class Known:
 
 def test_unsure_faces_are_not_found_but_counted() -> None:
     places = [100 * MEAN + [200 * k, 150] for k in (1, 2, 3)]
-    points = np.array(places)[:, :68]
+    points = np.array(places)[:, IBUG68]
     still = annotated.Still(Path(), points, metrics_boxes(points))
     find, unsure = own_faces(Known(Face.around(places[0], 0.9), Face.around(places[1], 0.2)))
     found = find(np.zeros((9, 9, 3), np.uint8), still)
@@ -198,7 +198,7 @@ def metrics_boxes(points: np.ndarray) -> np.ndarray:
 
 
 def test_found_faces_are_put_to_their_places() -> None:
-    points = np.array([100 * MEAN[:68], 100 * MEAN[:68] + 300])
+    points = np.array([100 * MEAN[IBUG68], 100 * MEAN[IBUG68] + 300])
     still = annotated.Still(Path(), points, metrics_boxes(points))
     assert at_faces(points[::-1] + 1, still) == pytest.approx(points + 1)
 

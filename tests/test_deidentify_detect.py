@@ -8,14 +8,15 @@ from clips import empty_scene
 from made_up import SAMPLES
 
 from guise.aam.landmarks import interocular
+from guise.aam.landmarks.schemes import CHIN, IBUG68, INNER51, NOSE_BASE
 from guise.app.deidentify.stages.detect import Chaser, Glimpse, Seen, _seen_again, detect_faces
 from guise.app.deidentify.stages.smooth import smooth
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 from guise.app.swapping.trust import place
 
 
 def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:
-    with open_source(SAMPLES / person / clip) as source:
+    with open_input(SAMPLES / person / clip) as source:
         return [frame for frame, _ in zip(source, range(count), strict=False)]
 
 
@@ -28,7 +29,9 @@ def test_a_person_is_one_tracklet_in_every_frame(person: str) -> None:
     found = detect_faces(some(person))
     assert found.frame.tolist() == list(range(30))
     assert set(found.tracklet.tolist()) == {0}
-    off = np.linalg.norm(found.points - truth(person), axis=-1)[:, 17:68].mean(1) / interocular(truth(person))
+    off = np.linalg.norm(found.points - truth(person), axis=-1)[:, INNER51].mean(1) / interocular(
+        truth(person)
+    )
     assert off.max() < 0.08
     assert len(found.cuts) == 0
 
@@ -60,7 +63,7 @@ def test_a_cut_ends_a_tracklet_and_begins_another() -> None:
 
 
 def test_an_empty_scene_holds_nobody(tmp_path: object) -> None:
-    with open_source(empty_scene(tmp_path / "empty.mp4")) as source:  # type: ignore[operator]
+    with open_input(empty_scene(tmp_path / "empty.mp4")) as source:  # type: ignore[operator]
         found = detect_faces(source)
     assert len(found.frame) == 0
     assert len(found.bystander_frame) == 0
@@ -107,7 +110,7 @@ def _face(box: np.ndarray) -> object:
     from guise.aam.reference import ReferenceFrame
 
     points = ReferenceFrame.canonical(48).points
-    low, high = points[:68].min(0), points[:68].max(0)
+    low, high = points[IBUG68].min(0), points[IBUG68].max(0)
     scaled = (points - low) / (high - low) * (box[2:] - box[:2]) + box[:2]
     return Face.around(scaled, 0.9)
 
@@ -130,7 +133,7 @@ def test_a_hidden_half_of_the_face_is_not_trusted(p01) -> None:  # type: ignore[
     frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
     luma = frame.luma.copy()
     x0, x1 = int(points[:, 0].min()), int(points[:, 0].max())
-    luma[int(points[33, 1]) : int(points[8, 1]) + 5, x0:x1] = 60
+    luma[int(points[NOSE_BASE, 1]) : int(points[CHIN, 1]) + 5, x0:x1] = 60
     assert place(p01.tracker, luma, points, 1.0).confidence < 0.5
 
 

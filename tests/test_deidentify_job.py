@@ -16,6 +16,7 @@ from clips import cut, empty_scene, pictures, tags
 from made_up import SAMPLES
 
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.schemes import INNER51
 from guise.app.deidentify.options import DeidentifyError, Options
 from guise.app.deidentify.run import job as module
 from guise.app.deidentify.run.job import deidentify_file
@@ -71,7 +72,7 @@ def test_the_face_is_swapped_in_every_frame_and_the_rest_stays(
     assert report.counts == {"without face": 0, "swapped": FRAMES, "covered": 0, "left": 0}
     truth = np.load(SAMPLES / "p02" / "talk2.npz")["landmarks"]
     for i, (before, after) in enumerate(zip(pictures(clip), pictures(output), strict=True)):
-        (x0, y0), (x1, y1) = truth[i, 17:68].min(0).astype(int), truth[i, 17:68].max(0).astype(int)
+        (x0, y0), (x1, y1) = truth[i, INNER51].min(0).astype(int), truth[i, INNER51].max(0).astype(int)
         change = np.abs(after.astype(int) - before.astype(int))
         assert change[y0:y1, x0:x1].mean() > 5
         far = np.ones(change.shape, bool)
@@ -217,7 +218,7 @@ def joined(path: Path, *pieces: tuple[str, int]) -> Path:
     """A clip of pieces, each the first frames of a sample person's, or of an empty room."""
     from fractions import Fraction
 
-    from guise.app.media import open_source
+    from guise.app.media import open_input
 
     with av.open(str(path), "w") as out:
         stream = out.add_stream("libx264", 30, {"crf": "12", "preset": "ultrafast"})
@@ -226,7 +227,7 @@ def joined(path: Path, *pieces: tuple[str, int]) -> Path:
         for person, count in pieces:
             rgbs = [np.full((480, 640, 3), 90, np.uint8)] * count
             if person:
-                with open_source(SAMPLES / person / "talk2.mp4") as source:
+                with open_input(SAMPLES / person / "talk2.mp4") as source:
                     rgbs = [frame.rgb() for frame, _ in zip(source, range(count), strict=False)]
             for rgb in rgbs:
                 frame = av.VideoFrame.from_ndarray(rgb, "rgb24")
@@ -263,26 +264,26 @@ def test_without_faces_everything_stays(tmp_path: Path) -> None:
 
 
 def test_a_picture_is_covered(clip: Path, tmp_path: Path) -> None:
-    from guise.app.media import open_source
+    from guise.app.media import open_input
     from guise.app.media.pictures import save_picture
 
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         rgb = next(iter(source)).rgb()
     save_picture(tmp_path / "one.png", rgb)
     report = run(tmp_path / "one.png", tmp_path / "out.png")
     assert report is not None
     assert report.counts["covered"] == 1
-    with open_source(tmp_path / "out.png") as made:
+    with open_input(tmp_path / "out.png") as made:
         assert len(FaceDetector(min_score=0.5).detect(next(iter(made)).rgb())) == 0
 
 
 def test_a_folder_of_pictures_gives_a_folder_of_pictures(clip: Path, tmp_path: Path) -> None:
-    from guise.app.media import open_source
+    from guise.app.media import open_input
     from guise.app.media.pictures import save_picture
 
     folder = tmp_path / "in"
     folder.mkdir()
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         for frame, name in zip(source, "abc", strict=False):
             save_picture(folder / f"{name}.png", frame.rgb())
     assert run(folder, tmp_path / "out") is not None

@@ -11,7 +11,7 @@ import pytest
 from clips import cut, pictures
 from made_up import SAMPLES
 
-OUTER_CORNERS = [36, 45]
+from guise.aam.landmarks.schemes import CHIN, OUTER_EYE_CORNERS
 
 
 def guise(folder: Path, *arguments: str) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def _change(before: Path, after: Path) -> float:
     truth = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"]
     differences = []
     for points, one, two in zip(truth, pictures(before), pictures(after), strict=False):
-        (x0, y0), (x1, _) = points[OUTER_CORNERS].astype(int)
-        face = np.s_[y0 - 10 : int(points[8, 1]) - 8, x0:x1]
+        (x0, y0), (x1, _) = points[OUTER_EYE_CORNERS].astype(int)
+        face = np.s_[y0 - 10 : int(points[CHIN, 1]) - 8, x0:x1]
         differences.append(np.abs(one[face].astype(float) - two[face]).mean())
     return float(np.mean(differences))

@@ -8,16 +8,27 @@ from made_up import SAMPLES
 from models import model_file
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.landmarks.schemes import (
+    BROW_TOPS,
+    BROWS,
+    EYES,
+    HAIRLINE,
+    LEFT_EYE,
+    LIPS,
+    MIRROR,
+    NOSE,
+    NOSE_ROOT,
+    OUTLINE,
+    RIGHT_EYE,
+)
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import Options
-from guise.app.swapping.place import OUTLINE, WIDER, proportions
+from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.place import WIDER, proportions
 
 FRAME = ReferenceFrame.canonical(160)
-EYES = np.r_[36:48]
 
 
 def _areas(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -27,25 +38,23 @@ def _areas(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _apart(points: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(points[42:48].mean(0) - points[36:42].mean(0)))
+    return float(np.linalg.norm(points[LEFT_EYE].mean(0) - points[RIGHT_EYE].mean(0)))
 
 
 def _brows(points: NDArray[np.float64]) -> float:
     """Height of the brows over the eyes."""
-    return float(points[EYES, 1].mean() - points[17:27, 1].mean())
+    return float(points[EYES, 1].mean() - points[BROWS, 1].mean())
 
 
 def test_eyes_lie_farther_apart_brows_higher_and_the_mouth_is_larger() -> None:
     before, after = FRAME.points, proportions(FRAME) @ FRAME.points
     assert _apart(after) > 1.03 * _apart(before)
     assert _brows(after) > 1.03 * _brows(before)
-    assert np.ptp(after[48:68], axis=0) == pytest.approx(
-        (1 + WIDER) * np.ptp(before[48:68], axis=0), rel=0.03
-    )
+    assert np.ptp(after[LIPS], axis=0) == pytest.approx((1 + WIDER) * np.ptp(before[LIPS], axis=0), rel=0.03)
 
 
 def test_outline_and_nose_stay() -> None:
-    still = np.r_[OUTLINE, 27:36]
+    still = np.r_[OUTLINE, NOSE]
     np.testing.assert_allclose((proportions(FRAME) @ FRAME.points)[still], FRAME.points[still], atol=1e-9)
 
 
@@ -73,10 +82,10 @@ def p01() -> Identity:
     return Identity.load(model_file("p01"))
 
 
-def _swapped(source: Identity, options: Options) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
+def _swapped(source: Identity, options: EngineOptions) -> tuple[NDArray[np.int_], NDArray[np.float64]]:
     """What a swap by p06 changes in a frame of the source (h, w, 3), and the mesh (81, 2)."""
     shape = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"][0].astype(np.float64)
-    with open_source(SAMPLES / "p01" / "talk2.mp4") as clip:
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as clip:
         frame = next(iter(clip))
         before = frame.rgb().astype(int)
         with Engine(source, Identity.load(model_file("p06")), None, options) as engine:
@@ -85,8 +94,8 @@ def _swapped(source: Identity, options: Options) -> tuple[NDArray[np.int_], NDAr
 
 
 def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
-    _, plain = _swapped(p01, Options(renderer="cpu"))
-    _, disguised = _swapped(p01, Options(renderer="cpu", disguise=True))
+    _, plain = _swapped(p01, EngineOptions(renderer="cpu"))
+    _, disguised = _swapped(p01, EngineOptions(renderer="cpu", disguise=True))
     assert plain.shape == disguised.shape == (POINTS, 2)
     np.testing.assert_allclose(disguised[OUTLINE], plain[OUTLINE])
     assert 1.05 < _apart(disguised) / _apart(plain) < 1.3
@@ -95,8 +104,8 @@ def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
 @pytest.mark.parametrize("disguise", [False, True])
 def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, disguise: bool) -> None:
     mask = p01.appearance.mask.copy()
-    mask[: int(p01.frame.points[[19, 24], 1].mean())] = False  # as if a fringe hung down to the brows
+    mask[: int(p01.reference.points[BROW_TOPS, 1].mean())] = False  # as if a fringe hung down to the brows
     fringed = replace(p01, appearance=replace(p01.appearance, mask=mask))
-    changes, mesh = _swapped(fringed, Options(renderer="cpu", disguise=disguise))
-    x, y = np.round((mesh[74] + mesh[27]) / 2).astype(int)  # between brows and hair
+    changes, mesh = _swapped(fringed, EngineOptions(renderer="cpu", disguise=disguise))
+    x, y = np.round((mesh[HAIRLINE] + mesh[NOSE_ROOT]) / 2).astype(int)  # between brows and hair
     assert np.abs(changes[y - 4 : y, x - 3 : x + 4]).any() == disguise

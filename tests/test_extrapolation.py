@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from guise.aam.appearance import SHAPE, AppearanceModel
 from guise.aam.extrapolation import DEFAULT_ALPHA, Extrapolator, ReferenceMismatchError
+from guise.aam.landmarks.schemes import RIGHT_EYE, RIGHT_MOUTH_CORNER
 from guise.aam.reference import ReferenceFrame
 
 ALPHAS = st.floats(0, 1)
@@ -116,7 +117,10 @@ def test_the_gate_holds_back_texture_away_from_eyes_and_mouth_only() -> None:
     open_, closed = (Extrapolator(SOURCE, TARGET, 1.0, gate=g).apply(rho) for g in (1.0, 0.0))
     assert_allclose(closed[:SHAPE], open_[:SHAPE], atol=1e-3)
     held = FRAME.scatter(np.abs(open_ - closed)[SHAPE:].reshape(-1, 3).mean(1))
-    eye, cheek = FRAME.points[36:42].mean(0), (FRAME.points[36:42].mean(0) + FRAME.points[48]) / 2
+    eye, cheek = (
+        FRAME.points[RIGHT_EYE].mean(0),
+        (FRAME.points[RIGHT_EYE].mean(0) + FRAME.points[RIGHT_MOUTH_CORNER]) / 2,
+    )
     at_eye, on_cheek = (held[round(y), round(x)] for x, y in (eye, cheek))
     assert on_cheek > 10 * max(at_eye, 1e-3)
 
@@ -134,7 +138,7 @@ def test_alpha_outside_its_range_is_refused(alpha: float) -> None:
 
 
 def test_models_of_different_reference_frames_are_refused() -> None:
-    other = appearance(3, frame=ReferenceFrame.canonical(40))
+    other = appearance(3, reference=ReferenceFrame.canonical(40))
     with pytest.raises(ReferenceMismatchError) as caught:
         Extrapolator(SOURCE, other)
     assert str(caught.value) == (

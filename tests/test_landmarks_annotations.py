@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from guise.aam.landmarks import Annotations, LandmarkError, load_annotations, save_annotations, to_face81
+from guise.aam.landmarks.schemes import IBUG68
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 
@@ -61,7 +62,7 @@ def test_pts_counts_from_pixel_one(tmp_path: Path) -> None:
     points = some_points(1, 68)[0]
     (tmp_path / "face.pts").write_text(pts_text(points))
     loaded = load_annotations(tmp_path / "face.pts")
-    np.testing.assert_allclose(loaded.points[0, :68], points - 1, atol=1e-3)
+    np.testing.assert_allclose(loaded.points[0, IBUG68], points - 1, atol=1e-3)
 
 
 def test_folder_is_in_natural_order(tmp_path: Path) -> None:
@@ -111,7 +112,7 @@ def test_plain_json_list_and_repeated_index(tmp_path: Path) -> None:
     annotations = load_annotations(tmp_path / "two.json")
     assert annotations.present.tolist() == [False, False, False, True]
     assert annotations.several == 1
-    np.testing.assert_allclose(annotations.points[3, :68], points[0], rtol=1e-6)
+    np.testing.assert_allclose(annotations.points[3, IBUG68], points[0], rtol=1e-6)
 
 
 def test_half_missing_frame_counts_as_missing(tmp_path: Path) -> None:
@@ -210,7 +211,7 @@ FACE = np.zeros((81, 2)).tolist()
             json.dumps({"scheme": "ibug68", "frames": [{"index": 0, "points": FACE}]}),
             r"68 \(ibug68\) .* got 81",
         ),
-        (json.dumps([FACE, FACE[:68]]), "the same number of points in every frame, got 68, 81"),
+        (json.dumps([FACE, FACE[: len(IBUG68)]]), "the same number of points in every frame, got 68, 81"),
         (json.dumps([FACE[:5]]), r"81 \(face81\), 68 \(ibug68\); got 5"),
         (json.dumps([[1, 2, 3]]), "points of frame 0 must be a list of"),
         (json.dumps([[["a", "b"]]]), "points of frame 0 must be a list of"),

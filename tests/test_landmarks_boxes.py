@@ -16,6 +16,7 @@ from guise.aam.landmarks import (
     overlap,
 )
 from guise.aam.landmarks.boxes import _finish
+from guise.aam.landmarks.schemes import IBUG68
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"
@@ -27,7 +28,7 @@ needs_yunet = pytest.mark.skipif(not YUNET.is_file(), reason="the YuNet model is
 
 def sampled(clip: str, step: int = 20) -> list[tuple[np.ndarray, np.ndarray]]:
     """Every step-th frame of a sample clip and its 68 points."""
-    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, :68]
+    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, IBUG68]
     capture = cv2.VideoCapture(str(SAMPLES / f"{clip}.mp4"))
     frames = []
     for index in range(len(points)):

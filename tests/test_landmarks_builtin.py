@@ -11,7 +11,8 @@ import skimage.data
 
 from guise.aam.landmarks import Face, LandmarkError, interocular, open_landmarker
 from guise.aam.landmarks.builtin import DATA, BuiltinLandmarker, Calibration, calibration, cut
-from guise.app.media import open_source
+from guise.aam.landmarks.schemes import BELOW_BROWS, FOREHEAD, JAW, LIPS, NOSE_ROOT, NOSE_TIP
+from guise.app.media import open_input
 from training import definitions
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
@@ -30,13 +31,13 @@ def frames(person: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pictures (h, w, 3) and true points (81, 2) of some frames of a person's first clip."""
     truth = np.load(SAMPLES / person / "talk.npz")["landmarks"]
     truth = definitions.aligned(truth, *definitions.shipped("rendered")).astype(float)
-    with open_source(SAMPLES / person / "talk.mp4") as source:
+    with open_input(SAMPLES / person / "talk.mp4") as source:
         return [(f.rgb().copy(), truth[f.index]) for f in source if f.index in FRAMES]
 
 
 def error(points: np.ndarray, truth: np.ndarray) -> float:
     """Mean distance in inter-ocular distances; the brows left out, whose points lie on the hair here."""
-    rest = np.r_[0:17, 27:81]
+    rest = np.r_[JAW, BELOW_BROWS, FOREHEAD]
     return float(np.linalg.norm(points - truth, axis=1)[rest].mean() / interocular(truth))
 
 
@@ -96,7 +97,7 @@ def test_every_face_of_a_group_is_found() -> None:
     row = np.concatenate([frames(person)[0][0] for person in PEOPLE], axis=1)
     faces = landmarker().detect(row)
     width = frames("p01")[0][0].shape[1]
-    assert sorted(int(f.points[30, 0] // width) for f in faces) == [0, 1, 2]
+    assert sorted(int(f.points[NOSE_TIP, 0] // width) for f in faces) == [0, 1, 2]
     areas = [f.area for f in faces]
     assert areas == sorted(areas, reverse=True)
 
@@ -115,7 +116,7 @@ def test_an_animal_is_no_face(animal: str) -> None:
 
 def test_a_face_cut_by_the_edge_keeps_its_visible_points() -> None:
     picture, truth = frames("p01")[0]
-    edge = int(truth[27, 0] + 0.55 * interocular(truth))
+    edge = int(truth[NOSE_ROOT, 0] + 0.55 * interocular(truth))
     face = landmarker().refine(np.ascontiguousarray(picture[:, :edge]), Face.around(truth, 0.9))
     assert face is not None
     seen = truth[:, 0] < edge - 4
@@ -127,15 +128,15 @@ def test_hidden_points_are_less_sure() -> None:
     picture, truth = frames("p02")[0]
     before = landmarker().refine(picture, Face.around(truth, 0.9))
     covered = picture.copy()
-    low = truth[48:68].min(0).astype(int) - 12
-    high = truth[48:68].max(0).astype(int) + 12
+    low = truth[LIPS].min(0).astype(int) - 12
+    high = truth[LIPS].max(0).astype(int) + 12
     covered[low[1] : high[1], low[0] : high[0]] = (70, 110, 60)
     after = landmarker().refine(covered, Face.around(truth, 0.9))
     assert before is not None
     assert before.point_confidence is not None
     assert after is not None
     assert after.point_confidence is not None
-    assert after.point_confidence[48:68].mean() < 0.8 * before.point_confidence[48:68].mean()
+    assert after.point_confidence[LIPS].mean() < 0.8 * before.point_confidence[LIPS].mean()
     assert after.confidence < before.confidence
 
 
@@ -222,7 +223,7 @@ def test_a_crop_and_its_map_agree(side: float, turn: float) -> None:
 @pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="the shared data are not there")
 def test_real_people_are_found() -> None:
     labels = np.load(SHARED / "data" / "real" / "room_s18.landmarks.npz")["face81"]
-    with open_source(SHARED / "data" / "real" / "room_s18.mp4") as source:
+    with open_input(SHARED / "data" / "real" / "room_s18.mp4") as source:
         for frame in source:
             if frame.index % 60:
                 continue

@@ -12,6 +12,7 @@ from skimage.util import img_as_ubyte
 from guise.aam.landmarks import BoxDetector, LandmarkError, open_detector, overlap
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import MODEL, FaceDetector, _peaks
+from guise.aam.landmarks.schemes import IBUG68
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 CLIPS = sorted(f"{f.parent.name}/{f.stem}" for f in SAMPLES.glob("p*/*.npz"))
@@ -37,7 +38,7 @@ def detector() -> FaceDetector:
 
 def sampled(clip: str, step: int = 25) -> list[tuple[np.ndarray, np.ndarray]]:
     """Every step-th frame of a sample clip and its 68 points."""
-    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, :68]
+    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, IBUG68]
     capture = cv2.VideoCapture(str(SAMPLES / f"{clip}.mp4"))
     frames = []
     for index in range(len(points)):

@@ -24,7 +24,7 @@ from guise.aam.landmarks import (
     register_landmarker,
 )
 from guise.aam.landmarks.onnx import _crop_to_picture
-from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, mean_geometry
 from guise.aam.landmarks.weights import without_tiny_weights
 
 ROOT = Path(__file__).parents[1]
@@ -252,7 +252,7 @@ def test_upright_crop_turns_with_the_face(tmp_path: Path) -> None:
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     rolled = (mean_face() - 0.5) @ rotation.T * 90 + (150, 100)
     found = landmarker._once(PICTURE, rolled)
-    eyes = found[45] - found[36]
+    eyes = found[LEFT_EYE_OUTER] - found[RIGHT_EYE_OUTER]
     assert np.rad2deg(np.arctan2(eyes[1], eyes[0])) == pytest.approx(30, abs=0.1)
 
 
@@ -432,7 +432,7 @@ def frames_of(clip: str, indices: list[int]) -> list[np.ndarray]:
 
 
 def inner_error(points: np.ndarray, truth: np.ndarray) -> float:
-    return float(np.linalg.norm(points - truth, axis=-1)[17:68].mean() / interocular(truth) * 100)
+    return float(np.linalg.norm(points - truth, axis=-1)[INNER51].mean() / interocular(truth) * 100)
 
 
 @needs_pfld

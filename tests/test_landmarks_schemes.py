@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guise.aam import landmarks as lm
-from guise.aam.landmarks.schemes import Geometry, fit_geometry, mean_geometry
+from guise.aam.landmarks.schemes import IBUG68, LEFT_EYE_OUTER, Geometry, fit_geometry, mean_geometry
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 PEOPLE = ("p01", "p02", "p06")
@@ -18,7 +18,7 @@ def truth(person: str) -> np.ndarray:
 
 
 def error_percent(found: np.ndarray, points: np.ndarray) -> float:
-    distance = np.linalg.norm(found - points[:, 68:], axis=-1).mean(axis=1)
+    distance = np.linalg.norm(found - points[:, lm.FOREHEAD], axis=-1).mean(axis=1)
     return float((distance / lm.interocular(points)).mean() * 100)
 
 
@@ -56,7 +56,7 @@ def test_mirror_twice_is_the_identity() -> None:
 
 def test_interocular_of_a_batch() -> None:
     points = np.zeros((3, 4, 81, 2))
-    points[..., 45, :] = 3, 4
+    points[..., LEFT_EYE_OUTER, :] = 3, 4
     np.testing.assert_array_equal(lm.interocular(points), np.full((3, 4), 5.0))
 
 
@@ -67,24 +67,24 @@ def test_completion_is_equivariant_under_similarities(seed: int) -> None:
     points = points + rng.normal(0, 2, points.shape)
     angle, scale, shift = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 5), rng.uniform(-300, 300, 2)
     turn = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    before = lm.to_face81(points[:68], "ibug68") @ turn.T + shift
-    after = lm.to_face81(points[:68] @ turn.T + shift, "ibug68")
+    before = lm.to_face81(points[IBUG68], "ibug68") @ turn.T + shift
+    after = lm.to_face81(points[IBUG68] @ turn.T + shift, "ibug68")
     np.testing.assert_allclose(after, before, atol=2e-3)
 
 
 def test_completion_is_equivariant_under_mirroring() -> None:
     points = truth("p02")[7]
-    mirrored = lm.to_face81(lm.mirror(points, 640)[:68], "ibug68")
-    np.testing.assert_allclose(mirrored, lm.mirror(lm.to_face81(points[:68], "ibug68"), 640), atol=2e-3)
+    mirrored = lm.to_face81(lm.mirror(points, 640)[IBUG68], "ibug68")
+    np.testing.assert_allclose(mirrored, lm.mirror(lm.to_face81(points[IBUG68], "ibug68"), 640), atol=2e-3)
 
 
 def test_completion_keeps_the_points_it_was_given() -> None:
-    points = truth("p01")[3:9, :68].astype(np.float32)
-    np.testing.assert_array_equal(lm.to_face81(points, "ibug68")[:, :68], points)
+    points = truth("p01")[3:9, IBUG68].astype(np.float32)
+    np.testing.assert_array_equal(lm.to_face81(points, "ibug68")[:, IBUG68], points)
 
 
 def test_completion_of_missing_frames_is_missing() -> None:
-    points = truth("p01")[:3, :68]
+    points = truth("p01")[:3, IBUG68]
     points[1] = np.nan
     completed = lm.to_face81(points, "ibug68")
     assert np.isnan(completed[1]).all()
@@ -95,7 +95,7 @@ def test_completion_of_missing_frames_is_missing() -> None:
 def test_completion_of_a_person_not_seen_is_close(left_out: str) -> None:
     geometry = fit_geometry([truth(person) for person in PEOPLE if person != left_out])
     points = truth(left_out)
-    assert error_percent(geometry.forehead(points[:, :68]), points) < 4.5
+    assert error_percent(geometry.forehead(points[:, IBUG68]), points) < 4.5
 
 
 def test_stored_geometry_is_what_the_sample_clips_give() -> None:
@@ -108,8 +108,8 @@ def test_turn_term_helps_on_turned_heads() -> None:
     geometry = mean_geometry()
     still = Geometry(geometry.mean, np.zeros_like(geometry.turn))
     points = np.concatenate([truth(person) for person in PEOPLE])
-    own = error_percent(geometry.forehead(points[:, :68]), points)
-    assert own < 0.8 * error_percent(still.forehead(points[:, :68]), points)
+    own = error_percent(geometry.forehead(points[:, IBUG68]), points)
+    assert own < 0.8 * error_percent(still.forehead(points[:, IBUG68]), points)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,7 @@ def test_scheme_can_be_added_once(monkeypatch: pytest.MonkeyPatch) -> None:
     from guise.aam.landmarks import schemes
 
     monkeypatch.setattr(schemes, "_SCHEMES", dict(schemes._SCHEMES))
-    double = lm.Scheme("double", 162, lambda p: p[..., :81, :], tuple(range(81)))
+    double = lm.Scheme("double", 162, lambda p: p[..., : lm.COUNT, :], tuple(range(lm.COUNT)))
     lm.register_scheme(double)
     assert lm.to_face81(np.zeros((162, 2)), "double").shape == (81, 2)
     with pytest.raises(ValueError, match="registered already"):

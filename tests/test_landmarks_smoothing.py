@@ -8,12 +8,21 @@ from made_up import SAMPLES
 from numpy.testing import assert_allclose
 
 from guise.aam.landmarks import Smoother, interocular
+from guise.aam.landmarks.schemes import (
+    EYE_CORNERS,
+    LEFT_EYE_OUTER,
+    LOWER_LIDS,
+    LOWER_LIP_BOTTOM,
+    LOWER_LIP_INNER,
+    NOSE_BRIDGE,
+    UPPER_LIDS,
+    UPPER_LIP_INNER,
+)
 from guise.aam.reference import ReferenceFrame
 
 FACE = ReferenceFrame.canonical(160).points
 SIZE = float(interocular(FACE))
 NOISE = 0.002 * SIZE
-UPPER, LOWER = [37, 38, 43, 44], [41, 40, 47, 46]
 
 
 def smoothed(points: np.ndarray, rate: float = 30.0, confidence: np.ndarray | None = None) -> np.ndarray:
@@ -34,11 +43,13 @@ def noise(frames: int, sd: float = NOISE, seed: int = 0) -> np.ndarray:
 
 def lids(points: np.ndarray) -> np.ndarray:
     """(t,) opening of both eyes, inter-ocular distances."""
-    return np.linalg.norm(points[:, UPPER] - points[:, LOWER], axis=2).mean(1) / interocular(points)
+    return np.linalg.norm(points[:, UPPER_LIDS] - points[:, LOWER_LIDS], axis=2).mean(1) / interocular(points)
 
 
 def mouth(points: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(points[:, 62] - points[:, 66], axis=1) / interocular(points)
+    return np.linalg.norm(points[:, UPPER_LIP_INNER] - points[:, LOWER_LIP_INNER], axis=1) / interocular(
+        points
+    )
 
 
 def lag(late: np.ndarray, signal: np.ndarray) -> float:
@@ -82,7 +93,7 @@ def test_a_talking_moving_head_trembles_less_and_is_not_delayed(
     truth, seen = talk
     steady = smoothed(seen)
     assert tremble(steady - truth) < 0.85 * tremble(seen - truth)
-    rigid = [27, 28, 29, 30, 36, 39, 42, 45]
+    rigid = [*NOSE_BRIDGE, *EYE_CORNERS]
     assert lag(steady[:, rigid, 0].mean(1), truth[:, rigid, 0].mean(1)) <= 0.8
 
 
@@ -109,20 +120,20 @@ def test_frame_rates_are_alike() -> None:
 
 def test_a_point_of_low_confidence_stays_with_the_head() -> None:
     confidence = np.ones(81)
-    confidence[57] = 0.0
+    confidence[LOWER_LIP_BOTTOM] = 0.0
     steps = np.arange(30)[:, None, None]
     seen = FACE + steps * np.array([0.02 * SIZE, 0.0])
-    seen[10:, 57, 1] += 0.1 * SIZE
-    off = (smoothed(seen, confidence=confidence) - seen)[-1, 57]
+    seen[10:, LOWER_LIP_BOTTOM, 1] += 0.1 * SIZE
+    off = (smoothed(seen, confidence=confidence) - seen)[-1, LOWER_LIP_BOTTOM]
     assert abs(off[0]) < 0.02 * SIZE
     assert off[1] < -0.07 * SIZE
-    assert abs((smoothed(seen) - seen)[-1, 57, 1]) < 0.01 * SIZE
+    assert abs((smoothed(seen) - seen)[-1, LOWER_LIP_BOTTOM, 1]) < 0.01 * SIZE
 
 
 def test_one_rigid_point_that_jumps_does_not_take_the_head_along() -> None:
     seen = np.repeat(FACE[None], 12, 0)
-    seen[6:, 45] += 0.3 * SIZE
-    others = [i for i in range(81) if i != 45]
+    seen[6:, LEFT_EYE_OUTER] += 0.3 * SIZE
+    others = [i for i in range(81) if i != LEFT_EYE_OUTER]
     assert np.abs(smoothed(seen)[-1, others] - FACE[others]).max() < 0.01 * SIZE
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from guise.aam.landmarks import Face, Follower, interocular, load_annotations, open_landmarker, track_video
 from guise.aam.landmarks.plausible import bend, followed, shape_confidence, visible_share
-from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.schemes import INNER51, LIPS, mean_geometry
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"
@@ -126,7 +126,7 @@ def test_bend_knows_only_shape() -> None:
     turn = np.array([[0.8, -0.6], [0.6, 0.8]]) * 1.7
     assert bend(before, before @ turn.T + 30) < 1e-5
     moved = before.copy()
-    moved[48:68] += (0, 10)
+    moved[LIPS] += (0, 10)
     assert 0.02 < bend(before, moved) < 0.2
 
 
@@ -164,5 +164,5 @@ def test_pfld_follows_a_sample_clip(tmp_path: Path) -> None:
     assert [i for i, face in enumerate(faces) if face is None] == [20]
     for face, points in zip(faces, truth, strict=True):
         if face is not None:
-            error = np.linalg.norm(face.points - points, axis=-1)[17:68].mean() / interocular(points)
+            error = np.linalg.norm(face.points - points, axis=-1)[INNER51].mean() / interocular(points)
             assert error < 0.06

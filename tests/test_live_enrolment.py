@@ -11,16 +11,28 @@ import pytest
 from made_up import SAMPLES
 from models import SMALL
 
-from guise.aam.follow import PersonFollower
 from guise.aam.landmarks import Landmarker, open_landmarker
+from guise.aam.landmarks.schemes import (
+    LEFT_EYE_OUTER,
+    LOWER_INNER_LIP,
+    LOWER_LIDS,
+    LOWER_LIP_INNER,
+    NOSE_TIP,
+    RIGHT_EYE_OUTER,
+    UPPER_LIDS,
+    UPPER_LIP_INNER,
+    interocular,
+)
 from guise.aam.model import Identity
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import Fit
 from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
 from guise.app.live import enrolment
-from guise.app.live.album import RESTING, STRETCHES, VARIED, Album, Shot
-from guise.app.live.enrolment import AWAY, DONE, LINGER, PROMPTS, OnScreenEnrolment, Step
-from guise.app.media import Frame, open_source
+from guise.app.live.enrolment import DONE, LIMITS, PROMPTS, EnrolmentStatus, OnScreenEnrolment
+from guise.app.live.keyframes import LIMITS as KEYFRAME_LIMITS
+from guise.app.live.keyframes import FrameFeatures, KeyframeAlbum
+from guise.app.media import Frame, open_input
 from guise.common.errors import Interrupted
 
 Picture = np.ndarray
@@ -30,7 +42,7 @@ FPS = 30
 @cache
 def clip(person: str, count: int) -> list[Picture]:
     """The first pictures of a person's clip."""
-    with open_source(SAMPLES / person / "talk.mp4") as source:
+    with open_input(SAMPLES / person / "talk.mp4") as source:
         pictures = [frame.rgb() for frame in source if frame.index < count]
     for picture in pictures:
         picture.setflags(write=False)
@@ -49,16 +61,16 @@ def enrolling(landmarker: Landmarker) -> OnScreenEnrolment:
 
 def feed(
     enrolling: OnScreenEnrolment, pictures: list[Picture], *, start: int = 0, every: int = 1
-) -> list[Step]:
+) -> list[EnrolmentStatus]:
     """Frames at 30 a second, from a number on; what is said to each."""
     steps = range(start, start + every * len(pictures), every)
     return [
-        enrolling.add(Frame.from_rgb(picture, at, Fraction(1, FPS), at))
+        enrolling.observe(Frame.from_rgb(picture, at, Fraction(1, FPS), at))
         for picture, at in zip(pictures, steps, strict=True)
     ]
 
 
-Enrolled = tuple[list[Step], Identity, list[tuple[str, float]]]
+Enrolled = tuple[list[EnrolmentStatus], Identity, list[tuple[str, float]]]
 
 
 @pytest.fixture(scope="module")
@@ -90,13 +102,11 @@ def test_the_face_is_where_it_is(enrolled: Enrolled) -> None:
 
 def error(person: Identity, talk2: tuple[list[Picture], Picture]) -> float:
     """Mean landmark error on the other clip, inter-ocular distances; no frame may be lost."""
-    follower, missed = PersonFollower(person.tracker, open_landmarker("builtin")), []
+    person_tracker, missed = PersonTracker(person.tracker, open_landmarker("builtin")), []
     for luma, truth in zip(*talk2, strict=True):
-        fit = follower.step(luma)
+        fit = person_tracker.update(luma)
         assert isinstance(fit, Fit)
-        missed.append(
-            np.linalg.norm(fit.shape - truth, axis=1).mean() / np.linalg.norm(truth[45] - truth[36])
-        )
+        missed.append(np.linalg.norm(fit.shape - truth, axis=1).mean() / interocular(truth))
     return float(np.mean(missed))
 
 
@@ -107,7 +117,7 @@ def test_the_model_tracks_another_clip_as_one_enrolled_from_the_file_does(
     np.savez(tmp_path / "found.npz", landmarks=[step.face.points for step in steps if step.face])
     source = LandmarkSource([tmp_path / "found.npz"])
     whole = enrol([SAMPLES / "p01" / "talk.mp4"], source, name="p01", options=SMALL)
-    assert (person.name, person.frame.resolution) == ("Anna", SMALL.resolution)
+    assert (person.name, person.reference.resolution) == ("Anna", SMALL.resolution)
     assert error(person, talk2) < 1.1 * error(whole, talk2)
     assert person.facts["held_out_error"] < 1.3 * whole.facts["held_out_error"]
 
@@ -125,9 +135,11 @@ def test_the_model_can_be_saved_and_its_neutral_mouth_is_shut(
     path = tmp_path_factory.mktemp("model") / "anna.guise"
     enrolled[1].save(path)
     person = Identity.load(path)
-    shape = person.still.shape
-    assert person.still.picture.shape == (480, 640, 3)
-    assert np.linalg.norm(shape[62] - shape[66]) < 0.06 * np.linalg.norm(shape[45] - shape[36])
+    shape = person.rest_frame.shape
+    assert person.rest_frame.picture.shape == (480, 640, 3)
+    assert np.linalg.norm(shape[UPPER_LIP_INNER] - shape[LOWER_LIP_INNER]) < 0.06 * np.linalg.norm(
+        shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER]
+    )
 
 
 def test_time_is_that_of_the_frames(landmarker: Landmarker) -> None:
@@ -138,13 +150,13 @@ def test_time_is_that_of_the_frames(landmarker: Landmarker) -> None:
 def test_lost_frames_do_not_fill_the_ring(enrolling: OnScreenEnrolment) -> None:
     before = feed(enrolling, clip("p01", 10))[-1].ring
     after = feed(enrolling, clip("p01", 11)[-1:], start=10 + 10 * FPS)[-1].ring
-    assert 0 < after - before <= enrolment.LONGEST / 4 + 1e-9
+    assert 0 < after - before <= LIMITS.max_frame_seconds / 4 + 1e-9
 
 
 def test_frames_are_left_as_they_are(enrolling: OnScreenEnrolment) -> None:
     picture = clip("p01", 1)[0]
     frame = Frame.from_rgb(picture)
-    enrolling.add(frame)
+    enrolling.observe(frame)
     assert (frame.rgb() == picture).all()
 
 
@@ -161,17 +173,17 @@ def beside(picture: Picture) -> Picture:
 
 def half_hidden(picture: Picture) -> Picture:
     out = picture.copy()
-    nose = int(np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0][30, 0])
+    nose = int(np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0][NOSE_TIP, 0])
     out[:, nose : nose + 140] = (60, 70, 160)
     return out
 
 
 WRONG: list[tuple[str, Callable[[Picture], Picture]]] = [
-    ("Come into the picture", lambda picture: np.full_like(picture, 90)),
-    ("Come nearer", far),
+    ("Come into view", lambda picture: np.full_like(picture, 90)),
+    ("Come closer", far),
     ("Only one person, please", beside),
     ("More light, please", lambda picture: (picture * 0.2).astype(np.uint8)),
-    ("Come to the middle", lambda picture: np.ascontiguousarray(picture[:, 270:])),
+    ("Move to the middle", lambda picture: np.ascontiguousarray(picture[:, 270:])),
     ("Move back a little", lambda picture: np.ascontiguousarray(picture[140:370, 200:440])),
     ("Show your whole face", half_hidden),
 ]
@@ -193,7 +205,7 @@ def test_a_small_face_in_the_background_is_no_matter(enrolling: OnScreenEnrolmen
     pictures = [picture.copy() for picture in clip("p01", 20)]
     for picture in pictures:
         picture[-120:, :160] = clip("p02", 1)[0][1::4, 1::4]
-    assert len(enrolling._company.detect(pictures[0])) == 2
+    assert len(enrolling._landmarker.detect(pictures[0])) == 2
     steps = feed(enrolling, pictures)
     assert {step.sentence for step in steps} == {PROMPTS[0][1]}
     assert steps[-1].ring == pytest.approx(19 / FPS / 4)
@@ -202,7 +214,7 @@ def test_a_small_face_in_the_background_is_no_matter(enrolling: OnScreenEnrolmen
 def test_a_quick_head_is_told_so(enrolling: OnScreenEnrolment) -> None:
     still = clip("p01", 1)[0]
     steps = feed(enrolling, [np.roll(still, 12 * at, axis=1) for at in range(12)])
-    assert steps[-1].sentence == "Not so fast"
+    assert steps[-1].sentence == "Move more slowly"
     assert steps[-1].ring == steps[2].ring
 
 
@@ -216,14 +228,14 @@ def test_a_head_turned_too_far_is_told_so() -> None:
 def test_a_complaint_stays_to_be_read_and_goes(enrolling: OnScreenEnrolment) -> None:
     empty = np.full_like(clip("p01", 1)[0], 90)
     steps = feed(enrolling, [empty, *clip("p01", 30)])
-    told = [step.sentence == "Come into the picture" for step in steps]
-    assert told == [at < LINGER * FPS for at in range(31)]
+    told = [step.sentence == "Come into view" for step in steps]
+    assert told == [at < LIMITS.complaint_seconds * FPS for at in range(31)]
 
 
 def test_somebody_else_may_come_after_a_long_absence(enrolling: OnScreenEnrolment) -> None:
     feed(enrolling, clip("p01", 30))
     empty = [np.full_like(clip("p01", 1)[0], 90)]
-    short = feed(enrolling, empty * int((AWAY - 0.5) * FPS), start=30)[-1].ring
+    short = feed(enrolling, empty * int((LIMITS.max_absence_seconds - 0.5) * FPS), start=30)[-1].ring
     assert short == feed(enrolling, empty, start=30 + 4 * FPS)[-1].ring > 0
     assert feed(enrolling, empty * FPS, start=30 + 5 * FPS)[-1].ring == 0
     with pytest.raises(EnrolError):
@@ -234,7 +246,7 @@ def test_what_is_done_stays_done(landmarker: Landmarker) -> None:
     enrolling = OnScreenEnrolment("Anna", 0.5, landmarker, SMALL)
     assert feed(enrolling, clip("p01", 20))[-1].done
     kept = enrolling._album.frames()
-    empty = [np.full_like(clip("p01", 1)[0], 90)] * int((AWAY + 1) * FPS)
+    empty = [np.full_like(clip("p01", 1)[0], 90)] * int((LIMITS.max_absence_seconds + 1) * FPS)
     steps = feed(enrolling, [*empty, *clip("p01", 3)], start=20)
     assert all(step.done and step.sentence == DONE for step in steps)
     assert [frame is before for frame, before in zip(enrolling._album.frames(), kept, strict=True)] == [
@@ -268,58 +280,60 @@ def test_training_is_given_up_at_once(enrolling: OnScreenEnrolment) -> None:
 
 
 @pytest.fixture
-def shot() -> Shot:
+def features() -> FrameFeatures:
     picture = clip("p01", 1)[0]
     truth = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float)
-    found = Shot.of(np.ascontiguousarray(picture[..., 1]), truth)
-    assert isinstance(found, Shot)
+    found = FrameFeatures.of(np.ascontiguousarray(picture[..., 1]), truth)
+    assert isinstance(found, FrameFeatures)
     return found
 
 
-def test_the_album_stays_small_and_keeps_what_differs(shot: Shot) -> None:
+def test_the_album_stays_small_and_keeps_what_differs(features: FrameFeatures) -> None:
     """Most frames alike, a few that differ, early and late: each of these is kept."""
     rng = np.random.default_rng(0)
-    picture, book = clip("p01", 1)[0], Album(ReferenceFrame.canonical(64))
-    far = {at: shot.described + rng.normal(size=shot.described.shape) for at in (30, 200, 700, 999)}
+    picture, album = clip("p01", 1)[0], KeyframeAlbum(ReferenceFrame.canonical(64))
+    far = {at: features.descriptor + rng.normal(size=features.descriptor.shape) for at in (30, 200, 700, 999)}
     for at in range(1000):
-        described = far.get(at, shot.described + 0.001 * rng.normal(size=shot.described.shape))
-        book.offer(picture, replace(shot, described=described, unrest=float(rng.random())), at / 1000)
-    kept = {k.number for k in book._varied.kept}
+        descriptor = far.get(at, features.descriptor + 0.001 * rng.normal(size=features.descriptor.shape))
+        album.offer(picture, replace(features, descriptor=descriptor, expression=float(rng.random())), at / 1000)
+    kept = {k.number for k in album._diverse.kept}
     assert {at + 1 for at in far} <= kept
-    assert len(book.frames()) <= STRETCHES + VARIED + RESTING
-    assert sum(frame.picture is not None for frame in book.frames()) == RESTING
+    assert len(album.frames()) <= KEYFRAME_LIMITS.keyframes
+    assert sum(frame.picture is not None for frame in album.frames()) == KEYFRAME_LIMITS.resting_frames
 
 
-def test_the_album_prefers_what_is_sharp(shot: Shot) -> None:
-    picture, book = clip("p01", 1)[0], Album(ReferenceFrame.canonical(64))
+def test_the_album_prefers_what_is_sharp(features: FrameFeatures) -> None:
+    picture, album = clip("p01", 1)[0], KeyframeAlbum(ReferenceFrame.canonical(64))
     for at in range(320):
-        book.offer(picture, replace(shot, sharpness=20.0 if at % 10 == 4 else 10.0), at / 320)
-    assert [k.number % 10 for k in book._stretches.values()] == [5] * STRETCHES
-    before = len(book.frames())
-    book.offer(picture, replace(shot, sharpness=2.0, described=shot.described + 9, unrest=-9.0), 0.5)
-    assert len(book.frames()) == before
-    assert max(abs(k.shot.described - shot.described).max() for k in book._varied.kept) == 0
+        album.offer(picture, replace(features, sharpness=20.0 if at % 10 == 4 else 10.0), at / 320)
+    assert [k.number % 10 for k in album._sharpest.values()] == [5] * KEYFRAME_LIMITS.intervals
+    before = len(album.frames())
+    album.offer(
+        picture, replace(features, sharpness=2.0, descriptor=features.descriptor + 9, expression=-9.0), 0.5
+    )
+    assert len(album.frames()) == before
+    assert max(abs(k.features.descriptor - features.descriptor).max() for k in album._diverse.kept) == 0
 
 
-def test_the_album_keeps_the_frames_at_rest_whole(shot: Shot) -> None:
-    picture, book = clip("p01", 1)[0], Album(ReferenceFrame.canonical(64))
+def test_the_album_keeps_the_frames_at_rest_whole(features: FrameFeatures) -> None:
+    picture, album = clip("p01", 1)[0], KeyframeAlbum(ReferenceFrame.canonical(64))
     for at in range(60):
-        book.offer(picture, replace(shot, unrest=float((at * 37) % 60)), at / 60)
-    assert sorted(k.shot.unrest for k in book._resting) == list(range(RESTING))
-    whole = [frame for frame in book.frames() if frame.picture is not None]
-    assert len(whole) == RESTING
+        album.offer(picture, replace(features, expression=float((at * 37) % 60)), at / 60)
+    assert sorted(k.features.expression for k in album._resting) == list(range(KEYFRAME_LIMITS.resting_frames))
+    whole = [frame for frame in album.frames() if frame.picture is not None]
+    assert len(whole) == KEYFRAME_LIMITS.resting_frames
     assert all((frame.picture == picture).all() for frame in whole)
 
 
-def test_an_open_mouth_or_shut_lids_or_a_turned_head_is_no_rest() -> None:
+def test_an_open_mouth_or_shut_lids_or_a_turned_head_is_not_at_rest() -> None:
     picture = np.ascontiguousarray(clip("p01", 1)[0][..., 1])
     base = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float)
     grid = ReferenceFrame.canonical(48)
     straight = base - grid.yaw(grid.align(base)) * grid.yaw_mode * np.ptp(base[:, 0]) / 48
     mouth, lids = straight.copy(), straight.copy()
-    mouth[65:68, 1] += 20
-    lids[[37, 38, 43, 44]] = lids[[41, 40, 47, 46]]
+    mouth[LOWER_INNER_LIP, 1] += 20
+    lids[UPPER_LIDS] = lids[LOWER_LIDS]
     turned = straight + 25 * grid.yaw_mode * np.ptp(base[:, 0]) / 48
-    rest, *others = (Shot.of(picture, shape) for shape in (straight, mouth, lids, turned))
-    assert isinstance(rest, Shot)
-    assert all(isinstance(other, Shot) and other.unrest > rest.unrest for other in others)
+    rest, *others = (FrameFeatures.of(picture, shape) for shape in (straight, mouth, lids, turned))
+    assert isinstance(rest, FrameFeatures)
+    assert all(isinstance(other, FrameFeatures) and other.expression > rest.expression for other in others)

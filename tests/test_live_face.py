@@ -9,17 +9,18 @@ import pytest
 from made_up import SAMPLES
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
-from guise.app.live.controls import Settings
-from guise.app.live.face import AROUND, BYSTANDER, WHOLE, LiveFace, Look
-from guise.app.media import Frame, open_source
+from guise.app.live.controls import LiveSettings
+from guise.app.live.face import AROUND, BYSTANDER, WHOLE, FaceResult, LiveFace
+from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import region
 from guise.common.threads import one_thread
 
 Picture = NDArray[np.uint8]
 Changed = NDArray[np.bool_]
 
-SOLID = Settings(style="solid")
+SOLID = LiveSettings(style="solid")
 FPS = 30
 HEIGHT, WIDTH = 480, 640
 VISITOR = (slice(60, 240), slice(660, 900))  # rows and columns of a wide picture
@@ -50,7 +51,7 @@ def face(p01: Identity) -> Iterator[LiveFace]:
 
 
 def pictures(person: str, count: int) -> list[Picture]:
-    with open_source(SAMPLES / person / "talk.mp4") as source:
+    with open_input(SAMPLES / person / "talk.mp4") as source:
         return [frame.rgb() for frame, _ in zip(source, range(count), strict=False)]
 
 
@@ -58,8 +59,8 @@ def stiff(identity: Identity) -> Identity:
     """The same person with fewer expressions of their own, and a still in other colours."""
     own = identity.appearance.components
     few = replace(own, basis=own.basis[:, :2], deviations=own.deviations[:2])
-    still = replace(identity.still, picture=np.asarray(255 - identity.still.picture, np.uint8))
-    return replace(identity, appearance=replace(identity.appearance, components=few), still=still)
+    rest_frame = replace(identity.rest_frame, picture=np.asarray(255 - identity.rest_frame.picture, np.uint8))
+    return replace(identity, appearance=replace(identity.appearance, components=few), rest_frame=rest_frame)
 
 
 def empty(seed: int, width: int = WIDTH) -> Picture:
@@ -73,18 +74,20 @@ class Show:
     def __init__(self, face: LiveFace) -> None:
         self.face, self.count = face, 0
 
-    def __call__(self, picture: Picture, settings: Settings = SOLID) -> tuple[Look, Changed, Picture]:
+    def __call__(
+        self, picture: Picture, settings: LiveSettings = SOLID
+    ) -> tuple[FaceResult, Changed, Picture]:
         """What was done, which pixels (h, w) changed, and the picture that is shown."""
         frame = Frame.from_rgb(picture, self.count, Fraction(1, FPS), self.count)
         self.count += 1
-        look = self.face.step(frame, settings)
+        result = self.face.process(frame, settings)
         after = frame.rgb()
-        return look, (after != picture).any(axis=2), after
+        return result, (after != picture).any(axis=2), after
 
 
 def box(points: NDArray[np.float64]) -> tuple[slice, slice]:
     """Rows and columns of a face's 68 points (81, 2), the outermost pixel left out."""
-    x0, y0, x1, y1 = *points[:68].min(0), *points[:68].max(0)
+    x0, y0, x1, y1 = *points[IBUG68].min(0), *points[IBUG68].max(0)
     return slice(int(y0) + 1, int(y1)), slice(int(x0) + 1, int(x1))
 
 
@@ -93,10 +96,10 @@ def test_the_person_is_swapped_from_the_first_picture_and_the_background_stays(
 ) -> None:
     show = Show(face)
     for number, picture in enumerate(talk[:5]):
-        look, changed, _ = show(picture)
-        assert (look.outcome, look.covered) == ("swapped", 0)
-        assert look.mesh is not None
-        assert np.linalg.norm(look.mesh[:68] - truth[number][:68], axis=1).mean() < 8
+        result, changed, _ = show(picture)
+        assert (result.outcome, result.covered) == ("swapped", 0)
+        assert result.mesh is not None
+        assert np.linalg.norm(result.mesh[IBUG68] - truth[number][IBUG68], axis=1).mean() < 8
         assert not changed[:, :100].any()
         assert changed[box(truth[number])].mean() > 0.7
 
@@ -109,8 +112,8 @@ def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
         show(picture)
     last, areas, outcomes = box(truth[2]), [], []
     for number in range(round(WHOLE * FPS) + 4):
-        look, changed, _ = show(empty(number))
-        outcomes.append(look.outcome)
+        result, changed, _ = show(empty(number))
+        outcomes.append(result.outcome)
         areas.append(changed.mean())
         assert changed[last].mean() > 0.9
     assert outcomes == sorted(outcomes)
@@ -129,9 +132,9 @@ def test_who_returns_is_covered_until_the_face_was_sure_for_a_while(
         show(picture)
     outcomes = []
     for number, picture in enumerate(talk[2:12]):
-        look, changed, _ = show(picture)
-        outcomes.append(look.outcome)
-        assert changed[box(truth[number + 2])].mean() > (0.7 if look.outcome == "swapped" else 0.99)
+        result, changed, _ = show(picture)
+        outcomes.append(result.outcome)
+        assert changed[box(truth[number + 2])].mean() > (0.7 if result.outcome == "swapped" else 0.99)
     first = outcomes.index("swapped")
     assert first >= AROUND * FPS - 1
     assert set(outcomes[first:]) == {"swapped"}
@@ -145,8 +148,8 @@ def test_a_face_that_is_hidden_is_covered(
     rows, columns = box(truth[1])
     hand = talk[1].copy()
     hand[(rows.start + rows.stop) // 2 : rows.stop, columns] = (90, 60, 50)
-    look, changed, _ = show(hand)
-    assert (look.outcome, look.mesh) == ("covered", None)
+    result, changed, _ = show(hand)
+    assert (result.outcome, result.mesh) == ("covered", None)
     assert changed[rows, columns].mean() > 0.99
 
 
@@ -156,13 +159,13 @@ def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
     show = Show(face)
     show(wide(talk[0]))
     for number in range(1, 4):
-        look, changed, _ = show(wide(talk[number], visitor[number]))
-        assert (look.outcome, look.covered) == ("swapped", 1)
+        result, changed, _ = show(wide(talk[number], visitor[number]))
+        assert (result.outcome, result.covered) == ("swapped", 1)
         assert changed[VISITOR][30:130, 70:170].mean() > 0.99
     covered = []
     for number in range(4, 4 + round(BYSTANDER * FPS) + 4):
-        look, changed, _ = show(wide(talk[number]))
-        assert look.outcome == "swapped"
+        result, changed, _ = show(wide(talk[number]))
+        assert result.outcome == "swapped"
         covered.append(bool(changed[VISITOR].any()))
     assert covered == sorted(covered, reverse=True)
     assert covered.count(True) in range(round(BYSTANDER * FPS) - 1, round(BYSTANDER * FPS) + 2)
@@ -172,8 +175,8 @@ def test_somebody_else_alone_is_never_shown(face: LiveFace, talk: list[Picture])
     show = Show(face)
     show(talk[0])
     for picture in pictures("p06", 40):
-        look, changed, _ = show(picture)
-        assert look.outcome in ("covered", "lost")
+        result, changed, _ = show(picture)
+        assert result.outcome in ("covered", "lost")
         assert changed[140:340, 240:400].mean() > 0.99
 
 
@@ -182,21 +185,21 @@ def test_off_covers_who_is_there_and_all_when_nobody_is(
 ) -> None:
     show, off = Show(face), replace(SOLID, mode="off", uncovered=True)
     for number, picture in enumerate(talk[:3]):
-        look, changed, after = show(picture, off)
-        assert (look.outcome, look.mesh, look.covered) == ("off", None, 1)
+        result, changed, after = show(picture, off)
+        assert (result.outcome, result.mesh, result.covered) == ("off", None, 1)
         assert np.ptp(after[box(truth[number])].reshape(-1, 3), axis=0).max() <= 1
         assert 0.05 < changed.mean() < 0.6
     for number in range(round(WHOLE * FPS) + 2):
-        look, changed, _ = show(empty(number), off)
-    assert look.outcome == "off"
+        result, changed, _ = show(empty(number), off)
+    assert result.outcome == "off"
     assert changed.mean() > 0.99
 
 
 def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFace, talk: list[Picture]) -> None:
     show, bare = Show(face), replace(SOLID, uncovered=True)
     assert show(talk[0], bare)[0].outcome == "swapped"
-    look, changed, _ = show(empty(0), bare)
-    assert look.outcome == "shown"
+    result, changed, _ = show(empty(0), bare)
+    assert result.outcome == "shown"
     assert not changed.any()
     assert show(empty(1), SOLID)[1].any()
 
@@ -206,8 +209,8 @@ def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[Picture
     shown = []
     for seed in (0, 1):
         with LiveFace(p01, [p01]) as face:
-            look, _, after = Show(face)(empty(seed), puppet)
-            assert look.outcome == "swapped"
+            result, _, after = Show(face)(empty(seed), puppet)
+            assert result.outcome == "swapped"
             shown.append(after)
     assert (shown[0] == shown[1]).all()
     magenta = talk[0].copy()
@@ -229,7 +232,7 @@ def test_alpha_takes_effect_at_once_and_back(face: LiveFace, talk: list[Picture]
     assert_effect(face, talk, replace(SOLID, identity=1, alpha=0.0), replace(SOLID, identity=1, alpha=1.0))
 
 
-def assert_effect(face: LiveFace, talk: list[Picture], one: Settings, other: Settings) -> None:
+def assert_effect(face: LiveFace, talk: list[Picture], one: LiveSettings, other: LiveSettings) -> None:
     show = Show(face)
     show(talk[-1], one)
     first, second, again = (show(talk[-1], settings)[2].astype(int) for settings in (one, other, one))
@@ -250,7 +253,7 @@ def test_the_region_of_a_cover_takes_in_the_whole_head(
     face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
 ) -> None:
     _, changed, _ = Show(face)(talk[0], replace(SOLID, mode="off"))
-    inner = truth[0][:68]
+    inner = truth[0][IBUG68]
     x0, y0, x1, y1 = region(np.concatenate([inner.min(0), inner.max(0)]), 0.85).astype(int)
     middle = (x0 + x1) // 2
     assert changed[max(y0, 0) : y1, middle].all()
@@ -262,5 +265,5 @@ def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
 ) -> None:
     before = p01.appearance.neutral.copy()
     for number, picture in enumerate(talk[:5]):
-        face.step(Frame.from_rgb(picture, number, Fraction(1, FPS), number), Settings(mode="puppet"))
+        face.process(Frame.from_rgb(picture, number, Fraction(1, FPS), number), LiveSettings(mode="puppet"))
     np.testing.assert_array_equal(p01.appearance.neutral, before)

@@ -4,6 +4,20 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from guise.aam.landmarks.schemes import (
+    BELOW_BROWS,
+    JAW,
+    LEFT_EYE,
+    LEFT_MOUTH_CORNER,
+    LIPS,
+    NOSE_BRIDGE,
+    NOSE_ROOT,
+    RIGHT_BROW_TOP,
+    RIGHT_EYE,
+    RIGHT_MOUTH_CORNER,
+    UPPER_LIP_INNER,
+    UPPER_LIP_TOP,
+)
 from guise.aam.mask import core_mask, expressive_mask, learn_mask, skin_mask
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
@@ -33,16 +47,26 @@ def learned(pictures: np.ndarray) -> np.ndarray:
 
 def test_core_holds_eyes_nose_and_mouth_and_not_the_jaw() -> None:
     core = core_mask(FRAME)
-    assert all(at(core, p) for p in FRAME.points[27:68])
-    assert not any(at(core, p) for p in FRAME.points[[4, 8, 12]])
+    assert all(at(core, p) for p in FRAME.points[BELOW_BROWS])
+    assert not any(at(core, p) for p in FRAME.points[JAW[4:13:4]])
     assert not (core & ~FRAME.mask).any()
 
 
 def test_skin_holds_cheeks_and_nose_and_no_feature_or_rim() -> None:
     skin, p = skin_mask(FRAME), FRAME.points
-    cheeks = [(p[36:42].mean(0) + p[48]) / 2, (p[42:48].mean(0) + p[54]) / 2]
-    assert all(at(skin, place) for place in [*cheeks, p[29]])
-    eyes_lips_rim = [p[36:42].mean(0), p[42:48].mean(0), p[62], p[51], p[19], *p[:17]]
+    cheeks = [
+        (p[RIGHT_EYE].mean(0) + p[RIGHT_MOUTH_CORNER]) / 2,
+        (p[LEFT_EYE].mean(0) + p[LEFT_MOUTH_CORNER]) / 2,
+    ]
+    assert all(at(skin, place) for place in [*cheeks, p[NOSE_BRIDGE[2]]])
+    eyes_lips_rim = [
+        p[RIGHT_EYE].mean(0),
+        p[LEFT_EYE].mean(0),
+        p[UPPER_LIP_INNER],
+        p[UPPER_LIP_TOP],
+        p[RIGHT_BROW_TOP],
+        *p[JAW],
+    ]
     assert not any(at(skin, place) for place in eyes_lips_rim)
     assert not (skin & ~FRAME.mask).any()
 
@@ -51,10 +75,10 @@ def test_expressive_parts_are_eyes_and_mouth_with_a_soft_edge() -> None:
     weight, p = expressive_mask(FRAME), FRAME.points
     assert weight.min() >= 0
     assert weight.max() <= 1 + 1e-6
-    for part in (slice(36, 42), slice(42, 48), slice(48, 68)):
+    for part in (RIGHT_EYE, LEFT_EYE, LIPS):
         x, y = np.round(p[part].mean(0)).astype(int)
         assert weight[y, x] > 0.95
-    x, y = np.round((p[36:42].mean(0) + p[48]) / 2).astype(int)
+    x, y = np.round((p[RIGHT_EYE].mean(0) + p[RIGHT_MOUTH_CORNER]) / 2).astype(int)
     assert weight[y, x] < 0.05
     assert np.abs(np.diff(weight, axis=1)).max() < 0.5
 
@@ -76,7 +100,7 @@ def test_hair_over_one_temple_is_left_out(side: int) -> None:
 def hair_at(side: int) -> np.ndarray:
     """The outer eighth of the face from the brows up, on the image's left (-1) or right (1)."""
     ys, xs = np.mgrid[: FRAME.size[0], : FRAME.size[1]]
-    middle, brow = FRAME.points[27, 0], FRAME.points[19, 1]
+    middle, brow = FRAME.points[NOSE_ROOT, 0], FRAME.points[RIGHT_BROW_TOP, 1]
     return (
         FRAME.mask & ((xs - middle) * side > 0.36 * FRAME.resolution) & (ys < brow + 0.1 * FRAME.resolution)
     )
@@ -102,6 +126,6 @@ def test_the_mask_is_one_piece_without_holes_inside_the_frame(p01: Identity) -> 
 
     mask = p01.appearance.mask
     assert label(mask)[1] == 1
-    assert_array_equal(binary_fill_holes(mask) & p01.frame.mask, mask)
-    assert not (mask & ~p01.frame.mask).any()
-    assert mask[core_mask(p01.frame)].all()
+    assert_array_equal(binary_fill_holes(mask) & p01.reference.mask, mask)
+    assert not (mask & ~p01.reference.mask).any()
+    assert mask[core_mask(p01.reference)].all()

@@ -6,6 +6,17 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
+from guise.aam.landmarks.schemes import (
+    LEFT_BROW,
+    LEFT_EYE_OUTER,
+    LEFT_MOUTH_CORNER,
+    LEFT_UPPER_LID,
+    LOWER_INNER_LIP,
+    NOSE,
+    RIGHT_BROW,
+    RIGHT_EYE_OUTER,
+    RIGHT_UPPER_LID,
+)
 from guise.app.measure.curves import (
     ANGLES,
     CURVES,
@@ -171,12 +182,12 @@ def test_curves_do_not_depend_on_where_the_face_is(face: np.ndarray, name: str) 
 @pytest.mark.parametrize(
     ("name", "points", "away"),
     [
-        ("mouth opening", [65, 66, 67], (0, 5)),
-        ("mouth width", [54], (5, 0)),
-        ("right lids", [37, 38], (0, -3)),
-        ("left lids", [43, 44], (0, -3)),
-        ("right brow", [17, 18, 19, 20, 21], (0, -5)),
-        ("left brow", [22, 23, 24, 25, 26], (0, -5)),
+        ("mouth opening", list(LOWER_INNER_LIP), (0, 5)),
+        ("mouth width", [LEFT_MOUTH_CORNER], (5, 0)),
+        ("right lids", list(RIGHT_UPPER_LID), (0, -3)),
+        ("left lids", list(LEFT_UPPER_LID), (0, -3)),
+        ("right brow", list(RIGHT_BROW), (0, -5)),
+        ("left brow", list(LEFT_BROW), (0, -5)),
     ],
 )
 def test_each_curve_rises_with_its_own_movement_alone(
@@ -232,7 +243,7 @@ def test_the_roll_of_a_turned_picture(face: np.ndarray) -> None:
 
 
 def test_a_nose_that_points_right_is_a_yaw_to_the_right_and_up_a_pitch(face: np.ndarray) -> None:
-    nose = [29, 30, 31, 32, 33, 34, 35]
+    nose = list(NOSE[2:])
     right, up = face.copy(), face.copy()
     right[:, nose, 0] += 8
     up[:, nose, 1] -= 8
@@ -253,7 +264,7 @@ def test_angles_wrap() -> None:
 
 
 def test_point_errors_are_in_percent_of_the_eye_distance(face: np.ndarray) -> None:
-    eyes = np.linalg.norm(face[:, 45] - face[:, 36], axis=1)
+    eyes = np.linalg.norm(face[:, LEFT_EYE_OUTER] - face[:, RIGHT_EYE_OUTER], axis=1)
     moved = face + np.stack([0.03 * eyes, 0.04 * eyes], axis=1)[:, None]
     whole, motion = point_errors(face, moved)
     assert np.allclose(whole, 5)

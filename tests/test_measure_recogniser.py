@@ -7,6 +7,7 @@ import pytest
 from test_landmarks_onnx import linear_model
 from test_measure import CARD, recogniser
 
+from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_MOUTH_CORNER, NOSE_TIP, RIGHT_EYE, RIGHT_MOUTH_CORNER
 from guise.app.people.recogniser import Recogniser, RecogniserError, five_points, read_recogniser_card
 
 ROOT = Path(__file__).parents[1]
@@ -19,7 +20,13 @@ def landmarks(scale: float, x: float, y: float) -> np.ndarray:
     """Landmarks (81, 2) whose five points are the template's, enlarged and moved."""
     points = np.zeros((81, 2))
     five = scale * TEMPLATE + (x, y)
-    points[36:42], points[42:48], points[30], points[48], points[54] = five
+    (
+        points[RIGHT_EYE],
+        points[LEFT_EYE],
+        points[NOSE_TIP],
+        points[RIGHT_MOUTH_CORNER],
+        points[LEFT_MOUTH_CORNER],
+    ) = five
     return points
 
 
@@ -125,7 +132,7 @@ def test_a_model_that_is_not_what_the_card_says_is_told(
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real clips are not there")
 def test_the_documented_card_tells_people_apart(tmp_path: Path) -> None:
     from guise.app.measure.privacy import template
-    from guise.app.media import open_source
+    from guise.app.media import open_input
 
     text = (ROOT / "docs" / "measure.md").read_text(encoding="utf-8")
     card = tmp_path / "card.toml"
@@ -134,7 +141,7 @@ def test_the_documented_card_tells_people_apart(tmp_path: Path) -> None:
     recognise, people = Recogniser(card), []
     for name in ("talk_r1", "talk_r2", "studio_d5"):
         points = np.load(REAL / f"{name}.landmarks.npz")["face81"][:, 0]
-        with open_source(REAL / f"{name}.mp4") as source:
+        with open_input(REAL / f"{name}.mp4") as source:
             vectors = [recognise(f.rgb(), points[f.index]) for f in source if f.index % 40 == 0]
         people.append(np.stack([v for v in vectors if v is not None]))
     for i, rows in enumerate(people):

@@ -27,12 +27,12 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.analogy.photo import METHODS, Method, PhotoAnalogy, PhotoError
-from guise.analogy.photo.change import BRIGHTER, agreement, bounded, steadied
+from guise.analogy.photo.luminance_change import BRIGHTER, agreement, bounded, steadied
 from guise.analogy.photo.eyes import closed, opened_again
 from guise.analogy.photo.flow import left
-from guise.analogy.photo.grids import face
-from guise.analogy.photo.heights import STEEPNESS, _gain, asked, heights, slopes
-from guise.analogy.photo.motion import Motion
+from guise.analogy.photo.grid import face
+from guise.analogy.photo.height_field import STEEPNESS, _gain, asked, heights, slopes
+from guise.analogy.photo.landmark_motion import Motion
 from guise.analogy.photo.mouth import opened
 from guise.analogy.photo.poisson import integrated
 from guise.analogy.photo.ratio import correlation, ratio

@@ -32,9 +32,9 @@ from guise.analogy.photo import PhotoError
 from guise.app.cli.main import main
 from guise.app.media import open_input
 from guise.app.media.images import DeepImage, encode_deep, read_deep
-from guise.app.photos.driver import Driver
+from guise.app.photos.driving_track import Driver
 from guise.app.photos.faces import SHAPES_APART, Photo, require_usable, shapes_apart, turned, warnings
-from guise.app.photos.facing import Facing
+from guise.app.photos.pose_normaliser import Facing
 
 REST, OPEN = 0, 15  # frames of p01's talk2: at rest, and with an open mouth
 WIDTH, HEIGHT = 311, 419  # of T, as in the paper

@@ -9,6 +9,7 @@ from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.aam.landmarks import MIRROR
+from guise.aam.landmarks.schemes import BROWS, JAW, LIPS, NOSE_ROOT
 from guise.aam.reference import MARGIN, RIGID_WEIGHTS, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.similarity import Similarity
 
@@ -21,10 +22,10 @@ def ramp(height: int, width: int) -> np.ndarray:
     return np.stack([xs, ys], axis=-1).astype(np.float32)
 
 
-def bent(seed: int, frame: ReferenceFrame = FRAME) -> np.ndarray:
+def bent(seed: int, reference: ReferenceFrame = FRAME) -> np.ndarray:
     """The reference points, each moved a little, as a shape in a picture."""
     rng = np.random.default_rng(seed)
-    return frame.points * 1.5 + 20 + rng.normal(size=frame.points.shape)
+    return reference.points * 1.5 + 20 + rng.normal(size=reference.points.shape)
 
 
 def test_the_id_is_the_geometry_that_models_were_made_with() -> None:
@@ -50,10 +51,10 @@ def test_the_canonical_frame_is_made_once_and_read_only() -> None:
 
 @pytest.mark.parametrize("resolution", [32, 64, 160, 512])
 def test_resolution_is_pixels_across_the_face_and_the_grid_holds_it(resolution: int) -> None:
-    frame = ReferenceFrame.canonical(resolution)
-    assert frame.resolution == resolution
-    assert frame.points.min() >= MARGIN
-    assert (frame.points.max(0) <= np.array(frame.size[::-1]) - 1 - 1e-9).all()
+    reference = ReferenceFrame.canonical(resolution)
+    assert reference.resolution == resolution
+    assert reference.points.min() >= MARGIN
+    assert (reference.points.max(0) <= np.array(reference.size[::-1]) - 1 - 1e-9).all()
 
 
 @pytest.mark.parametrize("resolution", [0, 31, 513])
@@ -63,14 +64,14 @@ def test_resolutions_out_of_range_are_named(resolution: int) -> None:
 
 
 def test_points_are_symmetric() -> None:
-    axis = FRAME.points[27, 0]
+    axis = FRAME.points[NOSE_ROOT, 0]
     flipped = FRAME.points[list(MIRROR)] * [-1, 1] + [2 * axis, 0]
     assert_allclose(flipped, FRAME.points, atol=0.01)
 
 
 def test_rigid_weights_ignore_what_expression_moves() -> None:
     assert RIGID_WEIGHTS.sum() == pytest.approx(1)
-    lips_brows_jaw = [*range(48, 68), *range(17, 27), *range(1, 16)]
+    lips_brows_jaw = [*LIPS, *BROWS, *JAW[1:-1]]
     assert not RIGID_WEIGHTS[lips_brows_jaw].any()
     lids = [37, 38, 40, 41, 43, 44, 46, 47]
     assert not RIGID_WEIGHTS[lids].any()
@@ -189,10 +190,10 @@ def test_yaw_is_read_off_shapes(clip: str) -> None:
 
 def test_a_mirrored_head_is_turned_the_other_way_and_a_broad_one_is_not_turned() -> None:
     turned = FRAME.points + 10 * FRAME.yaw_mode
-    mirrored = turned[list(MIRROR)] * [-1, 1] + [2 * FRAME.points[27, 0], 0]
+    mirrored = turned[list(MIRROR)] * [-1, 1] + [2 * FRAME.points[NOSE_ROOT, 0], 0]
     assert FRAME.yaw(FRAME.align(turned)) == pytest.approx(10, abs=1)
     assert FRAME.yaw(FRAME.align(mirrored)) == pytest.approx(-FRAME.yaw(FRAME.align(turned)), abs=0.2)
-    broad = (FRAME.points - FRAME.points[27]) * [1.15, 1] + FRAME.points[27]
+    broad = (FRAME.points - FRAME.points[NOSE_ROOT]) * [1.15, 1] + FRAME.points[NOSE_ROOT]
     assert FRAME.yaw(FRAME.align(broad)) == pytest.approx(0, abs=0.1)
 
 

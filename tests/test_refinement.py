@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 import guise.app.enrolment.enrol
 from guise.aam.appearance import openness
 from guise.aam.landmarks import Face, interocular
+from guise.aam.landmarks.schemes import BROWS
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.refinement import Refined, anchored, refine_shapes
@@ -22,7 +23,7 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import Crop, Fit, cut
 from guise.app.cli.main import main
 from guise.app.enrolment.enrol import LandmarkSource, enrol
-from guise.app.media import open_source
+from guise.app.media import open_input
 
 FRAME = ReferenceFrame.canonical(48)
 EVERY = 4
@@ -31,8 +32,8 @@ EVERY = 4
 @cache
 def talk() -> tuple[list[np.ndarray], np.ndarray]:
     """Luma of every fourth frame of the first sample person's clip, and the true landmarks."""
-    with open_source(SAMPLES / "p01" / "talk.mp4") as source:
-        luma = [frame.luma.copy() for frame in source if frame.index % EVERY == 0]
+    with open_input(SAMPLES / "p01" / "talk.mp4") as source:
+        luma = [reference.luma.copy() for reference in source if reference.index % EVERY == 0]
     return luma, truth()[::EVERY]
 
 
@@ -99,7 +100,7 @@ def test_an_error_that_all_frames_share_stays() -> None:
     luma, shapes = talk()
     shapes, luma = shapes[::2], luma[::2]
     shift = np.zeros((81, 2))
-    shift[17:27, 1] = -0.05
+    shift[BROWS, 1] = -0.05
     common = shapes + shift * interocular(shapes)[:, None, None]
     refined = refine_shapes(crops_of(luma, common), common).shapes
     left = ((refined - shapes) / interocular(shapes)[:, None, None]).mean(0)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from guise.app.studio.landmark_view import RING, ROOM, SCREEN, SMALLEST, View, name_of
+from guise.aam.landmarks.schemes import RIGHT_EYE_OUTER
+from guise.app.studio.landmark_view import RING, ROOM, SCREEN, SMALLEST, FrameView, name_of
 
 TRUTH = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"].astype(np.float32)
-WHOLE = View.whole(640, 480)
+WHOLE = FrameView.whole(640, 480)
 
 
 def test_the_whole_view_shows_the_frame_between_bars() -> None:
@@ -22,13 +23,15 @@ def test_the_whole_view_shows_the_frame_between_bars() -> None:
     assert shown[bar:-bar].std() > 20
 
 
-@pytest.mark.parametrize("view", [WHOLE, View(100, 50, 97, 640, 480), View(-20, 300, 400, 640, 480)])
-def test_pictures_and_places_agree(view: View) -> None:
+@pytest.mark.parametrize(
+    "view", [WHOLE, FrameView(100, 50, 97, 640, 480), FrameView(-20, 300, 400, 640, 480)]
+)
+def test_pictures_and_places_agree(view: FrameView) -> None:
     """A bright pixel is where `to_screen` says, and `to_frame` takes it back."""
     rgb = np.zeros((480, 640, 3), np.uint8)
     rgb[331, 123] = 255
     if not (view.x <= 123 < view.x + view.size and view.y <= 331 < view.y + view.size):
-        view = View(100, 300, 97, 640, 480)
+        view = FrameView(100, 300, 97, 640, 480)
     light = view.picture(rgb)[..., 0].astype(float) - view.picture(0 * rgb)[..., 0]
     light = np.maximum(light, 0)
     ys, xs = np.mgrid[:SCREEN, :SCREEN] + 0.5
@@ -47,7 +50,7 @@ def test_a_view_around_points_holds_them_with_room() -> None:
 
 def test_zooming_keeps_the_place_and_ends_at_the_whole_and_at_a_few_pixels() -> None:
     view = WHOLE.around(TRUTH[0])
-    eye = TRUTH[0, 36]
+    eye = TRUTH[0, RIGHT_EYE_OUTER]
     near = view.zoomed(2, eye)
     assert near.size == pytest.approx(view.size / 2, abs=1)
     assert near.to_screen(eye) == pytest.approx(view.to_screen(eye), abs=near.scale)
@@ -56,11 +59,11 @@ def test_zooming_keeps_the_place_and_ends_at_the_whole_and_at_a_few_pixels() -> 
 
 
 def test_moving_follows_the_pointer_and_stops_at_the_edge_of_the_frame() -> None:
-    view = View(300, 200, 120, 640, 480)
+    view = FrameView(300, 200, 120, 640, 480)
     moved = view.moved((60, -30))
     assert moved.to_screen((333, 222)) - view.to_screen((333, 222)) == pytest.approx((60, -30))
-    assert view.moved((1e5, 1e5)) == View(0, 0, 120, 640, 480)
-    assert view.moved((-1e5, -1e5)) == View(520, 360, 120, 640, 480)
+    assert view.moved((1e5, 1e5)) == FrameView(0, 0, 120, 640, 480)
+    assert view.moved((-1e5, -1e5)) == FrameView(520, 360, 120, 640, 480)
 
 
 def test_a_pointer_takes_the_nearest_point_and_none_far_away() -> None:
@@ -78,7 +81,7 @@ def test_the_drawing_has_every_point_where_it_is() -> None:
         found = np.array(re.findall(r"M([-0-9.]+),([-0-9.]+)h0", path), float)
         assert found == pytest.approx(view.to_screen(TRUTH[0]), abs=0.01)
     assert drawn.count("h0M") == 2 * 80
-    x, y = view.to_screen(TRUTH[0, 36])
+    x, y = view.to_screen(TRUTH[0, RIGHT_EYE_OUTER])
     assert f"M{x - RING:.2f},{y:.2f}a" in drawn
     assert f"a{RING},{RING}" in drawn
     assert f"a{RING},{RING}" not in view.drawing(TRUTH[0], None)

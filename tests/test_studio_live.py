@@ -19,6 +19,7 @@ pytest.importorskip("aiortc")
 pytest.importorskip("playwright")
 from studio_browser import StudioServer, browser, camera_file, studio, visit  # noqa: F401
 
+from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNER
 from guise.app.studio.store import Store
 
 PATIENCE = 60_000  # milliseconds
@@ -37,7 +38,7 @@ READ = """(label) => {
 def widest() -> int:
     """The frame of the clip in which the mouth is open widest."""
     points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"]
-    return int((points[:, 66, 1] - points[:, 62, 1]).argmax())
+    return int((points[:, LOWER_LIP_INNER, 1] - points[:, UPPER_LIP_INNER, 1]).argmax())
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def regions() -> tuple[np.ndarray, np.ndarray]:
     """Masks (h, w) of the inner face and of what is far from it in the camera's picture."""
     points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][widest()]
     face = np.zeros((480, 640), np.uint8)
-    cv2.fillConvexPoly(face, cv2.convexHull(points[17:68].astype(np.int32)), 1)
+    cv2.fillConvexPoly(face, cv2.convexHull(points[INNER51].astype(np.int32)), 1)
     far = np.ones((480, 640), np.uint8)
     centre, size = points.mean(0), np.ptp(points, axis=0).max()
     cv2.circle(far, centre.astype(int).tolist(), int(1.1 * size), 0, -1)

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from guise.aam.follow import PersonFollower
 from guise.aam.landmarks import LbpDetector
+from guise.aam.landmarks.schemes import NOSE_TIP, interocular
 from guise.aam.model import Identity
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import (
@@ -39,7 +40,7 @@ def tracker(p01: Identity) -> Tracker:
 
 def error(shape: np.ndarray, truth: np.ndarray) -> float:
     """Mean landmark error in inter-ocular distances."""
-    return float(np.linalg.norm(shape - truth, axis=1).mean() / np.linalg.norm(truth[45] - truth[36]))
+    return float(np.linalg.norm(shape - truth, axis=1).mean() / interocular(truth))
 
 
 def fitted(answer: Fit | Failed) -> Fit:
@@ -48,8 +49,10 @@ def fitted(answer: Fit | Failed) -> Fit:
 
 
 def test_another_clip_is_tracked_within_two_percent_and_never_lost(tracker: Tracker, talk2: Talk) -> None:
-    follower = PersonFollower(tracker, LbpDetector())
-    errors = [error(fitted(follower.step(luma)).shape, truth) for luma, truth in zip(*talk2, strict=True)]
+    person_tracker = PersonTracker(tracker, LbpDetector())
+    errors = [
+        error(fitted(person_tracker.update(luma)).shape, truth) for luma, truth in zip(*talk2, strict=True)
+    ]
     assert np.mean(errors) <= 0.02
     assert np.max(errors) <= 0.05
 
@@ -111,7 +114,7 @@ def test_no_face_is_lost_not_invented(tracker: Tracker, talk2: Talk, what: str) 
 
 def test_a_face_half_hidden_by_noise_is_lost(tracker: Tracker, talk2: Talk) -> None:
     luma, truth = talk2[0][0].copy(), talk2[1][0]
-    hidden = np.s_[int(truth[:, 1].min()) - 20 : int(truth[30, 1]) + 40, :]
+    hidden = np.s_[int(truth[:, 1].min()) - 20 : int(truth[NOSE_TIP, 1]) + 40, :]
     luma[hidden] = np.random.default_rng(0).integers(0, 256, luma[hidden].shape, np.uint8)
     assert isinstance(tracker.fit(luma, truth), Failed)
 
@@ -142,22 +145,22 @@ def test_a_lost_face_is_found_again_where_it_comes_back(tracker: Tracker, talk2:
     (first, *_), truth = talk2
     empty = np.full_like(first, 120)
     moved = np.roll(first, (30, -120), axis=(0, 1))
-    follower = PersonFollower(tracker, LbpDetector())
-    assert isinstance(follower.step(first), Fit)
-    assert [isinstance(follower.step(empty), Failed) for _ in range(3)] == [True] * 3
-    assert follower.lost == 3
-    back = fitted(follower.step(moved))
+    person_tracker = PersonTracker(tracker, LbpDetector())
+    assert isinstance(person_tracker.update(first), Fit)
+    assert [isinstance(person_tracker.update(empty), Failed) for _ in range(3)] == [True] * 3
+    assert person_tracker.lost_frames == 3
+    back = fitted(person_tracker.update(moved))
     assert error(back.shape, truth[0] + (-120, 30)) < 0.03
-    assert follower.lost == 0
+    assert person_tracker.lost_frames == 0
 
 
 def test_without_a_box_detector_a_lost_face_stays_lost(tracker: Tracker, talk2: Talk) -> None:
     (first, *_), truth = talk2
-    follower = PersonFollower(tracker, None, truth[0])
-    assert isinstance(follower.step(first), Fit)
-    assert isinstance(follower.step(np.full_like(first, 120)), Failed)
-    assert isinstance(follower.step(np.roll(first, -200, axis=1)), Failed)
-    assert isinstance(follower.step(first), Fit)  # the old place is still tried
+    person_tracker = PersonTracker(tracker, None, truth[0])
+    assert isinstance(person_tracker.update(first), Fit)
+    assert isinstance(person_tracker.update(np.full_like(first, 120)), Failed)
+    assert isinstance(person_tracker.update(np.roll(first, -200, axis=1)), Failed)
+    assert isinstance(person_tracker.update(first), Fit)  # the old place is still tried
 
 
 class Counting:
@@ -173,10 +176,10 @@ class Counting:
 
 def test_after_a_long_loss_the_search_is_less_frequent_but_goes_on(tracker: Tracker) -> None:
     boxes = Counting()
-    follower = PersonFollower(tracker, boxes)
+    person_tracker = PersonTracker(tracker, boxes)
     asked = []
     for _ in range(40):
-        assert follower.step(np.zeros((120, 160), np.uint8)).reason == "no face found yet"
+        assert person_tracker.update(np.zeros((120, 160), np.uint8)).reason == "no face found yet"
         asked.append(boxes.asked)
     assert asked[9] == 10
     assert 5 <= asked[-1] - asked[19] <= 10

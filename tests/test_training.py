@@ -8,6 +8,7 @@ from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.aam.appearance import openness
+from guise.aam.landmarks.schemes import INNER_LIPS
 from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
@@ -158,10 +159,10 @@ def test_training_says_when_the_frames_do_not_suffice(shapes: np.ndarray, talk2:
 
 
 def test_a_model_holds_what_was_asked_for(p01: Identity) -> None:
-    assert p01.frame.id == ReferenceFrame.canonical(96).id
+    assert p01.reference.id == ReferenceFrame.canonical(96).id
     assert 30 <= p01.facts["frames"] <= 41
     assert p01.appearance.components.retained >= 0.98 or p01.appearance.components.modes == 40
-    assert p01.detail.shape == tuple(2 * side for side in p01.frame.size)
+    assert p01.detail.shape == tuple(2 * side for side in p01.reference.size)
     assert p01.facts["held_out_error"] == p01.tracker.quality.error
 
 
@@ -198,7 +199,7 @@ def test_in_even_light_a_face_is_the_same_under_any_light() -> None:
 def test_even_light_leaves_what_light_cannot_do() -> None:
     frame = ReferenceFrame.canonical(48)
     face = np.full((2, len(frame.pixels), 3), 120, np.float32)
-    mouth = soft_parts(frame, (slice(60, 68),), 0.0)[frame.mask] > 0.5
+    mouth = soft_parts(frame, (INNER_LIPS,), 0.0)[frame.mask] > 0.5
     face[1, mouth] = 30
     even = in_even_light(face, frame)
     np.testing.assert_allclose(even[1, mouth] - even[0, mouth], -90, atol=3)

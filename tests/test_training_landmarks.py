@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from guise.aam.landmarks import MIRROR, interocular
-from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.schemes import (
+    CHIN,
+    LEFT_EYE_OUTER,
+    NOSE_ROOT,
+    NOSE_TIP,
+    RIGHT_EYE_OUTER,
+    mean_geometry,
+)
 from training import augment
 from training.clutter import clutter
 from training.crops import plain_crops
@@ -29,7 +36,13 @@ def pictures(count: int = 3, size: int = 176) -> Pictures:
     images = np.full((count, size, size, 3), 60, np.uint8)
     for image, shape in zip(images, points, strict=True):
         cv2.circle(
-            image, tuple(np.round(shape[30] * 16).astype(int)), 3 * 16, (255, 255, 255), -1, cv2.LINE_AA, 4
+            image,
+            tuple(np.round(shape[NOSE_TIP] * 16).astype(int)),
+            3 * 16,
+            (255, 255, 255),
+            -1,
+            cv2.LINE_AA,
+            4,
         )
     seen = np.ones((count, 81), bool)
     masks = np.ones((count, size, size), np.uint8)
@@ -66,12 +79,12 @@ def test_points_stay_on_what_they_mark_through_turns_and_mirrors() -> None:
         matrix, mirrored = augment.crop_matrix(rng, source.points[0], augment.Strength())
         crop = cv2.warpAffine(source.images[0], matrix, (augment.SIZE, augment.SIZE))
         ys, xs = np.nonzero(crop[..., 0] > 200)
-        place = matrix @ (*source.points[0][30], 1)
+        place = matrix @ (*source.points[0][NOSE_TIP], 1)
         assert np.hypot(xs.mean() - place[0], ys.mean() - place[1]) < 0.6
         handed.add(mirrored)
         points = source.points[0] @ matrix[:, :2].T + matrix[:, 2]
         points = points[list(MIRROR)] if mirrored else points
-        across, down = points[45] - points[36], points[8] - points[27]
+        across, down = points[LEFT_EYE_OUTER] - points[RIGHT_EYE_OUTER], points[CHIN] - points[NOSE_ROOT]
         assert across[0] * down[1] - across[1] * down[0] > 0  # the person's right eye is on the left again
     assert handed == {True, False}
 
@@ -105,17 +118,17 @@ def test_plain_crops_hold_the_whole_face_upright() -> None:
     assert crops.shape == (3, 128, 128, 3)
     assert points.min() > 0
     assert points.max() < 127
-    slope = (points[:, 45] - points[:, 36]) / interocular(points)[:, None]
+    slope = (points[:, LEFT_EYE_OUTER] - points[:, RIGHT_EYE_OUTER]) / interocular(points)[:, None]
     assert np.abs(slope[:, 1]).max() < 0.3
 
 
 def test_a_square_keeps_face_and_points_together() -> None:
     image = np.zeros((900, 1200, 3), np.uint8)
     shape = face(176, 250.0) + 400
-    cv2.circle(image, tuple(np.round(shape[8]).astype(int)), 25, (255, 255, 255), -1)
+    cv2.circle(image, tuple(np.round(shape[CHIN]).astype(int)), 25, (255, 255, 255), -1)
     small, points = square(image, shape, 208)
     ys, xs = np.nonzero(small[..., 0] > 128)
-    assert np.hypot(xs.mean() - points[8, 0], ys.mean() - points[8, 1]) < 1
+    assert np.hypot(xs.mean() - points[CHIN, 0], ys.mean() - points[CHIN, 1]) < 1
     assert np.ptp(points, axis=0).max() == pytest.approx(0.62 * 208)
 
 

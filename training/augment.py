@@ -14,6 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
+from guise.aam.landmarks.schemes import (
+    BROWS,
+    CHIN,
+    FOREHEAD,
+    LEFT_MOUTH_CORNER,
+    LEFT_NOSTRIL,
+    LEFT_TEMPLE,
+    NOSE_BASE,
+    NOSE_ROOT,
+    NOSE_TIP,
+    OUTER_LIPS,
+    RIGHT_MOUTH_CORNER,
+    RIGHT_NOSTRIL,
+    RIGHT_TEMPLE,
+    UPPER_LIP_TOP,
+)
 
 SIZE = 128  # pixels, the side of the network's input
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
@@ -174,24 +190,32 @@ def _beard(rng: Rng, crop: Picture, points: F32) -> Picture:
     """A beard or moustache: hair over the lower face, the lips left out."""
     area = np.zeros((SIZE, SIZE), np.uint8)
     start = int(rng.integers(1, 4))
-    jaw = points[list(JAW)][start : 17 - start]
-    drop = rng.uniform(0, 0.12) * (points[8] - points[33])
-    upper = points[33] * rng.uniform(0.35, 0.65)
-    lip = upper + (1 - rng.uniform(0.35, 0.65)) * points[51]
+    jaw = points[JAW][start : 17 - start]
+    drop = rng.uniform(0, 0.12) * (points[CHIN] - points[NOSE_BASE])
+    upper = points[NOSE_BASE] * rng.uniform(0.35, 0.65)
+    lip = upper + (1 - rng.uniform(0.35, 0.65)) * points[UPPER_LIP_TOP]
     kind = rng.random()
     if kind < 0.7:
-        chain = np.concatenate([jaw + drop, [points[54]], [lip], [points[48]]])
+        chain = np.concatenate([jaw + drop, [points[LEFT_MOUTH_CORNER]], [lip], [points[RIGHT_MOUTH_CORNER]]])
     else:
-        chain = np.array([points[48], points[31], points[35], points[54], points[51]])
+        chain = np.array(
+            [
+                points[RIGHT_MOUTH_CORNER],
+                points[RIGHT_NOSTRIL],
+                points[LEFT_NOSTRIL],
+                points[LEFT_MOUTH_CORNER],
+                points[UPPER_LIP_TOP],
+            ]
+        )
     cv2.fillPoly(area, [_whole(chain)], 255)
-    cv2.fillPoly(area, [_whole(points[48:60])], 0)
+    cv2.fillPoly(area, [_whole(points[OUTER_LIPS])], 0)
     return _hair_over(rng, crop, area, rng.uniform(1, 3), rng.uniform(0.35, 0.95))
 
 
 def _fringe(rng: Rng, crop: Picture, points: F32) -> Picture:
     """Hair, a cap or a headscarf from above down to somewhere between the hairline and the lids."""
-    forehead, brows = points[68:81], points[17:27]
-    up = forehead[6] - points[27]
+    forehead, brows = points[FOREHEAD], points[BROWS]
+    up = forehead[6] - points[NOSE_ROOT]
     depth = rng.uniform(0.1, 1.0)
     towards = np.linspace(brows[0], brows[9], 13)
     edge = forehead + depth * (towards - forehead) + rng.normal(0, 0.06, (13, 1)) * up
@@ -260,7 +284,7 @@ def _glasses(rng: Rng, crop: Picture, points: F32) -> Picture:
         cv2.polylines(out, [_whole(rim)], True, colour, thick, cv2.LINE_AA)
     inner = rims[0][rims[0][:, 0].argmax()], rims[1][rims[1][:, 0].argmin()]
     cv2.line(out, *(tuple(map(int, p)) for p in inner), colour, thick, cv2.LINE_AA)
-    for rim, ear in ((rims[0], points[0]), (rims[1], points[16])):
+    for rim, ear in ((rims[0], points[RIGHT_TEMPLE]), (rims[1], points[LEFT_TEMPLE])):
         outer = rim[np.linalg.norm(rim - ear, axis=1).argmin()]
         cv2.line(out, tuple(map(int, outer)), tuple(map(int, ear)), colour, thick, cv2.LINE_AA)
     return out
@@ -289,7 +313,7 @@ def _occluder(
         corners = centre + rng.normal(0, 0.18, (int(rng.integers(3, 7)), 2)) * SIZE
         cv2.fillConvexPoly(area, cv2.convexHull(_whole(corners)), 255, cv2.LINE_AA)
     if rng.random() < 0.5:  # of the face's own colour, as a hand is
-        y, x = np.clip(points[30][::-1], 0, SIZE - 1).astype(int)
+        y, x = np.clip(points[NOSE_TIP][::-1], 0, SIZE - 1).astype(int)
         front = np.empty_like(crop)
         front[:] = crop[y, x]
         front = np.asarray(

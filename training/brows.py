@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-BROWS = slice(17, 27)
 OPAQUE = 0.4  # alpha from which the brow's texture counts as hair
 FINE = 8  # samples along a triangle's side
 WINDOW = 0.09  # of a brow's length, within which its upper edge is looked for

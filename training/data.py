@@ -14,6 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+
 HELD_OUT = 10  # rendered people whose number is a multiple of this are for evaluation only
 REAL_SIZE = 208  # pixels, the side of a real picture's square
 REAL_SHARE = 0.62  # of that square, taken by the longer side of the face's box
@@ -178,11 +180,11 @@ def brow_ends(points: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
         given = _complex(labels[f"{person}_neutral"])
         placed = _complex(hand[person])
         wanted = np.array([placed[list(pair)].mean() for pair in _ENDS.values()])
-        moves.append((wanted - given[ends]) / (given[45] - given[36]))
+        moves.append((wanted - given[ends]) / (given[LEFT_EYE_OUTER] - given[RIGHT_EYE_OUTER]))
     move = np.mean(moves, axis=0)
     move = (move - np.conj(move[::-1])) / 2  # the same on both sides
     shapes = _complex(points)
-    shapes[:, ends] += move * (shapes[:, 45] - shapes[:, 36])[:, None]
+    shapes[:, ends] += move * (shapes[:, LEFT_EYE_OUTER] - shapes[:, RIGHT_EYE_OUTER])[:, None]
     return np.stack([shapes.real, shapes.imag], axis=-1).astype(np.float32)
 
 

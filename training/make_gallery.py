@@ -24,6 +24,14 @@ from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE
 from guise.aam.landmarks import open_landmarker
+from guise.aam.landmarks.schemes import (
+    LEFT_BROW,
+    LEFT_EYE,
+    LEFT_EYE_OUTER,
+    RIGHT_BROW,
+    RIGHT_EYE,
+    RIGHT_EYE_OUTER,
+)
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
@@ -46,8 +54,8 @@ def donor(folder: Path) -> Identity:
     person = enrol([folder / take for take in TAKES], landmarks, name=folder.name, options=OPTIONS)
     look = person.appearance
     neutral = look.neutral.copy()
-    neutral[:SHAPE] = (at_ease(look.neutral_shape) * look.frame.shape_weight).ravel()
-    neutral[SHAPE:] = calm_eyes(look.neutral_texture, look.frame).ravel()
+    neutral[:SHAPE] = (at_ease(look.neutral_shape) * look.reference.shape_weight).ravel()
+    neutral[SHAPE:] = calm_eyes(look.neutral_texture, look.reference).ravel()
     facts = {**person.facts, "guise": version(), "licence": "CC0-1.0"}
     return replace(person, appearance=replace(look, neutral=neutral), facts=facts)
 
@@ -55,16 +63,16 @@ def donor(folder: Path) -> Identity:
 def at_ease(shape: NDArray[np.float64]) -> NDArray[np.float64]:
     """A shape (81, 2) with its brows lifted."""
     lift = np.zeros((POINTS, 2))
-    lift[17:22, 1] = LIFT
-    lift[22:27, 1] = LIFT[::-1]
-    return shape - lift * np.linalg.norm(shape[45] - shape[36])
+    lift[RIGHT_BROW, 1] = LIFT
+    lift[LEFT_BROW, 1] = LIFT[::-1]
+    return shape - lift * np.linalg.norm(shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER])
 
 
-def calm_eyes(texture: NDArray[np.float32], frame: ReferenceFrame) -> NDArray[np.float32]:
+def calm_eyes(texture: NDArray[np.float32], reference: ReferenceFrame) -> NDArray[np.float32]:
     """A texture (n, 3) whose whites of the eyes shine no more than real ones."""
     luma = texture @ LUMA
-    eyes = soft_parts(frame, (slice(36, 42), slice(42, 48)), 0.02)[frame.mask]
-    most = float(luma[skin_mask(frame)[frame.mask]].mean()) + WHITE
+    eyes = soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.02)[reference.mask]
+    most = float(luma[skin_mask(reference)[reference.mask]].mean()) + WHITE
     wanted = np.minimum(luma, most + KNEE * (luma - most))
     ratio = 1 + eyes * (wanted / np.maximum(luma, 1) - 1)
     return np.asarray(texture * ratio[:, None], np.float32)
@@ -72,7 +80,7 @@ def calm_eyes(texture: NDArray[np.float32], frame: ReferenceFrame) -> NDArray[np
 
 def portrait(person: Identity) -> NDArray[np.uint8]:
     """The still (SIDE, SIDE, 3), cut around the face."""
-    picture, shape = person.still.picture, person.still.shape
+    picture, shape = person.rest_frame.picture, person.rest_frame.shape
     centre, reach = shape.mean(0), 0.75 * np.ptp(shape[:, 1])
     x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
     x1, y1 = np.ceil(centre + reach).astype(int)

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from guise.aam.landmarks import MIRROR
+from guise.aam.landmarks.schemes import CHIN, LIPS, LOWER_LIP_INNER, NOSE_ROOT, UPPER_LIP_INNER
 from guise.aam.reference import RIGID_WEIGHTS
 from guise.aam.similarity import align
 
 ROOT = Path(__file__).parents[1]
-LIPS = np.arange(48, 68)
 
 
 def _frontal(folder: Path) -> np.ndarray:
@@ -42,7 +42,7 @@ def _symmetric(shape: np.ndarray) -> np.ndarray:
     flipped = centred[list(MIRROR)] * [-1, 1]
     upright = align(flipped, centred, scale="symmetric").apply(flipped)  # type: ignore[union-attr]
     mean = (centred + upright) / 2
-    axis = mean[27] - mean[8]
+    axis = mean[NOSE_ROOT] - mean[CHIN]
     angle = np.arctan2(axis[0], -axis[1])
     c, s = np.cos(-angle), np.sin(-angle)
     mean = mean @ np.array([[c, -s], [s, c]]).T
@@ -71,7 +71,7 @@ def main() -> None:
     means = []
     for folder in sorted((ROOT / "sample_videos").glob("p*")):
         mean, shapes = _aligned_mean(_frontal(folder))
-        gap = np.linalg.norm(shapes[:, 62] - shapes[:, 66], axis=1)
+        gap = np.linalg.norm(shapes[:, UPPER_LIP_INNER] - shapes[:, LOWER_LIP_INNER], axis=1)
         mean[LIPS] = shapes[gap >= np.quantile(gap, 0.8)].mean(0)[LIPS]
         means.append(mean)
     shape = _symmetric(_aligned_mean(np.stack(means))[0])

@@ -27,7 +27,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from training.brows import BROWS, hair_points
+from guise.aam.landmarks.schemes import BROWS
+from training.brows import hair_points
 
 AO_DIRECTIONS, AO_SIZE = 40, 256
 PEOPLE_PER_PART = 10

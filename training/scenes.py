@@ -15,6 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks.schemes import (
+    BROWS,
+    CHIN,
+    IBUG68,
+    JAW,
+    LEFT_MOUTH_CORNER,
+    NOSE_BASE,
+    NOSE_BRIDGE,
+    NOSE_ROOT,
+    RIGHT_MOUTH_CORNER,
+    UPPER_LIP_TOP,
+)
 from training.backgrounds import CLIPS, hand, random_background, skin
 from training.data import VALIDATION_PEOPLE, Pictures, london_people
 
@@ -100,7 +112,7 @@ class Scenes:
             image, points = person.image, person.points
         else:
             i = int(rng.integers(len(self.rendered)))
-            image, points = self.rendered.images[i], self.rendered.points[i, :68].astype(np.float64)
+            image, points = self.rendered.images[i], self.rendered.points[i, IBUG68].astype(np.float64)
         return _shuffled(rng, image) if rng.random() < 0.5 else _enlarged(rng, image, points)
 
     def _background(self, rng: Rng) -> Picture:
@@ -120,7 +132,7 @@ class Scenes:
                 person = Person(person.image, person.points, _about(person))
             return person, False
         i = int(rng.integers(len(self.rendered)))
-        image, points = self.rendered.images[i].copy(), self.rendered.points[i, :68].astype(np.float64)
+        image, points = self.rendered.images[i].copy(), self.rendered.points[i, IBUG68].astype(np.float64)
         alpha = self.rendered.masks[i] * np.uint8(255)
         blank = bool(rng.random() < 0.1)
         if blank:
@@ -203,7 +215,7 @@ def _frames(folder: Path, held_out: bool) -> Iterator[Person]:
 def _brought(bgr: Picture, points: NDArray[np.float32]) -> Person:
     scale = min(1.0, _FAR / max(bgr.shape[:2]))
     image = cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    moved = (points[:68].astype(np.float64) + 0.5) * scale - 0.5
+    moved = (points[IBUG68].astype(np.float64) + 0.5) * scale - 0.5
     return Person(np.ascontiguousarray(image[..., ::-1], np.uint8), moved)
 
 
@@ -375,20 +387,22 @@ def _wipe(rng: Rng, image: Picture, points: Floats) -> None:
 
 def _dress(rng: Rng, image: Picture, points: Floats) -> None:
     """Glasses, beard, cap or fringe, a mask over mouth and nose: each now and then."""
-    up = points[27] - points[8]
+    up = points[NOSE_ROOT] - points[CHIN]
     if rng.random() < 0.15:
-        jaw = points[int(rng.integers(1, 5)) : 17 - int(rng.integers(1, 5))]
-        lip = 0.5 * (points[33] + points[51])
-        area = np.concatenate([jaw - rng.uniform(0, 0.08) * up, [points[54], lip, points[48]]])
+        jaw = points[JAW][int(rng.integers(1, 5)) : len(JAW) - int(rng.integers(1, 5))]
+        lip = 0.5 * (points[NOSE_BASE] + points[UPPER_LIP_TOP])
+        area = np.concatenate(
+            [jaw - rng.uniform(0, 0.08) * up, [points[LEFT_MOUTH_CORNER], lip, points[RIGHT_MOUTH_CORNER]]]
+        )
         _over(rng, image, area, np.array([60, 45, 35]) * rng.uniform(0.2, 3.5), rng.uniform(0.4, 0.95))
     if rng.random() < 0.2:
         _glasses(rng, image, points)
     if rng.random() < 0.12:
-        brow = points[17:27] + rng.uniform(0.02, 0.35) * up
+        brow = points[BROWS] + rng.uniform(0.02, 0.35) * up
         area = np.concatenate([brow, (brow + rng.uniform(0.5, 1.0) * up)[::-1] * 1.0])
         _over(rng, image, area, rng.uniform(0, 255, 3) * rng.uniform(0.2, 1), 1.0)
     if rng.random() < 0.05:
-        area = np.concatenate([points[1:16], points[29:30]])
+        area = points[[*JAW[1:-1], NOSE_BRIDGE[2]]]
         _over(rng, image, area, rng.uniform(60, 255, 3), 1.0)
 
 

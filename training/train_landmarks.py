@@ -27,6 +27,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
 from guise.aam.landmarks import interocular
+from guise.aam.landmarks.schemes import JAW, LEFT_TEMPLE, NOSE_TIP, RIGHT_TEMPLE, TEMPLES
 from training import definitions
 from training.augment import SIZE, negative, sample
 from training.clutter import clutter
@@ -260,8 +261,8 @@ def align(net: LandmarkNet, rendered: Pictures, real: Pictures) -> dict[str, NDA
     rendered_moves, real_moves = definitions.moves(definitions.difference(answers(net, crops), labels))
     frontal = plain_crops(rendered.only(np.abs(asymmetry(rendered.points)) < 0.05), 500)[1]
     return {
-        "rendered_jaw": definitions.evenly(frontal[:, :17]), "rendered_moves": rendered_moves,
-        "real_jaw": definitions.evenly(labels[:, :17]), "real_moves": real_moves,
+        "rendered_jaw": definitions.evenly(frontal[:, JAW]), "rendered_moves": rendered_moves,
+        "real_jaw": definitions.evenly(labels[:, JAW]), "real_moves": real_moves,
     }  # fmt: skip
 
 
@@ -273,9 +274,9 @@ def apply(alignment: Mapping[str, NDArray[np.float64]], pictures: Pictures, kind
 
 def asymmetry(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """How far (n,) the nose is from the middle of the temples, in widths of the face: a sign of yaw."""
-    width = points[:, 16, 0] - points[:, 0, 0]
+    width = points[:, LEFT_TEMPLE, 0] - points[:, RIGHT_TEMPLE, 0]
     return np.asarray(
-        (points[:, 30, 0] - points[:, [0, 16], 0].mean(1)) / np.where(np.abs(width) < 1, 1, width)
+        (points[:, NOSE_TIP, 0] - points[:, TEMPLES, 0].mean(1)) / np.where(np.abs(width) < 1, 1, width)
     )
 
 

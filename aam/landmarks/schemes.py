@@ -26,17 +26,28 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.face import Float32, LandmarkError
 
-JAW = tuple(range(0, 17))
-RIGHT_BROW = tuple(range(17, 22))
-LEFT_BROW = tuple(range(22, 27))
-NOSE = tuple(range(27, 36))
-RIGHT_EYE = tuple(range(36, 42))
-LEFT_EYE = tuple(range(42, 48))
-OUTER_LIPS = tuple(range(48, 60))
-INNER_LIPS = tuple(range(60, 68))
-FOREHEAD = tuple(range(68, 81))
+Group = NDArray[np.intp]
 
-GROUPS: Mapping[str, tuple[int, ...]] = {
+
+def _group(*points: int) -> Group:
+    group = np.array(points, np.intp)
+    group.setflags(write=False)
+    return group
+
+
+# Groups of points, as arrays that index the points of a face: ``points[LEFT_EYE]`` is (6, 2).
+JAW = _group(*range(0, 17))
+RIGHT_BROW = _group(*range(17, 22))
+LEFT_BROW = _group(*range(22, 27))
+NOSE = _group(*range(27, 36))
+RIGHT_EYE = _group(*range(36, 42))
+LEFT_EYE = _group(*range(42, 48))
+OUTER_LIPS = _group(*range(48, 60))
+INNER_LIPS = _group(*range(60, 68))
+FOREHEAD = _group(*range(68, 81))
+
+# Every point is in one of these.
+GROUPS: Mapping[str, Group] = {
     "jaw": JAW,
     "right_brow": RIGHT_BROW,
     "left_brow": LEFT_BROW,
@@ -48,7 +59,52 @@ GROUPS: Mapping[str, tuple[int, ...]] = {
     "forehead": FOREHEAD,
 }
 
-OUTER_EYE_CORNERS = (36, 45)
+BROWS = _group(*RIGHT_BROW, *LEFT_BROW)
+EYES = _group(*RIGHT_EYE, *LEFT_EYE)
+LIPS = _group(*OUTER_LIPS, *INNER_LIPS)
+NOSE_BRIDGE = _group(*range(27, 31))
+NOSE_WINGS = _group(*range(31, 36))
+EYES_AND_LIPS = _group(*EYES, *LIPS)
+BELOW_BROWS = _group(*NOSE, *EYES_AND_LIPS)
+IBUG68 = _group(*range(0, 68))
+INNER51 = _group(*range(17, 68))  # of iBUG 68, without the jaw
+OUTLINE = _group(*JAW, *FOREHEAD)
+SILHOUETTE = _group(*JAW, *FOREHEAD[::-1])  # the outline as a closed curve
+
+# Single points; right and left are the person's.
+RIGHT_TEMPLE, LEFT_TEMPLE = 0, 16
+CHIN = 8
+RIGHT_BROW_OUTER, RIGHT_BROW_TOP, RIGHT_BROW_INNER = 17, 19, 21
+LEFT_BROW_INNER, LEFT_BROW_TOP, LEFT_BROW_OUTER = 22, 24, 26
+NOSE_ROOT, NOSE_TIP, NOSE_BASE = 27, 30, 33
+RIGHT_NOSTRIL, LEFT_NOSTRIL = 31, 35
+RIGHT_EYE_OUTER, RIGHT_EYE_INNER = 36, 39
+LEFT_EYE_INNER, LEFT_EYE_OUTER = 42, 45
+RIGHT_MOUTH_CORNER, LEFT_MOUTH_CORNER = 48, 54
+UPPER_LIP_TOP, LOWER_LIP_BOTTOM = 51, 57
+UPPER_LIP_INNER, LOWER_LIP_INNER = 62, 66  # their middles
+HAIRLINE = 74  # the middle of the forehead's points
+
+OUTER_EYE_CORNERS = _group(RIGHT_EYE_OUTER, LEFT_EYE_OUTER)
+RIGHT_EYE_CORNERS = _group(RIGHT_EYE_OUTER, RIGHT_EYE_INNER)
+LEFT_EYE_CORNERS = _group(LEFT_EYE_INNER, LEFT_EYE_OUTER)
+EYE_CORNERS = _group(*RIGHT_EYE_CORNERS, *LEFT_EYE_CORNERS)
+MOUTH_CORNERS = _group(RIGHT_MOUTH_CORNER, LEFT_MOUTH_CORNER)
+BROW_TOPS = _group(RIGHT_BROW_TOP, LEFT_BROW_TOP)
+TEMPLES = _group(RIGHT_TEMPLE, LEFT_TEMPLE)
+# Pairs of points that open: each upper one lies above the lower one of the same place in its list.
+RIGHT_UPPER_LID, RIGHT_LOWER_LID = _group(37, 38), _group(41, 40)
+LEFT_UPPER_LID, LEFT_LOWER_LID = _group(43, 44), _group(47, 46)
+UPPER_LIDS = _group(*RIGHT_UPPER_LID, *LEFT_UPPER_LID)
+LOWER_LIDS = _group(*RIGHT_LOWER_LID, *LEFT_LOWER_LID)
+LIDS_BELOW_BROW_TOPS = _group(37, 44)
+UPPER_INNER_LIP, LOWER_INNER_LIP = _group(61, 62, 63), _group(67, 66, 65)
+# The lips in parts that move together: the corners, outer and inner, and what lies between them.
+RIGHT_MOUTH_CORNER_POINTS, LEFT_MOUTH_CORNER_POINTS = _group(48, 60), _group(54, 64)
+UPPER_LIP = _group(*OUTER_LIPS[1:6], *UPPER_INNER_LIP)
+LOWER_LIP = _group(*OUTER_LIPS[7:], *LOWER_INNER_LIP)
+# The upper ends of the jaw, beside the ears.
+NEAR_TEMPLES = _group(0, 1, 2, 14, 15, 16)
 COUNT = 81
 
 # Which point takes whose place when the picture is mirrored left to right.
@@ -65,7 +121,6 @@ MIRROR: tuple[int, ...] = (
 )
 
 _STEADY = np.arange(48)
-_TEMPLES = (0, 1, 2, 14, 15, 16)
 
 
 def interocular(points: NDArray[Any]) -> NDArray[Any]:
@@ -241,7 +296,7 @@ def _complex(points: NDArray[Any]) -> NDArray[np.complex128]:
 
 def _eye_frame(points: NDArray[Any]) -> NDArray[np.complex128]:
     shape = _complex(points)
-    right, left = shape[..., 36:37], shape[..., 45:46]
+    right, left = shape[..., OUTER_EYE_CORNERS[:1]], shape[..., OUTER_EYE_CORNERS[1:]]
     return np.asarray((shape - (right + left) / 2) / (left - right))
 
 
@@ -268,7 +323,7 @@ def _undone(
 def _nose_displacement(inside: NDArray[np.complex128], mean: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Nose against the middle of the temples, relative to the mean face (..., 2), inter-ocular distances."""
     offset = inside - mean[: inside.shape[-1]]
-    turned = offset[..., _TEMPLES].mean(axis=-1) - offset[..., list(NOSE)].mean(axis=-1)
+    turned = offset[..., NEAR_TEMPLES].mean(axis=-1) - offset[..., NOSE].mean(axis=-1)
     return np.stack([turned.real, turned.imag], axis=-1)
 
 

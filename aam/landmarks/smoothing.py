@@ -11,7 +11,7 @@ cancels in that mean, motion persists. The original raises the cutoff with a spe
 which is too slow for a blink of a tenth of a second; here a way of several times `quiet` passes at once. A point's
 evidence is that of its neighbours in the same feature (lid, lip, brow), for these move together.
 
-:class:`guise.aam.follow.Steadier` has the same idea for the shapes of a person's tracker. It stays apart:
+:class:`guise.aam.shape_filter.ShapeFilter` has the same idea for the shapes of a person's tracker. It stays apart:
 those shapes lie in
 the tracker's few modes and hold less noise, come without confidences, and are steadied by frames, not by seconds.
 
@@ -29,15 +29,23 @@ from numpy.typing import NDArray
 from guise.aam.landmarks.face import Float32
 from guise.aam.landmarks.schemes import (
     COUNT,
+    EYE_CORNERS,
+    EYES,
     FOREHEAD,
-    INNER_LIPS,
     JAW,
     LEFT_BROW,
-    LEFT_EYE,
+    LEFT_LOWER_LID,
+    LEFT_MOUTH_CORNER_POINTS,
+    LEFT_UPPER_LID,
+    LIPS,
+    LOWER_LIP,
     NOSE,
-    OUTER_LIPS,
     RIGHT_BROW,
-    RIGHT_EYE,
+    RIGHT_LOWER_LID,
+    RIGHT_MOUTH_CORNER_POINTS,
+    RIGHT_UPPER_LID,
+    UPPER_LIP,
+    Group,
     interocular,
     mean_geometry,
 )
@@ -57,10 +65,11 @@ OUTLIER = 0.02  # a rigid point that is this far off counts half for the head's 
 PAUSE = 0.5  # seconds without a shape after which nothing of the past is kept
 LEAST_TRUST = 0.05
 
-FEATURES: tuple[tuple[int, ...], ...] = (
-    JAW, RIGHT_BROW, LEFT_BROW, NOSE, FOREHEAD,
-    (36,), (37, 38), (39,), (40, 41), (42,), (43, 44), (45,), (46, 47),
-    (48, 60), (54, 64), (49, 50, 51, 52, 53, 61, 62, 63), (55, 56, 57, 58, 59, 65, 66, 67),
+# Parts of the face whose points move together.
+FEATURES: tuple[Group, ...] = (
+    JAW, RIGHT_BROW, LEFT_BROW, NOSE, FOREHEAD, *EYE_CORNERS[:, None],
+    RIGHT_UPPER_LID, RIGHT_LOWER_LID, LEFT_UPPER_LID, LEFT_LOWER_LID,
+    RIGHT_MOUTH_CORNER_POINTS, LEFT_MOUTH_CORNER_POINTS, UPPER_LIP, LOWER_LIP,
 )  # fmt: skip
 
 
@@ -159,8 +168,8 @@ class Smoother:
 
 def _quiet() -> Floats:
     quiet = np.full(COUNT, QUIET_SKIN)
-    quiet[[*RIGHT_EYE, *LEFT_EYE]] = QUIET_LIDS
-    quiet[[*OUTER_LIPS, *INNER_LIPS]] = QUIET_LIPS
+    quiet[EYES] = QUIET_LIDS
+    quiet[LIPS] = QUIET_LIPS
     return quiet
 
 
@@ -168,7 +177,7 @@ def _neighbours() -> Floats:
     """(81, 81) rows that sum to 1: whose ways count for a point's."""
     mean, feature = mean_geometry().mean, np.zeros(COUNT, int)
     for number, points in enumerate(FEATURES):
-        feature[list(points)] = number
+        feature[points] = number
     near = np.exp(-(np.abs(mean[:, None] - mean) ** 2) / (2 * TOGETHER**2))
     near *= feature[:, None] == feature
     return np.asarray(near / near.sum(1, keepdims=True))

@@ -23,6 +23,7 @@ from guise.aam.landmarks import (
     load_annotations,
     open_landmarker,
 )
+from guise.aam.landmarks.schemes import NOSE_TIP
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.refinement import refine_shapes
@@ -38,7 +39,7 @@ from guise.aam.training import (
     observe,
     train_identity,
 )
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.common.arrays import F64
 from guise.common.errors import GuiseError
 from guise.common.threads import one_thread
@@ -154,7 +155,7 @@ def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress:
 def _detected(clip: Path, landmarker: Landmarker, progress: Progress, say: Say) -> F64:
     rows = []
     missing = np.full((81, 2), np.nan)
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         follower = Follower(landmarker, report=lambda text: say(f"{clip.name}: {text}"))
         for frame in source:
             face = follower.step(frame.rgb())
@@ -200,7 +201,7 @@ def _crops(
     for clip, points, found in zip(clips, shapes, generic, strict=True):
         last = max((i - base for i in wanted if i < base + len(points)), default=-1)
         if found and last >= 0:
-            with open_source(clip) as source:
+            with open_input(clip) as source:
                 for picture in source:
                     if picture.index > last:
                         break
@@ -229,7 +230,7 @@ def _observe(
     base = 0
     for clip, points in zip(clips, shapes, strict=True):
         count = 0
-        with open_source(clip) as source:
+        with open_input(clip) as source:
             for picture in source:
                 count = picture.index + 1
                 index = base + picture.index
@@ -254,7 +255,7 @@ def _observe(
 
 def box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
     """(3,) shape centre minus box centre and face width, in widths of the box that holds the nose."""
-    nose, centre = shape[30], shape.mean(0)
+    nose, centre = shape[NOSE_TIP], shape.mean(0)
     for x0, y0, x1, y1 in boxes.astype(np.float64):
         if x0 < nose[0] < x1 and y0 < nose[1] < y1:
             width = x1 - x0

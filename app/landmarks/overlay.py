@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import INNER_LIPS, LEFT_BROW, LEFT_EYE, NOSE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE, Face
+from guise.aam.landmarks import INNER_LIPS, LEFT_BROW, LEFT_EYE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE, Face
+from guise.aam.landmarks.schemes import NOSE_BRIDGE, NOSE_WINGS, SILHOUETTE
 from guise.app.media import Frame
 
 Picture = NDArray[np.uint8]
@@ -21,9 +22,8 @@ _OUTLINES: tuple[Colour, ...] = (
 )  # fmt: skip
 _SURE, _UNSURE = np.array([90, 255, 120]), np.array([255, 60, 40])  # points, by their confidence
 _PAPER = (24, 24, 24)
-_SILHOUETTE = (*range(17), *range(80, 67, -1))
-_CLOSED = (_SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
-_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE[:4], NOSE[4:])
+_CLOSED = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
+_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
 _BITS = 4  # of a pixel's fraction, in OpenCV's drawing
 _FAR = 2**14  # pixels beyond which points are not drawn: OpenCV's drawing takes 16 bits and the fraction
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -66,7 +66,7 @@ def _draw_points(
     fixed = np.round(points * (1 << _BITS)).astype(np.int32)
     thickness = max(1, round(size / 250))
     for group, closed in [*((g, True) for g in _CLOSED), *((g, False) for g in _OPEN)]:
-        cv2.polylines(picture, [fixed[list(group)]], closed, outline, thickness, cv2.LINE_AA, _BITS)
+        cv2.polylines(picture, [fixed[group]], closed, outline, thickness, cv2.LINE_AA, _BITS)
     sure = (
         face.point_confidence if face.point_confidence is not None else np.full(len(points), face.confidence)
     )

@@ -1,6 +1,6 @@
-"""Enrolment in front of the camera: look, speak, smile, turn; then a model from the frames that were worth keeping.
+"""Enrolment in front of the camera: look, speak, smile, turn; then a model is trained from the keyframes.
 
-Frames come one by one, as the camera gives them; landmarks are found in each.  Pixels, x right, y down.
+Frames come one by one from the camera; landmarks are found in each.  Pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -10,37 +10,41 @@ from dataclasses import dataclass, replace
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
-
 from guise.aam.appearance import neutral_frames
 from guise.aam.landmarks import Face, Follower, Landmarker, LbpDetector, open_landmarker
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION
 from guise.aam.training import FEWEST, STILLS, Choice, Observation, TrainingOptions, choose_frames
 from guise.app.enrolment.enrol import EnrolError, Progress, box_relation, train
-from guise.app.live.album import Album, Shot
+from guise.app.live.keyframes import FrameFeatures, KeyframeAlbum
 from guise.app.media import Frame
-from guise.common.arrays import F64
+from guise.common.arrays import F64, U8
 from guise.common.errors import Interrupted
 from guise.common.progress import silent
 
-Picture = NDArray[np.uint8]
 
-NEAR = 80.0  # pixels, the narrowest face
-DARK = 60.0  # grey level that a tenth of the face must exceed
-FAST = 2.5  # inter-ocular distances a second; faster, the picture smears
-CLEAR = 0.85  # mean confidence of the points; less, and something hides the face
-NEARLY = 0.9  # share of the best so far that is clear too, for cameras that never give a clear picture
-TURNED = 35.0  # degrees; farther, half of the face is guessed
-LOOK_AROUND = 15  # frames between two looks for other faces
-CONFIDENT = 0.5  # from which another face is one
-BYSTANDER = 0.3  # share of the face's area from which another face counts
-LONGEST = 0.1  # seconds that a frame can count for
-AWAY = 4.0  # seconds without a face after which the next one may be somebody else's
-LINGER = 0.6  # seconds that a complaint stays, to be read
+@dataclass(frozen=True)
+class EnrolmentLimits:
+    """When a frame counts towards the enrolment, and what is said when it does not."""
 
+    min_face_width_pixels: float = 80.0
+    min_brightness: float = 60.0  # grey level, 90th percentile of the face
+    max_speed: float = 2.5  # inter-ocular distances per second; faster motion blurs the face
+    min_point_confidence: float = 0.85  # mean; less, and something hides the face
+    min_relative_confidence: float = 0.9  # to the best so far, enough too: some cameras never reach the limit above
+    max_yaw_degrees: float = 35.0  # beyond it, half of the landmarks are guesses
+    detection_interval_frames: int = 15  # between two searches for other faces
+    min_face_confidence: float = 0.5
+    min_bystander_area: float = 0.3  # of the person's face; smaller faces do not matter
+    max_frame_seconds: float = 0.1  # for which one frame can count
+    max_absence_seconds: float = 4.0  # without a face; after it, the next face may be somebody else's
+    complaint_seconds: float = 0.6  # for which a complaint stays, to be read
+
+
+LIMITS = EnrolmentLimits()
 PROMPTS = (
     (0.0, "Look at the camera, mouth closed"),
     (0.2, "Speak: count aloud, slowly"),
@@ -51,34 +55,39 @@ DONE = "Thank you"
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class EnrolmentStatus:
     """What to show after a frame.
 
     Parameters
     ----------
     sentence : what the person should do, or what is wrong.
-    ring : share in [0, 1] of the time with a good face that has passed.
-    done : there is enough; `train` can be called.
-    face : the face that was seen, in the frame's pixels, or None.
+    ring : share in [0, 1] of the required good frames, by time.
+    done : there are enough frames; `train` can be called.
+    face : the detected face, in the frame's pixels, or None.
     """
 
     sentence: str
     ring: float
     done: bool
-    face: Face | None
+    face: Face | None = None
+
+    @property
+    def mesh(self) -> F64 | None:
+        """Landmarks (81, 2) of the detected face."""
+        return None if self.face is None else self.face.points.astype(np.float64)
 
 
 class OnScreenEnrolment:
-    """Gathers what a model needs from camera frames, then trains it.
+    """Collects keyframes from a camera, then trains a model.
 
     Parameters
     ----------
     name : of the person, for the model.
-    seconds : of good frames that are asked for.
-    landmarker : the built-in one when None.
-    options : of the training; the resolution must be that of the models which this one is to be mixed with.
+    seconds : of good frames that are required.
+    landmarker : default: the built-in one.
+    options : of the training; the resolution must match that of the models this one will be used with.
 
-    `add` and `train` are called one after the other; `cancel` at any time, from any thread.
+    `observe` and `train` are called one after the other; `cancel` at any time, from any thread.
     """
 
     def __init__(
@@ -86,91 +95,95 @@ class OnScreenEnrolment:
         options: TrainingOptions = TrainingOptions(),
     ) -> None:  # fmt: skip
         self.name, self.seconds, self.options = name, seconds, options
-        self._company = _Company(landmarker or open_landmarker("builtin"))
-        self._follower = Follower(self._company, CONFIDENT, LOOK_AROUND)
+        self._landmarker = _BystanderLandmarker(landmarker or open_landmarker("builtin"))
+        self._tracker = Follower(
+            self._landmarker, LIMITS.min_face_confidence, LIMITS.detection_interval_frames
+        )
         self._cancelled = Event()
         self._time: float | None = None
         self._complaint, self._until = "", -np.inf
-        self._begin()
+        self._restart()
 
-    def _begin(self) -> None:
-        self._album = Album(ReferenceFrame.canonical(self.options.resolution))
-        self._good = self._alone = 0.0
-        self._clearest = 0.0
+    def _restart(self) -> None:
+        self._album = KeyframeAlbum(ReferenceFrame.canonical(self.options.resolution))
+        self._good_seconds = self._absent_seconds = 0.0
+        self._best_confidence = 0.0
         self._last: F64 | None = None
 
     @property
     def ring(self) -> float:
-        """Share in [0, 1] of the time with a good face that has passed."""
-        return min(1.0, self._good / self.seconds)
+        """Share in [0, 1] of the required good frames, by time."""
+        return min(1.0, self._good_seconds / self.seconds)
 
-    def add(self, frame: Frame) -> Step:
-        """Take the next frame of the camera."""
-        passed = self._passed(float(frame.pts * frame.time_base))
+    def observe(self, frame: Frame) -> EnrolmentStatus:
+        """Take the camera's next frame."""
+        elapsed = self._elapsed(float(frame.pts * frame.time_base))
         rgb = frame.rgb()
-        face = self._follower.step(rgb)
-        complaint = self._absence(passed) if face is None else self._seen(rgb, frame.luma, face, passed)
-        return Step(self._sentence(complaint), self.ring, self.ring >= 1, face)
+        face = self._tracker.step(rgb)
+        complaint = self._miss(elapsed) if face is None else self._consider(rgb, frame.luma, face, elapsed)
+        return EnrolmentStatus(self._sentence(complaint), self.ring, self.ring >= 1, face)
 
-    def _passed(self, time: float) -> float:
-        """Seconds since the frame before; little when frames were lost."""
+    def _elapsed(self, time: float) -> float:
+        """Seconds since the previous frame, limited for when frames were dropped."""
         before, self._time = self._time, time
-        return 0.0 if before is None else min(time - before, LONGEST)
+        return 0.0 if before is None else min(time - before, LIMITS.max_frame_seconds)
 
-    def _absence(self, passed: float) -> str:
-        self._alone += passed
+    def _miss(self, elapsed: float) -> str:
+        """Note a frame without a face; what to say about it."""
+        self._absent_seconds += elapsed
         self._last = None
-        if self._alone > AWAY and self.ring < 1:
-            self._begin()
-        return "Come into the picture"
+        if self._absent_seconds > LIMITS.max_absence_seconds and self.ring < 1:
+            self._restart()
+        return "Come into view"
 
-    def _seen(self, rgb: Picture, luma: Picture, face: Face, passed: float) -> str:
-        """Take a frame with a face if it is good, otherwise say what is wrong."""
+    def _consider(self, rgb: U8, luma: U8, face: Face, elapsed: float) -> str:
+        """Take a frame with a face if it is good, otherwise return a complaint."""
         shape, before = face.points.astype(np.float64), self._last
-        self._last, self._alone = shape, 0.0
+        self._last, self._absent_seconds = shape, 0.0
         if self.ring >= 1:
             return ""
-        if self._company.besides(face):
+        if self._landmarker.sees_bystanders(face):
             return "Only one person, please"
         fault = (
-            _fault_of_place(shape, rgb.shape) or self._hidden(face) or _fault_of_pose(shape, before, passed)
+            _fault_of_place(shape, rgb.shape) or self._hidden(face) or _fault_of_pose(shape, before, elapsed)
         )
         if fault:
             return fault
-        shot = Shot.of(luma, shape)
-        if isinstance(shot, Failed):
-            return "Come to the middle"
-        if shot.brightness < DARK:
+        features = FrameFeatures.of(luma, shape)
+        if isinstance(features, Failed):
+            return "Move to the middle"
+        if features.brightness < LIMITS.min_brightness:
             return "More light, please"
-        self._good += passed
-        self._album.offer(rgb, shot, self.ring)
+        self._good_seconds += elapsed
+        self._album.offer(rgb, features, self.ring)
         return ""
 
     def _hidden(self, face: Face) -> str:
-        """A complaint when the landmarker is less sure of the points than it is of this face when nothing hides it."""
+        """A complaint when the points are less confident than they are for this face when nothing hides it."""
         points = face.point_confidence
-        clear = face.confidence if points is None else float(points.mean())
-        self._clearest = max(self._clearest, clear)
-        return "Show your whole face" if clear < min(CLEAR, NEARLY * self._clearest) else ""
+        confidence = face.confidence if points is None else float(points.mean())
+        self._best_confidence = max(self._best_confidence, confidence)
+        limit = min(LIMITS.min_point_confidence, LIMITS.min_relative_confidence * self._best_confidence)
+        return "Show your whole face" if confidence < limit else ""
 
     def _sentence(self, complaint: str) -> str:
         assert self._time is not None
         if self.ring >= 1:
             return DONE
         if complaint:
-            self._complaint, self._until = complaint, self._time + LINGER
+            self._complaint, self._until = complaint, self._time + LIMITS.complaint_seconds
         if self._time < self._until:
             return self._complaint
         return next(text for start, text in reversed(PROMPTS) if self.ring >= start)
 
     def cancel(self) -> None:
-        """Make a `train` that runs, or is called later, give up."""
+        """Abort a running or future `train`."""
         self._cancelled.set()
 
     def train(self, progress: Progress = silent) -> Identity:
-        """The model of the person that was seen.
+        """Train the model of the enrolled person.
 
-        progress : called with "training" and the share of it that is done.
+        progress : called with "training" and the completed share.
 
         Raises
         ------
@@ -182,7 +195,7 @@ class OnScreenEnrolment:
 
         def watched(stage: str, share: float) -> None:
             if self._cancelled.is_set():
-                raise Interrupted("the enrolment was given up; no model was made")
+                raise Interrupted("the enrolment was cancelled; no model was made")
             progress(stage, share)
 
         frames = self._album.frames()
@@ -198,8 +211,8 @@ class OnScreenEnrolment:
         )
 
 
-class _Company:
-    """A landmarker that remembers who else was there when it last looked for faces."""
+class _BystanderLandmarker:
+    """A landmarker that remembers the other faces of its last detection."""
 
     def __init__(self, landmarker: Landmarker) -> None:
         self._landmarker = landmarker
@@ -209,42 +222,43 @@ class _Company:
     def name(self) -> str:
         return self._landmarker.name
 
-    def detect(self, rgb: Picture) -> list[Face]:
+    def detect(self, rgb: U8) -> list[Face]:
         self._faces = self._landmarker.detect(rgb)
         return self._faces
 
-    def refine(self, rgb: Picture, previous: Face) -> Face | None:
+    def refine(self, rgb: U8, previous: Face) -> Face | None:
         return self._landmarker.refine(rgb, previous)
 
-    def besides(self, face: Face) -> bool:
-        """Whether there were other faces, not much smaller than this one."""
-        large = [f for f in self._faces if f.confidence >= CONFIDENT and f.area > BYSTANDER * face.area]
+    def sees_bystanders(self, face: Face) -> bool:
+        """Whether there were other faces not much smaller than this one."""
+        min_area = LIMITS.min_bystander_area * face.area
+        large = [f for f in self._faces if f.confidence >= LIMITS.min_face_confidence and f.area > min_area]
         return len(large) > 1
 
 
 def _fault_of_place(shape: F64, size: tuple[int, ...]) -> str:
-    """What is wrong with where a face (81, 2) is in a picture (h, w, ...)."""
-    if np.ptp(shape[:, 0]) < NEAR:
-        return "Come nearer"
+    """A complaint about the position of a face (81, 2) in a picture (h, w, ...), or ""."""
+    if np.ptp(shape[:, 0]) < LIMITS.min_face_width_pixels:
+        return "Come closer"
     height, width = size[:2]
     inside = (shape >= -0.5).all() and (shape < (width - 0.5, height - 0.5)).all()
     if inside:
         return ""
-    return "Move back a little" if np.ptp(shape[:, 1]) > 0.8 * height else "Come to the middle"
+    return "Move back a little" if np.ptp(shape[:, 1]) > 0.8 * height else "Move to the middle"
 
 
-def _fault_of_pose(shape: F64, before: F64 | None, passed: float) -> str:
-    """What is wrong with how a face (81, 2) moves and looks, `passed` seconds after it was at `before`."""
-    eyes = float(np.linalg.norm(shape[45] - shape[36]))
-    way = 0.0 if before is None else float(np.linalg.norm(shape - before, axis=1).mean())
-    if way > FAST * eyes * max(passed, 1 / 60):
-        return "Not so fast"
+def _fault_of_pose(shape: F64, before: F64 | None, elapsed: float) -> str:
+    """A complaint about motion or yaw of a face (81, 2), `elapsed` seconds after it was at `before`, or ""."""
+    eyes = float(np.linalg.norm(shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER]))
+    distance = 0.0 if before is None else float(np.linalg.norm(shape - before, axis=1).mean())
+    if distance > LIMITS.max_speed * eyes * max(elapsed, 1 / 60):
+        return "Move more slowly"
     grid = ReferenceFrame.canonical(FEATURE_RESOLUTION)
-    return "Turn back a little" if abs(grid.yaw(grid.align(shape))) > TURNED else ""
+    return "Turn back a little" if abs(grid.yaw(grid.align(shape))) > LIMITS.max_yaw_degrees else ""
 
 
 def _choice(frames: Sequence[Observation], options: TrainingOptions) -> Choice:
-    """Which of the frames serve what; only those at rest have the pictures that the neutral face is made of."""
+    """Which frames serve which purpose; only those at rest have the pictures from which the neutral face is made."""
     shapes = np.stack([frame.shape for frame in frames])
     order = neutral_frames(shapes, ReferenceFrame.canonical(FEATURE_RESOLUTION), len(frames))
     neutral = [i for i in order if frames[i].picture is not None]

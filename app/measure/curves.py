@@ -14,6 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import interocular
+from guise.aam.landmarks.schemes import (
+    EYE_CORNERS,
+    LEFT_BROW,
+    LEFT_EYE_CORNERS,
+    LEFT_EYE_OUTER,
+    LEFT_LOWER_LID,
+    LEFT_MOUTH_CORNER,
+    LEFT_UPPER_LID,
+    LOWER_LIP_INNER,
+    NOSE,
+    RIGHT_BROW,
+    RIGHT_EYE_CORNERS,
+    RIGHT_EYE_OUTER,
+    RIGHT_LOWER_LID,
+    RIGHT_MOUTH_CORNER,
+    RIGHT_UPPER_LID,
+    UPPER_LIP_INNER,
+    Group,
+)
 from guise.aam.reference import RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F64
@@ -22,7 +41,7 @@ FEWEST = 10  # frames below which a correlation says nothing
 STILL = 0.005  # standard deviation of a curve below which it did not move
 # Points that move with the skull, and where they lie in inter-ocular distances from the middle between the outer eye
 # corners, x right, y down, z away: means over the clips of seven rendered people.
-SKULL = (36, 39, 42, 45, 27, 28, 29, 30, 31, 32, 33, 34, 35)
+SKULL = (*EYE_CORNERS, *NOSE)
 SKULL_3D = np.array(
     [
         [-0.500, 0.000, 0.000], [-0.221, 0.025, -0.039], [0.221, 0.025, -0.039], [0.500, 0.000, 0.000],
@@ -34,17 +53,17 @@ SKULL_3D = np.array(
 ANGLES = ("yaw", "pitch", "roll")
 
 
-def _distance(points: F64, a: int, b: int) -> F64:
+def _distance(points: F64, a: int | np.intp, b: int | np.intp) -> F64:
     return np.asarray(np.linalg.norm(points[:, a] - points[:, b], axis=1))
 
 
-def _lids(points: F64, outer: int, inner: int, pairs: tuple[tuple[int, int], tuple[int, int]]) -> F64:
+def _lids(points: F64, corners: Group, upper: Group, lower: Group) -> F64:
     """Opening of an eye over its width."""
-    opening = (_distance(points, *pairs[0]) + _distance(points, *pairs[1])) / 2
-    return np.asarray(opening / np.maximum(_distance(points, outer, inner), 1e-6))
+    opening = (_distance(points, upper[0], lower[0]) + _distance(points, upper[1], lower[1])) / 2
+    return np.asarray(opening / np.maximum(_distance(points, corners[0], corners[1]), 1e-6))
 
 
-def _brow(points: F64, brow: slice, eye: tuple[int, int]) -> F64:
+def _brow(points: F64, brow: Group, eye: Group) -> F64:
     """Mean height of a brow over the line through the corners of its eye, in inter-ocular distances."""
     along = points[:, eye[1]] - points[:, eye[0]]
     up = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.maximum(
@@ -60,12 +79,12 @@ def _eyes(points: F64) -> F64:
 
 # The person's right is the left of the picture.
 CURVES: Mapping[str, Callable[[F64], F64]] = {
-    "mouth opening": lambda p: _distance(p, 62, 66) / _eyes(p),
-    "mouth width": lambda p: _distance(p, 48, 54) / _eyes(p),
-    "right lids": lambda p: _lids(p, 36, 39, ((37, 41), (38, 40))),
-    "left lids": lambda p: _lids(p, 45, 42, ((43, 47), (44, 46))),
-    "right brow": lambda p: _brow(p, slice(17, 22), (36, 39)),
-    "left brow": lambda p: _brow(p, slice(22, 27), (42, 45)),
+    "mouth opening": lambda p: _distance(p, UPPER_LIP_INNER, LOWER_LIP_INNER) / _eyes(p),
+    "mouth width": lambda p: _distance(p, RIGHT_MOUTH_CORNER, LEFT_MOUTH_CORNER) / _eyes(p),
+    "right lids": lambda p: _lids(p, RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
+    "left lids": lambda p: _lids(p, LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
+    "right brow": lambda p: _brow(p, RIGHT_BROW, RIGHT_EYE_CORNERS),
+    "left brow": lambda p: _brow(p, LEFT_BROW, LEFT_EYE_CORNERS),
 }
 
 
@@ -121,9 +140,9 @@ def point_errors(before: NDArray[Any], after: NDArray[Any]) -> tuple[F64, F64]:
 def _upright(points: NDArray[Any], by: NDArray[Any]) -> F64:
     """Points (n, 81, 2) in inter-ocular distances of the faces `by`, about the middle of their eyes, turned level."""
     own, other = np.asarray(points, np.float64), np.asarray(by, np.float64)
-    axis = other[:, 45] - other[:, 36]
+    axis = other[:, LEFT_EYE_OUTER] - other[:, RIGHT_EYE_OUTER]
     unit = axis / np.maximum((axis**2).sum(1), 1e-12)[:, None]
-    away = own - ((other[:, 45] + other[:, 36]) / 2)[:, None]
+    away = own - ((other[:, LEFT_EYE_OUTER] + other[:, RIGHT_EYE_OUTER]) / 2)[:, None]
     along = (away * unit[:, None]).sum(2)
     across = away[..., 1] * unit[:, None, 0] - away[..., 0] * unit[:, None, 1]
     return np.stack([along, across], axis=2)

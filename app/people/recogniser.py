@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.onnx import open_session
+from guise.aam.landmarks.schemes import LEFT_EYE, MOUTH_CORNERS, NOSE_TIP, RIGHT_EYE
 from guise.aam.similarity import Failed, align
 from guise.common.arrays import F32, F64
 from guise.common.errors import GuiseError
@@ -221,7 +222,9 @@ class Recogniser:
 def five_points(points: NDArray[Any]) -> F64:
     """(5, 2) middles of the eyes, tip of the nose, corners of the mouth, of landmarks (81, 2)."""
     shape = np.asarray(points, np.float64)
-    return np.stack([shape[36:42].mean(0), shape[42:48].mean(0), shape[30], shape[48], shape[54]])
+    return np.stack(
+        [shape[RIGHT_EYE].mean(0), shape[LEFT_EYE].mean(0), shape[NOSE_TIP], *shape[MOUTH_CORNERS]]
+    )
 
 
 def _session(card: RecogniserCard) -> Any:

@@ -17,11 +17,11 @@ from guise.aam.landmarks import (
     INNER_LIPS,
     LEFT_BROW,
     LEFT_EYE,
-    NOSE,
     OUTER_LIPS,
     RIGHT_BROW,
     RIGHT_EYE,
 )
+from guise.aam.landmarks.schemes import NOSE_BRIDGE, NOSE_WINGS, SILHOUETTE
 from guise.common.arrays import F64
 
 Picture = NDArray[np.uint8]
@@ -32,14 +32,13 @@ RING = 12  # screen units, the radius of what marks the chosen point
 SMALLEST = 24  # frame pixels across the view
 ROOM = 1.5  # sides of the view to that of the face
 _PAPER = (32, 32, 32)
-_SILHOUETTE = (*range(17), *range(80, 67, -1))
-_CLOSED = (_SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
-_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE[:4], NOSE[4:])
+_CLOSED = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
+_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
 _LINES = tuple([*group, group[0]] for group in _CLOSED) + tuple(list(group) for group in _OPEN)
 
 
 @dataclass(frozen=True)
-class View:
+class FrameView:
     """The square [x, x + size) x [y, y + size) of whole pixels of a frame; it may reach beyond the frame.
 
     width, height : of the frame, pixels.
@@ -52,26 +51,26 @@ class View:
     height: int
 
     @classmethod
-    def whole(cls, width: int, height: int) -> View:
+    def whole(cls, width: int, height: int) -> FrameView:
         """The view that shows all of a frame."""
         side = max(width, height)
         return cls((width - side) // 2, (height - side) // 2, side, width, height)
 
-    def around(self, points: NDArray[np.float32]) -> View:
+    def around(self, points: NDArray[np.float32]) -> FrameView:
         """The view of the same frame that shows points (n, 2) with some room."""
         low, high = points.min(0), points.max(0)
         size = self._size(ROOM * float((high - low).max()))
         x, y = np.round((low + high) / 2 - size / 2).astype(int).tolist()
         return replace(self, x=x, y=y, size=size)._inside()
 
-    def zoomed(self, factor: float, about: F64 | NDArray[np.float32]) -> View:
+    def zoomed(self, factor: float, about: F64 | NDArray[np.float32]) -> FrameView:
         """The view in which everything is `factor` times as large; the place `about` (2,), frame pixels, stays."""
         size = self._size(self.size / factor)
         corner = np.array([self.x, self.y])
         x, y = np.round(about - (about - corner) * (size / self.size)).astype(int).tolist()
         return replace(self, x=x, y=y, size=size)._inside()
 
-    def moved(self, by: ArrayLike) -> View:
+    def moved(self, by: ArrayLike) -> FrameView:
         """The view with its contents moved by (2,), screen units."""
         x, y = np.round(np.array([self.x, self.y]) - np.asarray(by) / self.scale).astype(int).tolist()
         return replace(self, x=x, y=y)._inside()
@@ -122,7 +121,7 @@ class View:
     def _size(self, wanted: float) -> int:
         return int(np.clip(round(wanted), SMALLEST, max(self.width, self.height, SMALLEST)))
 
-    def _inside(self) -> View:
+    def _inside(self) -> FrameView:
         """Moved so that it shows no more beyond the frame than it must."""
         return replace(
             self, x=_within(self.x, self.size, self.width), y=_within(self.y, self.size, self.height)

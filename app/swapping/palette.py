@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Scale, Similarity, align
@@ -34,20 +35,20 @@ class Palette:
 
     Parameters
     ----------
-    frame : ReferenceFrame.
+    reference : ReferenceFrame.
     texels : (t,) indices into the frame's mask pixels: where colours are compared.
     mask : (h, w) bool, where the face is shown.
     scale : of the colour similarity.
     """
 
     def __init__(
-        self, frame: ReferenceFrame, texels: NDArray[np.intp], mask: NDArray[np.bool_], scale: Scale
+        self, reference: ReferenceFrame, texels: NDArray[np.intp], mask: NDArray[np.bool_], scale: Scale
     ) -> None:
         self._scale: Scale = scale
-        self._field = _fields(frame)
-        shown = mask[frame.mask][texels]
+        self._field = _fields(reference)
+        shown = mask[reference.mask][texels]
         self._shown = np.flatnonzero(shown)
-        self._skin = np.flatnonzero(shown & skin_mask(frame)[frame.mask][texels])
+        self._skin = np.flatnonzero(shown & skin_mask(reference)[reference.mask][texels])
         self._planes = np.ascontiguousarray(self._field.T)
         self._at = self._field[texels].astype(np.float64)
         inner = self._at[:, QUADRATIC:].max(1) > 0.5
@@ -139,11 +140,11 @@ def _gain(own: NDArray[np.floating], there: NDArray[np.floating]) -> NDArray[np.
     return np.asarray(np.clip((there + 8) / np.maximum(own + 8, 1), *GAIN))
 
 
-def _fields(frame: ReferenceFrame) -> F32:
+def _fields(reference: ReferenceFrame) -> F32:
     """(n, 8): 1, x, y, x^2, x y, y^2 over the mask pixels, in face widths from the middle; eyes; inner mouth."""
-    ys, xs = np.divmod(frame.pixels, frame.size[1])
-    x = (xs - frame.size[1] / 2) / frame.resolution
-    y = (ys - frame.size[0] / 2) / frame.resolution
-    eyes = soft_parts(frame, (slice(36, 42), slice(42, 48)), 0.0)[frame.mask]
-    mouth = soft_parts(frame, (slice(60, 68),), 0.0)[frame.mask]
+    ys, xs = np.divmod(reference.pixels, reference.size[1])
+    x = (xs - reference.size[1] / 2) / reference.resolution
+    y = (ys - reference.size[0] / 2) / reference.resolution
+    eyes = soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.0)[reference.mask]
+    mouth = soft_parts(reference, (INNER_LIPS,), 0.0)[reference.mask]
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, eyes, mouth], axis=1).astype(np.float32)

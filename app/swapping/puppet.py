@@ -17,19 +17,29 @@ from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE, AppearanceModel
 from guise.aam.extrapolation import Extrapolator
-from guise.aam.follow import Finder, PersonFollower
-from guise.aam.model import Identity, Still
+from guise.aam.landmarks.schemes import (
+    FOREHEAD,
+    JAW,
+    LOWER_INNER_LIP,
+    LOWER_LIP_BOTTOM,
+    UPPER_INNER_LIP,
+    UPPER_LIP_TOP,
+)
+from guise.aam.model import Identity, RestFrame
 from guise.aam.parameters import ParameterEstimator
+from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.aam.tracker import Fit
-from guise.app.media import Frame, open_sink, open_source
-from guise.app.media.remake import remake
+from guise.app.media import Frame, open_input, open_sink
+from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.engine import Outcome
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
-from guise.app.swapping.run import DEFAULTS, Report, Settings, Tally, person_in
+from guise.app.swapping.report import SwapReport, Tally
+from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.source_person import source_person
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
@@ -46,34 +56,37 @@ SURROUND = 0.55  # how far around the face the picture moves along, in face widt
 NOISE = 1.0  # degrees by which a head's turn is misjudged
 RING = 28  # fixed points around the face
 
-UPPER_LIP, LOWER_LIP = [61, 62, 63], [67, 66, 65]  # inner lips, from the image left
 
 # Points that belong to the skull, not to the expression: upper jaw and forehead.
 PINNED = np.zeros(POINTS, bool)
-PINNED[[0, 1, 2, 3, 13, 14, 15, 16]] = PINNED[68:] = True
+PINNED[[*JAW[:4], *JAW[-4:], *FOREHEAD]] = True
 
 
 class Puppet(Closing):
     """Draws the identity's still with the expression of a driver, frame by frame; closed by `with`.
 
-    Parameters
-    ----------
-    source : Identity of the driver.
-    target : Identity whose still moves.
-    boxes : what finds the face at the start and after a loss, see `PersonFollower`.
-    options : guise.app.swapping.options.Options.
+        Parameters
+        ----------
+        source : Identity of the driver.
+        target : Identity whose still moves.
+    finder : what finds the face at the start and after a loss, see `PersonTracker`.
+        options : guise.app.swapping.options.EngineOptions.
     """
 
     def __init__(
-        self, source: Identity, target: Identity, boxes: Finder | None, options: Options = Options()
+        self,
+        source: Identity,
+        target: Identity,
+        finder: FaceFinder | None,
+        options: EngineOptions = EngineOptions(),
     ) -> None:
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
-        self.follower = PersonFollower(source.tracker, boxes)
-        self._still = fitted(target.still)
+        self.tracker = PersonTracker(source.tracker, finder)
+        self._still = fitted(target.rest_frame)
         own = ParameterEstimator(target.appearance)
         self.painter = Painter(target, target, own, options)
-        self._pose = PoseRemover(target.frame)
+        self._pose = PoseRemover(target.reference)
         self._neutral = source.appearance.neutral_parameters
         self._unturned = self._pose.from_parameters(source.appearance)
         self._rest = self._shape(self.extrapolator.apply(source.appearance.neutral_parameters))
@@ -90,9 +103,9 @@ class Puppet(Closing):
         height, width = self._still.picture.shape[:2]
         return width, height
 
-    def step(self, frame: Frame) -> tuple[Outcome, Frame]:
+    def animate(self, frame: Frame) -> tuple[Outcome, Frame]:
         """The still with the expression of the driver's frame; the last one when the driver is lost."""
-        fit = self.follower.step(frame.luma)
+        fit = self.tracker.update(frame.luma)
         if isinstance(fit, Fit):
             texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
             expression = self._unturned @ (self.estimator(fit.shape, texels) - self._neutral)
@@ -119,7 +132,7 @@ class Puppet(Closing):
         return made
 
     def _shape(self, appearance: F32) -> F64:
-        frame = self.painter.frame
+        frame = self.painter.reference
         return appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
 
     def _fit_palette(self, target: Identity, own: ParameterEstimator) -> None:
@@ -159,7 +172,7 @@ class PoseRemover:
 
         With rho of covariance D and turns A^T rho, known to a degree, that is I - D A (A^T D A + noise)^-1 A^T.
         """
-        shapes = look.components.basis[:SHAPE].astype(np.float64) / look.frame.shape_weight
+        shapes = look.components.basis[:SHAPE].astype(np.float64) / look.reference.shape_weight
         turns = (self._solve[4:] @ shapes).T
         spread = (look.components.deviations.astype(np.float64) ** 2)[:, None] * turns
         known = turns.T @ spread + (NOISE * self._degree) ** 2 * np.eye(2)
@@ -185,7 +198,7 @@ class Surroundings:
     options : for the renderer.
     """
 
-    def __init__(self, still: Still, options: Options) -> None:
+    def __init__(self, still: RestFrame, options: EngineOptions) -> None:
         from scipy.spatial import Delaunay
 
         self._picture = still.picture
@@ -227,16 +240,16 @@ def _ring(shape: F64) -> F64:
 
 def uncrossed(mesh: F64) -> F64:
     """A face (81, 2) whose inner lips meet where the upper one would lie below the lower one."""
-    down = mesh[57] - mesh[51]
-    gap = (mesh[LOWER_LIP] - mesh[UPPER_LIP]) @ down / max(float(down @ down), 1e-9)
+    down = mesh[LOWER_LIP_BOTTOM] - mesh[UPPER_LIP_TOP]
+    gap = (mesh[LOWER_INNER_LIP] - mesh[UPPER_INNER_LIP]) @ down / max(float(down @ down), 1e-9)
     out = mesh.copy()
     overlap = np.minimum(gap, 0)[:, None] * down / 2
-    out[UPPER_LIP] += overlap
-    out[LOWER_LIP] -= overlap
+    out[UPPER_INNER_LIP] += overlap
+    out[LOWER_INNER_LIP] -= overlap
     return out
 
 
-def fitted(still: Still) -> Still:
+def fitted(still: RestFrame) -> RestFrame:
     """The still with an even size and at most 1080 pixels high, its landmarks with it."""
     height, width = still.picture.shape[:2]
     factor = min(1.0, TALLEST / height)
@@ -246,20 +259,20 @@ def fitted(still: Still) -> Still:
     scale = np.array(size) / (width, height)
     how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
     picture = np.asarray(cv2.resize(still.picture, size, interpolation=how), np.uint8)
-    return Still(picture, (still.shape + 0.5) * scale - 0.5)
+    return RestFrame(picture, (still.shape + 0.5) * scale - 0.5)
 
 
 def puppet_file(
     video: Path, identity: Identity, output: Path, *, source: Identity | LandmarkSource,
-    settings: Settings = DEFAULTS,
-) -> Report:  # fmt: skip
+    settings: SwapSettings = DEFAULTS,
+) -> SwapReport:  # fmt: skip
     """Write the identity's still moved by the expressions in `video`, with the video's sound and time stamps.
 
     Parameters and errors as for `guise.app.swapping.file.swap_file`; `held` counts frames that keep the last
     expression.
     """
-    with open_source(video) as media:
-        size = fitted(identity.still).picture.shape[1::-1]
+    with open_input(video) as media:
+        size = fitted(identity.rest_frame).picture.shape[1::-1]
         with open_sink(
             output,
             media,
@@ -268,16 +281,16 @@ def puppet_file(
             tags=synthetic_tags(),
             size=(size[0], size[1]),
         ) as sink:
-            person = person_in(media, source, identity, settings)
+            person = source_person(media, source, identity, settings)
             tally = Tally(settings, media, "moving")
-            with one_thread(), Puppet(person, identity, settings.boxes(), settings.options) as puppet:
+            with one_thread(), Puppet(person, identity, settings.face_finder(), settings.options) as puppet:
 
                 def make(frame: Frame) -> Frame:
-                    outcome, picture = puppet.step(frame)
+                    outcome, picture = puppet.animate(frame)
                     tally.add(outcome)
                     return picture
 
-                stats = remake(media, sink, make, progress=tally.progress)
+                stats = replace_frames(media, sink, make, progress=tally.progress)
                 tally.require_some(person.name)
-                tally.faces, tally.renderer = puppet.follower.most_faces, puppet.painter.renderer
+                tally.faces, tally.renderer = puppet.tracker.most_faces, puppet.painter.renderer
         return tally.report(output, stats)

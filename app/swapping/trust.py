@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import interocular
+from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, NOSE_TIP, RIGHT_EYE_OUTER
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit, Likeness, Tracker
 from guise.common.arrays import F64
@@ -63,7 +64,7 @@ def _known(sure: float) -> float:
 
 def _frontal(shape: F64) -> float:
     """1 for a face from the front, under one half for a profile."""
-    right, left, nose = shape[36], shape[45], shape[30]
+    right, left, nose = shape[RIGHT_EYE_OUTER], shape[LEFT_EYE_OUTER], shape[NOSE_TIP]
     across = left - right
     length = float(across @ across)
     if length <= 0:
@@ -73,5 +74,4 @@ def _frontal(shape: F64) -> float:
 
 
 def _distance(a: F64, b: F64) -> float:
-    inner = slice(17, 68)
-    return float(np.linalg.norm(a[inner] - b[inner], axis=1).mean() / max(float(interocular(b)), 1e-6))
+    return float(np.linalg.norm(a[INNER51] - b[INNER51], axis=1).mean() / max(float(interocular(b)), 1e-6))

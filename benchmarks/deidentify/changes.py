@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import F64
-from guise.app.media import open_source
+from guise.aam.landmarks.schemes import IBUG68
+from guise.app.media import open_input
 
 LOSSLESS, LOSSY = 1, 6  # grey levels from which a pixel counts as changed
 CLOSE = (
@@ -54,12 +55,12 @@ class Truth:
     def load(cls, file: Path) -> Truth:
         """From an npz of data/synthetic."""
         with np.load(file) as stored:
-            return cls(stored["landmarks"][:, :68].astype(np.float64), stored["visibility"][:, :68])
+            return cls(stored["landmarks"][:, IBUG68].astype(np.float64), stored["visibility"][:, IBUG68])
 
 
 def shares(before: Path, after: Path, truth: Truth, least: int) -> Iterator[Share]:
     """The frames in which the face can be seen, and how much of it was changed by `least` grey levels."""
-    with open_source(before) as one, open_source(after) as other:
+    with open_input(before) as one, open_input(after) as other:
         for frame, made in zip(one, other, strict=True):
             if truth.visible[frame.index].mean() >= INSIDE:
                 changed = np.abs(frame.rgb().astype(np.int16) - made.rgb()).max(2) >= least

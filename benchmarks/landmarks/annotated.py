@@ -19,6 +19,7 @@ import numpy as np
 from benchmarks.common import F64, Picture
 from benchmarks.landmarks.setting import boxes_of, picture
 from guise.aam.landmarks import load_annotations
+from guise.aam.landmarks.schemes import IBUG68
 
 IBUG_OF_IMM = {
     0: 17, 1: 18, 2: 19, 3: 20, 4: 21, 12: 22, 13: 23, 14: 24, 15: 25, 8: 26,  # brows
@@ -46,7 +47,7 @@ def pts_stills(folder: Path) -> Iterator[Still]:
     """Pictures with a .pts file each."""
     for file in sorted(folder.glob("*.pts")):
         pictures = [p for p in sorted(folder.glob(f"{file.stem}.*")) if p.suffix != ".pts"]
-        points = load_annotations(file).points[:, :68].astype(np.float64)
+        points = load_annotations(file).points[:, IBUG68].astype(np.float64)
         yield Still(pictures[0], points, boxes_of(points))
 
 

@@ -33,6 +33,7 @@ from benchmarks.landmarks.metrics import (
     reliability,
 )
 from benchmarks.landmarks.rendered import Known, held_out, part_pictures
+from guise.aam.landmarks.schemes import IBUG68
 from training import definitions
 
 NAME, TITLE = "landmarks.calibration", "Calibration of the confidence"
@@ -88,7 +89,7 @@ def of_parts(
     rng = np.random.default_rng(5)
     confidence, error, known = [], [], 0
     for one in pictures:
-        sure, points = told(landmarker, harden(one, rng), setting.boxes_of(one.points[:, :68]), 81)
+        sure, points = told(landmarker, harden(one, rng), setting.boxes_of(one.points[:, IBUG68]), 81)
         known += 1
         if np.isfinite(sure[0]):
             confidence.append(float(sure[0]))
@@ -107,7 +108,7 @@ def as_rendered(one: Known, rng: np.random.Generator) -> Picture:
 def blurred(one: Known, rng: np.random.Generator) -> Picture:
     """A face of 10 to 40 pixels, enlarged again."""
     height, width = one.rgb.shape[:2]
-    face = float(np.ptp(one.points[0, :68, 0]))
+    face = float(np.ptp(one.points[0, IBUG68, 0]))
     scale = min(rng.uniform(10, 40) / face, 1.0)
     small = cv2.resize(one.rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR), np.uint8)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from benchmarks.common import F64
 from guise.aam.landmarks import interocular, overlap
+from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 
 Bools = NDArray[np.bool_]
 
-INNER = slice(17, 68)  # iBUG-68 without the jaw
 FAILURE = 10.0  # %, a face with a larger error is a failure
 MATCH = 0.3  # overlap of boxes from which they are one face
 
@@ -29,7 +29,7 @@ def percent_errors(found: F64, truth: F64) -> F64:
 def eye_frame_residuals(found: F64, truth: F64) -> NDArray[np.complex128]:
     """Differences (n, p) in the frame in which the true outer eye corners are level and one apart, x + iy."""
     difference = found - truth
-    eyes = truth[:, 45] - truth[:, 36]
+    eyes = truth[:, LEFT_EYE_OUTER] - truth[:, RIGHT_EYE_OUTER]
     turned = (difference[..., 0] + 1j * difference[..., 1]) / (eyes[:, 0] + 1j * eyes[:, 1])[:, None]
     return np.asarray(turned)
 
@@ -90,8 +90,8 @@ def accuracy(found: F64, truth: F64) -> Accuracy:
     raw, removed = percent_errors(found, truth), offset_removed_errors(found, truth)
     each = face_errors(raw)
     return Accuracy(
-        len(truth), mean_of(each), mean_of(face_errors(raw, INNER)),
-        mean_of(face_errors(removed)), mean_of(face_errors(removed, INNER)),
+        len(truth), mean_of(each), mean_of(face_errors(raw, INNER51)),
+        mean_of(face_errors(removed)), mean_of(face_errors(removed, INNER51)),
         int((each > FAILURE).sum()), int(np.isnan(each).sum()),
     )  # fmt: skip
 

@@ -17,8 +17,9 @@ from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import HARD, RealClip, real_clips
-from benchmarks.landmarks.metrics import INNER, face_errors, matches, mean_of, percent_errors
+from benchmarks.landmarks.metrics import face_errors, matches, mean_of, percent_errors
 from guise.aam.landmarks import Landmarker
+from guise.aam.landmarks.schemes import INNER51
 from guise.aam.landmarks.tracking import MultiFollower
 
 NAME, TITLE = "landmarks.real_clips", "Landmarks on real clips"
@@ -65,7 +66,7 @@ def summary(clip: RealClip, points: F64, given: F64, other: int) -> Result:
     told = each[np.isfinite(each)]
     p95 = float(np.quantile(told, 0.95)) if len(told) else float("nan")
     known = int(np.isfinite(given).all((1, 2)).sum())
-    return Result(clip, known, len(told), mean_of(each), mean_of(face_errors(errors, INNER)), p95, other)
+    return Result(clip, known, len(told), mean_of(each), mean_of(face_errors(errors, INNER51)), p95, other)
 
 
 def measure(options: argparse.Namespace) -> Report:

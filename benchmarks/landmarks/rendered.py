@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
-from benchmarks.landmarks.metrics import INNER, Bools, face_errors, matches, mean_of, percent_errors
+from benchmarks.landmarks.metrics import Bools, face_errors, matches, mean_of, percent_errors
+from guise.aam.landmarks.schemes import BELOW_BROWS, FOREHEAD, IBUG68, INNER51, JAW
 from training import definitions
 
 NAME, TITLE = "landmarks.rendered", "Landmarks on rendered people not seen in training"
 EVERY, PICTURES = 10, 1500
 ANCESTRIES = ("caucasian", "african", "asian")
-NO_BROWS = np.r_[0:17, 27:81]
+NO_BROWS = np.r_[JAW, BELOW_BROWS, FOREHEAD]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +75,7 @@ class Found:
         return (
             len(each), 100 * len(told) / max(len(each), 1), mean_of(each),
             mean_of(face_errors(np.where(self.visible, errors, np.nan))), mean_of(face_errors(errors[:, NO_BROWS])),
-            mean_of(face_errors(errors, INNER)), float(np.quantile(told, 0.95)) if len(told) else float("nan"),
+            mean_of(face_errors(errors, INNER51)), float(np.quantile(told, 0.95)) if len(told) else float("nan"),
         )  # fmt: skip
 
     def both(self) -> tuple[object, ...]:
@@ -87,7 +88,7 @@ def found_in(landmarker: Any, pictures: Iterable[Known], true_box: bool = False)
     points, truth, visible = [], [], []
     for known in pictures:
         asked = known.visible.mean(1) >= 0.5
-        given, boxes = known.points[asked], setting.boxes_of(known.points[asked, :68])
+        given, boxes = known.points[asked], setting.boxes_of(known.points[asked, IBUG68])
         answer = np.full(given.shape, np.nan)
         if true_box:
             faces = [landmarker.points_in_box(known.rgb, box) for box in boxes]
@@ -95,7 +96,7 @@ def found_in(landmarker: Any, pictures: Iterable[Known], true_box: bool = False)
                 answer[index] = np.nan if face is None else face.points
         else:
             found = setting.points_of(setting.sure(landmarker.detect(known.rgb)), 81)
-            for index, match in enumerate(matches(setting.boxes_of(found[:, :68]), boxes)):
+            for index, match in enumerate(matches(setting.boxes_of(found[:, IBUG68]), boxes)):
                 answer[index] = np.nan if match is None else found[match]
         points.append(answer)
         truth.append(given)

@@ -20,6 +20,7 @@ from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import matches
 from benchmarks.landmarks.peers import MISSING, Peer
+from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.landmarks.tracking import MultiFollower
 
 NAME, TITLE = "landmarks.small_faces", "Small and many faces"
@@ -75,7 +76,7 @@ def faces(landmarker: Any, rgb: Picture) -> F64:
 def wanted(given: F64, rgb: Picture, peer: Peer | None) -> F64:
     """Box (1, 4) of the signer's face, or (0, 4) where nobody knows it, from given points (81, 2)."""
     if np.isfinite(given).all():
-        return setting.boxes_of(given[None, :68])
+        return setting.boxes_of(given[None, IBUG68])
     found = peer.boxes(rgb)[:, :4] if peer else np.zeros((0, 4))
     return found[np.argsort(np.abs(found[:, [0, 2]].mean(1) - rgb.shape[1] / 2))[:1]]
 

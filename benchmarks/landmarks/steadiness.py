@@ -29,6 +29,7 @@ from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import Bools, depth, lag, mean_of, motion, opening, root_mean_square
 from guise.aam.landmarks import Face, Follower, Landmarker, interocular
+from guise.aam.landmarks.schemes import LOWER_INNER_LIP, LOWER_LIDS, UPPER_INNER_LIP, UPPER_LIDS
 from guise.aam.landmarks.smoothing import Smoother
 
 NAME, TITLE = "landmarks.steadiness", "Steadiness and lag"
@@ -41,8 +42,8 @@ SPAN = 3  # frames
 STILL = 1.0  # % of the distance between the outer eye corners
 FLOW_SIZE = 160  # pixels of the rectangle in which the flow is taken
 FEWEST_STILL = 10  # frames, for jitter to be told
-LIDS = ((37, 41), (38, 40), (43, 47), (44, 46))
-LIPS = ((61, 67), (62, 66), (63, 65))
+LIDS = tuple(zip(UPPER_LIDS, LOWER_LIDS, strict=True))
+INNER_LIP = tuple(zip(UPPER_INNER_LIP, LOWER_INNER_LIP, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +195,7 @@ def lag_row(clip: Clip, landmarker: Landmarker, count: int | None) -> tuple[obje
         for name, p in (("true", truth), ("raw", found.raw), ("smoothed", found.smoothed))
     }
     lips = {
-        name: opening(p, LIPS)
+        name: opening(p, INNER_LIP)
         for name, p in (("true", truth), ("raw", found.raw), ("smoothed", found.smoothed))
     }
     return (

@@ -28,6 +28,7 @@ from benchmarks.landmarks.mediapipe_mesh import face81
 from benchmarks.landmarks.metrics import Accuracy, accuracy, matches
 from benchmarks.landmarks.peers import MISSING, Peer
 from guise.aam.landmarks import OnnxLandmarker
+from guise.aam.landmarks.schemes import IBUG68
 
 NAME, TITLE = "landmarks.stills", "Landmarks on annotated stills"
 Finder = Callable[[Picture, Still], F64]  # points (n, 68, 2) of the faces of a still, NaN of those not found
@@ -71,7 +72,9 @@ def true_boxes(landmarker: Any) -> Finder:
     def find(rgb: Picture, still: Still) -> F64:
         faces = [landmarker.points_in_box(rgb, box) for box in still.boxes]
         missing = np.full((68, 2), np.nan)
-        return np.array([missing if face is None else face.points[:68] for face in faces]).reshape(-1, 68, 2)
+        return np.array([missing if face is None else face.points[IBUG68] for face in faces]).reshape(
+            -1, 68, 2
+        )
 
     return find
 
@@ -92,7 +95,7 @@ def pfld(shared: Path) -> Finder | None:
 
 def mediapipe(peer: Peer) -> Finder:
     """MediaPipe, which finds the faces itself."""
-    return lambda rgb, still: at_faces(face81(peer.meshes(rgb))[:, :68], still)
+    return lambda rgb, still: at_faces(face81(peer.meshes(rgb))[:, IBUG68], still)
 
 
 def evaluated(find: Finder, pictures: Sequence[Still]) -> Accuracy:

@@ -30,10 +30,10 @@ from guise.aam.landmarks.schemes import (
     RIGHT_EYE_CORNERS,
 )
 from guise.aam.similarity import Failed
-from guise.analogy.facing import facings, landmarker
+from guise.analogy.face_views import facings, landmarker
 from guise.analogy.feature_points import NAMES, POINTS, FeaturePoints, find
 from guise.analogy.mesh import Mesh
-from guise.analogy.sighting import frontal_axes, sighted
+from guise.analogy.triangulation import frontal_axes, sighted
 from guise.analogy.views import Solid, View
 
 NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"

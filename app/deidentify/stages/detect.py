@@ -21,7 +21,7 @@ from guise.aam.landmarks import Face, overlap
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.plausible import followed
-from guise.aam.landmarks.schemes import COUNT
+from guise.aam.landmarks.schemes import COUNT, IBUG68
 from guise.app.media import Frame
 from guise.common.arrays import F32
 
@@ -303,7 +303,7 @@ def _refined(landmarker: BuiltinLandmarker, rgb: Picture, previous: Face) -> Fac
 
 
 def _row(face: Face) -> Row:
-    inner = face.points[:68]
+    inner = face.points[IBUG68]
     return Row(face.points, face.confidence, np.concatenate([inner.min(0), inner.max(0)]).astype(np.float32))
 
 
