@@ -18,12 +18,13 @@ import pytest
 from clips import cut, pictures, tags
 
 from guise.app.live.capture import FileCapture
-from guise.app.live.face import Look
-from guise.app.live.output import Output, Shown
-from guise.app.live.pipeline import Pipeline, Stats
-from guise.app.live.recorder import TICK, Recorder, Recordings, numbered, snapshot
-from guise.app.media import EncodeOptions, Frame, MediaError, open_sink, open_source, process
-from guise.app.media.soundtrack import sounds
+from guise.app.live.face import FaceResult
+from guise.app.live.output import Output, OutputFrame
+from guise.app.live.pipeline import Pipeline
+from guise.app.live.recorder import TIME_BASE, Recordings, VideoRecorder, numbered, snapshot
+from guise.app.live.stats import PipelineStats
+from guise.app.media import EncodeOptions, Frame, MediaError, open_input, open_sink, process
+from guise.app.media.audio_tracks import audio_tracks
 from guise.app.media.synthetic import synthetic_tags
 from guise.common.errors import OutputError
 
@@ -38,28 +39,30 @@ class Plain:
     def __init__(self, each: Callable[[Frame], None] = lambda frame: None) -> None:
         self._each = each
 
-    def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
+    def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
         self._each(frame)
-        return Shown(frame, Look("swapped"), stats, arrived)
+        return OutputFrame(frame, FaceResult("swapped"), stats, arrived)
 
     def close(self) -> None:
         pass
 
 
-def play(capture: FileCapture, *outputs: Output, each: Callable[[Frame], None] = lambda frame: None) -> Stats:
+def play(
+    capture: FileCapture, *outputs: Output, each: Callable[[Frame], None] = lambda frame: None
+) -> PipelineStats:
     with capture:
         return Pipeline(capture, lambda: Plain(each), outputs).run()
 
 
-def shown(level: int, arrived: float, size: tuple[int, int] = (64, 48)) -> Shown:
+def shown(level: int, arrived: float, size: tuple[int, int] = (64, 48)) -> OutputFrame:
     rgb = np.full((size[1], size[0], 3), level, np.uint8)
-    return Shown(Frame.from_rgb(rgb), Look("swapped"), Stats(), arrived)
+    return OutputFrame(Frame.from_rgb(rgb), FaceResult("swapped"), PipelineStats(), arrived)
 
 
-def noisy(arrived: float) -> Shown:
+def noisy(arrived: float) -> OutputFrame:
     """A picture that takes many bytes."""
     rgb = np.random.default_rng(round(1000 * arrived)).integers(0, 256, (240, 320, 3), dtype=np.uint8)
-    return Shown(Frame.from_rgb(rgb), Look("swapped"), Stats(), arrived)
+    return OutputFrame(Frame.from_rgb(rgb), FaceResult("swapped"), PipelineStats(), arrived)
 
 
 def times(path: Path) -> list[Fraction]:
@@ -98,19 +101,19 @@ def made(path: Path, at: list[int], sound: bool = True) -> Path:
 def test_a_file_is_recorded_whole_with_its_times_and_sound(tmp_path: Path, suffix: str) -> None:
     clip, out = cut("p01", tmp_path / "in.mp4", 25), tmp_path / f"out{suffix}"
     capture = FileCapture(clip, paced=False)
-    recorder = Recorder(out, source=capture.source, encode=LOSSLESS)
+    recorder = VideoRecorder(out, media=capture.media, encode=LOSSLESS)
     stats = play(capture, recorder)
     assert (stats.frames, stats.presented, stats.skipped) == (25, 25, 0)
     assert all((a == b).all() for a, b in zip(pictures(out), pictures(clip), strict=True))
     assert times(out) == times(rewritten(clip, tmp_path / f"as_file{suffix}"))
-    assert [s.digest for s in sounds(out)] == [s.digest for s in sounds(clip)] != []
+    assert [s.digest for s in audio_tracks(out)] == [s.digest for s in audio_tracks(clip)] != []
     assert synthetic_tags().items() <= {key.lower(): value for key, value in tags(out).items()}.items()
     assert not list(tmp_path.glob("*.part"))
 
 
 def rewritten(clip: Path, path: Path) -> Path:
     """The clip as commands for files write it, whose times have tests of their own."""
-    with open_source(clip) as source, open_sink(path, source, FAST) as sink:
+    with open_input(clip) as source, open_sink(path, source, FAST) as sink:
         process(source, sink, lambda frame: None)
     return path
 
@@ -119,7 +122,7 @@ def rewritten(clip: Path, path: Path) -> Path:
 def test_no_picture_of_a_file_is_lost_however_slow_a_part_is(tmp_path: Path, lagging: str) -> None:
     at = [0, 40, 50, 130, 140, 240, 250, 300]
     capture = FileCapture(made(tmp_path / "in.mkv", at), paced=False)
-    recorder = Recorder(tmp_path / "out.mkv", source=capture.source, encode=FAST)
+    recorder = VideoRecorder(tmp_path / "out.mkv", media=capture.media, encode=FAST)
     if lagging == "recorder":
         show = recorder.show
         recorder.show = lambda shown: (time.sleep(0.02), show(shown))[1]  # type: ignore[method-assign]
@@ -130,32 +133,32 @@ def test_no_picture_of_a_file_is_lost_however_slow_a_part_is(tmp_path: Path, lag
 def test_a_file_that_does_not_begin_at_zero_keeps_step_with_its_sound(tmp_path: Path) -> None:
     at = [500, 540, 600, 640]
     capture = FileCapture(made(tmp_path / "in.mkv", at), paced=False)
-    play(capture, Recorder(tmp_path / "out.mkv", source=capture.source, encode=FAST))
+    play(capture, VideoRecorder(tmp_path / "out.mkv", media=capture.media, encode=FAST))
     assert [1000 * t for t in times(tmp_path / "out.mkv")] == at
-    assert [s.digest for s in sounds(tmp_path / "out.mkv")] == [s.digest for s in sounds(tmp_path / "in.mkv")]
+    assert [s.digest for s in audio_tracks(tmp_path / "out.mkv")] == [s.digest for s in audio_tracks(tmp_path / "in.mkv")]
 
 
 def test_a_recording_that_ends_before_its_file_has_the_sound_of_its_pictures(tmp_path: Path) -> None:
     clip, out = cut("p01", tmp_path / "in.mkv", 60), tmp_path / "out.mkv"
-    with open_source(clip) as source:
-        recorder = Recorder(out, source=source, encode=FAST)
+    with open_input(clip) as source:
+        recorder = VideoRecorder(out, media=source, encode=FAST)
         recorder.open(source.width, source.height, 30)
         for frame in source:
             if frame.index == 30:
                 recorder.close()
-            recorder.show(Shown(frame, Look("swapped"), Stats(), 0.0))
+            recorder.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), 0.0))
     assert len(times(out)) == 30
-    assert sounds(out)[0].seconds == pytest.approx(1.0, abs=0.25)  # packets lie in the file ahead of pictures
+    assert audio_tracks(out)[0].seconds == pytest.approx(1.0, abs=0.25)  # packets lie in the file ahead of pictures
 
 
 @pytest.mark.parametrize("shown_of_it", [5, 8])
 def test_a_file_that_must_be_whole_is_kept_only_when_it_is(tmp_path: Path, shown_of_it: int) -> None:
-    with open_source(made(tmp_path / "in.mkv", [0, 40, 50, 130, 140, 240, 250, 300])) as source:
-        recorder = Recorder(tmp_path / "out.mkv", source=source, encode=FAST, whole=True)
+    with open_input(made(tmp_path / "in.mkv", [0, 40, 50, 130, 140, 240, 250, 300])) as source:
+        recorder = VideoRecorder(tmp_path / "out.mkv", media=source, encode=FAST, whole=True)
         recorder.open(64, 48, 25)
         for frame in source:
             if frame.index < shown_of_it:
-                recorder.show(Shown(frame, Look("swapped"), Stats(), 0.0))
+                recorder.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), 0.0))
         recorder.close()
     kept = {file.name for file in tmp_path.iterdir()} - {"in.mkv"}
     assert kept == ({"out.mkv"} if shown_of_it == 8 else set())
@@ -164,11 +167,11 @@ def test_a_file_that_must_be_whole_is_kept_only_when_it_is(tmp_path: Path, shown
 def test_a_file_that_was_read_before_is_recorded_with_its_sound(tmp_path: Path) -> None:
     at = [500, 540, 600, 640]
     capture = FileCapture(made(tmp_path / "in.mkv", at), paced=False)
-    recorder = Recorder(tmp_path / "out.mkv", source=capture.source, encode=FAST)
-    next(iter(capture.source))  # as to see who is in it
+    recorder = VideoRecorder(tmp_path / "out.mkv", media=capture.media, encode=FAST)
+    next(iter(capture.media))  # as to see who is in it
     play(capture, recorder)
     assert [1000 * t for t in times(tmp_path / "out.mkv")] == at
-    assert [s.digest for s in sounds(tmp_path / "out.mkv")] == [s.digest for s in sounds(tmp_path / "in.mkv")]
+    assert [s.digest for s in audio_tracks(tmp_path / "out.mkv")] == [s.digest for s in audio_tracks(tmp_path / "in.mkv")]
 
 
 # -- a camera -----------------------------------------------------------------------------------------------
@@ -177,20 +180,20 @@ def test_a_file_that_was_read_before_is_recorded_with_its_sound(tmp_path: Path) 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 def test_times_are_those_of_arrival(tmp_path: Path, suffix: str) -> None:
     arrived = 1000 + np.cumsum(np.random.default_rng(1).uniform(0.005, 0.2, 30))
-    recorder = Recorder(tmp_path / f"out{suffix}", encode=FAST)
+    recorder = VideoRecorder(tmp_path / f"out{suffix}", encode=FAST)
     recorder.open(64, 48, 30)
     for number, at in enumerate(arrived):
         recorder.show(shown(8 * number, float(at)))
     recorder.close()
     kept = np.array([float(t) for t in times(tmp_path / f"out{suffix}")])
-    unit = 0.001 if suffix == ".mkv" else float(TICK)
+    unit = 0.001 if suffix == ".mkv" else float(TIME_BASE)
     np.testing.assert_allclose(kept, arrived - arrived[0], atol=unit)
     levels = [int(picture[24, 32]) for picture in pictures(tmp_path / f"out{suffix}")]
     assert levels == sorted(set(levels))
 
 
 def test_a_picture_that_comes_with_the_last_one_is_left_out(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "out.mp4", encode=FAST)
+    recorder = VideoRecorder(tmp_path / "out.mp4", encode=FAST)
     recorder.open(64, 48, 30)
     for at in (1.0, 1.0, 1.1, 1.05, 1.2):
         recorder.show(shown(90, at))
@@ -199,7 +202,7 @@ def test_a_picture_that_comes_with_the_last_one_is_left_out(tmp_path: Path) -> N
 
 
 def test_a_picture_of_another_size_is_recorded_whole(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "out.mp4", encode=LOSSLESS)
+    recorder = VideoRecorder(tmp_path / "out.mp4", encode=LOSSLESS)
     recorder.open(64, 48, 30)
     recorder.show(shown(200, 1.0))
     recorder.show(shown(200, 1.1, (128, 48)))
@@ -217,18 +220,18 @@ def test_colours_are_kept(tmp_path: Path) -> None:
         (40, 40, 200),
         120,
     )
-    recorder = Recorder(tmp_path / "out.mp4", encode=LOSSLESS)
+    recorder = VideoRecorder(tmp_path / "out.mp4", encode=LOSSLESS)
     recorder.open(64, 48, 30)
-    recorder.show(Shown(Frame.from_rgb(rgb), Look("swapped"), Stats(), 0.0))
+    recorder.show(OutputFrame(Frame.from_rgb(rgb), FaceResult("swapped"), PipelineStats(), 0.0))
     recorder.close()
-    with open_source(tmp_path / "out.mp4") as source:
+    with open_input(tmp_path / "out.mp4") as source:
         kept = next(iter(source)).rgb()
     assert np.abs(kept[12::24, 16::32].astype(int) - rgb[12::24, 16::32]).max() <= 3
 
 
 @pytest.mark.parametrize("end", ["close", "abort"])
 def test_nothing_is_left_where_nothing_is_to_be_kept(tmp_path: Path, end: str) -> None:
-    recorder = Recorder(tmp_path / "out.mp4", encode=FAST)
+    recorder = VideoRecorder(tmp_path / "out.mp4", encode=FAST)
     recorder.open(64, 48, 30)
     if end == "abort":
         recorder.show(shown(0, 0.0))
@@ -260,7 +263,7 @@ def test_a_full_disk_ends_the_recording_with_one_sentence_and_not_the_show(tmp_p
     seen = Counting()
     clip = cut("p01", tmp_path / "in.mp4", 20)
     capture = FileCapture(clip, paced=False)
-    recorder = Recorder(tmp_path / "out.mp4", source=capture.source, encode=LOSSLESS, say=said.append)
+    recorder = VideoRecorder(tmp_path / "out.mp4", media=capture.media, encode=LOSSLESS, say=said.append)
     with full_disk():
         stats = play(capture, seen, recorder)
     assert len(said) == 1
@@ -273,7 +276,7 @@ def test_a_full_disk_ends_the_recording_with_one_sentence_and_not_the_show(tmp_p
 @pytest.mark.usefixtures("no_thread_left")
 def test_a_full_disk_is_an_error_where_there_is_nothing_but_the_file(tmp_path: Path) -> None:
     capture = FileCapture(cut("p01", tmp_path / "in.mp4", 20), paced=False)
-    recorder = Recorder(tmp_path / "out.mp4", source=capture.source, encode=LOSSLESS)
+    recorder = VideoRecorder(tmp_path / "out.mp4", media=capture.media, encode=LOSSLESS)
     with full_disk(), pytest.raises(MediaError, match="File too large"):
         play(capture, recorder)
     assert [file.name for file in tmp_path.iterdir()] == ["in.mp4"]
@@ -285,7 +288,7 @@ class Counting(Output):
     lossless = True
     count = 0
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: OutputFrame) -> None:
         self.count += 1
 
 
@@ -295,7 +298,7 @@ def test_a_recording_is_completed_before_the_disk_is_full(
     said: list[str] = []
     free = [10**9, 10**9, 10**7, 10**7, 10**7]
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=free.pop(0)))
-    recorder = Recorder(tmp_path / "out.mp4", encode=FAST, say=said.append)
+    recorder = VideoRecorder(tmp_path / "out.mp4", encode=FAST, say=said.append)
     recorder.open(64, 48, 30)
     for number in range(50):
         recorder.show(shown(number, 100 + number / 10))
@@ -307,7 +310,7 @@ def test_a_recording_is_completed_before_the_disk_is_full(
 def test_outputs_that_cannot_be_are_refused_before_anything_is_done(tmp_path: Path) -> None:
     clip = made(tmp_path / "in.mkv", [0, 40])
     (tmp_path / "old.mp4").write_bytes(b"precious")
-    with open_source(clip) as source:
+    with open_input(clip) as source:
         for path, sentence in [
             (clip, "in.mkv is the input itself"),
             (tmp_path / "old.mp4", "old.mp4 exists: use --force"),
@@ -315,9 +318,9 @@ def test_outputs_that_cannot_be_are_refused_before_anything_is_done(tmp_path: Pa
             (tmp_path / "none" / "out.mp4", "there is no folder"),
         ]:
             with pytest.raises(OutputError, match=sentence):
-                Recorder(path, source=source)
+                VideoRecorder(path, media=source)
     for name, sentence in [("out.avi", "use .mp4, .mov or .mkv"), ("out", "does not name a video container")]:
-        recorder = Recorder(tmp_path / name)
+        recorder = VideoRecorder(tmp_path / name)
         with pytest.raises(MediaError, match=sentence):
             recorder.open(64, 48, 30)
         recorder.close()
@@ -328,7 +331,7 @@ def test_outputs_that_cannot_be_are_refused_before_anything_is_done(tmp_path: Pa
 def test_force_replaces_only_when_the_recording_is_complete(tmp_path: Path) -> None:
     out = tmp_path / "out.mp4"
     out.write_bytes(b"old")
-    recorder = Recorder(out, encode=FAST, force=True)
+    recorder = VideoRecorder(out, encode=FAST, force=True)
     recorder.open(64, 48, 30)
     recorder.show(shown(0, 0.0))
     assert out.read_bytes() == b"old"

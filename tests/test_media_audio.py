@@ -13,7 +13,7 @@ from test_media import FAST, SHARED, STEADY, make_clip
 from test_media_packets import put_together
 
 from guise.app.media import open_input
-from guise.app.media.audio import LOWER
+from guise.app.media.audio_mask import FREQUENCY_FACTOR
 from guise.app.media.packets import PacketSink, assemble
 
 Sound = NDArray[np.float64]
@@ -110,10 +110,10 @@ def test_pitch_and_formants_are_lowered_and_nothing_else(tmp_path: Path, suffix:
     (old, rate, start), (new, new_rate, new_start) = hear(clip), hear(masked(clip))
     assert (rate, start) == (new_rate, new_start)
     assert abs(new.shape[1] - old.shape[1]) <= 1024  # the last packet is filled up
-    assert peak(new[0], rate, 100, 200) == pytest.approx(float(LOWER) * 160, rel=0.02)
+    assert peak(new[0], rate, 100, 200) == pytest.approx(float(FREQUENCY_FACTOR) * 160, rel=0.02)
     assert peak(new[0], rate, 100, 200) < 0.85 * peak(old[0], rate, 100, 200)
     assert peak(old[0], rate, 500, 1500) == pytest.approx(900, rel=0.08)
-    assert peak(new[0], rate, 500, 1500) == pytest.approx(float(LOWER) * 900, rel=0.08)
+    assert peak(new[0], rate, 500, 1500) == pytest.approx(float(FREQUENCY_FACTOR) * 900, rel=0.08)
     late, alike = lag(old[0], new[0], rate)
     assert abs(late) <= 0.02
     assert alike > 0.95

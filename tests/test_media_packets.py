@@ -25,9 +25,9 @@ from test_media import (
 from test_media_segments import GOP, facts, steady
 
 from guise.app.media import EncodeOptions, Frame, MediaError, open_input
-from guise.app.media.copies import Audio
 from guise.app.media.packets import PacketSink, assemble, decoding_times, read_packets
 from guise.app.media.segments import read_frames, scan
+from guise.app.media.stream_copies import Audio
 
 TAGS = {"comment": "synthetic face"}
 
@@ -39,7 +39,7 @@ def make_pieces(clip: Path, folder: Path, options: EncodeOptions, length: int = 
     with open_input(clip) as source:
         for piece in reversed(found.segments):
             with PacketSink(parts[piece.index], source, options) as sink:
-                for frame in read_frames(clip, found, piece.first, piece.last):
+                for frame in read_frames(clip, found, piece.first, piece.end):
                     paint(frame)
                     sink.write(frame)
     return parts
@@ -131,7 +131,7 @@ def test_a_piece_decodes_to_its_frames(tmp_path: Path, encoder: str) -> None:
     found, parts = scan(clip, 20), make_pieces(clip, tmp_path, options)
     assert len(parts) == 2
     for piece, part in zip(found.segments, parts, strict=True):
-        frames = list(read_frames(clip, found, piece.first, piece.last))
+        frames = list(read_frames(clip, found, piece.first, piece.end))
         for frame in frames:
             paint(frame)
         assert [facts(frame) for frame in read_packets(part)] == [facts(frame) for frame in frames]

@@ -14,7 +14,7 @@ from test_media import SAMPLE, SHARED, damage, make_clip, picture
 from guise.app.media import Frame, open_input
 from guise.app.media.frame import plane_arrays
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import Problems
+from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import Scan, read_frames, scan
 
 THOUSANDTHS = Fraction(1, 1000)
@@ -38,7 +38,7 @@ def check_windows(path: Path, length: int = 20) -> Scan:
     """Every segment, and windows that cut across them, equal the slices of a pass from the start."""
     found, frames = scan(path, length), whole(path)
     assert [frame[1] for frame in frames] == found.pts.tolist()
-    windows = [(piece.first, piece.last) for piece in found.segments]
+    windows = [(piece.first, piece.end) for piece in found.segments]
     rng = np.random.default_rng(0)
     windows += [tuple(sorted(rng.integers(0, found.frames + 1, 2).tolist())) for _ in range(4)]
     for first, last in windows:
@@ -66,8 +66,8 @@ def test_segments_begin_at_keyframes_and_have_the_length() -> None:
         keys = [p.pts for p in clip.demux(video=0) if p.is_keyframe and p.size]
     assert found.pts[found.keyframes].tolist() == keys
     assert all(piece.first in found.keyframes and piece.count >= 50 for piece in found.segments)
-    assert [piece.first for piece in found.segments[1:]] == [piece.last for piece in found.segments[:-1]]
-    assert found.segments[-1].last == found.frames
+    assert [piece.first for piece in found.segments[1:]] == [piece.end for piece in found.segments[:-1]]
+    assert found.segments[-1].end == found.frames
     assert len(found.segments) == 2
 
 
@@ -150,7 +150,7 @@ def test_a_damaged_keyframe_is_decoded_from_before_it(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mp4", steady(60), options=GOP | {"bf": "0"})
     found = scan(clip, 20)
     damage(clip, 20)
-    again, frames, problems = scan(clip, 20), whole(clip), Problems()
+    again, frames, problems = scan(clip, 20), whole(clip), ProblemLog()
     assert again.pts.tolist() == found.pts.tolist()
     index = {pts: i for i, pts in enumerate(found.pts.tolist())}
     expected = [frame[1:] for frame in frames if 20 <= index[frame[1]] < 40]
@@ -167,11 +167,11 @@ def test_a_damaged_file_gives_the_same_on_any_machine(tmp_path: Path) -> None:
         damage(clip, number, seed=number)
     with open_input(clip) as source:
         assert isinstance(source, VideoInput)
-        reader = source.open_reader(Problems())
+        reader = source.open_reader(ProblemLog())
         reader.use_one_thread()
         frames = [facts(frame)[1:] for frame in source.frames_of(reader)]
         assert reader.damaged
-    for first, last in [(0, 60), *((piece.first, piece.last) for piece in found.segments)]:
+    for first, last in [(0, 60), *((piece.first, piece.end) for piece in found.segments)]:
         got = [facts(frame)[1:] for frame in read_frames(clip, found, first, last)]
         assert len(got) > (last - first) // 2
         assert got == [frame for frame in frames if found.pts[first] <= frame[0] <= found.pts[last - 1]]
@@ -210,8 +210,8 @@ def test_real_clips(name: str) -> None:
         pytest.skip(f"{path} is not there")
     found = scan(path)
     piece = found.segments[-1]
-    first = max(piece.first, piece.last - 300)
-    got = [facts(frame) for frame in read_frames(path, found, first, piece.last)]
+    first = max(piece.first, piece.end - 300)
+    got = [facts(frame) for frame in read_frames(path, found, first, piece.end)]
     with open_input(path) as source:
         frames = [facts(frame) for frame in source if frame.index >= first]
     assert got == frames

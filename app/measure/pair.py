@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import tight_box
 from guise.app.measure.faces import MeasureError
 from guise.app.media import Frame, open_input
-from guise.app.media.soundtrack import Sound, sounds
+from guise.app.media.audio_tracks import AudioTrack, audio_tracks
 
 SAFETY = (
     0.5  # of a face's longer side, by which the region about it that may have changed is larger on each side
@@ -131,7 +131,7 @@ class SoundCheck:
 
 def compare_sounds(original: Path, output: Path) -> tuple[SoundCheck, ...]:
     """Each sound stream of the original and the output, matched in order."""
-    before, after = sounds(original), sounds(output)
+    before, after = audio_tracks(original), audio_tracks(output)
     count = max(len(before), len(after))
     return tuple(
         _compared(before[i] if i < len(before) else None, after[i] if i < len(after) else None)
@@ -139,7 +139,7 @@ def compare_sounds(original: Path, output: Path) -> tuple[SoundCheck, ...]:
     )
 
 
-def _compared(before: Sound | None, after: Sound | None) -> SoundCheck:
+def _compared(before: AudioTrack | None, after: AudioTrack | None) -> SoundCheck:
     if before is None or after is None:
         state: Literal["dropped", "added"] = "added" if before is None else "dropped"
         return SoundCheck(state, *(None if sound is None else sound.seconds for sound in (before, after)))

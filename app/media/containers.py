@@ -10,7 +10,7 @@ import av
 import av.error
 from av.stream import Stream
 
-from guise.app.media.copies import keeps_times
+from guise.app.media.stream_copies import keeps_times
 
 FALLBACKS = (".mp4", ".mkv")
 
@@ -29,12 +29,12 @@ def suffix_for(path: Path, encoder: str) -> str:
 def _copied_streams(path: Path) -> Iterator[list[Stream]]:
     """The streams that are copied from a file; none of one that cannot be read, of which others tell."""
     try:
-        source = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
+        media = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
     except (av.error.FFmpegError, OSError):
         yield []
         return
-    with source:
-        yield [s for s in source.streams if s.type in ("audio", "subtitle") and s.codec_context]
+    with media:
+        yield [s for s in media.streams if s.type in ("audio", "subtitle") and s.codec_context]
 
 
 def _holds(suffix: str, encoder: str, copied: list[Stream]) -> bool:

@@ -1,4 +1,4 @@
-"""How the pictures of one source are encoded: an encoder, its settings and what it is fed."""
+"""How the pictures of one input are encoded: an encoder, its settings and what it is fed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from av.video.frame import PictureType
 from guise.app.media.encoder import EncodeOptions, encoder_settings, find_encoder
 from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput
-from guise.app.media.target import Target, target_for
+from guise.app.media.picture_format import PictureFormat, picture_format_for
 
 _CAPTIONING = frozenset(
     {"libx264", "libx264rgb", "mpeg2video"}
@@ -25,7 +25,7 @@ class Encoding:
     """An encoder with all that it must be told.
 
     codec : FFmpeg's name of the coded format.   encoder, settings : FFmpeg's name of the encoder, its own options.
-    target : its pictures.   rate : average frames a second.   time_base : unit of pts, seconds.
+    picture_format : its pictures.   rate : average frames a second.   time_base : unit of pts, seconds.
     field_order : of interlaced pictures, as FFmpeg numbers it, or None.
     threads : of the encoder; 0 for as many as suit the machine, on which the bytes then depend.
     """
@@ -33,7 +33,7 @@ class Encoding:
     codec: str
     encoder: str
     settings: dict[str, str]
-    target: Target
+    picture_format: PictureFormat
     rate: Fraction
     time_base: Fraction
     field_order: int | None
@@ -41,67 +41,67 @@ class Encoding:
 
     def configure(self, context: VideoCodecContext) -> None:
         """Set an encoder's context up, all but its own options."""
-        target = self.target
-        context.width, context.height = target.coded
-        context.pix_fmt = target.fmt
+        form = self.picture_format
+        context.width, context.height = form.coded
+        context.pix_fmt = form.fmt
         context.framerate, context.time_base = self.rate, self.time_base
         context.thread_type = "AUTO"  # whole frames where it can: slices cost bits
         if self.threads:
             context.thread_count = self.threads
         context.flags |= Flags.frame_duration
-        context.color_range, context.colorspace = target.span, target.matrix
-        context.color_primaries, context.color_trc = target.primaries, target.transfer
-        if target.aspect:
-            context.sample_aspect_ratio = target.aspect
+        context.color_range, context.colorspace = form.span, form.matrix
+        context.color_primaries, context.color_trc = form.primaries, form.transfer
+        if form.aspect:
+            context.sample_aspect_ratio = form.aspect
         if self.field_order is not None:
             context.field_order = self.field_order
 
     def picture(self, frame: Frame) -> av.VideoFrame:
         """The frame as the encoder wants it."""
-        picture = self.target.picture(frame)
+        picture = self.picture_format.picture(frame)
         picture.pict_type = PictureType.NONE  # the encoder decides, not the input's encoder
         picture.pts, picture.time_base = frame.pts, frame.time_base
         return picture
 
 
 def encoding_for(
-    source: MediaInput, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
+    media: MediaInput, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
     captions: bool = True,
 ) -> Encoding:  # fmt: skip
-    """How a source is encoded; what the encoder cannot keep is noted in the source's problems.
+    """How an input is encoded; what the encoder cannot keep is noted in the input's problems.
 
-    size : (width, height) of the frames when they are not the source's own.
+    size : (width, height) of the frames when they are not the input's own.
     captions : whether closed captions inside the pictures are passed on, by encoders that can.
     """
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
-    target = target_for(source, codec, options, size)
+    form = picture_format_for(media, codec, options, size)
     settings = encoder_settings(options, threads)
     if not captions and codec.name in _CAPTIONING:
         settings = settings | {"a53cc": "0"}
-    interlaced = isinstance(source, VideoInput) and source.interlaced
+    interlaced = isinstance(media, VideoInput) and media.interlaced
     if interlaced and "x26" in codec.name:
         settings = {"flags": "+ildct+ilme", **settings}
-    order = source.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
-    _note_changes(source, target, codec.name)
+    order = media.stream.codec_context.field_order if interlaced else None  # type: ignore[attr-defined]
+    _note_changes(media, form, codec.name)
     return Encoding(
         codec.canonical_name,
         codec.name,
         settings,
-        target,
-        source.frame_rate,
-        source.time_base,
+        form,
+        media.frame_rate,
+        media.time_base,
         order,
         threads,
     )
 
 
-def _note_changes(source: MediaInput, target: Target, encoder: str) -> None:
-    if target.coded != target.size:
-        source.problems.note(
-            f"The picture was grown from {target.size[0]} x {target.size[1]} to {target.coded[0]} x "
-            f"{target.coded[1]}, as {encoder} needs even sizes."
+def _note_changes(media: MediaInput, form: PictureFormat, encoder: str) -> None:
+    if form.coded != form.size:
+        media.problems.note(
+            f"The picture was grown from {form.size[0]} x {form.size[1]} to {form.coded[0]} x "
+            f"{form.coded[1]}, as {encoder} needs even sizes."
         )
-    native = source.first_picture.format.name if isinstance(source, VideoInput) else target.fmt
-    if native.replace("yuvj", "yuv") != target.fmt.replace("yuvj", "yuv"):
-        source.problems.note(f"Pictures were encoded as {target.fmt}, as {encoder} has no {native}.")
+    native = media.first_picture.format.name if isinstance(media, VideoInput) else form.fmt
+    if native.replace("yuvj", "yuv") != form.fmt.replace("yuvj", "yuv"):
+        media.problems.note(f"Pictures were encoded as {form.fmt}, as {encoder} has no {native}.")

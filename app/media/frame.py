@@ -39,11 +39,11 @@ _REMAP_COLUMNS = 256  # cv2.remap wants an image: a list of points is folded to 
 
 
 class Frame:
-    """One picture with its time; made by a source or by `from_rgb`.
+    """One picture with its time; made by an input or by `from_rgb`.
 
     pts, time_base : the integer time stamp and its unit, seconds.
     duration : until the next frame, in units of time_base; 0 if unknown.
-    index : count of frames before this one in its source.
+    index : count of frames before this one in its input.
     name : file name of an image, or None.
     width, height : pixels, as shown.
     colour : maps between the stored components and RGB.
@@ -327,10 +327,10 @@ def clone_video_frame(video: av.VideoFrame, width: int = 0, height: int = 0, fmt
     `fmt` may be another name for the same planes (yuvj420p, yuv420p).
     """
     twin = av.VideoFrame(width or video.width, height or video.height, fmt or video.format.name)
-    for target, source in zip(plane_arrays(twin), plane_arrays(video), strict=True):
-        rows, columns = source.shape
-        target[:rows, :columns] = source
-        target[:rows, columns:] = source[:, -1:]
+    for target, plane in zip(plane_arrays(twin), plane_arrays(video), strict=True):
+        rows, columns = plane.shape
+        target[:rows, :columns] = plane
+        target[:rows, columns:] = plane[:, -1:]
         target[rows:] = target[rows - 1]
     twin.pts, twin.duration = video.pts, video.duration
     if video.time_base is not None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from guise.app.media import ifd
 from guise.app.media.errors import MediaError
 from guise.app.media.orientation import AS_STORED, Orientation
-from guise.app.media.reader import Problems
+from guise.app.media.reader import ProblemLog
 from guise.common.files import natural_key
 
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
@@ -91,7 +91,7 @@ def list_images(folder: Path) -> list[Path]:
     return sorted((file for file in files if file.is_file()), key=lambda file: natural_key(file.name))
 
 
-def read_image(path: Path, problems: Problems) -> tuple[Image, Image | None] | None:
+def read_image(path: Path, problems: ProblemLog) -> tuple[Image, Image | None] | None:
     """An image as RGB (h, w, 3) and its alpha (h, w) or None; None when it cannot be read."""
     try:
         image = read_deep(path)

@@ -18,7 +18,7 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.images import list_images, looks_like_image, read_image
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
-from guise.app.media.reader import Problems, Reader, main_video, open_container
+from guise.app.media.reader import ProblemLog, VideoReader, main_video, open_container
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
@@ -52,7 +52,7 @@ class MediaInput:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.name = path.name
-        self.problems = Problems()
+        self.problems = ProblemLog()
 
     @property
     def rotation(self) -> int:
@@ -94,11 +94,11 @@ class VideoInput(MediaInput):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._template = Reader(path, self.problems)
+        self._template = VideoReader(path, self.problems)
         self._fresh: Iterator[av.VideoFrame] | None = iter(self._template)
         self._early: list[AnyPacket] = []
         self._listener: Callable[[AnyPacket], None] | None = None
-        self._others: list[Reader] = []
+        self._others: list[VideoReader] = []
         try:
             self._template.on_packet = self._early.append
             self.first_picture = self._prime()
@@ -164,9 +164,9 @@ class VideoInput(MediaInput):
         listener, self._listener = self._listener, None
         return self.frames_of(self._pictures(listener or _ignore))
 
-    def open_reader(self, problems: Problems) -> Reader:
-        """Another pass over the file, which closes with the source."""
-        reader = Reader(self.path, problems)
+    def open_reader(self, problems: ProblemLog) -> VideoReader:
+        """Another pass over the file, which closes with the input."""
+        reader = VideoReader(self.path, problems)
         self._others.append(reader)
         return reader
 

@@ -23,15 +23,15 @@ from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 from numpy.typing import NDArray
 
-from guise.app.media.copies import Audio
 from guise.app.media.encoder import EncodeOptions
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS, Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
-from guise.app.media.reader import Reader, nearest_format, reformat
+from guise.app.media.reader import VideoReader, nearest_format, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
+from guise.app.media.stream_copies import Audio
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
@@ -53,7 +53,7 @@ class _Entry:
 
 
 class PacketSink(Sink):
-    """Encodes consecutive frames of a source to a piece, which begins with a keyframe and refers to no other piece.
+    """Encodes consecutive frames of an input to a piece, which begins with a keyframe and refers to no other piece.
 
     It may be empty, as all of a damaged stretch may be lost.  Closed captions are left out.  An existing file is
     replaced.  There are no pieces of images or folders of images: use `open_sink` where the output is one.
@@ -61,9 +61,9 @@ class PacketSink(Sink):
 
     needs_frames = False
 
-    def __init__(self, path: Path, source: MediaInput, options: EncodeOptions) -> None:
+    def __init__(self, path: Path, media: MediaInput, options: EncodeOptions) -> None:
         super().__init__(path, force=True)
-        self._encoding = encoding_for(source, options, threads=THREADS, captions=False)
+        self._encoding = encoding_for(media, options, threads=THREADS, captions=False)
         self._context = _encoder(self._encoding)
         self._last: Fraction | None = None
         self._entries: list[_Entry] = []
@@ -95,15 +95,15 @@ class PacketSink(Sink):
         self._publish()
 
     def _header(self) -> dict[str, Any]:
-        target, context = self._encoding.target, self._context
+        form, context = self._encoding.picture_format, self._context
         return {
             "codec": self._encoding.codec,
             "extradata": base64.b64encode(context.extradata or b"").decode(),
-            "size": target.coded,
-            "format": target.fmt,
+            "size": form.coded,
+            "format": form.fmt,
             "bits": context.bits_per_coded_sample,
-            "colour": [target.span, target.matrix, target.primaries, target.transfer],
-            "orientation": asdict(target.orientation),
+            "colour": [form.span, form.matrix, form.primaries, form.transfer],
+            "orientation": asdict(form.orientation),
             "time_base": str(self._encoding.time_base),
             "packets": [[*asdict(entry).values()] for entry in self._entries],
         }
@@ -200,29 +200,29 @@ def _native(picture: av.VideoFrame) -> av.VideoFrame:
 
 
 def assemble(
-    output: Path, source: MediaInput, parts: Sequence[Path], options: EncodeOptions, *, tags: Mapping[str, str],
+    output: Path, media: MediaInput, parts: Sequence[Path], options: EncodeOptions, *, tags: Mapping[str, str],
     private: bool, audio: Audio = "keep", force: bool = False,
 ) -> None:  # fmt: skip
-    """Write the video that the pieces of a source make up, in order, with copies of the source's other streams.
+    """Write the video that the pieces of an input make up, in order, with copies of the input's other streams.
 
     The options must be those of the pieces; the others are as for `open_sink`.   audio : what becomes of the sound.
     The result is the same bytes each time.  Raises MediaError for a user's mistake; nothing is then left behind.
     """
-    check_free(output, source, force)
+    check_free(output, media, force)
     pieces = [_Piece(part) for part in parts]
-    encoding = encoding_for(source, options, threads=THREADS, captions=False)
-    with _Assembly(output, source, encoding, force=force, tags=tags, private=private, audio=audio) as whole:
-        whole.mux(source, [piece for piece in pieces if piece.entries])
+    encoding = encoding_for(media, options, threads=THREADS, captions=False)
+    with _Assembly(output, media, encoding, force=force, tags=tags, private=private, audio=audio) as whole:
+        whole.mux(media, [piece for piece in pieces if piece.entries])
 
 
 class _Assembly(VideoOutput):
     """A video whose encoded stream comes in pieces."""
 
-    def mux(self, source: MediaInput, pieces: Sequence[_Piece]) -> None:
+    def mux(self, media: MediaInput, pieces: Sequence[_Piece]) -> None:
         """Write the packets of all streams, in the order of their time."""
         streams = [self._timed(pieces)]
-        if isinstance(source, VideoInput):
-            streams.append(_timed_others(source))
+        if isinstance(media, VideoInput):
+            streams.append(_timed_others(media))
         for _, is_video, packet in heapq.merge(*streams, key=lambda item: item[0]):
             if is_video:
                 packet.stream = self._stream
@@ -257,9 +257,9 @@ def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
     return whole
 
 
-def _timed_others(source: VideoInput) -> Iterator[_Timed]:
+def _timed_others(media: VideoInput) -> Iterator[_Timed]:
     """The packets of the other streams with where they are due, seconds; one without a time follows the last."""
-    reader = Reader(source.path, source.problems)
+    reader = VideoReader(media.path, media.problems)
     time = Fraction(-(2**62))
     try:
         reader.only_others()

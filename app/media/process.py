@@ -13,11 +13,11 @@ from guise.app.media.frame import Frame
 
 
 class Frames(Protocol):
-    """Where frames come from: a source, or a part of one."""
+    """Where frames come from: an input, or a part of one."""
 
     @property
     def problems(self) -> Sequence[str]:
-        """Sentences about what was survived so far."""
+        """Sentences about what went wrong so far without ending the work."""
 
     def __iter__(self) -> Iterator[Frame]: ...
 
@@ -31,7 +31,7 @@ class Writer(Protocol):
 
 @dataclass(frozen=True)
 class ProcessStats:
-    """What a run did: frames, wall time and the time of each stage (seconds), and survived problems."""
+    """What a run did: frames, wall time and the time of each stage (seconds), and the problems that did not end it."""
 
     frames: int
     seconds: float
@@ -121,10 +121,10 @@ class _Stage:
 
 
 def process(
-    source: Frames, sink: Writer, work: Callable[[Frame], None],
+    frames: Frames, sink: Writer, work: Callable[[Frame], None],
     *, progress: Callable[[int], None] | None = None, queue: int = 8,
 ) -> ProcessStats:  # fmt: skip
-    """Pass every frame of the source through `work`, which changes it in place, to the sink.
+    """Pass every frame of the input through `work`, which changes it in place, to the sink.
 
     Decoding and encoding run in their own threads, `work` and `progress` (frames so far) in the caller's.
     At most 2 `queue` + 3 frames exist at a time.  The first error anywhere stops all and is raised once.
@@ -132,7 +132,7 @@ def process(
     start = time.perf_counter()
     decoded, worked = _Channel(queue), _Channel(queue)
     channels = (decoded, worked)
-    decoder = _Stage("decode", lambda stage: _decode(stage, source, decoded), channels)
+    decoder = _Stage("decode", lambda stage: _decode(stage, frames, decoded), channels)
     encoder = _Stage("encode", lambda stage: _encode(stage, sink, worked), channels)
     count = 0
     busy = 0.0
@@ -161,15 +161,42 @@ def process(
         if stage.error is not None:
             raise stage.error
     return ProcessStats(
-        count, time.perf_counter() - start, decoder.seconds, busy, encoder.seconds, tuple(source.problems)
+        count, time.perf_counter() - start, decoder.seconds, busy, encoder.seconds, tuple(frames.problems)
     )
 
 
-def _decode(stage: _Stage, source: Frames, decoded: _Channel) -> None:
-    frames = iter(source)
+def replace_frames(
+    frames: Frames, sink: Writer, make: Callable[[Frame], Frame],
+    *, progress: Callable[[int], None] | None = None,
+) -> ProcessStats:  # fmt: skip
+    """As `process`, but `make` gives another frame for each, which takes over its time, index and name."""
+    replacing = _ReplacingWriter(sink)
+
+    def work(frame: Frame) -> None:
+        made = make(frame)
+        made.pts, made.time_base, made.index = frame.pts, frame.time_base, frame.index
+        made.name, made.duration = frame.name, frame.duration
+        replacing.made[frame.index] = made
+
+    return process(frames, replacing, work, progress=progress)
+
+
+class _ReplacingWriter:
+    """Takes the input's frames and writes those that were made for them."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
+        self.made: dict[int, Frame] = {}  # by index
+
+    def write(self, frame: Frame) -> None:
+        self._writer.write(self.made.pop(frame.index))
+
+
+def _decode(stage: _Stage, frames: Frames, decoded: _Channel) -> None:
+    iterator = iter(frames)
     while True:
         before = time.perf_counter()
-        frame = next(frames, None)
+        frame = next(iterator, None)
         stage.seconds += time.perf_counter() - before
         if frame is None:
             decoded.finish()

@@ -32,7 +32,7 @@ _CUT_SHORT = Fraction(1, 2)  # seconds
 _REORDER = 64  # packets that may wait in a decoder at the end of a file
 
 
-class Problems(list[str]):
+class ProblemLog(list[str]):
     """What went wrong and was survived: each sentence once, and a count when there are too many."""
 
     unlisted = 0
@@ -90,7 +90,7 @@ def is_still(stream: VideoStream) -> bool:
     return bool(stream.disposition & still)
 
 
-class Reader:
+class VideoReader:
     """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
 
     on_packet : called with each packet of every other stream, in file order.
@@ -99,7 +99,7 @@ class Reader:
 
     damaged = False
 
-    def __init__(self, path: Path, problems: Problems) -> None:
+    def __init__(self, path: Path, problems: ProblemLog) -> None:
         self.container = open_container(path)
         self.problems = problems
         self.on_packet: Callable[[AnyPacket], None] = lambda packet: None

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput, open_input
-from guise.app.media.reader import Problems, Reader
+from guise.app.media.reader import ProblemLog, VideoReader
 
 # Codecs whose every packet is one shown picture; others may hold hidden or repeated ones.
 _ONE_EACH = frozenset(
@@ -28,7 +28,7 @@ _ONE_EACH = frozenset(
         "ffv1", "huffyuv", "ffvhuff", "utvideo", "rawvideo", "png",
     }
 )  # fmt: skip
-_LOOK = 16  # pictures that are decoded to see whether they come as the packets say
+_CHECKED_PICTURES = 16  # pictures that are decoded to see whether they come as the packets say
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Segment:
     count: int
 
     @property
-    def last(self) -> int:
+    def end(self) -> int:
         """The frame after the segment."""
         return self.first + self.count
 
@@ -91,37 +91,37 @@ def scan(path: Path | str, length: int = 240) -> Scan:
     Only packets are read, unless they do not tell the frames surely; then, as for images, everything is decoded and
     there is one segment.  Raises MediaError when there is nothing to read.
     """
-    with open_input(path) as source:
-        if isinstance(source, VideoInput) and (found := _from_packets(source, length)):
+    with open_input(path) as media:
+        if isinstance(media, VideoInput) and (found := _from_packets(media, length)):
             return found
-        pts = np.array([frame.pts for frame in source], np.int64)
+        pts = np.array([frame.pts for frame in media], np.int64)
         start = np.zeros(1, np.int32)
-        return Scan(source.time_base, pts, start, pts[:1], (Segment(0, 0, len(pts)),))
+        return Scan(media.time_base, pts, start, pts[:1], (Segment(0, 0, len(pts)),))
 
 
-def _from_packets(source: VideoInput, length: int) -> Scan | None:
+def _from_packets(media: VideoInput, length: int) -> Scan | None:
     """The scan without decoding, or None where that is not sure."""
-    packets = _video_packets(source)
-    looked = [frame.pts for frame in islice(source, _LOOK)]
+    packets = _video_packets(media)
+    decoded = [frame.pts for frame in islice(media, _CHECKED_PICTURES)]
     if packets is None:
         return None
     times, dts, is_key = packets
     times, order = np.sort(times), times
-    pts = times[np.searchsorted(times, looked[0]) :]  # what refers to pictures before the file does not come
-    if pts[:_LOOK].tolist() != looked:
+    pts = times[np.searchsorted(times, decoded[0]) :]  # what refers to pictures before the file does not come
+    if pts[:_CHECKED_PICTURES].tolist() != decoded:
         return None
     is_start = is_key & (order >= np.maximum.accumulate(order)) & (order > pts[0])
     keyframes = np.searchsorted(pts, [pts[0], *order[is_start]]).astype(np.int32)
     starts = np.array([pts[0], *dts[is_start]])
-    return Scan(source.time_base, pts, keyframes, starts, _cut(keyframes, len(pts), length))
+    return Scan(media.time_base, pts, keyframes, starts, _cut(keyframes, len(pts), length))
 
 
 def _video_packets(
-    source: VideoInput,
+    media: VideoInput,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]] | None:
     """pts, dts and key flag (n,) of the video's packets in decoding order; None where they do not tell the frames."""
-    problems = Problems()
-    reader = Reader(source.path, problems)
+    problems = ProblemLog()
+    reader = VideoReader(media.path, problems)
     try:
         reader.only_video()
         if reader.stream.codec_context.codec.canonical_name not in _ONE_EACH:
@@ -154,26 +154,26 @@ def _cut(keyframes: NDArray[np.int32], frames: int, length: int) -> tuple[Segmen
 
 
 def read_frames(
-    path: Path | str, scan: Scan, first: int, last: int, *, problems: Problems | None = None
+    path: Path | str, scan: Scan, first: int, last: int, *, problems: ProblemLog | None = None
 ) -> Iterator[Frame]:
     """The frames [first, last) of a scanned file, as a pass from the start gives them; indices count from its start.
 
     A picture that the decoder cannot give is left out, as in that pass; `problems` then says so.
     """
-    with open_input(path) as source:
+    with open_input(path) as media:
         try:
-            yield from _window(source, scan, first, last)
+            yield from _window(media, scan, first, last)
         finally:
             if problems is not None:
-                problems.add(source.problems)
+                problems.add(media.problems)
 
 
-def _window(source: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Frame]:
+def _window(media: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Frame]:
     """From the keyframe before where that works, with one thread where the file is damaged, else from the start."""
     key = int(np.searchsorted(scan.keyframes, first, "right")) - 1
     following = first
     for number, careful in [(key, False), (key, True), (0, True)]:
-        attempt = _Attempt(source, scan, number, careful=careful)
+        attempt = _Attempt(media, scan, number, careful=careful)
         for frame in attempt:
             if frame.index >= last:
                 return
@@ -192,8 +192,8 @@ class _Attempt:
 
     gave_up = False
 
-    def __init__(self, source: MediaInput, scan: Scan, key: int, *, careful: bool) -> None:
-        self._source, self._scan = source, scan
+    def __init__(self, media: MediaInput, scan: Scan, key: int, *, careful: bool) -> None:
+        self._media, self._scan = media, scan
         self._first = int(scan.keyframes[key])
         self._dts = int(scan.dts[key])
         # From the next keyframe on decoding cannot depend any more on where it began.
@@ -202,25 +202,25 @@ class _Attempt:
         self._careful = careful
 
     def __iter__(self) -> Iterator[Frame]:
-        if not isinstance(self._source, VideoInput):
-            yield from self._source
+        if not isinstance(self._media, VideoInput):
+            yield from self._media
             return
-        problems = Problems()
+        problems = ProblemLog()
         try:
-            yield from self._decode(self._source, problems)
+            yield from self._decode(self._media, problems)
         finally:
             if not self.gave_up:
-                self._source.problems.add(problems)
+                self._media.problems.add(problems)
 
-    def _decode(self, source: VideoInput, problems: Problems) -> Iterator[Frame]:
-        reader = source.open_reader(problems)
+    def _decode(self, media: VideoInput, problems: ProblemLog) -> Iterator[Frame]:
+        reader = media.open_reader(problems)
         if self._careful:
             reader.use_one_thread()
         if self._first > 0:
-            reader.start_at(int(self._scan.pts[self._first]), self._dts, source.first_picture)
+            reader.start_at(int(self._scan.pts[self._first]), self._dts, media.first_picture)
         held: deque[Frame] = deque()  # what comes before a picture may refer to it, and be damaged with it
         expected = self._first
-        for frame in _numbered(source.frames_of(reader), self._scan, problems):
+        for frame in _numbered(media.frames_of(reader), self._scan, problems):
             corrupt = frame.video_frame is not None and frame.video_frame.is_corrupt
             strange = expected < self._unsure_until and (frame.index != expected or corrupt)
             if strange or self._gives_up(reader):
@@ -234,11 +234,11 @@ class _Attempt:
         if not self.gave_up:
             yield from held
 
-    def _gives_up(self, reader: Reader) -> bool:
+    def _gives_up(self, reader: VideoReader) -> bool:
         return reader.damaged and not self._careful
 
 
-def _numbered(frames: Iterator[Frame], scan: Scan, problems: Problems) -> Iterator[Frame]:
+def _numbered(frames: Iterator[Frame], scan: Scan, problems: ProblemLog) -> Iterator[Frame]:
     """The frames with their index in the scan; one that is not in it is left out."""
     for frame in frames:
         index = int(np.searchsorted(scan.pts, frame.pts))

@@ -17,13 +17,20 @@ import av
 import av.error
 from av.video.stream import VideoStream
 
-from guise.app.media.copies import Audio, StreamCopies, can_rotate, fresh_metadata, keeps_times, muxer_options
 from guise.app.media.encoder import EncodeOptions, available_encoders
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.images import encode_image, is_lossy, looks_like_image
 from guise.app.media.input import ImageInput, MediaInput, VideoInput
+from guise.app.media.stream_copies import (
+    Audio,
+    StreamCopier,
+    can_rotate,
+    fresh_metadata,
+    keeps_times,
+    muxer_options,
+)
 from guise.common.errors import OutputError
 from guise.common.files import PartFile
 
@@ -104,44 +111,44 @@ class Sink:
 
 
 class VideoOutput(Sink):
-    """A video file that is being written: one encoded stream, and copies of the source's other streams."""
+    """A video file that is being written: one encoded stream, and copies of the input's other streams."""
 
     def __init__(
-        self, path: Path, source: MediaInput, encoding: Encoding, *, force: bool, tags: Mapping[str, str],
+        self, path: Path, media: MediaInput, encoding: Encoding, *, force: bool, tags: Mapping[str, str],
         private: bool, audio: Audio,
     ) -> None:  # fmt: skip
         super().__init__(path, force=force)
         self._lock = threading.Lock()
         self._encoding = encoding
-        self._copies: StreamCopies | None = None
+        self._copies: StreamCopier | None = None
         format_name = _container_of(path)
         self._check_rotation(format_name)
-        metadata = _metadata(source, tags, private)
+        metadata = _metadata(media, tags, private)
         self._claim()
         try:
             self._output = av.open(
                 str(self._part.path.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
-                container_options=muxer_options(format_name, metadata, source.time_base),
+                container_options=muxer_options(format_name, metadata, media.time_base),
             )  # fmt: skip
             self._output.metadata.update(metadata)
-            self._stream = self._add_video(source)
-            if isinstance(source, VideoInput):
-                self._copies = StreamCopies(self._output, source, private=private, audio=audio)
+            self._stream = self._add_video(media)
+            if isinstance(media, VideoInput):
+                self._copies = StreamCopier(self._output, media, private=private, audio=audio)
                 if not private:
-                    self._output.set_chapters(source.container.chapters())
+                    self._output.set_chapters(media.container.chapters())
             self._start()
         except BaseException:
             self.abort()
             raise
 
     def _check_rotation(self, format_name: str) -> None:
-        target = self._encoding.target
-        if target.display_matrix and not target.orientation.is_identity and not can_rotate(format_name):
+        form = self._encoding.picture_format
+        if form.display_matrix and not form.orientation.is_identity and not can_rotate(format_name):
             raise MediaError(
                 f"{self.path.name} cannot keep the picture's rotation: write to .mp4, .mov or .mkv."
             )
 
-    def _add_video(self, source: MediaInput) -> VideoStream:
+    def _add_video(self, media: MediaInput) -> VideoStream:
         encoding = self._encoding
         try:
             stream = self._output.add_stream(encoding.encoder, encoding.rate, encoding.settings)
@@ -152,11 +159,11 @@ class VideoOutput(Sink):
             ) from error
         assert isinstance(stream, VideoStream)
         encoding.configure(stream.codec_context)
-        if encoding.target.display_matrix:
-            stream.set_display_matrix(encoding.target.display_matrix)
-        if isinstance(source, VideoInput):
-            stream.disposition = source.stream.disposition
-            language = source.stream.metadata.get("language")
+        if encoding.picture_format.display_matrix:
+            stream.set_display_matrix(encoding.picture_format.display_matrix)
+        if isinstance(media, VideoInput):
+            stream.disposition = media.stream.disposition
+            language = media.stream.metadata.get("language")
             if language:
                 stream.metadata["language"] = language
         return stream
@@ -194,17 +201,17 @@ class VideoOutput(Sink):
 
 
 class VideoSink(VideoOutput):
-    """Encodes the pictures and copies the source's other streams."""
+    """Encodes the pictures and copies the input's other streams."""
 
     def __init__(
-        self, path: Path, source: MediaInput, options: EncodeOptions, *, force: bool = False,
+        self, path: Path, media: MediaInput, options: EncodeOptions, *, force: bool = False,
         tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
     ) -> None:  # fmt: skip
-        encoding = encoding_for(source, options, size, captions=not private)
-        super().__init__(path, source, encoding, force=force, tags=tags, private=private, audio="keep")
+        encoding = encoding_for(media, options, size, captions=not private)
+        super().__init__(path, media, encoding, force=force, tags=tags, private=private, audio="keep")
         self._last: Fraction | None = None
-        if isinstance(source, VideoInput):
-            source.send_packets_to(self._copy)
+        if isinstance(media, VideoInput):
+            media.send_packets_to(self._copy)
 
     def write(self, frame: Frame) -> None:
         self._last = later_time(frame, self._last)
@@ -270,49 +277,49 @@ class FolderSink(Sink):
 
 
 def open_sink(
-    path: Path | str, source: MediaInput, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
+    path: Path | str, media: MediaInput, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
     tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
 ) -> Sink:  # fmt: skip
-    """Open the output for a source: the suffix says what it is; all that can fail early fails here.
+    """Open the output for an input: the suffix says what it is; all that can fail early fails here.
 
     force : replace an existing output.   tags : metadata to add.
-    size : (width, height) of the frames when they are not the source's own; they are then taken as shown.
+    size : (width, height) of the frames when they are not the input's own; they are then taken as shown.
     private : of the input's other streams keep the sound alone, without its names, and leave out all metadata,
         chapters and closed captions.
     Raises MediaError for a user's mistake; nothing is then left behind.
     """
     path = Path(path)
-    check_free(path, source, force)
+    check_free(path, media, force)
     if looks_like_image(path) and not path.is_dir():
-        _check_image(path, source, options)
+        _check_image(path, media, options)
         return ImageSink(path, force=force, tags=tags)
-    if isinstance(source, ImageInput) and source.kind == "images" and (path.is_dir() or not path.suffix):
-        _check_images(source, options)
+    if isinstance(media, ImageInput) and media.kind == "images" and (path.is_dir() or not path.suffix):
+        _check_images(media, options)
         return FolderSink(path, force=force, tags=tags)
-    return VideoSink(path, source, options, force=force, tags=tags, size=size, private=private)
+    return VideoSink(path, media, options, force=force, tags=tags, size=size, private=private)
 
 
-def check_free(path: Path, source: MediaInput, force: bool) -> None:
+def check_free(path: Path, media: MediaInput, force: bool) -> None:
     """Raise MediaError when the output would replace something that it must not."""
-    if path.exists() and source.path.exists() and path.samefile(source.path):
+    if path.exists() and media.path.exists() and path.samefile(media.path):
         raise MediaError(f"{path} is the input itself: choose another name for the output.")
-    if path.is_dir() and source.kind != "images":
+    if path.is_dir() and media.kind != "images":
         raise MediaError(f"{path} is a folder: give a file name such as {path / 'out.mp4'}.")
     if path.exists() and not force and not (path.is_dir() and not any(path.iterdir())):
         raise MediaError(f"{path} exists: use --force to replace it, or choose another name.")
 
 
-def _check_image(path: Path, source: MediaInput, options: EncodeOptions) -> None:
-    if source.kind != "image":
+def _check_image(path: Path, media: MediaInput, options: EncodeOptions) -> None:
+    if media.kind != "image":
         raise MediaError(
-            f"{path.name} is one image but {source.name} is not: write to a video such as out.mp4."
+            f"{path.name} is one image but {media.name} is not: write to a video such as out.mp4."
         )
     if options.lossless and is_lossy(path.suffix):
         raise MediaError(f"{path.name} cannot be lossless, as JPEG never is: write to .png.")
 
 
-def _check_images(source: ImageInput, options: EncodeOptions) -> None:
-    lossy = next((file.name for file in source.files if is_lossy(file.suffix)), None)
+def _check_images(media: ImageInput, options: EncodeOptions) -> None:
+    lossy = next((file.name for file in media.files if is_lossy(file.suffix)), None)
     if options.lossless and lossy:
         raise MediaError(
             f"{lossy} cannot be written lossless, as JPEG never is: write to a video such as out.mkv."
@@ -331,10 +338,10 @@ def _container_of(path: Path) -> str:
     return name
 
 
-def _metadata(source: MediaInput, tags: Mapping[str, str], private: bool) -> dict[str, str]:
-    if private or not isinstance(source, VideoInput):
+def _metadata(media: MediaInput, tags: Mapping[str, str], private: bool) -> dict[str, str]:
+    if private or not isinstance(media, VideoInput):
         return dict(tags)
-    return fresh_metadata(source.container.metadata) | dict(tags)
+    return fresh_metadata(media.container.metadata) | dict(tags)
 
 
 @contextlib.contextmanager

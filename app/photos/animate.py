@@ -15,9 +15,9 @@ from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.images import DeepImage, looks_like_image
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
-from guise.app.photos.driver import Driver, Tracking, follow, picture_of
+from guise.app.photos.driving_track import Driver, Tracking, follow, picture_of
 from guise.app.photos.faces import Photo, in_colours, in_colours_of, warnings
-from guise.app.photos.facing import Facing
+from guise.app.photos.pose_normaliser import Facing
 from guise.app.photos.image import USUAL, How, Notes, Role, opened
 from guise.common.arrays import F64, U8
 from guise.common.errors import OutputError

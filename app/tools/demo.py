@@ -18,10 +18,11 @@ from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import EnrolReport, enrol_file
 from guise.app.media import Frame, MediaError, open_input, open_sink
 from guise.app.media.pictures import Picture, labelled, save_picture, sheet
-from guise.app.media.remake import remake
+from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.file import swap_file
-from guise.app.swapping.run import DEFAULTS, Report, Settings
+from guise.app.swapping.report import SwapReport
+from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.common.files import require_free
 
 HEAD, FACE = "p01", "p06"  # whose video, whose face
@@ -34,7 +35,7 @@ class DemoReport:
     """What the demonstration made."""
 
     enrolments: tuple[EnrolReport, ...]
-    swap: Report
+    swap: SwapReport
     video: str
     side_by_side: str
     contact_sheet: str
@@ -62,7 +63,7 @@ def find_samples(folder: Path | None) -> Path:
     return samples
 
 
-def run_demo(samples: Path | None, folder: Path, settings: Settings = DEFAULTS) -> DemoReport:
+def run_demo(samples: Path | None, folder: Path, settings: SwapSettings = DEFAULTS) -> DemoReport:
     """Enrol, swap and show; files appear in `folder`, which is made when its parent exists."""
     samples = find_samples(samples)
     names = ["swapped.mp4", "side_by_side.mp4", "contact_sheet.png", f"{HEAD}.guise", f"{FACE}.guise"]
@@ -78,7 +79,7 @@ def run_demo(samples: Path | None, folder: Path, settings: Settings = DEFAULTS) 
     return DemoReport(enrolments, report, str(video), str(beside), str(contact))
 
 
-def side_by_side(original: Path, swapped: Path, output: Path, settings: Settings = DEFAULTS) -> None:
+def side_by_side(original: Path, swapped: Path, output: Path, settings: SwapSettings = DEFAULTS) -> None:
     """Write a video with the original on the left and the swapped one on the right, with the original's sound."""
     with open_input(original) as left, open_input(swapped) as right:
         others = iter(right)
@@ -91,7 +92,7 @@ def side_by_side(original: Path, swapped: Path, output: Path, settings: Settings
         encode = replace(settings.encode, lossless=False)
         with open_sink(output, left, encode, force=settings.force, tags=synthetic_tags(), size=size) as sink:
             total = left.frame_count or 1
-            remake(left, sink, make, progress=lambda done: settings.progress("side by side", done / total))
+            replace_frames(left, sink, make, progress=lambda done: settings.progress("side by side", done / total))
 
 
 def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = COLUMNS) -> None:
@@ -118,7 +119,7 @@ def _small(picture: Picture) -> Picture:
     return np.asarray(cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _enrol(samples: Path, model: Path, settings: Settings) -> EnrolReport:
+def _enrol(samples: Path, model: Path, settings: SwapSettings) -> EnrolReport:
     settings.say(f"enrolling {model.stem}")
     return enrol_file(
         [samples / model.stem / "talk.mp4"], model, LandmarkSource(), name=model.stem, force=settings.force,

@@ -125,7 +125,7 @@ class Case:
         """The frames [first, last) of a rendered segment."""
         pieces = self.scan.segments
         first = pieces[segment].first + (LEAD if segment else 0)
-        last = pieces[segment].last + (LEAD if segment + 1 < len(pieces) else 0)
+        last = pieces[segment].end + (LEAD if segment + 1 < len(pieces) else 0)
         return first, last
 
 

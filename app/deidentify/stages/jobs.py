@@ -23,7 +23,7 @@ from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import AGAIN, Artist, Find, audit, entries_of, with_finds
 from guise.app.deidentify.stages.work import Work
 from guise.app.media import Frame, MediaInput, Sink, open_input, process
-from guise.app.media.reader import Problems
+from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.swapping.cover import region
 from guise.app.swapping.trust import Placed, place
@@ -59,8 +59,8 @@ def result_of(stage: str, index: int) -> str:
 
 def detect(case: Case, segment: int) -> None:
     """All faces of a segment."""
-    piece, problems = case.scan.segments[segment], Problems()
-    found = detect_faces(read_frames(case.input, case.scan, piece.first, piece.last, problems=problems))
+    piece, problems = case.scan.segments[segment], ProblemLog()
+    found = detect_faces(read_frames(case.input, case.scan, piece.first, piece.end, problems=problems))
     case.work.save_json(f"problems.{segment}.json", list(problems))
     case.work.save_arrays(f"detect.{segment}.npz", **found.arrays())
 
@@ -166,7 +166,7 @@ class _Frames:
 
     def __init__(self, case: Case, first: int, last: int) -> None:
         self._case, self._first, self._last = case, first, last
-        self.problems = Problems()
+        self.problems = ProblemLog()
 
     def __iter__(self) -> Iterator[Frame]:
         return read_frames(self._case.input, self._case.scan, self._first, self._last, problems=self.problems)

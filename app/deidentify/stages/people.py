@@ -104,7 +104,7 @@ def _observations(
 def _pictures(case: Case, wanted: list[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """The wanted frames as RGB, segment by segment."""
     for segment in case.scan.segments:
-        here = {i for i in wanted if segment.first <= i < segment.last}
+        here = {i for i in wanted if segment.first <= i < segment.end}
         if here:
             for frame in read_frames(case.input, case.scan, min(here), max(here) + 1):
                 if frame.index in here:

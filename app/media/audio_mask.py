@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from guise.app.media.codecs import has_encoder
 from guise.app.media.errors import MediaError
-from guise.app.media.reader import Problems
+from guise.app.media.reader import ProblemLog
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
 
-LOWER = Fraction(4, 5)  # of all frequencies
+FREQUENCY_FACTOR = Fraction(4, 5)  # of all frequencies
 _UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
 _LEAST_BIT_RATE = 64_000  # a channel
 _ALWAYS = 48_000  # a sample rate that every fallback takes
@@ -45,7 +45,7 @@ class MaskedAudio:
     stream : of the output.
     """
 
-    def __init__(self, source: AudioStream, output: OutputContainer, problems: Problems) -> None:
+    def __init__(self, source: AudioStream, output: OutputContainer, problems: ProblemLog) -> None:
         self._problems = problems
         self._layout = named_layout(source.layout.name)
         self.stream = self._add_stream(source, output)
@@ -108,7 +108,7 @@ class MaskedAudio:
 
     def _make_graph(self, frame: AudioFrame) -> Graph:
         """Fill gaps; play slower; restore the rate, then the tempo."""
-        low = round(self._rate * LOWER)
+        low = round(self._rate * FREQUENCY_FACTOR)
         graph = Graph()
         graph.link_nodes(
             graph.add_abuffer(

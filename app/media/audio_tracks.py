@@ -11,7 +11,7 @@ from guise.app.media.reader import open_container
 
 
 @dataclass(frozen=True)
-class Sound:
+class AudioTrack:
     """A sound stream: codec, the SHA-256 of its packets' bytes, and its length in seconds."""
 
     codec: str
@@ -19,7 +19,7 @@ class Sound:
     seconds: float
 
 
-def sounds(path: Path) -> tuple[Sound, ...]:
+def audio_tracks(path: Path) -> tuple[AudioTrack, ...]:
     """The sound streams of a video, in order; a picture or a folder has none.
 
     Raises MediaError when the file cannot be read.
@@ -35,7 +35,7 @@ def sounds(path: Path) -> tuple[Sound, ...]:
                 digests[packet.stream_index].update(bytes(packet))
                 ticks[packet.stream_index] += packet.duration or 0
         return tuple(
-            Sound(
+            AudioTrack(
                 s.codec_context.name, digests[s.index].hexdigest(), float(ticks[s.index] * (s.time_base or 0))
             )
             for s in streams

@@ -18,7 +18,7 @@ from guise.app.media.reader import is_full_range, reformat
 
 
 @dataclass(frozen=True)
-class Target:
+class PictureFormat:
     """The encoder's picture.
 
     size : stored width and height of the picture; coded : the same, grown to what the encoder accepts.
@@ -71,20 +71,20 @@ class Target:
         return video if self.coded == self.size else clone_video_frame(video, *self.coded)
 
 
-def target_for(
-    source: MediaInput, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
-) -> Target:
-    """The encoder's picture for a source; a `size` of one's own means shown pictures without rotation."""
-    if size is not None or not isinstance(source, VideoInput):
-        width, height = size or (source.width, source.height)
+def picture_format_for(
+    media: MediaInput, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
+) -> PictureFormat:
+    """The encoder's picture for an input; a `size` of one's own means shown pictures without rotation."""
+    if size is not None or not isinstance(media, VideoInput):
+        width, height = size or (media.width, media.height)
         fmt = encoder_format(codec, "yuv420p", (1, 1))
-        return Target((width, height), encoded_size(options.encoder, fmt, width, height), fmt)
-    look = source.first_picture
+        return PictureFormat((width, height), encoded_size(options.encoder, fmt, width, height), fmt)
+    look = media.first_picture
     fmt = encoder_format(codec, look.format.name, NATIVE_FORMATS[look.format.name])
     shape = (look.width, look.height)
-    target = Target(
+    form = PictureFormat(
         shape, encoded_size(options.encoder, fmt, *shape), fmt, int(look.colorspace),
         colour.FULL if is_full_range(look) else int(look.color_range), int(look.color_primaries),
-        int(look.color_trc), source.orientation,
+        int(look.color_trc), media.orientation,
     )  # fmt: skip
-    return replace(target, display_matrix=source.display_matrix, aspect=source.stream.sample_aspect_ratio)
+    return replace(form, display_matrix=media.display_matrix, aspect=media.stream.sample_aspect_ratio)

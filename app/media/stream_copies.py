@@ -12,7 +12,7 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.stream import Stream
 
-from guise.app.media.audio import MaskedAudio, named_layout
+from guise.app.media.audio_mask import MaskedAudio, named_layout
 from guise.app.media.errors import MediaError
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import is_still
@@ -74,27 +74,27 @@ def can_rotate(format_name: str) -> bool:
     return format_name in _ROTATING
 
 
-class StreamCopies:
-    """The copied streams of one output; `mux` takes the source's packets to them.
+class StreamCopier:
+    """The copied streams of one output; `mux` takes the input's packets to them.
 
     private : whether all but sound is left out, and what is written about it except its language.
     audio : whether the sound is copied, left out, or encoded again with the voices masked.
     """
 
     def __init__(
-        self, output: OutputContainer, source: VideoInput, *, private: bool, audio: Audio = "keep"
+        self, output: OutputContainer, media: VideoInput, *, private: bool, audio: Audio = "keep"
     ) -> None:
         self._output = output
-        self._problems = source.problems
+        self._problems = media.problems
         self._streams: dict[int, Stream] = {}
         self._masks: dict[int, MaskedAudio] = {}
         self._last_dts: dict[int, int] = {}
-        for stream in source.container.streams:
-            if stream.index != source.stream.index and (stream.type != "audio" or audio != "drop"):
-                self._add(stream, source, private, audio == "mask")
+        for stream in media.container.streams:
+            if stream.index != media.stream.index and (stream.type != "audio" or audio != "drop"):
+                self._add(stream, media, private, audio == "mask")
 
-    def _add(self, stream: Stream, source: VideoInput, private: bool, mask: bool) -> None:
-        reason = _why_dropped(stream, source, private)
+    def _add(self, stream: Stream, media: VideoInput, private: bool, mask: bool) -> None:
+        reason = _why_dropped(stream, media, private)
         if reason is None and mask and isinstance(stream, AudioStream):
             self._add_masked(stream, private)
         elif reason is None:
@@ -131,7 +131,7 @@ class StreamCopies:
                 self._output.mux_one(packet)
 
     def mux(self, packet: AnyPacket) -> None:
-        """Write a packet of the source, its time stamps unchanged where the output allows them."""
+        """Write a packet of the input, its time stamps unchanged where the output allows them."""
         if packet.stream_index in self._masks:
             for masked in self._masks[packet.stream_index].feed(packet):
                 self._output.mux_one(masked)
@@ -160,7 +160,7 @@ class StreamCopies:
         packet.pts = dts if packet.pts is None else max(packet.pts, dts)
 
 
-def _why_dropped(stream: Stream, source: VideoInput, private: bool) -> str | None:
+def _why_dropped(stream: Stream, media: VideoInput, private: bool) -> str | None:
     """Why a stream must not be copied: '' to say nothing, None to copy it."""
     if isinstance(stream, av.video.stream.VideoStream):
         return "a cover may show the face" if is_still(stream) else "only the first video is processed"
@@ -168,7 +168,7 @@ def _why_dropped(stream: Stream, source: VideoInput, private: bool) -> str | Non
         return "it may name people or, as in drones' videos, places"
     if stream.type in ("audio", "subtitle"):
         return "its codec is unknown" if stream.codec_context is None else None
-    if stream.name == "bin_data" and source.container.chapters():
+    if stream.name == "bin_data" and media.container.chapters():
         return ""  # the chapter titles of an MP4, which are copied as chapters
     if private:
         return "it may identify people"

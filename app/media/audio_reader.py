@@ -1,0 +1,67 @@
+"""The audio of a video file, decoded to be played."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import av
+import av.error
+import numpy as np
+from av.audio.frame import AudioFrame
+from av.audio.resampler import AudioResampler
+
+from guise.app.media.input import VideoInput
+from guise.app.media.reader import open_container
+from guise.common.arrays import F32
+from guise.common.closing import Closing
+
+if TYPE_CHECKING:
+    from guise.app.media.reader import AnyPacket
+
+Samples = F32  # (n, 2), in [-1, 1]
+
+SAMPLE_RATE = 48_000  # Hz
+
+
+class AudioReader(Closing):
+    """The first sound stream of a video file, decoded from any time on as stereo, SAMPLE_RATE samples a second.
+
+    Use `has_audio` of the input to know whether there is one.
+    """
+
+    def __init__(self, media: VideoInput) -> None:
+        self._container = open_container(media.path)
+        self._stream = self._container.streams.audio[0]
+        self.seek(0.0)
+
+    def seek(self, seconds: float) -> None:
+        """Go on with what is heard at that time of the file, or a little before."""
+        with contextlib.suppress(av.error.FFmpegError):  # where there is no index, from the beginning
+            self._container.seek(max(0, round(seconds * av.time_base)))
+        self._blocks = self._decoded()
+
+    def read(self) -> tuple[float, Samples] | None:
+        """The next block: its time in the file, seconds, and (n, 2) float32 in [-1, 1]; None at the end."""
+        return next(self._blocks, None)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._container.close()
+
+    def _decoded(self) -> Iterator[tuple[float, Samples]]:
+        resampler = AudioResampler("flt", "stereo", SAMPLE_RATE)
+        for packet in self._packets():
+            try:
+                frames = packet.decode()
+            except av.error.FFmpegError:
+                continue  # a damaged packet is silence
+            for frame in frames:
+                assert isinstance(frame, AudioFrame)
+                for block in resampler.resample(frame):
+                    yield float(block.time or 0.0), np.asarray(block.to_ndarray(), np.float32).reshape(-1, 2)
+
+    def _packets(self) -> Iterator[AnyPacket]:
+        with contextlib.suppress(av.error.FFmpegError):  # the file is cut short
+            yield from self._container.demux(self._stream)  # type: ignore[misc]
