@@ -12,7 +12,7 @@ import numpy as np
 
 from guise.aam.appearance import AppearanceModel, Components
 from guise.aam.extrapolation import ReferenceMismatchError
-from guise.aam.model import Identity, Still
+from guise.aam.model import Identity, RestFrame
 from guise.aam.tracker import Quality, Tracker
 from guise.common.arrays import F32
 
@@ -31,15 +31,15 @@ def average(identities: Sequence[Identity], name: str) -> Identity:
     """
     first = identities[0]
     for other in identities[1:]:
-        if other.frame.id != first.frame.id:
+        if other.reference.id != first.reference.id:
             raise ReferenceMismatchError(
                 f"{first.name} and {other.name} cannot be averaged, they have different reference frames "
-                f"({first.frame.resolution} and {other.frame.resolution} pixels across the face); "
+                f"({first.reference.resolution} and {other.reference.resolution} pixels across the face); "
                 "enrol both with the same --resolution"
             )
     looks = [identity.appearance for identity in identities]
     appearance = AppearanceModel(
-        first.frame,
+        first.reference,
         average_components([look.components for look in looks]),
         _mean([look.neutral for look in looks]),
         np.mean([look.mask for look in looks], axis=0) >= 0.5,
@@ -86,7 +86,7 @@ def _tracker(identities: Sequence[Identity]) -> Tracker:
     )
 
 
-def _still(look: AppearanceModel) -> Still:
+def _still(look: AppearanceModel) -> RestFrame:
     """The mean face as a picture."""
-    texture = look.frame.scatter(look.neutral_texture, GREY)
-    return Still(np.asarray(np.clip(texture, 0, 255).round(), np.uint8), look.frame.points)
+    texture = look.reference.scatter(look.neutral_texture, GREY)
+    return RestFrame(np.asarray(np.clip(texture, 0, 255).round(), np.uint8), look.reference.points)

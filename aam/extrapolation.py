@@ -58,14 +58,14 @@ class Extrapolator:
         anchored: bool = True,
         gate: float = GATE,
     ) -> None:
-        if source.frame.id != target.frame.id:
+        if source.reference.id != target.reference.id:
             raise ReferenceMismatchError(
-                f"the two models have different reference frames ({source.frame.resolution} and "
-                f"{target.frame.resolution} pixels across the face); enrol both with the same --resolution"
+                f"the two models have different reference frames ({source.reference.resolution} and "
+                f"{target.reference.resolution} pixels across the face); enrol both with the same --resolution"
             )
         ys, yt = source.components.basis, target.components.basis
         self._projected = yt @ (yt.T @ ys)
-        self._outside = _gate(source.frame, gate)[:, None] * (ys - self._projected)
+        self._outside = _gate(source.reference, gate)[:, None] * (ys - self._projected)
         self._matrix = np.empty_like(self._projected)
         self._base = _turned(target, source) if anchored else target.components.mean
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
@@ -94,16 +94,18 @@ class Extrapolator:
         return np.asarray(self._matrix @ (parameters - self._rest) + self._base, np.float32)
 
 
-def _gate(frame: ReferenceFrame, gate: float) -> F32:
+def _gate(reference: ReferenceFrame, gate: float) -> F32:
     """(n,) weights of an appearance vector's entries: 1 for shape, eyes and mouth, `gate` elsewhere."""
-    soft = gate + (1 - gate) * expressive_mask(frame)[frame.mask]
+    soft = gate + (1 - gate) * expressive_mask(reference)[reference.mask]
     return np.concatenate([np.ones(SHAPE, np.float32), np.repeat(soft.astype(np.float32), 3)])
 
 
 def _turned(target: AppearanceModel, source: AppearanceModel) -> F32:
     """The target's neutral appearance with its shape turned to the yaw of the source's."""
-    frame = target.frame
-    yaw = np.clip(frame.yaw(source.neutral_shape), -MOST_YAW, MOST_YAW) - frame.yaw(target.neutral_shape)
+    reference = target.reference
+    yaw = np.clip(reference.yaw(source.neutral_shape), -MOST_YAW, MOST_YAW) - reference.yaw(
+        target.neutral_shape
+    )
     neutral = target.neutral.copy()
-    neutral[:SHAPE] += (yaw * frame.shape_weight * frame.yaw_mode).ravel().astype(np.float32)
+    neutral[:SHAPE] += (yaw * reference.shape_weight * reference.yaw_mode).ravel().astype(np.float32)
     return neutral

@@ -31,7 +31,7 @@ class ModelError(GuiseError):
 
 
 @dataclass(frozen=True, eq=False)
-class Still:
+class RestFrame:
     """One enrolment frame: picture (h, w, 3) uint8 RGB and the landmarks (81, 2) in its pixels."""
 
     picture: NDArray[np.uint8]
@@ -56,13 +56,13 @@ class Identity:
     appearance: AppearanceModel
     tracker: Tracker
     detail: F32
-    still: Still
+    rest_frame: RestFrame
     facts: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def frame(self) -> ReferenceFrame:
+    def reference(self) -> ReferenceFrame:
         """The reference frame that it shares with whatever it is mixed with."""
-        return self.appearance.frame
+        return self.appearance.reference
 
     def save(self, path: str | os.PathLike[str]) -> int:
         """Write the file through `path`.part and return its size in bytes."""
@@ -73,7 +73,7 @@ class Identity:
             "version": str(VERSION),
             "name": self.name,
             "reference": json.dumps(
-                {"scheme": "face81", "resolution": self.frame.resolution, "id": self.frame.id}
+                {"scheme": "face81", "resolution": self.reference.resolution, "id": self.reference.id}
             ),
             "facts": json.dumps(self.facts),
         }
@@ -83,7 +83,7 @@ class Identity:
 
     def _tensors(self) -> dict[str, NDArray[Any]]:
         look, track = self.appearance, self.tracker
-        done, jpeg = cv2.imencode(".jpg", self.still.picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 96])
+        done, jpeg = cv2.imencode(".jpg", self.rest_frame.picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 96])
         if not done:
             raise ModelError("the enrolment frame cannot be encoded as JPEG")
         quality = track.quality
@@ -99,7 +99,7 @@ class Identity:
             "tracker.quality": np.array([quality.error, quality.good, quality.bad]),
             "tracker.box_to_shape": track.box_to_shape.astype(np.float64),
             "still.jpeg": jpeg.ravel(),
-            "still.shape": self.still.shape.astype(np.float64),
+            "still.shape": self.rest_frame.shape.astype(np.float64),
         }
 
     @classmethod
@@ -112,16 +112,18 @@ class Identity:
             When it is missing, truncated, not a Guise model, of another version or of another reference frame.
         """
         tensors, header = _read(Path(path))
-        frame = _reference(path, header)
+        reference = _reference(path, header)
         try:
-            _check_lengths(tensors, frame)
-            return cls._assemble(tensors, header, frame)
+            _check_lengths(tensors, reference)
+            return cls._assemble(tensors, header, reference)
         except (KeyError, ValueError, IndexError) as error:
             raise ModelError(f"{path} is damaged ({error}); enrol the person again") from error
 
     @classmethod
-    def _assemble(cls, t: dict[str, NDArray[Any]], header: dict[str, str], frame: ReferenceFrame) -> Identity:
-        look = AppearanceModel(frame, _unpacked("appearance", t), t["neutral"], t["mask"].astype(bool))
+    def _assemble(
+        cls, t: dict[str, NDArray[Any]], header: dict[str, str], reference: ReferenceFrame
+    ) -> Identity:
+        look = AppearanceModel(reference, _unpacked("appearance", t), t["neutral"], t["mask"].astype(bool))
         stages = tuple(
             t[f"tracker.stage{i}"].astype(np.float32)
             for i in range(sum(k.startswith("tracker.stage") for k in t))
@@ -137,7 +139,7 @@ class Identity:
         picture = cv2.imdecode(t["still.jpeg"], cv2.IMREAD_COLOR)
         if picture is None or t["still.shape"].shape != (POINTS, 2):
             raise ValueError("enrolment frame")
-        still = Still(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
+        still = RestFrame(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
         detail = t["detail"].astype(np.float32) / np.float32(2)
         return cls(header["name"], look, tracker, detail, still, json.loads(header["facts"]))
 
@@ -184,10 +186,10 @@ def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         raise ModelError(f"{path} is not a Guise model or is truncated; enrol the person again") from error
 
 
-def _check_lengths(t: dict[str, NDArray[Any]], frame: ReferenceFrame) -> None:
+def _check_lengths(t: dict[str, NDArray[Any]], reference: ReferenceFrame) -> None:
     """ValueError unless the tensors fit the reference frame and each other."""
-    h, w = frame.size
-    appearance, pixels = SHAPE + 3 * len(frame.pixels), len(t["tracker.pixels"])
+    h, w = reference.size
+    appearance, pixels = SHAPE + 3 * len(reference.pixels), len(t["tracker.pixels"])
     modes, corrections = len(t["appearance.deviations"]), POSE + len(t["tracker.shapes.deviations"])
     expected = {
         "neutral": (appearance,),
@@ -221,12 +223,12 @@ def _check_format(path: Path, header: dict[str, str]) -> None:
 def _reference(path: str | os.PathLike[str], header: dict[str, str]) -> ReferenceFrame:
     try:
         wanted = json.loads(header["reference"])
-        frame = ReferenceFrame.canonical(int(wanted["resolution"]))
+        reference = ReferenceFrame.canonical(int(wanted["resolution"]))
     except (KeyError, ValueError, TypeError) as error:
         raise ModelError(f"{path} is damaged (no usable reference frame); enrol the person again") from error
-    if frame.id != wanted.get("id"):
+    if reference.id != wanted.get("id"):
         raise ModelError(
-            f"{path} was enrolled on reference frame {wanted.get('id')}, this Guise has {frame.id}; "
+            f"{path} was enrolled on reference frame {wanted.get('id')}, this Guise has {reference.id}; "
             "enrol the person again"
         )
-    return frame
+    return reference

@@ -34,12 +34,12 @@ class ParameterEstimator:
 
     def __init__(self, model: AppearanceModel, places: int = PLACES, seed: int = 0) -> None:
         self.model = model
-        inside = np.flatnonzero(model.mask[model.frame.mask])
+        inside = np.flatnonzero(model.mask[model.reference.mask])
         rng = np.random.default_rng(seed)
         self.texels = np.sort(rng.permutation(inside)[:places])
-        self.sampler: MeshSampler = model.frame.sampler[self.texels]
+        self.sampler: MeshSampler = model.reference.sampler[self.texels]
         basis, mean = model.components.basis, model.components.mean
-        grow = np.sqrt(len(model.frame.pixels) / len(self.texels))
+        grow = np.sqrt(len(model.reference.pixels) / len(self.texels))
         texture = basis[SHAPE:].reshape(-1, 3, basis.shape[1])[self.texels].reshape(-1, basis.shape[1])
         self._mean_shape = mean[:SHAPE]
         self._mean_texels = model.texture_of(mean)[self.texels]
@@ -62,13 +62,13 @@ class ParameterEstimator:
     @cached_property
     def skin(self) -> NDArray[np.intp]:
         """Indices into the texels that show skin: where palettes are compared."""
-        frame = self.model.frame
-        return np.flatnonzero(skin_mask(frame)[frame.mask][self.texels])
+        reference = self.model.reference
+        return np.flatnonzero(skin_mask(reference)[reference.mask][self.texels])
 
     def __call__(self, shape: F64, texels: F32) -> F32:
         """rho (k,) of a shape (81, 2) in frame pixels and the frame's RGB (t, 3) at `sampler.positions(shape)`."""
-        frame = self.model.frame
-        aligned = frame.align(shape).ravel() * frame.shape_weight - self._mean_shape
+        reference = self.model.reference
+        aligned = reference.align(shape).ravel() * reference.shape_weight - self._mean_shape
         return np.asarray(
             self._from_shape @ aligned.astype(np.float32)
             + self._from_texels @ (texels - self._mean_texels).ravel(),
@@ -77,9 +77,9 @@ class ParameterEstimator:
 
     def _light_columns(self) -> F64:
         """(3 t, 12): per channel an offset, a gain and two slopes over the face."""
-        frame, mean = self.model.frame, self._mean_texels
-        ys, xs = np.divmod(frame.pixels[self.texels], frame.size[1])
-        place = (np.column_stack([xs, ys]) - np.array(frame.size[::-1]) / 2) / frame.resolution
+        reference, mean = self.model.reference, self._mean_texels
+        ys, xs = np.divmod(reference.pixels[self.texels], reference.size[1])
+        place = (np.column_stack([xs, ys]) - np.array(reference.size[::-1]) / 2) / reference.resolution
         columns = np.zeros((len(mean), 3, 12))
         for channel in range(3):
             columns[:, channel, 4 * channel] = 1

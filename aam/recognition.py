@@ -40,8 +40,8 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 def signature(identity: Identity) -> F32:
     """(64,) float32 of length 1 that is much the same for one person under other light, expression and pose."""
     look = identity.appearance
-    scale = look.frame.resolution / RESOLUTION
-    picture = look.frame.scatter(look.texture_of(look.components.mean))
+    scale = look.reference.resolution / RESOLUTION
+    picture = look.reference.scatter(look.texture_of(look.components.mean))
     small = cv2.GaussianBlur(picture, (0, 0), BLUR * scale)
     places = (_pixels() - MARGIN) * np.float32(scale) + MARGIN
     return signature_of(remap_points(np.asarray(small, np.float32), places))
@@ -74,16 +74,16 @@ def features(textures: F32) -> F32:
 @lru_cache(maxsize=1)
 def _pixels() -> F32:
     """(n, 2) places of the small frame's pixels."""
-    frame = ReferenceFrame.canonical(RESOLUTION)
-    ys, xs = np.divmod(frame.pixels, frame.size[1])
+    reference = ReferenceFrame.canonical(RESOLUTION)
+    ys, xs = np.divmod(reference.pixels, reference.size[1])
     return np.column_stack([xs, ys]).astype(np.float32)
 
 
 @lru_cache(maxsize=1)
 def _core() -> tuple[NDArray[np.bool_], F32]:
     """Which pixels count, and an orthonormal basis (m, 3) of planes over them."""
-    frame = ReferenceFrame.canonical(RESOLUTION)
-    core = np.asarray(core_mask(frame)[frame.mask])
+    reference = ReferenceFrame.canonical(RESOLUTION)
+    core = np.asarray(core_mask(reference)[reference.mask])
     places = _pixels()[core]
     basis, _ = np.linalg.qr(np.column_stack([np.ones(len(places)), places - places.mean(0)]))
     return core, basis.astype(np.float32)

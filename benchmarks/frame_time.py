@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Report, Table
 from guise.aam.model import Identity
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.common.threads import one_thread
 from guise.render.compositor import Renderer
 
@@ -34,7 +34,7 @@ WARM_UP = 5
 
 def in_runs(video: Path) -> Iterator[Frame]:
     """Every frame, decoded some at a time."""
-    with open_source(video) as source:
+    with open_input(video) as source:
         frames = iter(source)
         while run := list(islice(frames, RUN)):
             while run:
@@ -44,12 +44,12 @@ def in_runs(video: Path) -> Iterator[Frame]:
 def times(clip: Clip, source: Identity, donor: Identity, renderer: Renderer) -> tuple[F64, str]:
     """Milliseconds of every frame that was swapped, and who drew."""
     taken = []
-    with one_thread(), Engine(source, donor, common.detector(), Options(renderer=renderer)) as engine:
+    with one_thread(), Engine(source, donor, common.detector(), EngineOptions(renderer=renderer)) as engine:
         for frame in in_runs(clip.video):
             start = time.perf_counter()
-            step = engine.step(frame)
+            result = engine.swap(frame)
             seconds = time.perf_counter() - start
-            if step.outcome == "swapped":
+            if result.outcome == "swapped":
                 taken.append(1e3 * seconds)
         return np.array(taken[WARM_UP:]), engine.painter.renderer
 

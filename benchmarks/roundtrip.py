@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from guise.aam.appearance import sample_texture
-from guise.aam.follow import PersonFollower
 from guise.aam.model import Identity
+from guise.aam.person_tracker import PersonTracker
 from guise.app.media import Frame
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.painter import FEATHER
@@ -47,15 +47,15 @@ class Comparison:
 
     def __init__(self, person: Identity) -> None:
         look = person.appearance
-        self._frame = look.frame
-        alpha = feather(shown_mask(look.mask, look.frame), FEATHER * look.frame.resolution)
+        self._frame = look.reference
+        alpha = feather(shown_mask(look.mask, look.reference), FEATHER * look.reference.resolution)
         points = self._frame.points.astype(np.float32)
         self._compositor: Compositor = make_compositor("cpu", self._frame.triangles, points, alpha)
-        self._again = PersonFollower(person.tracker, common.detector())
+        self._tracker = PersonTracker(person.tracker, common.detector())
 
     def __call__(self, before: Picture, after: Frame, shape: F64, mesh: F64) -> Compared | None:
         """One frame; None when the person is not found in the swapped frame."""
-        again = common.shape_of(self._again.step(after.luma))
+        again = common.shape_of(self._tracker.update(after.luma))
         if again is None:
             return None
         inside = self._inside(before, mesh)
@@ -104,9 +104,13 @@ def compared(clip: Clip, person: Identity, limit: int | None) -> tuple[list[Comp
             if frame.index == limit:
                 break
             before = frame.rgb()
-            step = engine.step(frame)
-            shape = common.shape_of(step.fit)
-            row = None if shape is None or step.mesh is None else comparison(before, frame, shape, step.mesh)
+            result = engine.swap(frame)
+            shape = common.shape_of(result.fit)
+            row = (
+                None
+                if shape is None or result.mesh is None
+                else comparison(before, frame, shape, result.mesh)
+            )
             lost += row is None
             rows += [] if row is None else [row]
     return rows, lost

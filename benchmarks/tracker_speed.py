@@ -24,8 +24,8 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
-from guise.aam.follow import PersonFollower
 from guise.aam.model import Identity
+from guise.aam.person_tracker import PersonTracker
 
 CLIP = "room_s18"
 FRAMES = 90
@@ -72,10 +72,10 @@ class MediaPipe:
 
 def ours(person: Identity, lumas: list[Picture]) -> tuple[F64, int]:
     """Milliseconds of every frame after the first, which is a detection, and the frames with the face found."""
-    follower, times, found = PersonFollower(person.tracker, common.detector()), [], 0
+    person_tracker, times, found = PersonTracker(person.tracker, common.detector()), [], 0
     for luma in lumas:
         start = time.perf_counter()
-        fit = follower.step(luma)
+        fit = person_tracker.update(luma)
         times.append(1e3 * (time.perf_counter() - start))
         found += common.shape_of(fit) is not None
     return np.array(times[1:]), found

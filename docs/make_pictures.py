@@ -15,21 +15,21 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.analogy.formats.files import read_mesh, read_rig
 from guise.app.deidentify.options import Options
-from guise.app.deidentify.run.engines import open_engine
 from guise.app.deidentify.run.job import deidentify_file
-from guise.app.media import open_source
+from guise.app.deidentify.run.registry import open_engine
+from guise.app.media import open_input
 from guise.app.media.images import read_deep
 from guise.app.media.pictures import Picture, labelled, save_picture, sheet
-from guise.app.meshes.pair import How, open_carrier
-from guise.app.meshes.points import landmarks_file
+from guise.app.meshes.context import RunContext
+from guise.app.meshes.pair import TransferOptions, prepare_pair
+from guise.app.meshes.points import write_feature_points
 from guise.app.meshes.previewing import preview_files
 from guise.app.meshes.registering import register_files
-from guise.app.meshes.transferring import draw
-from guise.app.meshes.work import Work
+from guise.app.meshes.transferring import draw_report_picture
 from guise.app.people.montage import montage
 from guise.app.photos.image import analogy_image
 from guise.app.swapping.puppet import puppet_file
-from guise.app.swapping.run import Settings
+from guise.app.swapping.settings import SwapSettings
 from guise.app.tools.demo import FACE, HEAD, run_demo
 from guise.common.progress import silent
 
@@ -52,7 +52,7 @@ HEAD_AND_SHOULDERS = np.s_[20:420, 140:500]  # of a frame
 
 def frames(video: Path) -> list[Picture]:
     """The chosen frames of a video, small."""
-    with open_source(video) as source:
+    with open_input(video) as source:
         chosen = [frame.rgb() for frame in source if frame.index in FRAMES]
     return [np.asarray(cv2.resize(p, size(p), interpolation=cv2.INTER_AREA), np.uint8) for p in chosen]
 
@@ -73,7 +73,7 @@ def analogies(folder: Path) -> list[list[Picture]]:
     for number, faces in enumerate(ANALOGIES):
         files = [folder / f"{number}{role}.png" for role in ("s", "s1", "t", "t1")]
         for file, (person, index) in zip(files, faces, strict=False):
-            with open_source(SAMPLES / person / "talk2.mp4") as source:
+            with open_input(SAMPLES / person / "talk2.mp4") as source:
                 picture = next(frame.rgb() for frame in source if frame.index == index)
             save_picture(file, picture[HEAD_AND_SHOULDERS])
         analogy_image(*files)
@@ -88,11 +88,11 @@ def heads(folder: Path) -> None:
     source, target = HEADS / "mean.obj", HEADS / "other.obj"
     rig, head = read_rig(HEADS / "mean.glb"), read_mesh(target)
     work = _work(folder / "mesh.png")
-    carrier = open_carrier(rig.file, head, How(), work)
+    carrier = prepare_pair(rig.file, head, TransferOptions(), work)
     faces = [rig.shapes[rig.names.index(name)] for name in SHOWN]
-    draw(carrier, faces, [carrier.transfer(face) for face in faces], SHOWN, work)
+    draw_report_picture(carrier, faces, [carrier.transfer(face) for face in faces], SHOWN, work)
     register_files(source, target, folder / "fitted.obj", None, _work(folder / "mesh-chessboard.png"))
-    landmarks_file(source, folder / "points.json", None, None, _work(folder / "mesh-landmarks.png"))
+    write_feature_points(source, folder / "points.json", None, None, _work(folder / "mesh-landmarks.png"))
     preview_files(source, HEADS / "mean_smile.obj", folder / "mesh-preview.png", _work(None))
     for path in sorted(folder.glob("mesh*.png")):
         picture = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
@@ -102,8 +102,8 @@ def heads(folder: Path) -> None:
         save_picture(IMAGES / f"{path.stem}.jpg", shrunk)
 
 
-def _work(picture: Path | None) -> Work:
-    return Work(True, silent, print, picture)
+def _work(picture: Path | None) -> RunContext:
+    return RunContext(True, silent, print, picture)
 
 
 def main() -> None:
@@ -111,7 +111,7 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
-        report = run_demo(SAMPLES, out / "demo", Settings(say=print))
+        report = run_demo(SAMPLES, out / "demo", SwapSettings(say=print))
         head, face = (Identity.load(out / "demo" / f"{name}.guise") for name in (HEAD, FACE))
         clip = SAMPLES / HEAD / "talk2.mp4"
         puppet_file(clip, face, out / "puppet.mp4", source=head)

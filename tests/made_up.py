@@ -24,12 +24,12 @@ def components(rng: np.random.Generator, length: int, modes: int, spread: float)
 
 
 def appearance(
-    seed: int, modes: int = 6, frame: ReferenceFrame = FRAME, spread: float = 30.0
+    seed: int, modes: int = 6, reference: ReferenceFrame = FRAME, spread: float = 30.0
 ) -> AppearanceModel:
     """A person whose mean shape is near the reference points and whose neutral face is one of their own."""
     rng = np.random.default_rng(seed)
-    found = components(rng, SHAPE + 3 * len(frame.pixels), modes, spread)
-    near = frame.points + rng.normal(size=frame.points.shape) * 0.01 * frame.resolution
-    found.mean[:SHAPE] = (frame.align(near) * frame.shape_weight).ravel()
+    found = components(rng, SHAPE + 3 * len(reference.pixels), modes, spread)
+    near = reference.points + rng.normal(size=reference.points.shape) * 0.01 * reference.resolution
+    found.mean[:SHAPE] = (reference.align(near) * reference.shape_weight).ravel()
     neutral = found.synthesise((rng.normal(size=modes) * found.deviations).astype(np.float32))
-    return AppearanceModel(frame, found, neutral, frame.mask)
+    return AppearanceModel(reference, found, neutral, reference.mask)

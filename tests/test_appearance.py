@@ -16,6 +16,13 @@ from guise.aam.appearance import (
     principal_components,
     sample_texture,
 )
+from guise.aam.landmarks.schemes import (
+    BROW_TOPS,
+    LEFT_EYE_OUTER,
+    LOWER_INNER_LIP,
+    LOWER_LIDS,
+    RIGHT_EYE_OUTER,
+)
 from guise.aam.similarity import Similarity
 
 SEEDS = st.integers(0, 10_000)
@@ -177,11 +184,11 @@ def talk() -> np.ndarray:
 
 def test_openness_measures_mouth_lids_and_brows_apart(talk: np.ndarray) -> None:
     rest = talk[neutral_frames(talk, FRAME)[0]]
-    iod = np.linalg.norm(rest[45] - rest[36])
+    iod = np.linalg.norm(rest[LEFT_EYE_OUTER] - rest[RIGHT_EYE_OUTER])
     down, mouth, lids, brows = np.array([0, iod]), rest.copy(), rest.copy(), rest.copy()
-    mouth[[65, 66, 67]] += 0.1 * down
-    lids[[40, 41, 46, 47]] += 0.05 * down
-    brows[[19, 24]] -= 0.2 * down
+    mouth[LOWER_INNER_LIP] += 0.1 * down
+    lids[LOWER_LIDS] += 0.05 * down
+    brows[BROW_TOPS] -= 0.2 * down
     changes = openness(np.stack([mouth, lids, brows])) - openness(rest[None])
     assert_allclose(np.diag(changes), [0.1, 0.05, 0.2], atol=0.02)
     assert_allclose(changes - np.diag(np.diag(changes)), 0, atol=1e-9)

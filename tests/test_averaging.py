@@ -9,16 +9,16 @@ from made_up import FRAME, appearance
 from guise.aam.appearance import AppearanceModel, Components
 from guise.aam.averaging import average, average_components
 from guise.aam.extrapolation import Extrapolator, ReferenceMismatchError
-from guise.aam.model import Identity, Still
+from guise.aam.model import Identity, RestFrame
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import Quality, Tracker
 
 
-def person(seed: int, modes: int = 6, frame: ReferenceFrame = FRAME) -> Identity:
+def person(seed: int, modes: int = 6, reference: ReferenceFrame = FRAME) -> Identity:
     """A made-up person with a tracker of shapes alone."""
     rng = np.random.default_rng(seed)
-    look = appearance(seed, modes, frame)
-    look = replace(look, mask=frame.mask & (rng.random(frame.size) < 0.5))
+    look = appearance(seed, modes, reference)
+    look = replace(look, mask=reference.mask & (rng.random(reference.size) < 0.5))
     shapes = Components(
         rng.normal(size=162).astype(np.float32),
         np.linalg.qr(rng.normal(size=(162, 4)))[0].astype(np.float32),
@@ -27,8 +27,8 @@ def person(seed: int, modes: int = 6, frame: ReferenceFrame = FRAME) -> Identity
     )
     nothing = Components(np.zeros(0, np.float32), np.zeros((0, 0), np.float32), np.zeros(0, np.float32), 0.0)
     tracker = Tracker(shapes, (), nothing, np.zeros(0, np.intp), Quality(0.01, 0.2, 0.9), rng.normal(size=3))
-    detail = rng.normal(size=(2 * frame.size[0], 2 * frame.size[1])).astype(np.float32)
-    still = Still(rng.integers(0, 255, (60, 60, 3), np.uint8), frame.points)
+    detail = rng.normal(size=(2 * reference.size[0], 2 * reference.size[1])).astype(np.float32)
+    still = RestFrame(rng.integers(0, 255, (60, 60, 3), np.uint8), reference.points)
     return Identity(f"made up {seed}", look, tracker, detail, still)
 
 
@@ -103,7 +103,7 @@ def test_an_average_shows_nobodys_picture_and_tracks_nobody() -> None:
     assert mean.tracker.stages == ()
     assert mean.tracker.pixels.size == 0
     face = mean.appearance.picture(mean.appearance.neutral)
-    np.testing.assert_array_equal(mean.still.picture[FRAME.mask], face[FRAME.mask])
+    np.testing.assert_array_equal(mean.rest_frame.picture[FRAME.mask], face[FRAME.mask])
 
 
 def test_an_average_can_be_saved_and_can_be_a_donor(tmp_path) -> None:
@@ -123,4 +123,4 @@ def test_different_reference_frames_are_refused() -> None:
     with pytest.raises(
         ReferenceMismatchError, match=r"made up 1 and made up 2 cannot be averaged.*32 and 40"
     ):
-        average([person(1), person(2, frame=ReferenceFrame.canonical(40))], "mean")
+        average([person(1), person(2, reference=ReferenceFrame.canonical(40))], "mean")

@@ -31,7 +31,7 @@ def test_the_gallery_is_small_and_names_nobody() -> None:
 
 
 def test_donors_can_be_mixed() -> None:
-    assert len({open_donor(name).frame.id for name in gallery()}) == 1
+    assert len({open_donor(name).reference.id for name in gallery()}) == 1
 
 
 def test_a_donor_is_read_once() -> None:

@@ -46,7 +46,7 @@ def assert_same_components(a: Components, b: Components) -> None:
 
 
 def test_what_was_saved_comes_back(p01: Identity, loaded: Identity) -> None:
-    assert (loaded.name, loaded.frame.id, loaded.facts) == (p01.name, p01.frame.id, p01.facts)
+    assert (loaded.name, loaded.reference.id, loaded.facts) == (p01.name, p01.reference.id, p01.facts)
     assert_same_components(p01.appearance.components, loaded.appearance.components)
     assert_same_components(p01.tracker.shapes, loaded.tracker.shapes)
     assert_same_components(p01.tracker.texture, loaded.tracker.texture)
@@ -62,9 +62,9 @@ def test_what_was_saved_comes_back(p01: Identity, loaded: Identity) -> None:
 
 
 def test_the_still_comes_back_nearly_unchanged(p01: Identity, loaded: Identity) -> None:
-    assert_array_equal(loaded.still.shape, p01.still.shape)
-    assert loaded.still.picture.shape == p01.still.picture.shape
-    off = np.abs(loaded.still.picture.astype(float) - p01.still.picture)
+    assert_array_equal(loaded.rest_frame.shape, p01.rest_frame.shape)
+    assert loaded.rest_frame.picture.shape == p01.rest_frame.picture.shape
+    off = np.abs(loaded.rest_frame.picture.astype(float) - p01.rest_frame.picture)
     assert off.mean() < 2
 
 
@@ -135,7 +135,7 @@ def test_other_reference_frame(saved: Path, p01: Identity, tmp_path: Path) -> No
     wanted = json.dumps({"scheme": "face81", "resolution": 96, "id": "0123456789ab"})
     path = rewritten(saved, tmp_path / "other.guise", reference=wanted)
     assert message(path) == (
-        f"{path} was enrolled on reference frame 0123456789ab, this Guise has {p01.frame.id}; "
+        f"{path} was enrolled on reference frame 0123456789ab, this Guise has {p01.reference.id}; "
         "enrol the person again"
     )
 

@@ -13,7 +13,7 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Similarity
 
 FRAME = ReferenceFrame.canonical(48)
-MODEL = appearance(5, modes=5, frame=FRAME, spread=900.0)
+MODEL = appearance(5, modes=5, reference=FRAME, spread=900.0)
 ESTIMATOR = ParameterEstimator(MODEL, places=900)
 SEEDS = st.integers(0, 10_000)
 

@@ -44,7 +44,7 @@ def test_stronger_light_changes_next_to_nothing() -> None:
 
 def test_light_from_a_side_is_forgiven() -> None:
     person = open_donor("p06")
-    across = (person.frame.pixels % person.frame.size[1]) / person.frame.size[1]
+    across = (person.reference.pixels % person.reference.size[1]) / person.reference.size[1]
     changed = lit(person, lambda rgb: rgb * (0.6 + 0.4 * across[:, None]))
     assert same_person(person, changed)
 
@@ -82,5 +82,5 @@ def test_the_donors_are_all_different() -> None:
 def test_the_resolution_of_a_model_does_not_matter() -> None:
     found = LandmarkSource(landmarker=open_landmarker("builtin"))
     small = enrol([SAMPLES / "p01" / "talk2.mp4"], found, name="small", options=OPTIONS)
-    assert small.frame.resolution < open_donor("p01").frame.resolution
+    assert small.reference.resolution < open_donor("p01").reference.resolution
     assert same_person(small, open_donor("p01"))

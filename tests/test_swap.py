@@ -14,12 +14,13 @@ from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
 from guise.app.swapping.file import swap_file
-from guise.app.swapping.options import Options
-from guise.app.swapping.run import Settings, SwapError
+from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.report import SwapError
+from guise.app.swapping.settings import SwapSettings
 from guise.common.threads import one_thread
 from guise.common.version import version
 
-LOSSLESS = Settings(Options(renderer="cpu"), EncodeOptions(lossless=True))
+LOSSLESS = SwapSettings(EngineOptions(renderer="cpu"), EncodeOptions(lossless=True))
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +110,7 @@ def test_several_faces_are_said_once(tmp_path: Path, p01: Identity, p06: Identit
             if left.index == 3:
                 break
     said: list[str] = []
-    report = swap_file(frames, p06, tmp_path / "out", source=p01, settings=Settings(say=said.append))
+    report = swap_file(frames, p06, tmp_path / "out", source=p01, settings=SwapSettings(say=said.append))
     assert (report.swapped, report.faces) == (4, 2)
     assert said == [
         "frames: up to 2 faces were seen in a frame; the largest one that the source model knows was taken"
@@ -121,7 +122,7 @@ def test_without_a_model_the_person_is_enrolled_first(tmp_path: Path, p06: Ident
     landmarks = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:40]
     np.savez(tmp_path / "clip.landmarks.npz", landmarks=landmarks)
     said: list[str] = []
-    settings = Settings(say=said.append)
+    settings = SwapSettings(say=said.append)
     report = swap_file(clip, p06, tmp_path / "out.mp4", source=LandmarkSource(), settings=settings)
     assert report.swapped >= 38
     assert said[:2] == [

@@ -67,14 +67,14 @@ def describe(path: Path) -> tuple[Identity, ModelInfo]:
     """
     identity = Identity.load(path)
     components, tracker, facts = identity.appearance.components, identity.tracker, dict(identity.facts)
-    height, width = identity.still.picture.shape[:2]
+    height, width = identity.rest_frame.picture.shape[:2]
     facts.pop("held_out_error", None)
     info = ModelInfo(
         path=str(path),
         name=identity.name,
         format_version=VERSION,
-        reference=identity.frame.id,
-        resolution=identity.frame.resolution,
+        reference=identity.reference.id,
+        resolution=identity.reference.resolution,
         clips=tuple(map(str, facts.pop("clips", ()))),
         frames=int(facts.pop("frames", 0)),
         modes=components.modes,

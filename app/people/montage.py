@@ -40,13 +40,15 @@ def montage(identity: Identity, modes: int = MODES) -> Picture:
 
 def draw(look: AppearanceModel, vector: F32, face: int = FACE) -> Picture:
     """An appearance on its own shape, `face` pixels across, on dark paper (h, w, 3)."""
-    frame = look.frame
-    zoom = face / frame.resolution
-    border = _BORDER * frame.resolution
-    height, width = (round((side + 2 * border) * zoom) for side in frame.size)
+    reference = look.reference
+    zoom = face / reference.resolution
+    border = _BORDER * reference.resolution
+    height, width = (round((side + 2 * border) * zoom) for side in reference.size)
     paper = np.full((height, width, 3), PAPER, np.uint8)
-    alpha = feather(look.mask, 0.01 * frame.resolution)
-    with make_compositor("cpu", frame.triangles, frame.points.astype(np.float32), alpha) as compositor:
+    alpha = feather(look.mask, 0.01 * reference.resolution)
+    with make_compositor(
+        "cpu", reference.triangles, reference.points.astype(np.float32), alpha
+    ) as compositor:
         mesh = (look.shape_of(vector) + border) * zoom
         return compositor.composite(paper, look.picture(vector), mesh)
 
@@ -54,7 +56,7 @@ def draw(look: AppearanceModel, vector: F32, face: int = FACE) -> Picture:
 def _still(identity: Identity) -> Picture:
     """The enrolment frame's face, as high as the drawn ones."""
     height, width = draw(identity.appearance, identity.appearance.neutral).shape[:2]
-    shape, picture = identity.still.shape, identity.still.picture
+    shape, picture = identity.rest_frame.shape, identity.rest_frame.picture
     centre, scale = (shape.min(0) + shape.max(0)) / 2, FACE / np.ptp(shape[:, 0])
     offset = np.array([width, height]) / 2 - centre * scale
     matrix = np.array([[scale, 0, offset[0]], [0, scale, offset[1]]])

@@ -10,24 +10,24 @@ from dataclasses import dataclass
 from typing import Literal
 
 from guise.aam.extrapolation import Extrapolator
-from guise.aam.follow import Finder, PersonFollower
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
+from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.media import Frame
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
-HOLD = 4  # frames for which a lost face keeps its last place
+HOLD_FRAMES = 4  # frames for which a lost face keeps its last place
 
 Outcome = Literal["swapped", "held", "lost"]
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class SwapResult:
     """What happened to a frame: outcome, the fit or the reason, and the mesh that was drawn (81, 2)."""
 
     outcome: Outcome
@@ -38,44 +38,48 @@ class Step:
 class Engine(Closing):
     """Draws `target` over `source`, frame by frame; holds the compositors, so it is closed by `with`.
 
-    Parameters
-    ----------
-    source : Identity of the person in the video.
-    target : Identity whose face is shown.
-    boxes : what finds the face at the start and after a loss, see `PersonFollower`.
-    options : Options.
+        Parameters
+        ----------
+        source : Identity of the person in the video.
+        target : Identity whose face is shown.
+    finder : what finds the face at the start and after a loss, see `PersonTracker`.
+        options : EngineOptions.
 
-    Raises
-    ------
-    ReferenceMismatchError
-        When the two do not share a reference frame.
-    RendererError
-        When the chosen renderer is not there.
+        Raises
+        ------
+        ReferenceMismatchError
+            When the two do not share a reference frame.
+        RendererError
+            When the chosen renderer is not there.
     """
 
     def __init__(
-        self, source: Identity, target: Identity, boxes: Finder | None, options: Options = Options()
+        self,
+        source: Identity,
+        target: Identity,
+        finder: FaceFinder | None,
+        options: EngineOptions = EngineOptions(),
     ) -> None:
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
-        self.follower = PersonFollower(source.tracker, boxes)
+        self.tracker = PersonTracker(source.tracker, finder)
         self.painter = Painter(source, target, self.estimator, options)
         self._last: tuple[F64, F32] | None = None
 
-    def step(self, frame: Frame) -> Step:
+    def swap(self, frame: Frame) -> SwapResult:
         """Swap the face in a frame, in place; a frame in which the person is lost is not touched.
 
         For a few frames after a loss the last face is held where it was.
         """
-        fit = self.follower.step(frame.luma)
+        fit = self.tracker.update(frame.luma)
         if isinstance(fit, Fit):
-            return Step("swapped", fit, self.draw(frame, fit.shape))
-        if self._last is not None and self.follower.lost <= HOLD:
-            return Step("held", fit, self.painter.paint(frame, *self._last, None))
+            return SwapResult("swapped", fit, self.draw(frame, fit.shape))
+        if self._last is not None and self.tracker.lost_frames <= HOLD_FRAMES:
+            return SwapResult("held", fit, self.painter.paint(frame, *self._last, None))
         self._last = None
         self.painter.forget()
-        return Step("lost", fit)
+        return SwapResult("lost", fit)
 
     def draw(self, frame: Frame, shape: F64) -> F64:
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guise.aam.model import Identity
-from guise.app.media import Frame, open_sink, open_source, process
+from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.run import DEFAULTS, Report, Settings, Tally, person_in
+from guise.app.swapping.report import SwapReport, Tally
+from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.source_person import source_person
 from guise.common.threads import one_thread
 
 if TYPE_CHECKING:
@@ -18,8 +20,8 @@ if TYPE_CHECKING:
 
 def swap_file(
     video: Path, identity: Identity, output: Path, *, source: Identity | LandmarkSource,
-    settings: Settings = DEFAULTS,
-) -> Report:  # fmt: skip
+    settings: SwapSettings = DEFAULTS,
+) -> SwapReport:  # fmt: skip
     """Write `video` with the identity's face on its person's head.
 
     Parameters
@@ -28,7 +30,7 @@ def swap_file(
     identity : whose face is shown.
     output : its suffix says what is written; it appears only when it is complete.
     source : the model of the person in the video, or where landmarks come from to enrol them first.
-    settings : see `Settings`.
+    settings : see `SwapSettings`.
 
     Raises
     ------
@@ -37,16 +39,16 @@ def swap_file(
     MediaError, EnrolError, ReferenceMismatchError, RendererError
         For a user's mistake.
     """
-    with open_source(video) as media:
+    with open_input(video) as media:
         with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
-            person = person_in(media, source, identity, settings)
+            person = source_person(media, source, identity, settings)
             tally = Tally(settings, media, "swapping")
-            with one_thread(), Engine(person, identity, settings.boxes(), settings.options) as engine:
+            with one_thread(), Engine(person, identity, settings.face_finder(), settings.options) as engine:
 
                 def work(frame: Frame) -> None:
-                    tally.add(engine.step(frame).outcome)
+                    tally.add(engine.swap(frame).outcome)
 
                 stats = process(media, sink, work, progress=tally.progress)
                 tally.require_some(person.name)
-                tally.faces, tally.renderer = engine.follower.most_faces, engine.painter.renderer
+                tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
         return tally.report(output, stats)

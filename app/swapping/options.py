@@ -10,7 +10,7 @@ from guise.render.compositor import Renderer
 
 
 @dataclass(frozen=True)
-class Options:
+class EngineOptions:
     """How the engine draws.
 
     Parameters

@@ -17,7 +17,7 @@ from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
 from guise.common.arrays import F32, F64
@@ -34,23 +34,23 @@ class Painter:
     ----------
     source, target : Identity of the head and of the face.
     estimator : of the source; its texels serve the palette.
-    options : Options.
+    options : EngineOptions.
     """
 
     def __init__(
-        self, source: Identity, target: Identity, estimator: ParameterEstimator, options: Options
+        self, source: Identity, target: Identity, estimator: ParameterEstimator, options: EngineOptions
     ) -> None:
-        self.options, self.frame = options, target.frame
-        mask = self.frame.mask if options.disguise else shown_mask(source.appearance.mask, self.frame)
-        self._alpha = feather(mask, FEATHER * self.frame.resolution)
-        self._palette = Palette(self.frame, estimator.texels, mask, options.palette)
+        self.options, self.reference = options, target.reference
+        mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
+        self._alpha = feather(mask, FEATHER * self.reference.resolution)
+        self._palette = Palette(self.reference, estimator.texels, mask, options.palette)
         self._texels = estimator.texels
         self._detail = target.detail
-        self._features = proportions(self.frame) if options.disguise else np.eye(POINTS)
-        self._pull = options.outline * outline_pull(self.frame)
-        self._beyond = outward(self.frame, options.jaw, options.forehead)
+        self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
+        self._pull = options.outline * outline_pull(self.reference)
+        self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
-        self._grid = np.zeros(self.frame.size, np.uint32)
+        self._grid = np.zeros(self.reference.size, np.uint32)
         self._zeros = np.zeros((3, 0), np.float32)
 
     def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
@@ -58,7 +58,7 @@ class Painter:
 
         texels (t, 3): the frame's RGB under the estimator's places; None keeps the last palette.
         """
-        shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / self.frame.shape_weight
+        shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
         mesh, zoom = self.place(shape, head)
         texture = appearance[SHAPE:].reshape(-1, 3)
         if texels is not None:
@@ -107,7 +107,7 @@ class Painter:
             return np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom), np.uint8)
         if not fine:
             return picture
-        h, w = self.frame.size
+        h, w = self.reference.size
         picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.uint8)
         contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
         luma = cv2.extractChannel(picture, 0)
@@ -120,20 +120,20 @@ class Painter:
             self._zeros = np.zeros_like(planes)
         bytes_ = cv2.add(planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
         words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
-        self._grid[self.frame.mask] = words
+        self._grid[self.reference.mask] = words
         return np.asarray(
-            cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.frame.size, 4), cv2.COLOR_BGRA2BGR)
+            cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.reference.size, 4), cv2.COLOR_BGRA2BGR)
         )
 
     def _compositor(self, fine: bool) -> Compositor:
         if fine not in self._compositors:
             factor = 2 if fine else 1
-            uv = (self.frame.points + 0.5) * factor - 0.5
-            h, w = self.frame.size
+            uv = (self.reference.points + 0.5) * factor - 0.5
+            h, w = self.reference.size
             alpha = cv2.resize(self._alpha, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR)
             self._compositors[fine] = make_compositor(
                 self.options.renderer,
-                self.frame.triangles,
+                self.reference.triangles,
                 uv.astype(np.float32),
                 np.asarray(alpha, np.float32),
             )

@@ -17,9 +17,9 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
 from guise.aam.training import TrainingOptions
-from guise.app.media import Frame, MediaError, open_source
+from guise.app.media import Frame, MediaError, open_input
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
@@ -127,12 +127,12 @@ def _measure_one(
 
     clock, done = _Clock(), 0
     with (
-        open_source(clip) as media,
-        Engine(source, target, LbpDetector(), Options(renderer=renderer)) as engine,
+        open_input(clip) as media,
+        Engine(source, target, LbpDetector(), EngineOptions(renderer=renderer)) as engine,
     ):
         engine.painter = _TimedPainter(clock, source, target, engine.estimator, engine.options)
         for frame in media:
-            done += _timed_step(engine, frame, clock)
+            done += _timed_swap(engine, frame, clock)
             if done >= frames + WARM_UP:
                 break
     if done <= WARM_UP:
@@ -140,10 +140,10 @@ def _measure_one(
     return clock.timings(renderer)
 
 
-def _timed_step(engine: Engine, frame: Frame, clock: _Clock) -> bool:
-    """As Engine.step, with a clock around its parts; False when the person is lost."""
+def _timed_swap(engine: Engine, frame: Frame, clock: _Clock) -> bool:
+    """As Engine.swap, with a clock around its parts; False when the person is lost."""
     tracking = _Clock()
-    fit = tracking.measure("track", lambda: engine.follower.step(frame.luma))
+    fit = tracking.measure("track", lambda: engine.tracker.update(frame.luma))
     if not isinstance(fit, Fit):
         return False
     clock.times["track"] += tracking.times["track"]

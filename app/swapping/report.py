@@ -1,0 +1,101 @@
+"""What was done to a file: outcomes counted frame by frame, and the report of them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from guise.app.media import MediaInput, ProcessStats
+from guise.app.swapping.settings import SwapSettings
+from guise.common.errors import GuiseError
+
+
+class SwapError(GuiseError):
+    """A video that cannot be swapped; one sentence."""
+
+
+@dataclass(frozen=True)
+class SwapReport:
+    """What was done to a file.
+
+    Parameters
+    ----------
+    output : the file that was written.
+    frames : number written; of these `swapped` show the new face where the face is, `held` where it was last seen,
+        and in `lost` the face was not found.
+    seconds : wall time without enrolment.
+    work_seconds : of these, spent in tracking and drawing.
+    renderer : what drew the face.
+    faces : largest number of faces seen in one frame.
+    problems : sentences about faults in the input that were worked around.
+    """
+
+    output: str
+    frames: int
+    swapped: int
+    held: int
+    lost: int
+    seconds: float
+    work_seconds: float
+    renderer: str
+    faces: int
+    problems: tuple[str, ...]
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frames per second from file to file."""
+        return self.frames / max(self.seconds, 1e-9)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return {**asdict(self), "frames_per_second": round(self.frames_per_second, 2)}
+
+
+class Tally:
+    """Counts outcomes while a file is written, and makes the report of it.
+
+    faces, renderer : for the report, known when the work is done.
+    """
+
+    def __init__(self, settings: SwapSettings, media: MediaInput, stage: str) -> None:
+        self._settings, self._media, self._stage = settings, media, stage
+        self._total = media.frame_count or 0
+        self._start = time.perf_counter()
+        self.counts = {"swapped": 0, "held": 0, "lost": 0}
+        self.faces = 0
+        self.renderer = ""
+
+    def add(self, outcome: str) -> None:
+        """Count one more frame with this outcome."""
+        self.counts[outcome] += 1
+
+    def progress(self, done: int) -> None:
+        """Report that `done` frames are finished."""
+        self._settings.progress(self._stage, done / self._total if self._total else 0.0)
+
+    def require_some(self, person: str) -> None:
+        """Raise SwapError when the person was seen in no frame."""
+        if not self.counts["swapped"]:
+            seen = sum(self.counts.values())
+            raise SwapError(
+                f"no face of the source person ({person}) found in the {seen} frames of {self._media.name}: give the "
+                "model of the person in the video with --source, or enrol them from it"
+            )
+
+    def report(self, output: Path, stats: ProcessStats) -> SwapReport:
+        """The report, made when the output is complete, after the notes on what was survived."""
+        seconds = time.perf_counter() - self._start
+        for problem in stats.problems:
+            self._settings.say(f"{self._media.name}: {problem}")
+        if self.faces > 1:
+            self._settings.say(
+                f"{self._media.name}: up to {self.faces} faces were seen in a frame; the largest one that the source "
+                "model knows was taken"
+            )
+        return SwapReport(
+            str(output), stats.frames, **self.counts, seconds=round(seconds, 3),
+            work_seconds=round(stats.work_seconds, 3), renderer=self.renderer, faces=self.faces,
+            problems=stats.problems,
+        )  # fmt: skip

@@ -1,0 +1,41 @@
+"""How a file is swapped or puppeteered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from guise.aam.landmarks import open_detector, open_landmarker
+from guise.aam.person_tracker import FaceFinder
+from guise.app.media import EncodeOptions
+from guise.app.swapping.options import EngineOptions
+from guise.common.progress import Progress, Say, mute, silent
+
+
+@dataclass(frozen=True)
+class SwapSettings:
+    """How a file is made.
+
+    Parameters
+    ----------
+    options : how the engine draws.
+    encode : encoder, crf, preset, lossless.
+    detector : "builtin", the landmarker, or "lbp" or "yunet:MODEL.onnx", which find boxes: what finds the face at the
+        start and after a loss.
+    force : replace an existing output.
+    progress : called with the stage and the share of it that is done.
+    say : called with notes for the user.
+    """
+
+    options: EngineOptions = EngineOptions()
+    encode: EncodeOptions = field(default_factory=EncodeOptions)
+    detector: str = "builtin"
+    force: bool = False
+    progress: Progress = silent
+    say: Say = mute
+
+    def face_finder(self) -> FaceFinder:
+        """What finds the face."""
+        return open_landmarker("builtin") if self.detector == "builtin" else open_detector(self.detector)
+
+
+DEFAULTS = SwapSettings()
