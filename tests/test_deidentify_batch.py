@@ -14,7 +14,7 @@ from guise.app.deidentify.options import Options
 from guise.app.deidentify.report.report import BatchEntry, write_report
 from guise.app.deidentify.run import batch
 from guise.app.deidentify.run.batch import Run, exit_code, run_batch, write_summary
-from guise.app.deidentify.run.engines import Engine, SerialEngine
+from guise.app.deidentify.run.engines import JobEngine, SerialEngine
 from guise.app.deidentify.run.inputs import Pair, make_plan
 from guise.app.deidentify.run.job import beside
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Outcome
@@ -68,7 +68,9 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Path, dict[str, Any]]]:
     """Files are not de-identified but written at once; what they were asked for is remembered."""
     asked: list[tuple[Path, dict[str, Any]]] = []
 
-    def fake(source: Path, output: Path, options: Options, engine: Engine, **more: Any) -> FileReport | None:
+    def fake(
+        source: Path, output: Path, options: Options, engine: JobEngine, **more: Any
+    ) -> FileReport | None:
         asked.append((source, more))
         more["progress"]("rendering", 0.5)
         if "bad" in source.name:
@@ -106,7 +108,7 @@ RUN = Run(Options(), SerialEngine(lambda job: None))
 
 
 @pytest.mark.parametrize("engine", [SerialEngine(lambda job: None), Several()])
-def test_a_bad_file_does_not_stop_the_others(here: Path, done: list[Any], engine: Engine) -> None:
+def test_a_bad_file_does_not_stop_the_others(here: Path, done: list[Any], engine: JobEngine) -> None:
     make("a.mp4", "bad.mp4", "covered.mp4", "fault.mp4", "z.mp4")
     watched = Watched()
     entries = run_batch(pairs_of("."), replace(RUN, engine=engine), watched)

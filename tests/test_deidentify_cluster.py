@@ -16,10 +16,12 @@ from pathlib import Path
 import pytest
 from clips import empty_scene
 from engine_jobs import act
-from test_deidentify_engines import finished, jobs, wait_until
+from process_work import wait_until
+from test_deidentify_engines import finished, jobs
 
 from guise.app.cli.main import main
-from guise.app.deidentify.run.engines import EngineError, open_engine
+from guise.app.deidentify.run.engines import EngineError
+from guise.app.deidentify.run.registry import open_engine
 from guise.app.media import MediaError
 
 distributed = pytest.importorskip("distributed", reason="the cluster extra is not installed")

@@ -6,22 +6,22 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from engine_jobs import act
+from process_work import alive, wait_until
 
 from guise.app.deidentify.run.engines import (
-    TRIES,
-    Engine,
+    MAX_STARTS_OF_KILLED_JOB,
     EngineError,
+    JobEngine,
     LocalEngine,
     SerialEngine,
     attempt,
-    open_engine,
 )
+from guise.app.deidentify.run.registry import open_engine
 from guise.app.deidentify.stages.jobs import Job
 from guise.app.media import MediaError
 
@@ -36,35 +36,20 @@ def finished(folder: Path) -> list[int]:
     return sorted(int(file.stem) for file in folder.glob("*.done"))
 
 
-def wait_until(holds: Callable[[], bool], seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < end, "it never came"
-        time.sleep(0.02)
-
-
-def alive(pid: int) -> bool:
-    """Whether a process is there, and not only its entry that nobody has asked for."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
 @pytest.fixture(params=["serial", "local"])
-def engine(request: pytest.FixtureRequest) -> Iterator[Engine]:
+def engine(request: pytest.FixtureRequest) -> Iterator[JobEngine]:
     with SerialEngine(act) if request.param == "serial" else LocalEngine(2, act) as engine:
         yield engine
 
 
-def test_all_jobs_are_done_and_told_here(engine: Engine, tmp_path: Path) -> None:
+def test_all_jobs_are_done_and_told_here(engine: JobEngine, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     engine.run(jobs(tmp_path), lambda job: told.append((job.index, threading.get_ident())))
     assert sorted(told) == [(i, threading.get_ident()) for i in range(5)]
     assert finished(tmp_path) == list(range(5))
 
 
-def test_an_error_keeps_its_type_and_cancels_the_rest(engine: Engine, tmp_path: Path) -> None:
+def test_an_error_keeps_its_type_and_cancels_the_rest(engine: JobEngine, tmp_path: Path) -> None:
     told: list[int] = []
     with pytest.raises(MediaError) as caught:
         engine.run(jobs(tmp_path, "bad", 200), lambda job: told.append(job.index))
@@ -74,7 +59,7 @@ def test_an_error_keeps_its_type_and_cancels_the_rest(engine: Engine, tmp_path: 
     engine.run(jobs(tmp_path, "", 3), lambda job: None)
 
 
-def test_several_threads_share_an_engine(engine: Engine, tmp_path: Path) -> None:
+def test_several_threads_share_an_engine(engine: JobEngine, tmp_path: Path) -> None:
     folders = [tmp_path / name for name in "abc"]
     for folder in folders:
         folder.mkdir()
@@ -129,10 +114,12 @@ def test_a_job_that_always_kills_is_given_up_and_the_others_are_not(tmp_path: Pa
     with LocalEngine(2, act) as engine:
         beside = threading.Thread(target=lambda: engine.run(jobs(good, "slow", 12), lambda job: None))
         beside.start()
-        with pytest.raises(EngineError, match=rf"was killed {TRIES} times \(exit code -9\)"):
+        with pytest.raises(
+            EngineError, match=rf"was killed {MAX_STARTS_OF_KILLED_JOB} times \(exit code -9\)"
+        ):
             engine.run(jobs(bad, "killed"), lambda job: None)
         beside.join()
-    assert (bad / "kills").read_text() == "x" * TRIES
+    assert (bad / "kills").read_text() == "x" * MAX_STARTS_OF_KILLED_JOB
     assert finished(good) == list(range(12))
 
 
@@ -150,7 +137,7 @@ def test_closing_ends_the_processes_at_once(tmp_path: Path) -> None:
         runner.start()
         wait_until(lambda: len(list(tmp_path.glob("*.begun"))) == 2)
     runner.join()
-    assert str(said[0]) == "the run was stopped; use --resume to go on"
+    assert str(said[0]) == "the run was stopped; use --resume to continue"
     assert not any(alive(int(file.read_text())) for file in tmp_path.glob("*.begun"))
     assert not multiprocessing.active_children()
 
@@ -160,6 +147,7 @@ import sys
 from guise.app.deidentify.run.engines import LocalEngine
 from guise.app.deidentify.stages.jobs import Job
 from engine_jobs import act
+from process_work import alive, wait_until
 if __name__ == "__main__":
     with LocalEngine(2, act) as engine:
         engine.run([Job("endless", sys.argv[1], i) for i in range(4)], print)
@@ -198,7 +186,7 @@ def test_no_process_outlives_the_command(tmp_path: Path, number: signal.Signals)
         (
             "dask:tcp://127.0.0.1:1",
             3,
-            "--workers is for the local engine: a cluster has the workers that were started for it",
+            "--workers is for the local engine only: a cluster uses the workers that were started for it",
         ),
     ],
 )

@@ -161,8 +161,8 @@ def deidentify(
     from guise.app.deidentify.options import Options
     from guise.app.deidentify.run.batch import Run
     from guise.app.deidentify.run.checks import checked
-    from guise.app.deidentify.run.engines import open_engine
     from guise.app.deidentify.run.inputs import make_plan, require_possible
+    from guise.app.deidentify.run.registry import open_engine
     from guise.app.media import EncodeOptions
     from guise.app.media.containers import suffix_for
 

@@ -27,7 +27,7 @@ from guise.app.deidentify.report.report import (
     write_batch,
 )
 from guise.app.deidentify.run import remote
-from guise.app.deidentify.run.engines import Engine
+from guise.app.deidentify.run.engines import JobEngine
 from guise.app.deidentify.run.inputs import Pair, is_there, short
 from guise.app.deidentify.run.job import beside, deidentify_file
 from guise.common.failures import explain, trace
@@ -61,7 +61,7 @@ class Run:
     """
 
     options: Options
-    engine: Engine
+    engine: JobEngine
     resume: bool = False
     force: bool = False
     review: bool = False

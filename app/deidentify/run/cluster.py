@@ -17,7 +17,7 @@ from pathlib import Path
 from platform import node, python_version
 from typing import TYPE_CHECKING, Any
 
-from guise.app.deidentify.run.engines import Done, Engine, EngineError, Perform, attempt, perform
+from guise.app.deidentify.run.engines import Done, EngineError, JobEngine, Perform, attempt, perform
 from guise.common.version import version
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ LIBRARIES = (
 _ONE = threading.Lock()
 
 
-class DaskEngine(Engine):
+class DaskEngine(JobEngine):
     """Does the jobs on the workers of a scheduler.  A job whose worker is lost goes to another."""
 
     def __init__(self, address: str, work: Perform = perform) -> None:
@@ -118,7 +118,7 @@ def _explain(error: Exception) -> EngineError:
     if isinstance(error, KilledWorker):
         return EngineError(
             "a job was given up, as each worker that had it was killed, mostly for want of memory: give the workers "
-            "more, and use --resume to go on"
+            "more, and continue with --resume"
         )
     return EngineError(
         f"a worker cannot do jobs ({error}): install the same guise-video[cluster] on every machine"
