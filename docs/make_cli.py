@@ -1,7 +1,7 @@
-"""Write docs/cli.md from the commands themselves.
+"""Generate docs/cli.md from the commands themselves.
 
-python docs/make_cli.py          writes it
-python docs/make_cli.py --check  fails when it is not up to date
+python docs/make_cli.py          writes the page
+python docs/make_cli.py --check  fails when the page is out of date
 """
 
 from __future__ import annotations
@@ -15,22 +15,38 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
-from guise.app.cli.main import app
+from guise.app.cli.commands import GROUPS, app
 
 PAGE = Path(__file__).with_name("cli.md")
 INTRODUCTION = """# Commands
 
-Made by docs/make_cli.py from the commands; `guise COMMAND --help` says the same.
+Generated from the commands by docs/make_cli.py; `guise COMMAND --help` shows the same.
 
-Every command takes `--json`, which prints one JSON object on stdout and notes on stderr, and `--quiet`. Exit codes and
-the rules for outputs are in [conventions.md](conventions.md).
+Every command takes `--json`, which prints one JSON object on stdout and notes on stderr, and `--quiet`, which prints
+errors only. Exit codes and the rules for output files are in [conventions.md](conventions.md).
 """
 WORDS = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 
 
 def page() -> str:
     """The whole page."""
-    return "\n".join([INTRODUCTION, *(section(name, command) for name, command in commands())])
+    every = dict(commands())
+    sections = [section(name, command) for name, command in every.items()]
+    return "\n".join([INTRODUCTION, overview(every), *sections])
+
+
+def overview(every: dict[str, Any]) -> str:
+    """The commands of each group, with links to their sections."""
+    rows = []
+    for group in GROUPS:
+        links = [f"[{n}](#{n.replace(' ', '-')})" for n in every if panel(n) == group]
+        rows.append(f"| {group} | {', '.join(links)} |")
+    return "\n".join(["| | |", "|---|---|", *rows, ""])
+
+
+def panel(name: str) -> str:
+    """The group in which `guise --help` lists a command, or the command that it is part of."""
+    return str(typer.main.get_command(app).commands[name.split()[0]].rich_help_panel)  # type: ignore[attr-defined]
 
 
 def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
@@ -100,7 +116,7 @@ def main() -> None:
     text = page()
     if sys.argv[1:] == ["--check"]:
         if not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != text:
-            sys.exit("docs/cli.md is not up to date: run python docs/make_cli.py")
+            sys.exit("docs/cli.md is out of date: run python docs/make_cli.py")
         return
     PAGE.write_text(text, encoding="utf-8")
 

@@ -1,11 +1,18 @@
-"""What a command imports: help loads no numbers, and swapping loads nothing that only enrolment needs."""
+"""What a command imports, the version least of all; and how `guise --help` groups the commands."""
 
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import pytest
 from clips import cut
 from models import model_file
+
+from guise.app.cli.commands import GROUPS
+from guise.app.cli.main import main
+from guise.common.version import version
 
 
 def modules_after(statement: str, cwd: Path) -> set[str]:
@@ -13,6 +20,39 @@ def modules_after(statement: str, cwd: Path) -> set[str]:
     code = f"import sys\n{statement}\nprint(*{{name.split('.')[0] for name in sys.modules}}, file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True, check=True)
     return set(done.stderr.split())
+
+
+def test_the_version_is_shown_at_once(tmp_path: Path) -> None:
+    loaded = modules_after("from guise.app.cli.main import main; assert main(['--version']) == 0", tmp_path)
+    assert loaded.isdisjoint({"typer", "rich", "numpy"})
+    seconds = []
+    for _ in range(10):
+        start = time.perf_counter()
+        done = subprocess.run([sys.executable, "-m", "guise", "--version"], capture_output=True, check=True)
+        seconds.append(time.perf_counter() - start)
+    assert done.stdout.decode() == f"guise {version()}\n"
+    assert min(seconds) < 0.2  # the fastest: other tests run at the same time
+
+
+def test_the_version_can_be_asked_for_before_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version", "swap"]) == 0
+    assert capsys.readouterr().out == f"guise {version()}\n"
+
+
+def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    groups: dict[str, list[str]] = {}
+    for line in capsys.readouterr().out.splitlines():
+        if title := re.match(r"╭─ (\w+) ─", line):
+            names = groups.setdefault(title[1], [])
+        elif command := re.match(r"│ ([a-z]+) ", line):
+            names.append(command[1])
+    assert list(groups) == ["Options", *GROUPS] == ["Options", "Faces", "Video", "Live", "Offline", "Tools"]
+    assert groups["Faces"] == ["enroll", "info", "landmarks"]
+    assert groups["Video"] == ["swap", "puppet", "deidentify", "measure"]
+    assert groups["Live"] == ["live", "studio"]
+    assert groups["Offline"] == ["analogy"]
+    assert groups["Tools"] == ["demo", "doctor", "bench"]
 
 
 def test_help_imports_no_heavy_library(tmp_path: Path) -> None:

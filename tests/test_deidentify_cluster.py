@@ -196,7 +196,7 @@ def test_a_scheduler_without_workers_is_a_sentence() -> None:
 
 def test_a_missing_extra_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(EngineError, match=r"pip install guise-video\[cluster\]"):
+    with pytest.raises(EngineError, match=r'pip install "guise-video\[cluster\]"'):
         open_engine("dask:tcp://127.0.0.1:1")
 
 

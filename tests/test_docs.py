@@ -1,9 +1,12 @@
-"""The documentation holds: its Python runs, its commands exist, its links lead somewhere, its pages are up to date."""
+"""The documentation holds: its Python runs, its commands exist, its links lead somewhere, its pages are up to date,
+and whatever tells people to install Guise names the right distribution.
+"""
 
 import importlib.util
 import os
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,10 +14,15 @@ from typing import Any
 import pytest
 import typer
 
-from guise.app.cli.main import app
+from guise.app.cli.commands import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md")), ROOT / "benchmarks" / "README.md"]
+READ_BY_PEOPLE = {".py", ".md", ".toml", ".js", ".html", ".css", ".yml", ".yaml", ".cff", ".txt"}
+OURS = (
+    "*.*", ".github/**/*", "aam/**/*", "analogy/**/*", "app/**/*", "benchmarks/**/*", "common/**/*", "docs/**/*",
+    "guise/**/*", "render/**/*", "tests/**/*", "training/**/*",
+)  # fmt: skip
 IDS = [str(page.relative_to(ROOT)) for page in PAGES]
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=IDS)
 
@@ -71,7 +79,7 @@ def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
     _, *words = shlex.split(line)
     names = [name for name in known if words[: len(name.split())] == name.split()]
     groups = [name for name in known if name.split()[: len(words)] == words]
-    assert words[0] == "COMMAND" or names or groups, line
+    assert words[0] in ("COMMAND", "--help", "--version") or names or groups, line
     for name in names:
         options = {opt for param in known[name].params for opt in [*param.opts, "--help"]}
         assert {w.split("=")[0] for w in words if w.startswith("-")} <= options
@@ -110,9 +118,13 @@ def test_the_page_of_commands_names_every_option() -> None:
                 assert f"`{', '.join(param.opts)}" in section, (name, param.name)
 
 
-def test_the_readme_links_every_page() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    missing = [p.name for p in (ROOT / "docs").glob("*.md") if f"docs/{p.name}" not in text]
+def test_the_readme_or_the_index_links_every_page() -> None:
+    index = ROOT / "docs" / "README.md"
+    linked = (ROOT / "README.md").read_text(encoding="utf-8")
+    if index.is_file():
+        assert "(docs/README.md)" in linked or "(docs/)" in linked or "(docs)" in linked
+        linked += index.read_text(encoding="utf-8").replace("](", "](docs/")
+    missing = [p.name for p in (ROOT / "docs").glob("*.md") if p != index and f"docs/{p.name}" not in linked]
     assert missing == []
 
 
@@ -125,3 +137,39 @@ def test_targets_of_make_in_the_readme_exist() -> None:
 
 def test_scripts_of_the_build_can_be_run() -> None:
     assert os.access(ROOT / ".ci" / "run", os.X_OK)
+
+
+def wrong_hints(text: str) -> list[str]:
+    """Hints that would install a stranger's package or an extra that doesn't exist, or that zsh would not pass on."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    wrong = re.findall(r"(?<![\w./-])guise\[[\w,]+\]|pip install (?:-\S+ )*[\"']?guise(?![\w-])", text)
+    wrong += re.findall(r"pip install (?:-\S+ )*guise-video\\?\[", text)
+    for names in re.findall(r"(?:guise-video|[\"' ]\.)\\?\[([a-z0-9,]+)\\?\]", text):
+        wrong += set(names.split(",")) - set(project["optional-dependencies"])
+    return wrong
+
+
+@pytest.mark.parametrize(
+    "hint",
+    ["pip install guise", 'pip install "guise"', "pip install -U guise", 'pip install "guise[studio' + ']"',
+     "guise[studio" + "]", "pip install guise-video" + "[studio]", 'pip install "guise-video[window,nothing' + ']"'],
+)  # fmt: skip
+def test_a_wrong_hint_is_found(hint: str) -> None:
+    assert wrong_hints(hint)
+
+
+def test_hints_name_our_own_distribution_and_extras_that_exist() -> None:
+    files = {path for pattern in OURS for path in ROOT.glob(pattern) if path.suffix in READ_BY_PEOPLE}
+    assert len(files) > 400
+    own = {Path(__file__)}
+    found = {
+        str(f.relative_to(ROOT)): wrong_hints(f.read_text(encoding="utf-8")) for f in sorted(files - own)
+    }
+    assert {name: hints for name, hints in found.items() if hints} == {}
+
+
+def test_every_extra_is_hinted_at_somewhere() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    told = " ".join(page.read_text(encoding="utf-8") for page in PAGES)
+    extras = set(project["optional-dependencies"]) - {"dev", "train"}
+    assert [extra for extra in sorted(extras) if f"[{extra}]" not in told] == []

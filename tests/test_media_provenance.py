@@ -182,5 +182,5 @@ def test_a_failure_leaves_the_file_as_it_was(tmp_path: Path, pair: tuple[Path, P
 
 def test_without_the_library_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "c2pa", None)
-    with pytest.raises(MediaError, match=r"pip install guise-video\[provenance\]"):
+    with pytest.raises(MediaError, match=r'pip install "guise-video\[provenance\]"'):
         check_signing(Path("out.mp4"), Path("c.pem"), Path("k.pem"))

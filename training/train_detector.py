@@ -4,7 +4,7 @@
 
 PARTS holds what `render_people.py` wrote; DATA is the folder with `pairs/london` and `real`, of which the pictures that
 may be trained on are used. OUT gets `detector.onnx`, `curves.csv` and the weights. The same seed and data give the same
-scenes in the same order. PyTorch is needed here only (`pip install guise-video[train]`).
+scenes in the same order. PyTorch is needed here only (`pip install "guise-video[train]"`).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 PARTS holds what `render_people.py` wrote; DATA is the folder with `pairs/london` and `real`, whose trainable pictures
 join in the second stage. OUT gets `rendered.onnx` (after the first stage, rendered people alone), `landmarks.onnx`,
 `curves.csv`, and the last weights. The same seed and data give the same samples in the same order. PyTorch is needed
-here only (`pip install guise-video[train]`).
+here only (`pip install "guise-video[train]"`).
 """
 
 from __future__ import annotations

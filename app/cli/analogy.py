@@ -8,7 +8,9 @@ from guise.app.cli.image import animate, image
 from guise.app.cli.mesh import mesh
 from guise.app.cli.options import help_without_command
 
-analogy = typer.Typer(help="Expressions from one face to another: 3-D heads, photos and clips.")
+analogy = typer.Typer(
+    name="analogy", help="Expressions from one face to another: 3-D heads, photos and clips."
+)
 analogy.callback(invoke_without_command=True)(help_without_command)
 analogy.add_typer(mesh, name="mesh")
 analogy.command()(image)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from guise.app.enrolment.enrol import LandmarkSource
 
 
 class RendererName(StrEnum):
@@ -96,6 +99,22 @@ BoxDetectorSpec = Annotated[
         "--detector", metavar="lbp|yunet:PATH", help="What finds faces; default: the landmarker's own."
     ),
 ]
+
+
+def landmark_source(files: list[Path], landmarker: str | None, clips: int) -> LandmarkSource:
+    from guise.app.enrolment.enrol import LandmarkSource
+
+    if files and landmarker:
+        raise typer.BadParameter("give either --landmarks or --landmarker")
+    if files and len(files) != clips:
+        raise typer.BadParameter(
+            f"--landmarks must be given once for each of the {clips} clips, got {len(files)}"
+        )
+    if landmarker is None:
+        return LandmarkSource(files)
+    from guise.aam.landmarks import open_landmarker
+
+    return LandmarkSource(landmarker=open_landmarker(landmarker))
 
 
 def help_without_command(context: typer.Context) -> None:

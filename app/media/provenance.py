@@ -137,5 +137,5 @@ def _library() -> Any:
     try:
         import c2pa
     except ImportError as error:
-        raise MediaError("Signing needs c2pa-python: pip install guise-video[provenance].") from error
+        raise MediaError('Signing needs c2pa-python: pip install "guise-video[provenance]".') from error
     return c2pa

@@ -99,7 +99,7 @@ def _connect(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError as error:
-        raise EngineError("--engine dask needs more packages: pip install guise-video[cluster]") from error
+        raise EngineError('--engine dask needs more packages: pip install "guise-video[cluster]"') from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in a sentence
     try:
         with warnings.catch_warnings():

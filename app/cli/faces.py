@@ -1,0 +1,137 @@
+"""The commands `guise enroll`, `guise info` and `guise landmarks`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from guise.app.cli.console import Console, Stages
+from guise.app.cli.options import (
+    BoxDetectorSpec,
+    Crf,
+    Encoder,
+    Force,
+    FormatChoice,
+    Json,
+    LandmarkerSpec,
+    LandmarkFiles,
+    LandmarkOutput,
+    MinConfidence,
+    NoSmooth,
+    Overlay,
+    Quiet,
+    Video,
+    landmark_source,
+)
+
+
+def enroll(
+    videos: Annotated[list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="NAME.guise", help="The model that is written.")
+    ],
+    landmarks: LandmarkFiles = None,
+    landmarker: LandmarkerSpec = None,
+    frames: Annotated[
+        int | None, typer.Option(min=12, help="Frames to train on; about 120 by default.")
+    ] = None,
+    resolution: Annotated[
+        int | None,
+        typer.Option(min=32, max=512, help="Texture pixels across the face; the same for both models."),
+    ] = None,
+    retain: Annotated[float | None, typer.Option(min=0.5, max=1.0, help="Share of variance to keep.")] = None,
+    modes: Annotated[
+        int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="The person's name in the model; default: the file's.")
+    ] = None,
+    refine: Annotated[
+        bool | None,
+        typer.Option(
+            "--refine/--no-refine",
+            help="Refine found landmarks, all frames together; default: those of other landmarkers than builtin.",
+        ),
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Learn a person's face from one or more clips."""
+    from guise.app.enrolment.file import describe_options, enrol_file
+
+    console = Console(quiet=quiet, json=json)
+    source = replace(landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
+    options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
+    with Stages(console) as stages:
+        report = enrol_file(
+            videos, output, source, name=name or output.stem, options=options, force=force, progress=stages,
+            say=console.note,
+        )  # fmt: skip
+    console.table(f"{report.output}: {report.name}", report.as_rows())
+    console.result(report.as_json())
+
+
+def info(
+    model: Annotated[Path, typer.Argument(metavar="NAME.guise", help="A model that `guise enroll` made.")],
+    montage: Annotated[
+        Path | None, typer.Option(metavar="OUT.png", help="Also draw mean, neutral and modes at +-2 sd.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Show what is inside a model."""
+    from guise.app.people.info import describe
+    from guise.common.files import require_free
+
+    console = Console(quiet=quiet, json=json)
+    if montage is not None:
+        require_free(montage, force=force)
+    identity, facts = describe(model)
+    if montage is not None:
+        from guise.app.media.pictures import save_picture
+        from guise.app.people.montage import montage as draw
+
+        save_picture(montage, draw(identity))
+    console.table(str(model), facts.as_rows())
+    if montage is not None:
+        console.say(f"montage: {montage}")
+    console.result(asdict(facts) | {"montage": montage and str(montage)})
+
+
+def landmarks(
+    video: Video,
+    output: LandmarkOutput,
+    overlay: Overlay = None,
+    format: FormatChoice = None,
+    landmarker: LandmarkerSpec = None,
+    detector: BoxDetectorSpec = None,
+    min_confidence: MinConfidence = 0.5,
+    no_smooth: NoSmooth = False,
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Find the landmarks of all faces in a video, an image or a folder of images."""
+    from guise.aam.landmarks import open_landmarker
+    from guise.app.landmarks.file import LandmarkOptions, landmarks_file
+    from guise.app.media import EncodeOptions
+
+    console = Console(quiet=quiet, json=json)
+    spec = (landmarker or "builtin") + (f"@{detector}" if detector else "")
+    options = LandmarkOptions(
+        form=format and format.value, overlay=overlay, min_confidence=min_confidence, smooth=not no_smooth,
+        encode=EncodeOptions(encoder, crf), force=force,
+    )  # fmt: skip
+    with Stages(console) as stages:
+        report = landmarks_file(
+            video, output, open_landmarker(spec), options, progress=stages, say=console.note
+        )
+    console.say(str(report))
+    console.result(report.as_json())

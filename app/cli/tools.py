@@ -1,0 +1,81 @@
+"""The commands `guise demo`, `guise doctor` and `guise bench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from guise.app.cli.console import Console, Stages
+from guise.app.cli.options import Force, Json, Quiet
+from guise.app.cli.video import say_report
+
+
+def demo(
+    samples: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The folder sample_videos of a Guise checkout.")
+    ] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where the files go.")] = Path(
+        "guise-demo"
+    ),
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Enrol two sample people and put the face of one on the other."""
+    from guise.app.swapping.settings import SwapSettings
+    from guise.app.tools.demo import run_demo
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        report = run_demo(samples, output, SwapSettings(force=force, progress=stages, say=console.note))
+    for enrolment in report.enrolments:
+        console.table(enrolment.output, enrolment.as_rows())
+    say_report(console, report.swap, "swapped", last=False)
+    console.say(f"side by side: {report.side_by_side}")
+    console.say(f"contact sheet: {report.contact_sheet}")
+    console.result(report.as_json())
+
+
+def doctor(quiet: Quiet = False, json: Json = False) -> None:
+    """Show what works on this computer, and what to install for the rest."""
+    from guise.app.tools.doctor import as_json, examine
+
+    console = Console(quiet=quiet, json=json)
+    findings = examine()
+    words = {True: "works", False: "missing", None: "optional"}
+    rows = [[f.topic, f.name, words[f.ok], f.detail] for f in findings]
+    console.grid("Guise on this computer", ["", "what", "", "detail"], rows)
+    console.result(as_json(findings))
+
+
+def bench(
+    clip: Annotated[
+        Path | None, typer.Argument(metavar="[VIDEO]", help="What is measured on; default: a sample clip.")
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option(metavar="SRC.guise", help="Model of the person in VIDEO; default: enrolled."),
+    ] = None,
+    identity: Annotated[
+        Path | None,
+        typer.Option(metavar="NAME.guise", help="Whose face is shown; default: the same person's."),
+    ] = None,
+    samples: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The folder sample_videos of a Guise checkout.")
+    ] = None,
+    frames: Annotated[int, typer.Option(min=20, help="Frames that are counted.")] = 150,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Measure how long each stage of a frame takes here."""
+    from guise.app.tools.bench import measure, prepare
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        clip, person, shown = prepare(clip, source, identity, samples, progress=stages, say=console.note)
+        timings = measure(clip, person, shown, frames=frames, say=console.note)
+    rows = [[t.renderer, t.stage, f"{t.median:.2f}", f"{t.p95:.2f}"] for t in timings]
+    console.grid(f"{clip.name}: milliseconds a frame", ["renderer", "stage", "median", "95 %"], rows)
+    console.result({"clip": str(clip), "milliseconds": [t.as_json() for t in timings]})

@@ -1,0 +1,139 @@
+"""The commands `guise swap` and `guise puppet`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from guise.app.cli.console import Console, Stages
+from guise.app.cli.options import (
+    Alpha,
+    Crf,
+    Detector,
+    Encoder,
+    Force,
+    Json,
+    LandmarkerSpec,
+    LandmarkFile,
+    Lossless,
+    ModelPath,
+    Output,
+    Preset,
+    Quiet,
+    RendererChoice,
+    RendererName,
+    SourcePath,
+    Video,
+    landmark_source,
+)
+
+if TYPE_CHECKING:
+    from guise.aam.model import Identity
+    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.swapping.report import SwapReport
+    from guise.app.swapping.settings import SwapSettings
+
+
+def swap(
+    video: Video,
+    identity: ModelPath,
+    output: Output,
+    source: SourcePath = None,
+    landmarks: LandmarkFile = None,
+    landmarker: LandmarkerSpec = None,
+    alpha: Alpha = 0.6,
+    renderer: RendererChoice = RendererName.auto,
+    detector: Detector = "builtin",
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    preset: Preset = "veryfast",
+    lossless: Lossless = False,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Put the identity's face on the person in a video."""
+    from guise.app.swapping.file import swap_file
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        settings = _settings(
+            console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
+        )
+        shown, person = _open(identity, source, landmarks, landmarker)
+        report = swap_file(video, shown, output, source=person, settings=settings)
+    say_report(console, report, "swapped")
+
+
+def puppet(
+    video: Video,
+    identity: ModelPath,
+    output: Output,
+    source: SourcePath = None,
+    landmarks: LandmarkFile = None,
+    landmarker: LandmarkerSpec = None,
+    alpha: Alpha = 0.6,
+    renderer: RendererChoice = RendererName.auto,
+    detector: Detector = "builtin",
+    encoder: Encoder = "libx264",
+    crf: Crf = 20,
+    preset: Preset = "veryfast",
+    lossless: Lossless = False,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Put the expressions of the person in a video on the identity's own head."""
+    from guise.app.swapping.puppet import puppet_file
+
+    console = Console(quiet=quiet, json=json)
+    with Stages(console) as stages:
+        settings = _settings(
+            console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
+        )
+        shown, person = _open(identity, source, landmarks, landmarker)
+        report = puppet_file(video, shown, output, source=person, settings=settings)
+    say_report(console, report, "followed")
+
+
+def _settings(
+    console: Console, stages: Stages, alpha: float, renderer: RendererName, detector: str, encoder: str, crf: int,
+    preset: str, lossless: bool, force: bool,
+) -> SwapSettings:  # fmt: skip
+    from guise.app.media import EncodeOptions
+    from guise.app.swapping.options import EngineOptions
+    from guise.app.swapping.settings import SwapSettings
+
+    return SwapSettings(
+        EngineOptions(alpha=alpha, renderer=renderer.value),
+        EncodeOptions(encoder, crf, preset, lossless),
+        detector=detector, force=force, progress=stages, say=console.note,
+    )  # fmt: skip
+
+
+def _open(
+    identity: Path, source: Path | None, landmarks: Path | None, landmarker: str | None
+) -> tuple[Identity, Identity | LandmarkSource]:
+    """The identity, and the person in the video: their model, or where their landmarks come from."""
+    from guise.aam.model import Identity
+
+    shown = Identity.load(identity)
+    if source is None:
+        return shown, landmark_source([landmarks] if landmarks else [], landmarker, 1)
+    if landmarks or landmarker:
+        raise typer.BadParameter(
+            "--landmarks and --landmarker are for enrolling, which --source makes needless"
+        )
+    return shown, Identity.load(source)
+
+
+def say_report(console: Console, report: SwapReport, word: str, *, last: bool = True) -> None:
+    """The line for people and, unless more follows, the JSON object."""
+    console.say(
+        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, "
+        f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
+    )
+    if last:
+        console.result(report.as_json())
