@@ -1,10 +1,11 @@
-# make demo   the main job on the sample clips: enrol two people, swap one into the other's video
-# make test   the tests
-# make lint   formatting, lint, types, and whether the generated docs are up to date
-# make bench  the benchmarks (longer)
-# make clean  remove what the others made
+# make demo   enrol two people from the sample clips and swap one into the other's video
+# make test   run the tests on all cores; PYTEST_ARGS="-k swap --numprocesses=0" chooses otherwise
+# make lint   check formatting, lint, types, and that the generated docs are up to date
+# make bench  run the benchmarks (takes longer)
+# make docs   regenerate docs/cli.md and the pictures
+# make clean  remove everything that the other targets made
 #
-# Each creates what it needs: a virtual environment, and software OpenGL where the package manager allows it.
+# Each target creates what it needs: a virtual environment, and software OpenGL where the package manager allows it.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -26,7 +27,7 @@ demo: $(READY) $(GL)
 	$(VENV)/bin/guise demo -o out/demo --force
 
 test: $(READY) $(GL)
-	$(PY) -m pytest $(PYTEST_ARGS)
+	$(PY) -m pytest --numprocesses=auto --dist=loadfile $(PYTEST_ARGS)
 
 lint: $(READY)
 	$(PY) -m ruff check .

@@ -131,7 +131,7 @@ def _open(url: str) -> tuple[Any, str]:
     try:
         import fsspec
     except ImportError as error:
-        raise RemoteError(f"{shown(url)} needs more packages: pip install guise-video[cluster]") from error
+        raise RemoteError(f'{shown(url)} needs more packages: pip install "guise-video[cluster]"') from error
     try:
         return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
     except ImportError as error:
