@@ -20,8 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from guise.app.deidentify.report.html import VOID
-from guise.app.deidentify.report.page import CARDS, write_batch_page, write_page
+from guise.app.deidentify.report.page import LIMITS, write_batch_page, write_page
 from guise.app.deidentify.report.report import (
     BatchEntry,
     frames_with,
@@ -31,12 +30,13 @@ from guise.app.deidentify.report.report import (
     write_batch,
     write_report,
 )
-from guise.app.deidentify.report.timeline import COLUMNS, columns
+from guise.app.deidentify.report.timeline import MAX_COLUMNS, columns
 from guise.app.deidentify.tracks import BYSTANDERS, DONE, AuditFind, FileReport, Outcome, Track
 
 ROOT = Path(__file__).parents[1]
 SCHEMA = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))
 SWAPPED, COVERED, LEFT = range(3)
+VOID = frozenset({"meta", "link", "img", "br"})
 HOSTILE = "\"'><script>alert(1)</script>\u202e\n</style>\udcff&amp;.mp4"
 SECRET = "mean:p01+/secret/a.guise"
 RED = np.full((90, 60, 3), (250, 10, 10), np.uint8)
@@ -376,7 +376,7 @@ def test_the_page_names_the_file_its_digest_and_problems_but_no_folder_or_person
         "0" * 64,
         "A frame was damaged.",
         "key.json",
-        "covered then",
+        "covered afterwards",
         "Signature",
     ):
         assert word in page.text()
@@ -404,7 +404,7 @@ def test_parts_of_a_long_video_lose_nothing(frames: int, place: int, done: int) 
     codes[place] = done
     parts = columns(outcome_of(1, codes), frames)
     count = len(parts.done)
-    assert count == min(frames, COLUMNS)
+    assert count == min(frames, MAX_COLUMNS)
     assert (parts.edges[0], parts.edges[-1]) == (0, frames)
     here = int(np.searchsorted(parts.edges, place, side="right")) - 1
     assert parts.done[here] == done
@@ -419,10 +419,12 @@ def test_the_page_of_a_long_video_is_small(tmp_path: Path) -> None:
 
 
 def test_of_very_many_tracks_the_longest_have_cards(tmp_path: Path) -> None:
-    report = report_of(*(outcome_of(n, [0] * (1 if n <= 7 else 2)) for n in range(1, CARDS + 8)))
+    report = report_of(*(outcome_of(n, [0] * (1 if n <= 7 else 2)) for n in range(1, LIMITS.max_tracks + 8)))
     page = page_of(tmp_path / "p.html", report)
     titles = [text for tag, text in page.texts if tag == "h3"]
-    assert [title.split(":")[0] for title in titles] == [f"Track {n}" for n in range(8, CARDS + 8)]
+    assert [title.split(":")[0] for title in titles] == [
+        f"Track {n}" for n in range(8, LIMITS.max_tracks + 8)
+    ]
     assert "7 shorter tracks are in the JSON report only." in page.text()
 
 

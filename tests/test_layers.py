@@ -51,6 +51,7 @@ OWNERS = {
     "PIL": {"app/media/profiles.py"},
     "c2pa": {"app/media/provenance.py"},
     "cryptography": {"app/media/provenance.py"},
+    "jinja2": {"app/deidentify/report/html.py"},
     "matplotlib": {"app/measure/plot.py"},
     "distributed": {"app/deidentify/run/cluster.py"},
     "fsspec": {"app/deidentify/run/remote.py"},

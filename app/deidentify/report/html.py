@@ -1,46 +1,40 @@
-"""HTML from Python, with everything escaped that is not HTML by its type."""
+"""HTML pages from the templates beside this module; whatever is put into one is escaped.
+
+A page is one file that requests nothing from anywhere: its style and script are in it, and its policy admits no others.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from html import escape
+from functools import cache
+from pathlib import Path
 from typing import Any
 
-VOID = frozenset({"meta", "link", "img", "br"})
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from guise.app.deidentify.report.report import clock
+
+TEMPLATES = Path(__file__).parent / "templates"
 
 
-class Html(str):
-    """A piece of HTML: put into a page as it is."""
+def render_page(template: str, *, script: str = "", **values: Any) -> str:
+    """A page of a template that extends page.html.
 
-    __slots__ = ()
-
-
-def tag(name: str, /, *children: object, **attributes: object) -> Html:
-    """An element; children that are no Html are text, None is nothing.
-
-    An underscore at the end of an attribute's name is dropped, others become hyphens; None leaves it out.
-
-    >>> tag("p", "a < b", tag("b", 1), class_="no'te", data_of=2)
-    '<p class="no&#x27;te" data-of="2">a &lt; b<b>1</b></p>'
+    script : name of a file in the templates' folder, or "".   values : what the template shows.
     """
-    said = "".join(
-        f' {key.rstrip("_").replace("_", "-")}="{_escaped(value)}"'
-        for key, value in attributes.items()
-        if value is not None
-    )
-    opened = f"<{name}{said}>"
-    return Html(opened if name in VOID else f"{opened}{join(*children)}</{name}>")
+    code = (TEMPLATES / script).read_text(encoding="utf-8") if script else ""
+    style = (TEMPLATES / "page.css").read_text(encoding="utf-8")
+    return _environment().get_template(template).render(**values, style=style, script=code)
 
 
-def join(*children: object) -> Html:
-    """Pieces one after the other; what is no Html is text, None is nothing."""
-    pieces = (c if isinstance(c, Html) else _escaped(c) for c in children if c is not None)
-    return Html("".join(pieces))
+def render_fragment(template: str, **values: Any) -> str:
+    """A piece of HTML or SVG of a template, for a page of another program."""
+    return _environment().get_template(template).render(**values)
 
 
 def printable(name: str) -> str:
-    """A name from outside, such as of a file, with nothing hidden in it.
+    """A name from outside, such as of a file, with its invisible characters written out.
 
     >>> printable("a\\nb.mp4")
     'a\\\\nb.mp4'
@@ -48,39 +42,27 @@ def printable(name: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
 
 
-def visible(name: str) -> Html:
-    """A name from outside, isolated from the text around it, which may run the other way."""
-    return tag("bdi", printable(name))
-
-
-def document(title: str, body: Html, style: str, script: str = "") -> str:
-    """A page that asks for nothing from anywhere: only this style, this script and pictures in it are let in."""
-    policy = (
-        f"default-src 'none'; img-src data:; style-src {_hash(style)}; script-src {_hash(script)}; "
-        "base-uri 'none'; form-action 'none'"
-    )
-    head = join(
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=policy),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", name="referrer", content="no-referrer"),
-        tag("link", rel="icon", href="data:,"),
-        tag("title", title),
-        tag("style", Html(style)),
-    )
-    end = tag("script", Html(script)) if script else None
-    return f"<!DOCTYPE html>\n{tag('html', tag('head', head), tag('body', body, end), lang='en')}\n"
-
-
 def data_uri(data: bytes, kind: str) -> str:
-    """A file inside of the page.   kind : its media type."""
+    """A file as a URI that holds it.   kind : its media type."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def _hash(text: str) -> str:
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters |= {
+        "clock": lambda seconds: clock(float(seconds)),
+        "csp_hash": _csp_hash,
+        "printable": printable,
+        "thousands": "{:,}".format,
+    }
+    return environment
+
+
+def _csp_hash(text: str) -> str:
+    """The source expression that admits exactly this text to a page (Content Security Policy Level 3, 2.3.1)."""
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     return f"'sha256-{digest}'"
-
-
-def _escaped(value: Any) -> str:
-    return escape(str(value), quote=True)
