@@ -346,7 +346,7 @@ def test_odd_sizes_stay_odd_where_the_encoder_can(tmp_path: Path) -> None:
 def test_odd_sizes_grow_by_a_repeated_edge_for_h264(tmp_path: Path) -> None:
     clip = make_clip(tmp_path / "in.mkv", STEADY[:4], size=(37, 23), encoder="ffv1", clock=Fraction(1, 1000))
     stats = run(clip, tmp_path / "out.mkv", options=LOSSLESS)
-    assert "The picture was grown from 37 x 23 to 38 x 24, as libx264 needs even sizes." in stats.problems
+    assert "The picture was extended from 37 x 23 to 38 x 24, as libx264 needs even sizes." in stats.problems
     for old, new in zip(video_planes(clip), video_planes(tmp_path / "out.mkv"), strict=True):
         np.testing.assert_array_equal(np.pad(old[0], ((0, 1), (0, 1)), mode="edge"), new[0])
         np.testing.assert_array_equal(old[1], new[1])

@@ -72,16 +72,16 @@ def test_a_profile_for_another_kind_of_picture_is_left_out(tmp_path: Path) -> No
     ("suffix", "lost"),
     [
         (".png", []),
-        (".webp", ["16 bits a component"]),
-        (".jpg", ["transparency", "16 bits a component"]),
-        (".bmp", ["16 bits a component", "colour profile"]),
+        (".webp", ["16 bits per component"]),
+        (".jpg", ["transparency", "16 bits per component"]),
+        (".bmp", ["16 bits per component", "colour profile"]),
     ],
 )
 def test_what_a_format_loses_is_said_and_true(tmp_path: Path, suffix: str, lost: list[str]) -> None:
     image = DeepImage(picture(np.uint16, (19, 27, 3)), picture(np.uint16, (19, 27)), profile())
     assert lost_in(suffix, image) == lost
     read = written(tmp_path / f"a{suffix}", image)
-    assert (read.bits == 8) == ("16 bits a component" in lost)
+    assert (read.bits == 8) == ("16 bits per component" in lost)
     assert (read.alpha is None) == ("transparency" in lost)
 
 

@@ -99,7 +99,7 @@ def test_exif_orientation_is_applied(tmp_path: Path) -> None:
 def test_deep_images_are_converted_and_reported(tmp_path: Path) -> None:
     assert cv2.imwrite(str(tmp_path / "in.png"), noise().astype(np.uint16) * 257)
     problems = run(tmp_path / "in.png", tmp_path / "out.png")
-    assert problems == ("in.png was converted from 16 to 8 bits a component.",)
+    assert problems == ("in.png was converted from 16 to 8 bits per component.",)
     np.testing.assert_array_equal(load(tmp_path / "out.png"), noise()[..., ::-1])
 
 

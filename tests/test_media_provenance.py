@@ -146,7 +146,7 @@ def test_pictures_of_a_folder_are_signed_one_by_one(
 @pytest.mark.parametrize("name", ["out.mkv", "out.webm", "out.ts"])
 def test_a_container_without_a_place_is_refused_before_the_work(pair: tuple[Path, Path], name: str) -> None:
     with pytest.raises(
-        MediaError, match=f"{name} cannot be signed, as C2PA has no place in it: write to .mp4"
+        MediaError, match=f"{name} cannot be signed, as the format holds no C2PA manifest: write to .mp4"
     ):
         check_signing(Path(name), *pair)
 
@@ -162,7 +162,7 @@ def test_files_that_are_no_keys_are_one_sentence(tmp_path: Path, pair: tuple[Pat
     for cert, key, match in [
         (pair[0], tmp_path / "none.pem", "none.pem cannot be read"),
         (tmp_path / "none.pem", pair[1], "none.pem cannot be read"),
-        (pair[0], tmp_path / "text.pem", "text.pem is no private key that can be read"),
+        (pair[0], tmp_path / "text.pem", "text.pem is not a readable private key"),
         (tmp_path / "text.pem", pair[1], "cannot sign|failed"),
     ]:
         with pytest.raises(MediaError, match=match) as caught:

@@ -32,9 +32,16 @@ from guise.analogy.photo import PhotoError
 from guise.app.cli.main import main
 from guise.app.media import open_input
 from guise.app.media.images import DeepImage, encode_deep, read_deep
-from guise.app.photos.driving_track import Driver
-from guise.app.photos.faces import SHAPES_APART, Photo, require_usable, shapes_apart, turned, warnings
-from guise.app.photos.pose_normaliser import Facing
+from guise.app.photos.driving_track import DrivingTrack
+from guise.app.photos.faces import (
+    PHOTO_LIMITS,
+    Photo,
+    head_angles,
+    quality_warnings,
+    require_usable,
+    shape_distance,
+)
+from guise.app.photos.pose_normaliser import PoseNormaliser
 
 REST, OPEN = 0, 15  # frames of p01's talk2: at rest, and with an open mouth
 WIDTH, HEIGHT = 311, 419  # of T, as in the paper
@@ -159,7 +166,7 @@ def test_depth_alpha_and_profile_of_t_are_kept(here: Path, capsys: pytest.Captur
     np.testing.assert_array_equal(made.pixels[:20], rgb[:20])
     code, _, err = run(capsys, *IMAGE[:3], "deep.tif", *KNOWN, "-o", "out.jpg")
     assert code == 0
-    assert "out.jpg does not keep transparency and 16 bits a component" in err
+    assert "out.jpg does not keep transparency and 16 bits per component" in err
 
 
 def test_a_grey_photo_stays_grey(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -309,7 +316,7 @@ def test_faces_that_cannot_be_used_are_told_apart() -> None:
 
 @pytest.mark.parametrize("degrees", [-25, -10, 0, 10, 25])
 def test_turns_are_measured(degrees: float) -> None:
-    assert turned(head(degrees)) == pytest.approx((degrees, 0), abs=2)
+    assert head_angles(head(degrees)) == pytest.approx((degrees, 0), abs=2)
 
 
 def test_two_people_and_turned_heads_are_said() -> None:
@@ -318,17 +325,17 @@ def test_two_people_and_turned_heads_are_said() -> None:
 
     rest, smile = landmarks("p01", REST, OPEN)
     (other,) = landmarks("p02", REST)
-    assert shapes_apart(rest, smile) < SHAPES_APART < shapes_apart(rest, other)
-    assert warnings(photo(rest, "s"), photo(smile, "s1"), photo(rest, "t")) == []
-    (said,) = warnings(photo(rest, "s"), photo(other, "s1"), photo(rest, "t"))
+    assert shape_distance(rest, smile) < PHOTO_LIMITS.max_shape_distance < shape_distance(rest, other)
+    assert quality_warnings(photo(rest, "s"), photo(smile, "s1"), photo(rest, "t")) == []
+    (said,) = quality_warnings(photo(rest, "s"), photo(other, "s1"), photo(rest, "t"))
     assert said.startswith("s and s1 do not look like the same person (eyes and nose differ by ")
-    (said,) = warnings(photo(head(0), "s"), photo(head(5), "s1"), photo(head(30), "t"))
+    (said,) = quality_warnings(photo(head(0), "s"), photo(head(5), "s1"), photo(head(30), "t"))
     assert re.match(r"the heads in s and t are turned \d\d degrees apart: ", said)
 
 
 def test_a_turn_of_the_head_is_no_expression() -> None:
     frame = ReferenceFrame.canonical(160)
-    facing = Facing(frame.points)
+    facing = PoseNormaliser(frame.points)
     np.testing.assert_allclose(facing(frame.points), frame.points, atol=1e-9)
     turn = 12 * frame.yaw_mode * [1, 0]
     mouth_open = np.zeros((81, 2))
@@ -342,7 +349,7 @@ def test_the_resting_frame_has_its_mouth_shut() -> None:
     points = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"].astype(float)
     gap = np.linalg.norm(points[:, UPPER_LIP_INNER] - points[:, LOWER_LIP_INNER], axis=1)
     points[:3] = np.nan
-    resting = Driver(points).resting
+    resting = DrivingTrack(points).rest_index
     assert resting >= 3
     assert gap[resting] < np.quantile(gap, 0.4)
 

@@ -1,4 +1,4 @@
-"""Video and image files in and out: frames stay in YUV, time stamps and other streams survive."""
+"""Video and image files in and out: frames stay in YUV, time stamps and other streams are kept."""
 
 from guise.app.media.encoder import EncodeOptions
 from guise.app.media.errors import MediaError

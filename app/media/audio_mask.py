@@ -1,7 +1,7 @@
-"""Masked sound: a voice that is not known by ear, in step with the picture.
+"""Masked audio: a disguised voice that stays in sync with the picture.
 
-Pitch and formants are lowered together, as by a tape that runs slower; then the tempo is restored by overlap-add
-(FFmpeg filters `asetrate`, `aresample`, `atempo`).  That fools the ear; whoever knows the factor can undo it.
+Pitch and formants are lowered together, as by a tape that runs slower; then overlap-add restores the tempo
+(FFmpeg filters `asetrate`, `aresample`, `atempo`).  This deceives listeners; anyone who knows the factor can undo it.
 """
 
 from __future__ import annotations
@@ -18,54 +18,52 @@ from av.audio.frame import AudioFrame
 from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.filter import Graph
-from numpy.typing import NDArray
 
 from guise.app.media.codecs import has_encoder
 from guise.app.media.errors import MediaError
 from guise.app.media.reader import ProblemLog
+from guise.common.arrays import F32
 
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
 
-FREQUENCY_FACTOR = Fraction(4, 5)  # of all frequencies
+FREQUENCY_FACTOR = Fraction(4, 5)
 _UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
-_LEAST_BIT_RATE = 64_000  # a channel
-_ALWAYS = 48_000  # a sample rate that every fallback takes
-_JUMP = 0.02  # seconds; a longer gap in the input's time stamps is filled with silence
+_MIN_CHANNEL_BIT_RATE = 64_000
+_FALLBACK_SAMPLE_RATE = 48_000  # Hz, which every fallback codec takes
+_MAX_GAP_SECONDS = 0.02  # between the input's time stamps; a longer gap is filled with silence
 
 
 def named_layout(name: str) -> str:
-    """The layout's name; MP4 wants one for what has only a count of channels."""
+    """The layout's name; MP4 needs one even where there is only a channel count."""
     return _UNNAMED_LAYOUTS.get(name, name)
 
 
 class MaskedAudio:
-    """One sound stream of the input, encoded again with the voices masked.
+    """One audio stream of the input, re-encoded with the voices masked.
 
     stream : of the output.
     """
 
-    def __init__(self, source: AudioStream, output: OutputContainer, problems: ProblemLog) -> None:
+    def __init__(self, audio: AudioStream, output: OutputContainer, problems: ProblemLog) -> None:
         self._problems = problems
-        self._layout = named_layout(source.layout.name)
-        self.stream = self._add_stream(source, output)
+        self._layout = named_layout(audio.layout.name)
+        self.stream = self._add_stream(audio, output)
         self._rate = self.stream.rate
         self._graph: Graph | None = None
         self._kind: tuple[object, ...] = ()
-        self._next: int | None = (
-            None  # where the output has come to, and where the input, samples from time zero
-        )
+        self._next: int | None = None  # where the output ends, and where the input, samples from time zero
         self._end = 0
 
-    def _add_stream(self, source: AudioStream, output: OutputContainer) -> AudioStream:
+    def _add_stream(self, audio: AudioStream, output: OutputContainer) -> AudioStream:
         """A stream in the input's codec, or in one that the container takes."""
-        own = source.codec_context.codec.canonical_name
-        bit_rate = max(source.bit_rate or 0, _LEAST_BIT_RATE * source.channels)
+        own = audio.codec_context.codec.canonical_name
+        bit_rate = max(audio.bit_rate or 0, _MIN_CHANNEL_BIT_RATE * audio.channels)
         for name, rate in [
-            (own, source.rate),
-            ("aac", source.rate),
-            ("libopus", source.rate),
-            ("libopus", _ALWAYS),
+            (own, audio.rate),
+            ("aac", audio.rate),
+            ("libopus", audio.rate),
+            ("libopus", _FALLBACK_SAMPLE_RATE),
         ]:
             if not _opens(name, rate, self._layout, bit_rate):
                 continue
@@ -77,11 +75,11 @@ class MaskedAudio:
             stream.codec_context.layout, stream.codec_context.bit_rate = self._layout, bit_rate
             return stream
         raise MediaError(
-            f"Masked sound of {source.channels} channels cannot be stored in {output.format.name}: use .mp4."
+            f"Masked sound of {audio.channels} channels cannot be stored in {output.format.name}: use .mp4."
         )
 
     def feed(self, packet: AnyPacket) -> Iterator[AnyPacket]:
-        """Take a packet of the input; gives packets for the output."""
+        """Take a packet of the input; yields packets for the output."""
         try:
             frames = packet.decode()
         except EOFError:
@@ -117,7 +115,7 @@ class MaskedAudio:
                 layout=frame.layout,
                 time_base=frame.time_base,
             ),
-            graph.add("aresample", f"{self._rate}:async=1:min_hard_comp={_JUMP}"),
+            graph.add("aresample", f"{self._rate}:async=1:min_hard_comp={_MAX_GAP_SECONDS}"),
             graph.add("aformat", f"sample_fmts=fltp:channel_layouts={self._layout}"),
             graph.add("asetrate", str(low)),
             graph.add("aresample", str(self._rate)),
@@ -130,7 +128,7 @@ class MaskedAudio:
         return graph
 
     def _drain(self) -> Iterator[AnyPacket]:
-        """What the filters still hold."""
+        """Yield what the filters still hold."""
         if self._graph is not None:
             self._graph.push(None)
             yield from self._pull()
@@ -146,7 +144,7 @@ class MaskedAudio:
             assert isinstance(frame, AudioFrame)
             yield from self._encode(np.asarray(frame.to_ndarray(), np.float32))
 
-    def _encode(self, samples: NDArray[np.float32]) -> Iterator[AnyPacket]:
+    def _encode(self, samples: F32) -> Iterator[AnyPacket]:
         """Encode samples (channels, n) as far as the input goes."""
         assert self._next is not None
         samples = samples[:, : max(self._end - self._next, 0)]
@@ -158,7 +156,7 @@ class MaskedAudio:
         yield from self.stream.encode(frame)
 
     def finish(self) -> Iterator[AnyPacket]:
-        """The rest, as long as the input."""
+        """Yield the rest, up to the length of the input."""
         yield from self._drain()
         if self._next is not None:
             missing = max(self._end - self._next, 0)
@@ -167,7 +165,7 @@ class MaskedAudio:
 
 
 def _opens(name: str, rate: int, layout: str, bit_rate: int) -> bool:
-    """Whether there is an encoder of that name that takes these settings without being an experiment."""
+    """Whether there is a non-experimental encoder of that name that takes these settings."""
     if not has_encoder(name):
         return False
     context = av.CodecContext.create(av.Codec(name, "w"), "w")

@@ -26,9 +26,9 @@ SAMPLE_RATE = 48_000  # Hz
 
 
 class AudioReader(Closing):
-    """The first sound stream of a video file, decoded from any time on as stereo, SAMPLE_RATE samples a second.
+    """The first audio stream of a video file, decoded from any time on as stereo, SAMPLE_RATE samples per second.
 
-    Use `has_audio` of the input to know whether there is one.
+    The input's `has_audio` tells whether there is one.
     """
 
     def __init__(self, media: VideoInput) -> None:
@@ -37,8 +37,8 @@ class AudioReader(Closing):
         self.seek(0.0)
 
     def seek(self, seconds: float) -> None:
-        """Go on with what is heard at that time of the file, or a little before."""
-        with contextlib.suppress(av.error.FFmpegError):  # where there is no index, from the beginning
+        """Continue with what is heard at that time of the file, or slightly before."""
+        with contextlib.suppress(av.error.FFmpegError):  # without an index, from the beginning
             self._container.seek(max(0, round(seconds * av.time_base)))
         self._blocks = self._decoded()
 

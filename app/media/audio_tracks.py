@@ -1,4 +1,4 @@
-"""The sound of a file in short, to tell whether a copy has the same."""
+"""A summary of a file's audio, to check whether a copy has the same."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from guise.app.media.reader import open_container
 
 @dataclass(frozen=True)
 class AudioTrack:
-    """A sound stream: codec, the SHA-256 of its packets' bytes, and its length in seconds."""
+    """An audio stream: codec, SHA-256 of its packets' bytes, and length in seconds."""
 
     codec: str
     digest: str
@@ -20,7 +20,7 @@ class AudioTrack:
 
 
 def audio_tracks(path: Path) -> tuple[AudioTrack, ...]:
-    """The sound streams of a video, in order; a picture or a folder has none.
+    """The audio streams of a video, in order; an image or a folder has none.
 
     Raises MediaError when the file cannot be read.
     """
@@ -31,7 +31,7 @@ def audio_tracks(path: Path) -> tuple[AudioTrack, ...]:
         digests = {s.index: hashlib.sha256() for s in streams}
         ticks = dict.fromkeys(digests, 0)
         for packet in container.demux(streams) if streams else ():
-            if packet.size:  # the last ones are empty: they would flush decoders
+            if packet.size:  # the last ones are empty: they flush decoders
                 digests[packet.stream_index].update(bytes(packet))
                 ticks[packet.stream_index] += packet.duration or 0
         return tuple(

@@ -18,7 +18,7 @@ def has_decoder(name: str) -> bool:
 
 
 def library_versions() -> str:
-    """PyAV and the libavcodec in it, for a person to read."""
+    """The versions of PyAV and its libavcodec, for people."""
     number = ".".join(map(str, versions.get("libavcodec", ())))
     return f"PyAV {av.__version__}, libavcodec {number}"
 

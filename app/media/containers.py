@@ -1,4 +1,4 @@
-"""Which container the result of a file goes into."""
+"""Choice of the container for a result."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ FALLBACKS = (".mp4", ".mkv")
 
 
 def suffix_for(path: Path, encoder: str) -> str:
-    """The suffix of an output: the input's own where that can hold the result, else .mp4, else .mkv.
+    """The suffix of an output: the input's own where that can hold the result, otherwise .mp4, otherwise .mkv.
 
-    The result is a video of the encoder with the time stamps of the input, and its sound and subtitles.
+    The result is the encoder's video with the input's time stamps, audio and subtitles.
     """
     with _copied_streams(path) as copied:
         fitting = (s for s in (path.suffix, FALLBACKS[0]) if s and _holds(s, encoder, copied))
@@ -27,7 +27,7 @@ def suffix_for(path: Path, encoder: str) -> str:
 
 @contextlib.contextmanager
 def _copied_streams(path: Path) -> Iterator[list[Stream]]:
-    """The streams that are copied from a file; none of one that cannot be read, of which others tell."""
+    """The streams that are copied from a file; none if it cannot be read, which is reported elsewhere."""
     try:
         media = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
     except (av.error.FFmpegError, OSError):

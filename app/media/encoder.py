@@ -1,4 +1,4 @@
-"""Encoder choice: from a user's options to the settings of one encoder."""
+"""From a user's options to the settings of one encoder."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _X26X_PRESETS = (
 _ALWAYS_LOSSLESS = frozenset({"ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo"})
 _QSCALE = frozenset({"mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "msmpeg4v2", "msmpeg4", "h263", "flv"})
 _EVEN_ONLY = frozenset({"libx264", "libx265", "h264_nvenc", "hevc_nvenc", "libopenh264", "libsvtav1"})
-# The rate control of x264 165 differs from run to run with AVX-512, and from machine to machine with the instructions.
-_SAME_EVERYWHERE = "asm=sse2fast,sse4.2"
+# The rate control of x264 165 differs from run to run with AVX-512, and between machines by their instruction sets.
+_COMMON_INSTRUCTIONS = "asm=sse2fast,sse4.2"
 _DEFAULT_PRESET = "veryfast"
-# Kept from the most chroma to the least, after the picture's own format.
+# After the picture's own format, by how much chroma they keep.
 _FALLBACKS = {
     (0, 0): ("yuv444p", "yuv422p", "yuv420p"),
     (1, 0): ("yuv422p", "yuv444p", "yuv420p"),
@@ -46,7 +46,7 @@ class EncodeOptions:
 
 
 def find_encoder(name: str) -> av.Codec:
-    """The video encoder of that name, or one sentence that lists some that exist."""
+    """The video encoder of that name; MediaError lists some that exist."""
     try:
         codec = av.Codec(name, "w")
     except UnknownCodecError as error:
@@ -66,7 +66,7 @@ def available_encoders() -> str:
 def encoder_settings(options: EncodeOptions, threads: int = 0) -> dict[str, str]:
     """The encoder's own options for a choice of crf, preset and lossless.
 
-    threads : a fixed number, for the same bytes on any machine, or 0 for what suits this one.
+    threads : a fixed number, for the same output on any machine, or 0 for what suits this one.
     """
     name = options.encoder
     if name in _X26X:
@@ -78,7 +78,7 @@ def encoder_settings(options: EncodeOptions, threads: int = 0) -> dict[str, str]
     if name == "libvpx-vp9":
         return {"crf": str(options.crf), "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
     if name == "libsvtav1":
-        os.environ.setdefault("SVT_LOG", "1")  # it would print its settings
+        os.environ.setdefault("SVT_LOG", "1")  # otherwise it prints its settings
         return {
             "crf": str(options.crf),
             "preset": "10" if options.preset == _DEFAULT_PRESET else options.preset,
@@ -101,7 +101,7 @@ def _x26x_settings(options: EncodeOptions, threads: int) -> dict[str, str]:
         settings["x265-params"] = "log-level=none" + pools + (":lossless=1" if options.lossless else "")
         return settings if options.lossless else settings | {"crf": str(options.crf)}
     if threads and platform.machine().lower() in ("x86_64", "amd64"):
-        settings["x264-params"] = _SAME_EVERYWHERE
+        settings["x264-params"] = _COMMON_INSTRUCTIONS
     return settings | ({"qp": "0"} if options.lossless else {"crf": str(options.crf)})
 
 
@@ -114,7 +114,7 @@ def _lossless_settings(name: str) -> dict[str, str]:
 
 
 def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) -> str:
-    """The encoder's pixel format for a native one: the same, or the one that keeps the most."""
+    """The encoder's pixel format for a native one: the same, or the one that loses the least."""
     supported = [fmt.name for fmt in codec.video_formats or ()]
     if not supported or name in supported:
         return name
@@ -127,7 +127,7 @@ def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) ->
 
 
 def encoded_size(encoder: str, fmt: str, width: int, height: int) -> tuple[int, int]:
-    """The picture's size, grown to even where encoder and chroma need it."""
+    """The picture's size, extended to even numbers where encoder and chroma require it."""
     if encoder not in _EVEN_ONLY or fmt in ("yuv444p", "yuvj444p", "gray"):
         return width, height
     return width + width % 2, height + height % 2

@@ -1,4 +1,4 @@
-"""How the pictures of one input are encoded: an encoder, its settings and what it is fed."""
+"""How the pictures of one input are encoded: an encoder, its settings and the pictures it gets."""
 
 from __future__ import annotations
 
@@ -15,19 +15,17 @@ from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.picture_format import PictureFormat, picture_format_for
 
-_CAPTIONING = frozenset(
-    {"libx264", "libx264rgb", "mpeg2video"}
-)  # encoders that write captions unless told not to
+_CAPTIONING = frozenset({"libx264", "libx264rgb", "mpeg2video"})  # encoders that write captions by default
 
 
 @dataclass(frozen=True)
 class Encoding:
-    """An encoder with all that it must be told.
+    """An encoder and its complete configuration.
 
     codec : FFmpeg's name of the coded format.   encoder, settings : FFmpeg's name of the encoder, its own options.
-    picture_format : its pictures.   rate : average frames a second.   time_base : unit of pts, seconds.
+    picture_format : of its pictures.   rate : average frames per second.   time_base : unit of pts, seconds.
     field_order : of interlaced pictures, as FFmpeg numbers it, or None.
-    threads : of the encoder; 0 for as many as suit the machine, on which the bytes then depend.
+    threads : of the encoder; 0 for as many as suit the machine, on which the output then depends.
     """
 
     codec: str
@@ -40,7 +38,7 @@ class Encoding:
     threads: int
 
     def configure(self, context: VideoCodecContext) -> None:
-        """Set an encoder's context up, all but its own options."""
+        """Set up an encoder's context, except for its own options."""
         form = self.picture_format
         context.width, context.height = form.coded
         context.pix_fmt = form.fmt
@@ -68,10 +66,10 @@ def encoding_for(
     media: MediaInput, options: EncodeOptions, size: tuple[int, int] | None = None, *, threads: int = 0,
     captions: bool = True,
 ) -> Encoding:  # fmt: skip
-    """How an input is encoded; what the encoder cannot keep is noted in the input's problems.
+    """The encoding for an input; what the encoder cannot keep is noted in the input's problems.
 
-    size : (width, height) of the frames when they are not the input's own.
-    captions : whether closed captions inside the pictures are passed on, by encoders that can.
+    size : (width, height) of the frames if it differs from the input's.
+    captions : whether encoders that can write closed captions keep those in the pictures.
     """
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
@@ -99,7 +97,7 @@ def encoding_for(
 def _note_changes(media: MediaInput, form: PictureFormat, encoder: str) -> None:
     if form.coded != form.size:
         media.problems.note(
-            f"The picture was grown from {form.size[0]} x {form.size[1]} to {form.coded[0]} x "
+            f"The picture was extended from {form.size[0]} x {form.size[1]} to {form.coded[0]} x "
             f"{form.coded[1]}, as {encoder} needs even sizes."
         )
     native = media.first_picture.format.name if isinstance(media, VideoInput) else form.fmt

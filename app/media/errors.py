@@ -1,4 +1,4 @@
-"""The one exception of the media layer."""
+"""The exception of the media room."""
 
 from guise.common.errors import GuiseError
 
@@ -6,5 +6,5 @@ from guise.common.errors import GuiseError
 class MediaError(GuiseError):
     """A user's mistake with a file or an encoder setting.
 
-    `str(error)` is one sentence: what was expected, what was got, what to do.
+    `str(error)` is one sentence: what was expected, what was found, what to do.
     """

@@ -35,7 +35,7 @@ NATIVE_FORMATS: dict[str, tuple[int, int]] = {
     "nv12": (1, 1),
     "gray": (0, 0),
 }
-_REMAP_COLUMNS = 256  # cv2.remap wants an image: a list of points is folded to this width
+_REMAP_COLUMNS = 256  # cv2.remap needs an image: a list of points is folded to this width
 
 
 class Frame:
@@ -43,7 +43,7 @@ class Frame:
 
     pts, time_base : the integer time stamp and its unit, seconds.
     duration : until the next frame, in units of time_base; 0 if unknown.
-    index : count of frames before this one in its input.
+    index : number of frames before this one in its input.
     name : file name of an image, or None.
     width, height : pixels, as shown.
     colour : maps between the stored components and RGB.
@@ -110,7 +110,7 @@ class Frame:
         """Component planes as stored, writable, and never shared with the decoder."""
         if self._planes is None:
             if self._video is not None:
-                # Before the first view and never after it: a later copy would leave the views dangling.
+                # Before the first view, as a later copy would invalidate the views.
                 self._video.make_writable()
                 self._planes = plane_arrays(self._video)
             else:
@@ -234,11 +234,11 @@ class Frame:
         return np.asarray(cv2.transform(self.read_roi(x0, y0, w, h), self.colour.to_rgb), np.uint8)
 
     def rgb(self) -> Plane:
-        """A copy of the whole picture as RGB, (height, width, 3) uint8; not for the path of every frame."""
+        """A copy of the whole picture as RGB, (height, width, 3) uint8; too slow for every frame of a video."""
         return self.rgb_roi(0, 0, self.width, self.height)
 
     def quick_rgb(self) -> Plane:
-        """As `rgb`, by FFmpeg's scaler: many times as quick, some grey levels off; for looking at whole pictures."""
+        """As `rgb`, by FFmpeg's scaler: many times faster, a few grey levels off; for viewing whole pictures."""
         if self._video is None or not self.orientation.is_identity:
             return self.rgb()
         return np.asarray(self._video.to_ndarray(format="rgb24"), np.uint8)

@@ -1,6 +1,6 @@
-"""Tags of a TIFF directory, which TIFF files and EXIF blocks hold: the few that pictures need, read and added.
+"""Reading and adding tags of a TIFF directory, as in TIFF files and EXIF blocks.
 
-TIFF 6.0, section 2.  Only the first directory counts; BigTIFF is not read.
+TIFF 6.0, section 2.  Only the first directory is used; BigTIFF is not supported.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def read_short(data: bytes, tag: int) -> int | None:
 
 
 def with_values(data: bytes, values: Mapping[int, bytes]) -> bytes:
-    """A TIFF file with more tags; the directory is written anew, at the end."""
+    """A TIFF file with more tags; the directory is rewritten at the end of the file."""
     order = _order(data)
     assert order is not None
     entries, following = _entries(data, order)
@@ -55,12 +55,12 @@ def with_values(data: bytes, values: Mapping[int, bytes]) -> bytes:
 
 
 def _order(data: bytes) -> str | None:
-    """How numbers are stored, as `struct` writes it; None when it is no TIFF."""
+    """The byte order in the notation of `struct`; None when the data is not a TIFF."""
     return {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
 
 
 def _entries(data: bytes, order: str) -> tuple[list[bytes], bytes]:
-    """The entries of the first directory, and where the next one is."""
+    """The entries of the first directory, and the bytes that locate the next one."""
     (start,) = struct.unpack(order + "I", data[4:8])
     (count,) = struct.unpack(order + "H", data[start : start + 2])
     end = start + 2 + _ENTRY * count

@@ -1,7 +1,7 @@
-"""Image files: reading, writing, natural order, and tags inside PNG, JPEG, TIFF and WebP.
+"""Image files: reading, writing, and tags inside PNG, JPEG, TIFF and WebP.
 
-RGB uint8, (h, w, 3), or as deep as they are stored; EXIF orientation is applied on reading and, like other metadata,
-not written.
+RGB uint8, (h, w, 3), or at the stored bit depth; EXIF orientation is applied on reading and, like other metadata, not
+written.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _DEEP_SUFFIXES = _TIFF_SUFFIXES | {".png"}
 _PROFILE_SUFFIXES = _DEEP_SUFFIXES | _JPEG_SUFFIXES | {".webp"}
 _PLAIN = frozenset({0, 1, 2, 3, 6})  # photometric interpretations of TIFF that are grey or RGB, or become RGB
 _JPEG_QUALITY = 95
-_PIECE = 65_519  # bytes of a profile in a JPEG segment
+_PROFILE_SEGMENT_BYTES = 65_519  # of a profile in one JPEG segment
 _PNG_HEADER = 8 + 25  # signature and IHDR chunk
 
 _XMP = (
@@ -45,7 +45,7 @@ _XMP = (
 Image = NDArray[np.uint8]
 Deep = NDArray[np.uint8] | NDArray[np.uint16]
 
-# What EXIF calls the orientation of a stored picture.
+# EXIF orientation -> from the stored to the shown picture.
 _ORIENTATIONS = {
     2: Orientation(flip_x=True),
     3: Orientation(flip_x=True, flip_y=True),
@@ -59,7 +59,7 @@ _ORIENTATIONS = {
 
 @dataclass(frozen=True, eq=False)
 class DeepImage:
-    """A picture as deep as it is stored, as shown.
+    """A picture at its stored bit depth, as shown.
 
     pixels : (h, w) grey or (h, w, 3) RGB, uint8 or uint16.   alpha : (h, w) of the same type, or None.
     profile : the bytes of its ICC profile, or None.
@@ -98,12 +98,12 @@ def read_image(path: Path, problems: ProblemLog) -> tuple[Image, Image | None] |
     except MediaError:
         return None
     if image.bits != 8:
-        problems.note(f"{path.name} was converted from {image.bits} to 8 bits a component.")
+        problems.note(f"{path.name} was converted from {image.bits} to 8 bits per component.")
     return image.rgb8(), None if image.alpha is None else eight_bits(image.alpha)
 
 
 def read_deep(path: Path) -> DeepImage:
-    """An image with the depth, alpha and profile that it is stored with.  Raises MediaError."""
+    """An image with its stored bit depth, alpha and profile.  Raises MediaError."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -115,7 +115,7 @@ def read_deep(path: Path) -> DeepImage:
     photometric = ifd.read_short(data, ifd.PHOTOMETRIC)
     if raw.dtype not in (np.uint8, np.uint16) or photometric not in _PLAIN | {None}:
         raise MediaError(
-            f"{path} is neither grey nor RGB of 8 or 16 bits a component: convert it to that first."
+            f"{path} is neither grey nor RGB of 8 or 16 bits per component: convert it to that first."
         )
     stored = {int(kind): np.asarray(block).tobytes() for kind, block in zip(kinds, blocks, strict=True)}
     profile = stored.get(cv2.IMAGE_METADATA_ICCP) or ifd.read_values(data).get(ifd.PROFILE)
@@ -123,10 +123,10 @@ def read_deep(path: Path) -> DeepImage:
 
 
 def _shown(raw: NDArray[Any], exif: bytes, profile: bytes | None) -> DeepImage:
-    """A decoded picture in OpenCV's order of channels, turned as EXIF says (OpenCV itself turns TIFF files)."""
+    """A decoded picture in OpenCV's channel order, turned by its EXIF orientation (OpenCV turns TIFF files itself)."""
     turn = _ORIENTATIONS.get(ifd.read_short(exif, ifd.ORIENTATION) or 1, AS_STORED)
     shown = turn.view(raw)
-    space = b"GRAY" if shown.ndim == 2 else b"RGB "  # what a profile is for; one for CMYK has become useless
+    space = b"GRAY" if shown.ndim == 2 else b"RGB "  # of the profile; one for CMYK no longer applies
     profile = profile if profile and profile[16:20] == space else None
     if shown.ndim == 2:
         return DeepImage(np.ascontiguousarray(shown), None, profile)
@@ -142,10 +142,10 @@ def eight_bits(values: Deep) -> Image:
 
 
 def lost_in(suffix: str, image: DeepImage) -> list[str]:
-    """What a file with this suffix does not keep of a picture, in words."""
+    """What a file with this suffix loses of a picture, in words."""
     suffix = suffix.lower()
     lost = ["transparency"] if image.alpha is not None and suffix in _JPEG_SUFFIXES else []
-    lost += ["16 bits a component"] if image.bits == 16 and suffix not in _DEEP_SUFFIXES else []
+    lost += ["16 bits per component"] if image.bits == 16 and suffix not in _DEEP_SUFFIXES else []
     return lost + (["colour profile"] if image.profile and suffix not in _PROFILE_SUFFIXES else [])
 
 
@@ -155,7 +155,7 @@ def encode_image(rgb: Image, alpha: Image | None, suffix: str, tags: Mapping[str
 
 
 def encode_deep(image: DeepImage, suffix: str, tags: Mapping[str, str]) -> bytes:
-    """The bytes of an image file, with all that its format can keep (see `lost_in`)."""
+    """The bytes of an image file, with everything that its format can keep (see `lost_in`)."""
     suffix = suffix.lower()
     picture = _stored(image if suffix in _DEEP_SUFFIXES else _shallow(image), suffix)
     settings = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if suffix in _JPEG_SUFFIXES else []
@@ -180,7 +180,7 @@ def encode_deep(image: DeepImage, suffix: str, tags: Mapping[str, str]) -> bytes
 
 
 def _shallow(image: DeepImage) -> DeepImage:
-    """The picture with 8 bits a component."""
+    """The picture with 8 bits per component."""
     alpha = None if image.alpha is None else eight_bits(image.alpha)
     return DeepImage(eight_bits(image.pixels), alpha, image.profile)
 
@@ -200,7 +200,7 @@ def is_lossy(suffix: str) -> bool:
 
 
 def xmp(tags: Mapping[str, str]) -> bytes:
-    """The tags as an XMP packet: IPTC's source type, and all others as one description.
+    """The tags as an XMP packet: IPTC's digital source type, and all others as one description.
 
     >>> b"digitalsourcetype/x" in xmp({"digital_source_type": "http://cv.iptc.org/newscodes/digitalsourcetype/x"})
     True
@@ -211,7 +211,7 @@ def xmp(tags: Mapping[str, str]) -> bytes:
 
 
 def _with_tags(data: bytes, suffix: str, tags: Mapping[str, str]) -> bytes:
-    """The file with the tags in it, as PNG iTXt chunks, or JPEG comments and XMP; other formats stay as they are."""
+    """The file with the tags, as PNG iTXt chunks, or JPEG comments and XMP; other formats stay as they are."""
     if not tags:
         return data
     if suffix == ".png":
@@ -226,14 +226,14 @@ def _with_tags(data: bytes, suffix: str, tags: Mapping[str, str]) -> bytes:
 
 
 def _jpeg_with(data: bytes, segments: bytes) -> bytes:
-    """A JPEG file with more segments, after the JFIF segment, which comes first."""
+    """A JPEG file with more segments, after the JFIF segment, which must come first."""
     end = 4 + int.from_bytes(data[4:6], "big")
     return data[:end] + segments + data[end:]
 
 
 def _jpeg_profile(profile: bytes) -> bytes:
-    """A profile as numbered segments (ICC.1, annex B.4): it may be longer than one can be."""
-    pieces = [profile[i : i + _PIECE] for i in range(0, len(profile), _PIECE)]
+    """A profile as numbered segments (ICC.1, annex B.4), as it may be longer than one."""
+    pieces = [profile[i : i + _PROFILE_SEGMENT_BYTES] for i in range(0, len(profile), _PROFILE_SEGMENT_BYTES)]
     return b"".join(
         _jpeg_segment(0xE2, b"ICC_PROFILE\0" + bytes([number, len(pieces)]) + piece)
         for number, piece in enumerate(pieces, start=1)

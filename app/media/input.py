@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
 
 Kind = Literal["video", "image", "images"]
-_IMAGE_RATE = Fraction(30)
-_CLOCK = 500  # frames a second; a higher rate is the ticks of the container's clock
-_MEASURED = 64  # packets
+IMAGES_PER_SECOND = Fraction(30)
+_MAX_FRAME_RATE = 500  # frames per second; a higher rate is that of the container's clock
+_RATE_PACKETS = 64  # from which a frame rate is measured
 
 
 class MediaInput:
-    """Frames with what is known about them; iterate once per pass.
+    """An open input: its frames and its properties; iterate over it once per pass.
 
     width, height : pixels, as shown.
     time_base : unit of the frames' pts, seconds.
-    frame_rate : average, a second.   frame_count, duration (seconds) : an estimate, or None.
+    frame_rate : average, frames per second.   frame_count, duration (seconds) : an estimate, or None.
     rotation : degrees clockwise from the stored to the shown picture.
-    problems : sentences about what was survived so far; grows while frames are read.
+    problems : what went wrong so far without ending the work, in sentences; grows while frames are read.
     """
 
     kind: Kind
@@ -73,7 +73,7 @@ class MediaInput:
         self.close()
 
     def describe(self) -> dict[str, object]:
-        """The facts about the input, as JSON holds them."""
+        """The properties of the input, as JSON holds them."""
         return {
             "name": self.name,
             "kind": self.kind,
@@ -88,36 +88,36 @@ class MediaInput:
 
 
 class VideoInput(MediaInput):
-    """A video file.  Other streams' packets go to the sink that asked for them, on its next pass."""
+    """A video file.  On the next pass, the other streams' packets go to the sink that asked for them."""
 
     kind = "video"
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self._template = VideoReader(path, self.problems)
-        self._fresh: Iterator[av.VideoFrame] | None = iter(self._template)
-        self._early: list[AnyPacket] = []
+        self._first_pass: Iterator[av.VideoFrame] | None = iter(self._template)
+        self._early_packets: list[AnyPacket] = []
         self._listener: Callable[[AnyPacket], None] | None = None
         self._others: list[VideoReader] = []
         try:
-            self._template.on_packet = self._early.append
+            self._template.on_packet = self._early_packets.append
             self.first_picture = self._prime()
             self.interlaced = bool(self.first_picture.interlaced_frame)
-            self._learn()
+            self._read_properties()
         except BaseException:
             self.close()
             raise
 
     def _prime(self) -> av.VideoFrame:
         """Decode the first picture: it proves the file and carries the orientation and the colour tags."""
-        assert self._fresh is not None
-        picture = next(self._fresh, None)
+        assert self._first_pass is not None
+        picture = next(self._first_pass, None)
         if picture is None:
             reason = self.problems[0] if self.problems else "it is empty"
             raise MediaError(f"{self.path} holds no picture that can be decoded: {reason.rstrip('.')}.")
         return picture
 
-    def _learn(self) -> None:
+    def _read_properties(self) -> None:
         stream, picture = self._template.stream, self.first_picture
         self.time_base = self._template.time_base
         matrix: Any = picture.side_data.get("DISPLAYMATRIX")
@@ -126,7 +126,7 @@ class VideoInput(MediaInput):
             self.orientation = Orientation.from_display_matrix(self.display_matrix)
         self.width, self.height = self.orientation.size(picture.width, picture.height)
         rate = stream.average_rate or stream.guessed_rate or stream.base_rate
-        self.frame_rate = Fraction(rate) if rate and rate < _CLOCK else self._measured_rate()
+        self.frame_rate = Fraction(rate) if rate and rate < _MAX_FRAME_RATE else self._measured_rate()
         self.duration = self._find_duration()
         self.frame_count = stream.frames or (
             None if self.duration is None else max(round(self.duration * self.frame_rate), 1)
@@ -134,12 +134,12 @@ class VideoInput(MediaInput):
         self.has_audio = len(self.container.streams.audio) > 0
 
     def _measured_rate(self) -> Fraction:
-        """Frames a second at the beginning, where the container does not say, as in a browser's recordings."""
+        """Frames per second at the beginning, where the container has no rate, as in a browser's recordings."""
         with open_container(self.path) as container:
-            packets = islice(container.demux(main_video(container, self.path)), _MEASURED)
+            packets = islice(container.demux(main_video(container, self.path)), _RATE_PACKETS)
             times = [packet.pts * packet.time_base for packet in packets if packet.pts is not None]
         span = max(times) - min(times) if times else Fraction(0)
-        return Fraction((len(times) - 1) / span).limit_denominator(1001) if span else _IMAGE_RATE
+        return Fraction((len(times) - 1) / span).limit_denominator(1001) if span else IMAGES_PER_SECOND
 
     def _find_duration(self) -> Fraction | None:
         if self.stream.duration:
@@ -157,7 +157,7 @@ class VideoInput(MediaInput):
         return self._template.stream
 
     def send_packets_to(self, listener: Callable[[AnyPacket], None]) -> None:
-        """Hand every packet of the other streams to `listener` during the next pass (and only that one)."""
+        """Pass every packet of the other streams to `listener` during the next pass, and only that one."""
         self._listener = listener
 
     def __iter__(self) -> Iterator[Frame]:
@@ -165,7 +165,7 @@ class VideoInput(MediaInput):
         return self.frames_of(self._pictures(listener or _ignore))
 
     def open_reader(self, problems: ProblemLog) -> VideoReader:
-        """Another pass over the file, which closes with the input."""
+        """Another pass over the file; it closes with this input."""
         reader = VideoReader(self.path, problems)
         self._others.append(reader)
         return reader
@@ -179,12 +179,12 @@ class VideoInput(MediaInput):
             )
 
     def _pictures(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
-        if self._fresh is None:
-            yield from self._again(listener)
+        if self._first_pass is None:
+            yield from self._replay(listener)
             return
-        rest, self._fresh = self._fresh, None
+        rest, self._first_pass = self._first_pass, None
         first, self.first_picture = self.first_picture, _blank_like(self.first_picture)
-        early, self._early = self._early, []
+        early, self._early_packets = self._early_packets, []
         for packet in early:
             listener(packet)
         self._template.on_packet = listener
@@ -192,12 +192,12 @@ class VideoInput(MediaInput):
         del first
         yield from rest
 
-    def _again(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
+    def _replay(self, listener: Callable[[AnyPacket], None]) -> Iterator[av.VideoFrame]:
         reader = self.open_reader(self.problems)
         reader.on_packet = listener
         try:
             yield from reader
-        finally:  # a clip that is played again and again keeps no pass open
+        finally:  # a clip that is played in a loop keeps no pass open
             reader.close()
             self._others.remove(reader)
 
@@ -207,7 +207,7 @@ class VideoInput(MediaInput):
 
 
 class ImageInput(MediaInput):
-    """One image file, or the images of a folder in natural order, 30 a second."""
+    """One image file, or the images of a folder in natural order, 30 per second."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -217,7 +217,7 @@ class ImageInput(MediaInput):
             raise MediaError(
                 f"{path} is a folder without images: give one with .png or .jpg files, or a video file."
             )
-        self.frame_rate = _IMAGE_RATE
+        self.frame_rate = IMAGES_PER_SECOND
         first = next(iter(self), None)
         if first is None:
             raise MediaError(
@@ -225,8 +225,8 @@ class ImageInput(MediaInput):
             )
         self.width, self.height = first.width, first.height
         self.frame_count = len(self.files)
-        self.duration = len(self.files) / _IMAGE_RATE
-        self.time_base = 1 / _IMAGE_RATE
+        self.duration = len(self.files) / IMAGES_PER_SECOND
+        self.time_base = 1 / IMAGES_PER_SECOND
 
     def __iter__(self) -> Iterator[Frame]:
         index = 0
@@ -235,7 +235,9 @@ class ImageInput(MediaInput):
             if image is None:
                 self.problems.note(f"{file.name} is not an image that can be read and was skipped.")
                 continue
-            yield Frame.from_rgb(image[0], index, 1 / _IMAGE_RATE, index, name=file.name, alpha=image[1])
+            yield Frame.from_rgb(
+                image[0], index, 1 / IMAGES_PER_SECOND, index, name=file.name, alpha=image[1]
+            )
             index += 1
 
 
@@ -253,11 +255,11 @@ def open_input(path: Path | str) -> MediaInput:
 
 
 def _ignore(packet: AnyPacket) -> None:
-    """A listener for packets that nobody wants."""
+    """A listener that drops packets."""
 
 
 def _blank_like(picture: av.VideoFrame) -> av.VideoFrame:
-    """A picture with the same tags and no content, so that a decoded one need not be kept."""
+    """A blank picture with the same tags, so that the decoded one need not be kept."""
     blank = av.VideoFrame(picture.width, picture.height, picture.format.name)
     blank.colorspace, blank.color_range = picture.colorspace, picture.color_range
     blank.color_trc, blank.color_primaries = picture.color_trc, picture.color_primaries

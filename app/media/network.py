@@ -1,6 +1,6 @@
-"""The pictures of a stream that comes over the network, as soon as they come.
+"""The pictures of a network stream, as soon as they arrive.
 
-Nothing is buffered beyond what the decoder needs.  A stream may stop at any time; opening it again is for the caller.
+Nothing is buffered beyond what the decoder needs.  A stream may stop at any time; reopening it is left to the caller.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 Picture = av.VideoFrame
 PROTOCOLS = ("rtsp", "rtsps", "rtmp", "rtmps", "http", "https", "udp", "tcp", "rtp", "srt")
-_PARTS = "crypto,data,hls,httpproxy,tls,rtmpt,srtp"  # what these are made of; files of this computer are not among it
+_LOWER_PROTOCOLS = "crypto,data,hls,httpproxy,tls,rtmpt,srtp"  # below those; no local files
 _OPTIONS = {
-    "protocol_whitelist": ",".join((*PROTOCOLS, _PARTS)),
+    "protocol_whitelist": ",".join((*PROTOCOLS, _LOWER_PROTOCOLS)),
     "rtsp_transport": "tcp",
     "analyzeduration": "2000000",  # microseconds
 }
-_PLAYLISTS = frozenset({"hls", "dash"})  # come in pieces of several seconds
-_AT_ONCE = 0.5  # of the time between pictures; a packet that took no longer to read had been waiting
-_PILED_UP = 1.0  # seconds for which packets were waiting after which the older ones are passed over
+_PLAYLISTS = frozenset({"hls", "dash"})  # deliver segments of several seconds
+_QUEUED_READ_INTERVALS = 0.5  # frame intervals; a packet that is read faster had been waiting
+_MAX_BACKLOG_SECONDS = 1.0  # of packets that had been waiting, after which the older ones are skipped
 
 
 def shown_address(url: str) -> str:
-    """An address as it may be shown: without user, password and query.
+    """An address that is safe to show: without user, password and query.
 
     >>> shown_address("rtsp://me:secret@10.0.0.7:554/door?token=1")
     'rtsp://10.0.0.7:554/door'
@@ -47,47 +47,49 @@ def shown_address(url: str) -> str:
 
 
 class NetworkReader(Closing):
-    """An open stream; iterate once for its pictures, in native formats and of one size.
+    """An open stream; iterate once for its pictures, all in one native format and size.
 
     Parameters
     ----------
-    url : its address.   patience : seconds after which a stream that gives nothing is taken to have stopped.
-    shape : (width, height, pixel format) that pictures are converted to; None for the first one's.
+    url : its address.   timeout : seconds without data after which the stream counts as stopped.
+    shape : (width, height, pixel format) to which pictures are converted; None for those of the first one.
 
     Attributes
     ----------
-    shape : as above.   fps : frames a second, nominal.
-    timed : the pictures come faster than they are to be shown, as those of a file on a server do.
-    ends : the stream has an end, after which nothing more will come.
+    shape : as above.   fps : nominal frames per second.
+    needs_pacing : pictures arrive faster than they are to be shown, as from a file on a server.
+    is_finite : the stream has an end.
 
     Raises
     ------
     MediaError
-        When nothing comes from there.
+        When the address delivers no pictures.
     """
 
-    def __init__(self, url: str, patience: float, shape: tuple[int, int, str] | None = None) -> None:
+    def __init__(self, url: str, timeout: float, shape: tuple[int, int, str] | None = None) -> None:
         self.name, self.shape = shown_address(url), shape
         if urlsplit(url).scheme not in PROTOCOLS:
-            raise MediaError(f"{self.name} is no address of a stream: it begins with {', '.join(PROTOCOLS)}.")
+            raise MediaError(
+                f"{self.name} is not the address of a stream: it must begin with {', '.join(PROTOCOLS)}."
+            )
         try:
-            self._container = av.open(url, timeout=(patience, patience), options=_OPTIONS)
+            self._container = av.open(url, timeout=(timeout, timeout), options=_OPTIONS)
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise self._stopped(error) from error
         try:
-            self._learn()
+            self._read_properties()
         except BaseException:
             self.close()
             raise
 
-    def _learn(self) -> None:
+    def _read_properties(self) -> None:
         stream = next((s for s in self._container.streams.video if not is_still(s)), None)
         if stream is None or stream.codec_context is None:
             raise MediaError(f"{self.name} has no pictures that can be decoded: give the address of a video.")
         self._stream = stream
-        self.ends = bool(self._container.duration)
-        self.timed = self.ends or bool(_PLAYLISTS & set(self._container.format.name.split(",")))
-        stream.thread_type = "AUTO" if self.timed else "SLICE"  # threads over frames cost a delay
+        self.is_finite = bool(self._container.duration)
+        self.needs_pacing = self.is_finite or bool(_PLAYLISTS & set(self._container.format.name.split(",")))
+        stream.thread_type = "AUTO" if self.needs_pacing else "SLICE"  # threads over frames cost a delay
         self.fps = float(stream.average_rate or stream.guessed_rate or 30)
         pictures = self._pictures()
         first = next(pictures, None)
@@ -104,14 +106,18 @@ class NetworkReader(Closing):
         self._container.close()
 
     def _pictures(self) -> Iterator[Picture]:
-        packets = self._packets() if self.timed else _Newest(self._packets(), _AT_ONCE / self.fps)
+        packets = (
+            self._packets()
+            if self.needs_pacing
+            else _BacklogSkipper(self._packets(), _QUEUED_READ_INTERVALS / self.fps)
+        )
         for packet in packets:
             try:
                 pictures = self._stream.decode(packet)
             except EOFError:
                 return
             except av.error.FFmpegError:
-                continue  # a damaged packet, as after a loss on the way
+                continue  # a damaged packet, as after a transmission loss
             for picture in pictures:
                 yield self._native(picture)
 
@@ -134,22 +140,22 @@ class NetworkReader(Closing):
         return converted
 
     def _stopped(self, error: Exception) -> MediaError:
-        silent = isinstance(error, av.error.ExitError)
-        reason = "nothing comes" if silent else getattr(error, "strerror", None) or str(error)
+        timed_out = isinstance(error, av.error.ExitError)
+        reason = "no data arrives" if timed_out else getattr(error, "strerror", None) or str(error)
         return MediaError(
             f"{self.name} cannot be played ({reason}): check the address and that it is sending."
         )
 
 
-class _Newest:
-    """Packets, of which those that pile up because decoding is too slow are passed over up to a keyframe.
+class _BacklogSkipper:
+    """Packets, without those that pile up because decoding is too slow: these are skipped up to a keyframe.
 
-    at_once : seconds; a packet that took no longer to read had been waiting.
+    queued_seconds : a packet that takes no longer to read had been waiting.
     """
 
-    def __init__(self, packets: Iterator[VideoPacket], at_once: float) -> None:
-        self._packets, self._at_once = packets, at_once
-        self._waited = time.perf_counter()  # when reading last had to wait
+    def __init__(self, packets: Iterator[VideoPacket], queued_seconds: float) -> None:
+        self._packets, self._queued_seconds = packets, queued_seconds
+        self._waited = time.perf_counter()  # when a read last had to wait
 
     def __iter__(self) -> Iterator[VideoPacket]:
         skipping = False
@@ -159,9 +165,9 @@ class _Newest:
             if packet is None:
                 return
             now = time.perf_counter()
-            if now - begun > self._at_once:
+            if now - begun > self._queued_seconds:
                 self._waited = now
-            piled_up = now - self._waited > _PILED_UP
-            skipping = piled_up or (skipping and not packet.is_keyframe)
+            backlogged = now - self._waited > _MAX_BACKLOG_SECONDS
+            skipping = backlogged or (skipping and not packet.is_keyframe)
             if not skipping:
                 yield packet

@@ -1,4 +1,4 @@
-"""The packets that lie in a video file beside its pictures, to be copied."""
+"""The packets of a video file's other streams (audio, subtitles, data), to be copied beside new pictures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class OtherStreams:
     """The packets of a file's other streams, in the file's order, as far as its pictures are used.
 
     first : time of the first picture.  Times are in units of the input's time base.
-    cut : pictures were left when `rest` was read.
+    cut : there were more pictures when `rest` was read.
     """
 
     def __init__(self, media: VideoInput) -> None:
@@ -34,7 +34,7 @@ class OtherStreams:
         self._reached = -math.inf
 
     def until(self, pts: int) -> Iterator[AnyPacket]:
-        """What lies before the picture of that time."""
+        """The packets before the picture of that time."""
         while self._reached < pts and (packet := next(self._packets, None)) is not None:
             if packet.stream is self._video:
                 self._reached = max(self._reached, -math.inf if packet.pts is None else packet.pts)
@@ -42,7 +42,7 @@ class OtherStreams:
                 yield packet
 
     def rest(self, pts: int, end: int) -> Iterator[AnyPacket]:
-        """What remains after the picture of that time: all, or up to its end when there are more pictures."""
+        """The packets after the picture of that time: all, or up to its end when there are more pictures."""
         others: list[AnyPacket] = []
         for packet in self._packets:
             if packet.stream is not self._video:

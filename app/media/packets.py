@@ -1,7 +1,7 @@
-"""Encoded pieces of a video, and the whole that is put together from them.
+"""Encoded pieces of a video, and the video that is assembled from them.
 
 A piece is a file of packets: their payloads one after the other, then a JSON index, its length (8 bytes, little-endian)
-and a mark.  It depends on its frames and the encoder alone, not on the machine.
+and a magic number.  It depends only on its frames and the encoder, not on the machine.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from guise.app.media.stream_copies import Audio
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
 
-THREADS = 4  # of every encoder: the bytes of some depend on the number
-_MARK = b"GUISEPK1"
+ENCODER_THREADS = 4  # a fixed number, as the output of some encoders depends on it
+_MAGIC = b"GUISEPK1"
 _DECODERS = {"av1": "libdav1d"}  # where FFmpeg's own needs special hardware
 
 
@@ -53,17 +53,17 @@ class _Entry:
 
 
 class PacketSink(Sink):
-    """Encodes consecutive frames of an input to a piece, which begins with a keyframe and refers to no other piece.
+    """Encodes consecutive frames of an input as a piece that starts with a keyframe and refers to no other piece.
 
-    It may be empty, as all of a damaged stretch may be lost.  Closed captions are left out.  An existing file is
-    replaced.  There are no pieces of images or folders of images: use `open_sink` where the output is one.
+    It may be empty, as a damaged part may be lost altogether.  Closed captions are left out.  An existing file is
+    replaced.  Images and folders of images have no pieces: use `open_sink` for those outputs.
     """
 
     needs_frames = False
 
     def __init__(self, path: Path, media: MediaInput, options: EncodeOptions) -> None:
         super().__init__(path, force=True)
-        self._encoding = encoding_for(media, options, threads=THREADS, captions=False)
+        self._encoding = encoding_for(media, options, threads=ENCODER_THREADS, captions=False)
         self._context = _encoder(self._encoding)
         self._last: Fraction | None = None
         self._entries: list[_Entry] = []
@@ -90,7 +90,7 @@ class PacketSink(Sink):
         if self.frames:
             self._store(self._context.encode(None))
         text = json.dumps(self._header()).encode()
-        self._file.write(text + len(text).to_bytes(8, "little") + _MARK)
+        self._file.write(text + len(text).to_bytes(8, "little") + _MAGIC)
         self._file.close()
         self._publish()
 
@@ -114,7 +114,7 @@ class PacketSink(Sink):
 
 
 def _encoder(encoding: Encoding) -> VideoCodecContext:
-    """An open encoder, as a stream of a file would have it."""
+    """An open encoder, configured like that of a file's stream."""
     context = av.CodecContext.create(encoding.encoder, "w")
     assert isinstance(context, VideoCodecContext)
     context.options = dict(encoding.settings)
@@ -128,7 +128,7 @@ def _encoder(encoding: Encoding) -> VideoCodecContext:
 
 
 class _Piece:
-    """A piece that was written: its index, and its payloads one by one."""
+    """A finished piece: its index, and its payloads one by one."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -149,11 +149,11 @@ class _Piece:
 
 
 def _read_header(file: BinaryIO, path: Path) -> dict[str, Any]:
-    tail = len(_MARK) + 8
+    tail = len(_MAGIC) + 8
     end = file.seek(0, 2)
     file.seek(max(end - tail, 0))
-    length, mark = int.from_bytes(file.read(8), "little"), file.read()
-    if mark != _MARK or length > end - tail:
+    length, magic = int.from_bytes(file.read(8), "little"), file.read()
+    if magic != _MAGIC or length > end - tail:
         raise MediaError(f"{path} is not a complete piece of a video: delete it and run again.")
     file.seek(end - tail - length)
     header: dict[str, Any] = json.loads(file.read(length))
@@ -161,7 +161,7 @@ def _read_header(file: BinaryIO, path: Path) -> dict[str, Any]:
 
 
 def read_packets(path: Path) -> Iterator[Frame]:
-    """The frames of a piece, decoded, with the times and indices that they were written with."""
+    """The decoded frames of a piece, with the times and indices with which they were written."""
     piece = _Piece(path)
     context = _decoder(piece)
     orientation = Orientation(**piece.header["orientation"])
@@ -178,7 +178,7 @@ def read_packets(path: Path) -> Iterator[Frame]:
 
 
 def _decoder(piece: _Piece) -> VideoCodecContext:
-    """A decoder that knows what is only written outside the packets."""
+    """A decoder configured with what is stored outside the packets."""
     codec = piece.header["codec"]
     context = av.CodecContext.create(_DECODERS.get(codec, codec), "r")
     assert isinstance(context, VideoCodecContext)
@@ -203,20 +203,20 @@ def assemble(
     output: Path, media: MediaInput, parts: Sequence[Path], options: EncodeOptions, *, tags: Mapping[str, str],
     private: bool, audio: Audio = "keep", force: bool = False,
 ) -> None:  # fmt: skip
-    """Write the video that the pieces of an input make up, in order, with copies of the input's other streams.
+    """Write the video that consists of the pieces in order, with copies of the input's other streams.
 
-    The options must be those of the pieces; the others are as for `open_sink`.   audio : what becomes of the sound.
-    The result is the same bytes each time.  Raises MediaError for a user's mistake; nothing is then left behind.
+    options : those of the pieces.   audio : what happens to the audio.   Others are as for `open_sink`.
+    The output has the same bytes each time.  Raises MediaError for a user's mistake, and then leaves nothing behind.
     """
     check_free(output, media, force)
     pieces = [_Piece(part) for part in parts]
-    encoding = encoding_for(media, options, threads=THREADS, captions=False)
+    encoding = encoding_for(media, options, threads=ENCODER_THREADS, captions=False)
     with _Assembly(output, media, encoding, force=force, tags=tags, private=private, audio=audio) as whole:
         whole.mux(media, [piece for piece in pieces if piece.entries])
 
 
 class _Assembly(VideoOutput):
-    """A video whose encoded stream comes in pieces."""
+    """A video whose encoded stream is assembled from pieces."""
 
     def mux(self, media: MediaInput, pieces: Sequence[_Piece]) -> None:
         """Write the packets of all streams, in the order of their time."""
@@ -233,7 +233,7 @@ class _Assembly(VideoOutput):
                 self._copy(packet)
 
     def _timed(self, pieces: Sequence[_Piece]) -> Iterator[_Timed]:
-        """The pieces' packets with the decoding times that suit all of them, and where they are due, seconds."""
+        """The pieces' packets with decoding times that suit all of them, and when they are due, seconds."""
         decoding = iter(
             decoding_times(np.array([e.pts for p in pieces for e in p.entries], np.int64)).tolist()
         )
@@ -250,7 +250,7 @@ _Timed = tuple[Fraction, bool, "AnyPacket"]
 
 
 def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
-    """A keyframe's packet with the headers in it, as containers want it that have no place of their own for them."""
+    """A keyframe's packet with the headers in it, for containers that have no other place for them."""
     whole: AnyPacket = Packet(headers + bytes(packet))
     whole.pts, whole.duration, whole.time_base = packet.pts, packet.duration, packet.time_base
     whole.is_keyframe = True
@@ -258,7 +258,7 @@ def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
 
 
 def _timed_others(media: VideoInput) -> Iterator[_Timed]:
-    """The packets of the other streams with where they are due, seconds; one without a time follows the last."""
+    """The packets of the other streams and when they are due, seconds; one without a time follows the last."""
     reader = VideoReader(media.path, media.problems)
     time = Fraction(-(2**62))
     try:
@@ -274,9 +274,9 @@ def _timed_others(media: VideoInput) -> Iterator[_Timed]:
 
 
 def decoding_times(pts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Ascending dts (n,) for packets in decoding order, none after its pts (n,), all units of one time base.
+    """Ascending dts (n,) for packets in decoding order, none later than its pts (n,), all in one time base.
 
-    They are the sorted pts, as many places late as the most that a picture waits for others.
+    These are the sorted pts, delayed by the largest number of pictures for which any picture waits.
 
     >>> decoding_times(np.array([0, 40, 10, 20, 30])).tolist()
     [-10, 0, 10, 20, 30]

@@ -1,4 +1,4 @@
-"""What an encoder is fed: size, pixel format and tags, and how a frame becomes such a picture."""
+"""The pictures that an encoder gets: size, pixel format and tags, and the conversion of frames to them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from guise.app.media.reader import is_full_range, reformat
 
 @dataclass(frozen=True)
 class PictureFormat:
-    """The encoder's picture.
+    """The format of an encoder's pictures.
 
-    size : stored width and height of the picture; coded : the same, grown to what the encoder accepts.
+    size : stored width and height of the picture; coded : the same, extended to what the encoder accepts.
     fmt : pixel format; matrix, span, primaries, transfer : colour tags as FFmpeg numbers them.
     orientation, display_matrix : from the stored to the shown picture.
     aspect : sample aspect ratio, stored, or None.
@@ -39,7 +39,7 @@ class PictureFormat:
     aspect: Fraction | None = None
 
     def picture(self, frame: Frame) -> av.VideoFrame:
-        """The frame as the encoder wants it: the decoder's own picture wherever that is possible."""
+        """The frame in this format: the decoder's own picture wherever possible."""
         video = frame.video_frame
         if video is None or frame.orientation != self.orientation or (video.width, video.height) != self.size:
             return self._from_rgb(frame)
@@ -52,7 +52,7 @@ class PictureFormat:
         return clone_video_frame(video, *self.coded, self.fmt)
 
     def _from_rgb(self, frame: Frame) -> av.VideoFrame:
-        """Encode what is shown; the whole picture is converted."""
+        """Convert the whole picture as shown."""
         if (frame.width, frame.height) != self.orientation.size(*self.size):
             wanted = self.orientation.size(*self.size)
             raise MediaError(
@@ -74,7 +74,7 @@ class PictureFormat:
 def picture_format_for(
     media: MediaInput, codec: av.Codec, options: EncodeOptions, size: tuple[int, int] | None
 ) -> PictureFormat:
-    """The encoder's picture for an input; a `size` of one's own means shown pictures without rotation."""
+    """The picture format for an input; with a `size` the pictures are taken as shown, without rotation."""
     if size is not None or not isinstance(media, VideoInput):
         width, height = size or (media.width, media.height)
         fmt = encoder_format(codec, "yuv420p", (1, 1))

@@ -1,4 +1,4 @@
-"""Decode, work and encode at the same time, with a bounded number of frames between them."""
+"""Decode, work and encode concurrently, with bounded queues of frames in between."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Frames(Protocol):
 
 
 class Writer(Protocol):
-    """Where frames go: a sink, or what stands before one."""
+    """Where frames go: a sink, or a stage before one."""
 
     def write(self, frame: Frame) -> None:
         """Take the next frame."""
@@ -31,7 +31,7 @@ class Writer(Protocol):
 
 @dataclass(frozen=True)
 class ProcessStats:
-    """What a run did: frames, wall time and the time of each stage (seconds), and the problems that did not end it."""
+    """What a run did: frames, wall time and time of each stage (seconds), and the problems that did not end it."""
 
     frames: int
     seconds: float
@@ -42,9 +42,9 @@ class ProcessStats:
 
 
 class _Channel:
-    """A bounded queue between two threads that either of them can end.
+    """A bounded queue between two threads; either can end it.
 
-    `finish` ends it after what it holds, `cancel` at once.
+    `finish` ends it after the frames it holds, `cancel` at once.
     """
 
     def __init__(self, size: int) -> None:
@@ -63,7 +63,7 @@ class _Channel:
             return not self._cancelled
 
     def get(self) -> Frame | None:
-        """Wait for a frame; None when there will be no more."""
+        """Wait for a frame; None when there are no more."""
         with self._changed:
             self._changed.wait_for(lambda: self._items or self._finished or self._cancelled)
             if not self._items or self._cancelled:
@@ -84,7 +84,7 @@ class _Channel:
 
 
 class _Stage:
-    """One thread of the pipeline; its first error cancels the channels and is kept."""
+    """One thread of the pipeline; its first error is kept and cancels the channels."""
 
     def __init__(self, name: str, body: Callable[[_Stage], None], channels: tuple[_Channel, ...]) -> None:
         self.error: BaseException | None = None
@@ -101,9 +101,9 @@ class _Stage:
             self._cancel()
 
     def join(self) -> None:
-        """Wait for the thread's end even through Ctrl-C, which is raised afterwards.
+        """Wait for the thread to end, even through Ctrl-C, which is raised afterwards.
 
-        A sink must not be closed while its thread still writes.
+        A sink must not be closed while its thread is still writing.
         """
         interrupt: KeyboardInterrupt | None = None
         while self._thread.is_alive():
@@ -127,7 +127,7 @@ def process(
     """Pass every frame of the input through `work`, which changes it in place, to the sink.
 
     Decoding and encoding run in their own threads, `work` and `progress` (frames so far) in the caller's.
-    At most 2 `queue` + 3 frames exist at a time.  The first error anywhere stops all and is raised once.
+    At most 2 `queue` + 3 frames exist at a time.  The first error in any thread stops all of them and is raised once.
     """
     start = time.perf_counter()
     decoded, worked = _Channel(queue), _Channel(queue)

@@ -1,4 +1,4 @@
-"""Colours of pictures whose ICC profiles differ, brought together by Little CMS."""
+"""Conversion between the ICC profiles of pictures, by Little CMS."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ProfileError(ValueError):
 def converted(image: DeepImage, profile: bytes | None) -> DeepImage:
     """The picture in the colours of an RGB profile; None, here and in the picture, is sRGB.
 
-    A picture that has this profile stays as it is, grey without one too; another becomes RGB of 8 bits a component.
+    A picture with this profile stays as it is, as does grey without one; any other becomes RGB, 8 bits per component.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Signed provenance: a C2PA manifest in a finished file, which says that it was made with Guise and how.
+"""Signed provenance: a C2PA manifest in a finished file, which states that it was made with Guise and how.
 
-The input is not named in it, nor is it an ingredient: what the manifest would show of it is what was to be hidden.
+It neither names the input nor lists it as an ingredient: a manifest would show what the output hides.
 Specification: https://spec.c2pa.org, actions and digital source types.
 """
 
@@ -26,15 +26,16 @@ _CURVES = {"secp256r1": "es256", "secp384r1": "es384", "secp521r1": "es512"}
 
 
 def check_signing(path: Path, certificate: Path, key: Path) -> None:
-    """Raise MediaError when an output of that name could not be signed, before any work: a small picture is signed.
+    """Raise MediaError before any work if an output of that name could not be signed; a small picture is signed to try.
 
     path : a name without a suffix is a folder of pictures.
-    certificate : PEM file, the signer's certificate and then those of its issuers.   key : PEM file, its private key.
+    certificate : PEM file, the signer's certificate followed by those of its issuers.
+    key : PEM file, its private key.
     """
     library = _library()
     if path.suffix and _type_of(path) not in library.Builder.get_supported_mime_types():
         raise MediaError(
-            f"{path.name} cannot be signed, as C2PA has no place in it: write to .mp4, .mov, .jpg or .png."
+            f"{path.name} cannot be signed, as the format holds no C2PA manifest: write to .mp4, .mov, .jpg or .png."
         )
     picture = encode_image(np.zeros((8, 8, 3), np.uint8), None, ".png", {})
     _sign_stream("image/png", io.BytesIO(picture), io.BytesIO(), certificate, key)
@@ -43,7 +44,7 @@ def check_signing(path: Path, certificate: Path, key: Path) -> None:
 def sign(path: Path, certificate: Path, key: Path) -> None:
     """Put a signed manifest into a finished file, or into each picture of a folder.
 
-    On an error the file stays as it was.  Raises MediaError.
+    On an error, a MediaError, the file stays as it was.
     """
     for file in list_images(path) if path.is_dir() else [path]:
         write_whole(file, partial(_sign_file, file, certificate, key))
@@ -70,14 +71,14 @@ def _sign_stream(kind: str, source: BinaryIO, target: BinaryIO, certificate: Pat
     except library.C2paError as error:
         raise MediaError(
             f"Signing with {certificate} failed ({str(error).rstrip('.')}): "
-            "check the certificate, its issuers', which follow it, and the key."
+            "check the certificate, those of its issuers, which follow it, and the key."
         ) from error
     finally:
         signer.close()
 
 
 def _manifest() -> dict[str, object]:
-    """What is claimed: made by this version of Guise, a composite with synthetic parts."""
+    """The claim: made by this version of Guise, a composite with synthetic parts."""
     tool = {"name": "Guise", "version": version()}
     actions = [
         {"action": "c2pa.created", "digitalSourceType": DIGITAL_SOURCE_TYPE, "softwareAgent": tool},
@@ -98,8 +99,8 @@ def _signer(certificate: Path, key: Path) -> Any:
         return library.Signer.from_info(library.C2paSignerInfo(algorithm, chain, secret, None))
     except library.C2paError as error:
         raise MediaError(
-            f"{certificate} and {key} cannot sign ({str(error).rstrip('.')}): give a PEM certificate with its issuers, "
-            "and its private key."
+            f"{certificate} and {key} cannot sign ({str(error).rstrip('.')}): give a PEM certificate with those of its "
+            "issuers, and its private key."
         ) from error
 
 
@@ -112,7 +113,7 @@ def _algorithm(secret: bytes, path: Path) -> str:
         key = load_pem_private_key(secret, None)
     except (ValueError, TypeError) as error:
         raise MediaError(
-            f"{path} is no private key that can be read: give one in PEM, without a password."
+            f"{path} is not a readable private key: give one in PEM, without a password."
         ) from error
     if isinstance(key, ec.EllipticCurvePrivateKey) and key.curve.name in _CURVES:
         return _CURVES[key.curve.name]
@@ -121,7 +122,7 @@ def _algorithm(secret: bytes, path: Path) -> str:
     if isinstance(key, rsa.RSAPrivateKey):
         return "ps256"
     raise MediaError(
-        f"{path} is a key that C2PA does not use: give one for P-256, P-384, P-521, Ed25519 or RSA."
+        f"{path} is a kind of key that C2PA does not use: give one for P-256, P-384, P-521, Ed25519 or RSA."
     )
 
 
@@ -133,7 +134,7 @@ def _read(path: Path) -> bytes:
 
 
 def _library() -> Any:
-    """The optional library, which may be missing."""
+    """The optional library c2pa-python."""
     try:
         import c2pa
     except ImportError as error:

@@ -1,12 +1,13 @@
 """Reading the pictures of a video file: decoding, damaged packets, pixel formats and time stamps.
 
-Everything that is not the chosen video stream is handed on as packets, undecoded.
+All streams but the chosen video stream are passed on as packets, undecoded.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,16 +25,27 @@ from guise.app.media.frame import NATIVE_FORMATS
 if TYPE_CHECKING:
     AnyPacket = Packet[av.stream.Stream]
 
-_PATIENCE = 64  # failed reads in a row after which a file is taken to end
-_MOST_PROBLEMS = 200
-_TEXT_AS_VIDEO = frozenset({"tty", "bin", "xbin", "adf", "idf"})  # FFmpeg plays text as a terminal's pictures
-_HEADED = frozenset({"mp4", "matroska", "avi", "flv"})  # containers that state their duration
-_CUT_SHORT = Fraction(1, 2)  # seconds
-_REORDER = 64  # packets that may wait in a decoder at the end of a file
+_TEXT_AS_VIDEO = frozenset(
+    {"tty", "bin", "xbin", "adf", "idf"}
+)  # FFmpeg renders text as a terminal's pictures
+_STATES_DURATION = frozenset({"mp4", "matroska", "avi", "flv"})  # containers whose header has it
+
+
+@dataclass(frozen=True)
+class ReadingLimits:
+    """How much damage is tolerated, and from where on it is reported."""
+
+    max_failed_reads: int = 64  # in a row, after which the file counts as ended
+    max_problems: int = 200  # that are listed one by one
+    max_missing_seconds: Fraction = Fraction(1, 2)  # at the end, by the duration in the header
+    max_delayed_packets: int = 64  # that a decoder may hold back at the end of a file
+
+
+LIMITS = ReadingLimits()
 
 
 class ProblemLog(list[str]):
-    """What went wrong and was survived: each sentence once, and a count when there are too many."""
+    """What went wrong without ending the work: each sentence once, and a count beyond the limit."""
 
     unlisted = 0
 
@@ -41,11 +53,11 @@ class ProblemLog(list[str]):
         """Add a sentence unless it is there already."""
         if sentence in self:
             return
-        if len(self) < _MOST_PROBLEMS:
+        if len(self) < LIMITS.max_problems:
             self.append(sentence)
             return
         self.unlisted += 1
-        self[_MOST_PROBLEMS - 1 :] = [f"And {self.unlisted + 1} more."]
+        self[LIMITS.max_problems - 1 :] = [f"And {self.unlisted + 1} more."]
 
     def add(self, sentences: Iterable[str]) -> None:
         """Note each of several sentences."""
@@ -54,9 +66,9 @@ class ProblemLog(list[str]):
 
 
 def open_container(path: Path) -> InputContainer:
-    """Open a media file, or say in one sentence why it is not one."""
+    """Open a media file; MediaError says in one sentence why it cannot be read."""
     try:
-        # absolute, as FFmpeg takes what stands before a colon for a protocol
+        # an absolute path, as FFmpeg takes anything before a colon for a protocol
         container = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
     except PermissionError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
@@ -72,7 +84,7 @@ def open_container(path: Path) -> InputContainer:
 
 
 def main_video(container: InputContainer, path: Path) -> VideoStream:
-    """The first moving picture stream of a file, ready to decode; covers and thumbnails do not count."""
+    """The first video stream of a file that is not a cover or a thumbnail, ready to decode."""
     for stream in container.streams.video:
         if not is_still(stream):
             if stream.codec_context is None:
@@ -94,7 +106,7 @@ class VideoReader:
     """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
 
     on_packet : called with each packet of every other stream, in file order.
-    damaged : whether a picture so far was lost or patched up; with several threads chance plays a part in that.
+    damaged : whether any picture so far was lost or concealed; with several threads this is not deterministic.
     """
 
     damaged = False
@@ -110,7 +122,7 @@ class VideoReader:
             raise
         self._skip_unwanted_videos()
         self.time_base = Fraction(self.stream.time_base or Fraction(1, 90000))
-        self._recent: deque[int] = deque(maxlen=_REORDER)
+        self._recent: deque[int] = deque(maxlen=LIMITS.max_delayed_packets)
         self._last: int | None = None
         self._reached = Fraction(0)
         self._shape: tuple[int, int, str] | None = None
@@ -118,23 +130,23 @@ class VideoReader:
         self._started = True
 
     def only_video(self) -> None:
-        """Leave the other streams' packets in the file."""
+        """Read no packets of the other streams."""
         for stream in self.container.streams:
             if stream.index != self.stream.index:
                 stream.discard = av.stream.Discard.all
 
     def use_one_thread(self) -> None:
-        """Decode slowly, and the same each time however damaged the file is."""
+        """Decode with one thread: slower, but with the same result each time, even from a damaged file."""
         self.stream.codec_context.thread_count = 1
 
     def only_others(self) -> None:
-        """Leave the video's packets in the file."""
+        """Read no packets of the video stream."""
         self.stream.discard = av.stream.Discard.all
 
     def start_at(self, pts: int, dts: int, first: av.VideoFrame) -> None:
-        """Begin with the keyframe of those times instead of the first picture, which gives size and format.
+        """Start at the keyframe with these time stamps; `first`, the first picture, gives size and format.
 
-        Nothing comes when the keyframe is not found.
+        Yields nothing when the keyframe is not found.
         """
         self.only_video()
         self._start, self._started = pts, False
@@ -151,7 +163,7 @@ class VideoReader:
         self.container.close()
 
     def __iter__(self) -> Iterator[av.VideoFrame]:
-        """Pictures whose duration reaches to the next one: a demuxer only knows it in decoding order."""
+        """Pictures with the duration until the next one, which a demuxer knows in decoding order only."""
         held: av.VideoFrame | None = None
         for picture in self._pictures():
             if held is not None:
@@ -176,7 +188,7 @@ class VideoReader:
                 self.on_packet(packet)
 
     def _last_duration(self, picture: av.VideoFrame) -> int:
-        """Up to the end of the stream where that is known, otherwise the average; 0 if unknown."""
+        """Until the end of the stream where that is known, otherwise the average; 0 if unknown."""
         assert picture.pts is not None
         end = (self.stream.start_time or 0) + (self.stream.duration or 0)
         if end > picture.pts:
@@ -189,7 +201,7 @@ class VideoReader:
         return round(1 / (Fraction(rate) * self.time_base)) if rate else int(picture.duration or 0)
 
     def _follow(self, packet: AnyPacket) -> None:
-        """Note how far into the file packets reach."""
+        """Record how far into the file packets reach."""
         if packet.pts is not None:
             end = (packet.pts + (packet.duration or 0)) * Fraction(packet.time_base)
             self._reached = max(self._reached, end)
@@ -197,10 +209,10 @@ class VideoReader:
     def packets(self) -> Iterator[AnyPacket]:
         """All packets, undecoded, and an empty one at the end of each stream.
 
-        A read error is reported and passed over, until too many follow each other.
+        A read error is reported and skipped, until there are too many in a row.
         """
         failures = 0
-        while failures < _PATIENCE:
+        while failures < LIMITS.max_failed_reads:
             try:
                 for packet in self.container.demux():
                     failures = 0
@@ -230,7 +242,7 @@ class VideoReader:
             return
         for picture in pictures:
             if self._start is not None and (picture.pts or 0) < self._start:
-                continue  # it refers to pictures before the keyframe that decoding began with
+                continue  # it refers to pictures before the keyframe at which decoding started
             if picture.is_corrupt:
                 self.damaged = True
                 self.problems.note(
@@ -243,15 +255,15 @@ class VideoReader:
         if missing:
             self.problems.note(f"The last {missing} pictures, after {self._clock()}, could not be decoded.")
         announced = self._announced_end()
-        if announced is not None and self._reached < announced - _CUT_SHORT:
+        if announced is not None and self._reached < announced - LIMITS.max_missing_seconds:
             reached, end = float(self._reached), float(announced)
             self.problems.note(f"The file ends at {reached:.2f} s, but its header announces {end:.2f} s.")
 
     def _announced_end(self) -> Fraction | None:
-        """Where the header puts the end of the file, seconds; None where that would be a guess."""
+        """The end of the file by its header, seconds; None where that would be a guess."""
         kinds = set(self.container.format.name.split(","))
         whole = self._start is None and len(self.container.streams.video) == 1
-        if not self.container.duration or not whole or not kinds & _HEADED:
+        if not self.container.duration or not whole or not kinds & _STATES_DURATION:
             return None
         return Fraction((self.container.start_time or 0) + self.container.duration, av.time_base)
 
@@ -292,7 +304,7 @@ class VideoReader:
         return reformat(picture, *self._shape)
 
     def _clock(self, pts: int | None = None) -> str:
-        """A time stamp, or the last one given out, in seconds."""
+        """A time stamp, or the last one that was yielded, in seconds."""
         known = pts if pts is not None else self._last
         return "an unknown time" if known is None else f"{float(known * self.time_base):.2f} s"
 

@@ -1,7 +1,7 @@
-"""A file cut at keyframes into segments that can be read one by one.
+"""A file cut at keyframes into segments that can be read independently.
 
-A segment gives exactly the frames that a pass from the start would give there.  Where the packets do not surely tell
-the frames, the whole file is one segment.
+A segment yields exactly the frames that a pass from the start would yield there.  Where the packets do not determine
+the frames with certainty, the whole file is one segment.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from guise.app.media.frame import Frame
 from guise.app.media.input import MediaInput, VideoInput, open_input
 from guise.app.media.reader import ProblemLog, VideoReader
 
-# Codecs whose every packet is one shown picture; others may hold hidden or repeated ones.
-_ONE_EACH = frozenset(
+# Codecs in which every packet is one shown picture; others may have hidden or repeated ones.
+_ONE_PICTURE_PER_PACKET = frozenset(
     {
         "h264", "hevc", "vvc", "av1", "vp9", "mpeg4", "mpeg2video", "mpeg1video", "h263", "mjpeg", "prores", "dnxhd",
         "ffv1", "huffyuv", "ffvhuff", "utvideo", "rawvideo", "png",
     }
 )  # fmt: skip
-_CHECKED_PICTURES = 16  # pictures that are decoded to see whether they come as the packets say
+_CHECKED_PICTURES = 16  # that are decoded to check whether they agree with the packets
 
 
 @dataclass(frozen=True)
 class Segment:
-    """The frames [first, first + count), the `index`-th such piece of a file."""
+    """The frames [first, first + count) of a file, its segment number `index`."""
 
     index: int
     first: int
@@ -41,7 +41,7 @@ class Segment:
 
     @property
     def end(self) -> int:
-        """The frame after the segment."""
+        """The first frame after the segment."""
         return self.first + self.count
 
 
@@ -50,8 +50,8 @@ class Scan:
     """The frames of a file.
 
     pts : (frames,) int64, ascending, in units of time_base.   keyframes : (k,) int32, frames at which decoding can
-    begin, the first of them 0.   dts : (k,) int64, decoding times of these, to seek to.
-    segments : cover all frames, in order.
+    start, the first of them 0.   dts : (k,) int64, their decoding times, to seek to.
+    segments : these cover all frames, in order.
     """
 
     time_base: Fraction
@@ -62,7 +62,7 @@ class Scan:
 
     @property
     def frames(self) -> int:
-        """How many frames there are."""
+        """The number of frames."""
         return len(self.pts)
 
     def as_json(self) -> dict[str, Any]:
@@ -77,7 +77,7 @@ class Scan:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Scan:
-        """The scan that `as_json` gave."""
+        """The scan from what `as_json` returned."""
         return cls(
             Fraction(values["time_base"]), np.array(values["pts"], np.int64),
             np.array(values["keyframes"], np.int32), np.array(values["dts"], np.int64),
@@ -88,8 +88,8 @@ class Scan:
 def scan(path: Path | str, length: int = 240) -> Scan:
     """Find the frames of a file, and cut it at keyframes into segments of at least `length` frames.
 
-    Only packets are read, unless they do not tell the frames surely; then, as for images, everything is decoded and
-    there is one segment.  Raises MediaError when there is nothing to read.
+    Only packets are read, unless they do not determine the frames with certainty; then, as for images, everything is
+    decoded and there is one segment.  Raises MediaError when there is nothing to read.
     """
     with open_input(path) as media:
         if isinstance(media, VideoInput) and (found := _from_packets(media, length)):
@@ -100,14 +100,16 @@ def scan(path: Path | str, length: int = 240) -> Scan:
 
 
 def _from_packets(media: VideoInput, length: int) -> Scan | None:
-    """The scan without decoding, or None where that is not sure."""
+    """The scan without decoding everything, or None where it would be uncertain."""
     packets = _video_packets(media)
     decoded = [frame.pts for frame in islice(media, _CHECKED_PICTURES)]
     if packets is None:
         return None
     times, dts, is_key = packets
     times, order = np.sort(times), times
-    pts = times[np.searchsorted(times, decoded[0]) :]  # what refers to pictures before the file does not come
+    pts = times[
+        np.searchsorted(times, decoded[0]) :
+    ]  # pictures that refer to others before the file are not decoded
     if pts[:_CHECKED_PICTURES].tolist() != decoded:
         return None
     is_start = is_key & (order >= np.maximum.accumulate(order)) & (order > pts[0])
@@ -119,12 +121,12 @@ def _from_packets(media: VideoInput, length: int) -> Scan | None:
 def _video_packets(
     media: VideoInput,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]] | None:
-    """pts, dts and key flag (n,) of the video's packets in decoding order; None where they do not tell the frames."""
+    """pts, dts and key flag (n,) of the video's packets in decoding order; None if they are ambiguous."""
     problems = ProblemLog()
     reader = VideoReader(media.path, problems)
     try:
         reader.only_video()
-        if reader.stream.codec_context.codec.canonical_name not in _ONE_EACH:
+        if reader.stream.codec_context.codec.canonical_name not in _ONE_PICTURE_PER_PACKET:
             return None
         rows: list[tuple[int, int, bool]] = []
         for packet in reader.packets():
@@ -144,7 +146,7 @@ def _video_packets(
 
 
 def _cut(keyframes: NDArray[np.int32], frames: int, length: int) -> tuple[Segment, ...]:
-    """Segments of at least `length` frames from keyframe to keyframe; a shorter rest stays with the one before."""
+    """Segments of at least `length` frames from keyframe to keyframe; a shorter rest is added to the one before."""
     starts = [0]
     for keyframe in keyframes.tolist():
         if keyframe - starts[-1] >= length and frames - keyframe >= length:
@@ -156,9 +158,9 @@ def _cut(keyframes: NDArray[np.int32], frames: int, length: int) -> tuple[Segmen
 def read_frames(
     path: Path | str, scan: Scan, first: int, last: int, *, problems: ProblemLog | None = None
 ) -> Iterator[Frame]:
-    """The frames [first, last) of a scanned file, as a pass from the start gives them; indices count from its start.
+    """The frames [first, last) of a scanned file, as a pass from the start yields them; indices count from its start.
 
-    A picture that the decoder cannot give is left out, as in that pass; `problems` then says so.
+    A picture that cannot be decoded is left out, as in that pass, and noted in `problems`.
     """
     with open_input(path) as media:
         try:
@@ -169,11 +171,11 @@ def read_frames(
 
 
 def _window(media: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Frame]:
-    """From the keyframe before where that works, with one thread where the file is damaged, else from the start."""
+    """From the keyframe before where that works, with one thread where the file is damaged, or else from the start."""
     key = int(np.searchsorted(scan.keyframes, first, "right")) - 1
     following = first
-    for number, careful in [(key, False), (key, True), (0, True)]:
-        attempt = _Attempt(media, scan, number, careful=careful)
+    for number, single_threaded in [(key, False), (key, True), (0, True)]:
+        attempt = _Attempt(media, scan, number, single_threaded=single_threaded)
         for frame in attempt:
             if frame.index >= last:
                 return
@@ -185,21 +187,21 @@ def _window(media: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Fr
 
 
 class _Attempt:
-    """The frames from a keyframe to the end, decoded in one way.
+    """One attempt to decode the frames from a keyframe to the end.
 
-    gave_up : whether it stopped since they are not surely what a pass from the start with one thread would give.
+    gave_up : whether it stopped because a pass from the start with one thread might yield other frames.
     """
 
     gave_up = False
 
-    def __init__(self, media: MediaInput, scan: Scan, key: int, *, careful: bool) -> None:
+    def __init__(self, media: MediaInput, scan: Scan, key: int, *, single_threaded: bool) -> None:
         self._media, self._scan = media, scan
         self._first = int(scan.keyframes[key])
         self._dts = int(scan.dts[key])
-        # From the next keyframe on decoding cannot depend any more on where it began.
+        # From the next keyframe on, decoding cannot depend on where it started.
         following = int(scan.keyframes[key + 1]) if key + 1 < len(scan.keyframes) else scan.frames
-        self._unsure_until = following if key > 0 else 0
-        self._careful = careful
+        self._uncertain_until = following if key > 0 else 0
+        self._single_threaded = single_threaded
 
     def __iter__(self) -> Iterator[Frame]:
         if not isinstance(self._media, VideoInput):
@@ -214,38 +216,36 @@ class _Attempt:
 
     def _decode(self, media: VideoInput, problems: ProblemLog) -> Iterator[Frame]:
         reader = media.open_reader(problems)
-        if self._careful:
+        if self._single_threaded:
             reader.use_one_thread()
         if self._first > 0:
             reader.start_at(int(self._scan.pts[self._first]), self._dts, media.first_picture)
-        held: deque[Frame] = deque()  # what comes before a picture may refer to it, and be damaged with it
+        held: deque[Frame] = deque()  # pictures before another may refer to it, and be damaged with it
         expected = self._first
         for frame in _numbered(media.frames_of(reader), self._scan, problems):
             corrupt = frame.video_frame is not None and frame.video_frame.is_corrupt
-            strange = expected < self._unsure_until and (frame.index != expected or corrupt)
-            if strange or self._gives_up(reader):
+            strange = expected < self._uncertain_until and (frame.index != expected or corrupt)
+            if strange or self._is_unreliable(reader):
                 self.gave_up = True
                 return
             expected = frame.index + 1
             held.append(frame)
             if len(held) > reader.stream.codec_context.reorder_depth:
                 yield held.popleft()
-        self.gave_up = self._gives_up(reader)
+        self.gave_up = self._is_unreliable(reader)
         if not self.gave_up:
             yield from held
 
-    def _gives_up(self, reader: VideoReader) -> bool:
-        return reader.damaged and not self._careful
+    def _is_unreliable(self, reader: VideoReader) -> bool:
+        return reader.damaged and not self._single_threaded
 
 
 def _numbered(frames: Iterator[Frame], scan: Scan, problems: ProblemLog) -> Iterator[Frame]:
-    """The frames with their index in the scan; one that is not in it is left out."""
+    """The frames with their indices in the scan; those that are not in it are left out."""
     for frame in frames:
         index = int(np.searchsorted(scan.pts, frame.pts))
         if index < scan.frames and scan.pts[index] == frame.pts:
             frame.index = index
             yield frame
         else:
-            problems.note(
-                "Pictures that came at times of which the file's packets know nothing were left out."
-            )
+            problems.note("Pictures whose times do not occur in the file's packets were left out.")

@@ -1,6 +1,6 @@
 """Outputs: a video file, one image, or a folder of images.
 
-What is written lies in NAME.part until it is complete and is then renamed; on any exception it is removed.
+An output is written as NAME.part and renamed when it is complete; on any exception it is removed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Sink:
     """An output that exists under its name only when it is complete.
 
     Use by `with`: a clean exit finishes and renames, an exception removes NAME.part.
-    frames : number written so far.   needs_frames : whether it is a mistake to write none.
+    frames : number written so far.   needs_frames : whether writing none is an error.
     """
 
     needs_frames = True
@@ -60,7 +60,7 @@ class Sink:
         self._closed = False
 
     def write(self, frame: Frame) -> None:
-        """Write one frame; its time must exceed the last one's."""
+        """Write one frame; its time must be later than the last one's."""
         raise NotImplementedError
 
     def _finish(self) -> None:
@@ -88,7 +88,7 @@ class Sink:
             self.abort()
 
     def abort(self) -> None:
-        """Remove what was written; a finished output stays."""
+        """Remove what was written, unless the output is finished."""
         if not self._closed:
             self._closed = True
             self._discard()
@@ -101,7 +101,7 @@ class Sink:
             raise MediaError(f"{error}.") from error
         except OSError as error:
             raise MediaError(
-                f"{self.path} cannot be written ({error.strerror}): choose a folder that exists and is yours."
+                f"{self.path} cannot be written ({error.strerror}): choose a folder that exists and is writable."
             ) from error
 
     def _publish(self) -> None:
@@ -111,7 +111,7 @@ class Sink:
 
 
 class VideoOutput(Sink):
-    """A video file that is being written: one encoded stream, and copies of the input's other streams."""
+    """A video file: one encoded stream, and copies of the input's other streams."""
 
     def __init__(
         self, path: Path, media: MediaInput, encoding: Encoding, *, force: bool, tags: Mapping[str, str],
@@ -169,7 +169,7 @@ class VideoOutput(Sink):
         return stream
 
     def _start(self) -> None:
-        """Open the encoder and write the header, so that what they refuse is known before any work."""
+        """Open the encoder and write the header, so that refused settings are known before any work."""
         try:
             self._output.start_encoding()
         except (av.error.FFmpegError, ValueError) as error:
@@ -225,7 +225,7 @@ class VideoSink(VideoOutput):
 
 
 def later_time(frame: Frame, last: Fraction | None) -> Fraction:
-    """The frame's time, seconds, which must exceed the last one's."""
+    """The frame's time, seconds, which must be later than the last one's."""
     time = frame.pts * frame.time_base
     if last is not None and time <= last:
         raise ValueError(f"frame times must ascend, got {time} s after {last} s")
@@ -253,7 +253,7 @@ class ImageSink(Sink):
 
 
 class FolderSink(Sink):
-    """A folder of images that keep their names; frames without one are numbered PNG files."""
+    """A folder of images that keep their names; frames without a name become numbered PNG files."""
 
     def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
         super().__init__(path, force=force, folder=True)
@@ -280,13 +280,13 @@ def open_sink(
     path: Path | str, media: MediaInput, options: EncodeOptions = _DEFAULTS, *, force: bool = False,
     tags: Mapping[str, str] = _NO_TAGS, size: tuple[int, int] | None = None, private: bool = False,
 ) -> Sink:  # fmt: skip
-    """Open the output for an input: the suffix says what it is; all that can fail early fails here.
+    """Open the output for an input; its suffix determines the kind.  Whatever can fail early fails here.
 
     force : replace an existing output.   tags : metadata to add.
-    size : (width, height) of the frames when they are not the input's own; they are then taken as shown.
-    private : of the input's other streams keep the sound alone, without its names, and leave out all metadata,
+    size : (width, height) of the frames if it differs from the input's; they are then taken as shown.
+    private : keep only the audio of the input's other streams, without its names, and leave out all metadata,
         chapters and closed captions.
-    Raises MediaError for a user's mistake; nothing is then left behind.
+    Raises MediaError for a user's mistake, and then leaves nothing behind.
     """
     path = Path(path)
     check_free(path, media, force)
@@ -300,7 +300,7 @@ def open_sink(
 
 
 def check_free(path: Path, media: MediaInput, force: bool) -> None:
-    """Raise MediaError when the output would replace something that it must not."""
+    """Raise MediaError when the output would replace something it must not."""
     if path.exists() and media.path.exists() and path.samefile(media.path):
         raise MediaError(f"{path} is the input itself: choose another name for the output.")
     if path.is_dir() and media.kind != "images":
@@ -327,9 +327,9 @@ def _check_images(media: ImageInput, options: EncodeOptions) -> None:
 
 
 def _container_of(path: Path) -> str:
-    """FFmpeg's name of the container that the suffix stands for."""
+    """FFmpeg's name of the container for the suffix."""
     try:
-        with av.open(str(path), "w") as probe:  # opens no file until its header is written
+        with av.open(str(path), "w") as probe:  # creates no file until its header is written
             name = probe.format.name
     except ValueError as error:
         raise MediaError(f"{path} does not name a video container: use .mp4, .mov or .mkv.") from error
@@ -346,7 +346,7 @@ def _metadata(media: MediaInput, tags: Mapping[str, str], private: bool) -> dict
 
 @contextlib.contextmanager
 def as_media_error(path: Path) -> Iterator[None]:
-    """A full disk, a lost drive or a refusing encoder, as one sentence."""
+    """Turn a full disk, a lost drive or an encoder's refusal into one sentence."""
     try:
         yield
     except (av.error.FFmpegError, OSError) as error:

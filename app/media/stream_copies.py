@@ -1,4 +1,4 @@
-"""Streams and facts that pass from the input container to the output container unchanged."""
+"""Streams and metadata that are copied unchanged from the input container to the output container."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 Audio = Literal["keep", "drop", "mask"]
 
-# What a container or encoder writes about itself; it would be wrong in the copy.
+# Written by a container or encoder about itself; wrong in a copy.
 _STALE = frozenset(
     {"major_brand", "minor_version", "compatible_brands", "encoder", "duration", "vendor_id", "rotate"}
 )
 _STALE_PREFIXES = ("_statistics", "number_of_", "bps")
-# Keys that MP4 and MOV hold without `use_metadata_tags` (FFmpeg, movenc.c).
+# Keys that MP4 and MOV store without `use_metadata_tags` (FFmpeg, movenc.c).
 _MOV_KEYS = frozenset(
     {
         "title", "artist", "album_artist", "composer", "album", "date", "comment", "genre", "copyright",
@@ -35,13 +35,13 @@ _MOV_KEYS = frozenset(
         "creation_time",
     }
 )  # fmt: skip
-# Containers that hold variable frame rate and arbitrary other streams.
-_CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
+# Containers that support variable frame rates and arbitrary other streams.
+_FULL_CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
 
 
 def fresh_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
-    """Metadata without what describes the old file rather than its content."""
+    """Metadata without entries that describe the old file rather than its content."""
     return {
         key: value
         for key, value in metadata.items()
@@ -52,7 +52,7 @@ def fresh_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
 def muxer_options(format_name: str, keys: Mapping[str, str], time_base: Fraction) -> dict[str, str]:
     """Options of the output container that make it keep every metadata key and the exact start time.
 
-    `bitexact` leaves out what differs from run to run, such as random numbers, and the library's version.
+    `bitexact` leaves out the library's version and what differs from run to run, such as random numbers.
     """
     exact = {"fflags": "+bitexact"}
     if format_name not in _ROTATING - {"matroska"}:
@@ -65,20 +65,20 @@ def muxer_options(format_name: str, keys: Mapping[str, str], time_base: Fraction
 
 
 def keeps_times(format_name: str) -> bool:
-    """Whether the container holds any time stamps; the others would drop or repeat frames."""
-    return format_name in _CONTAINERS
+    """Whether the container stores arbitrary time stamps; others would drop or repeat frames."""
+    return format_name in _FULL_CONTAINERS
 
 
 def can_rotate(format_name: str) -> bool:
-    """Whether the container stores how the picture is turned."""
+    """Whether the container stores a rotation of the picture."""
     return format_name in _ROTATING
 
 
 class StreamCopier:
-    """The copied streams of one output; `mux` takes the input's packets to them.
+    """The copied streams of one output, to which `mux` writes the input's packets.
 
-    private : whether all but sound is left out, and what is written about it except its language.
-    audio : whether the sound is copied, left out, or encoded again with the voices masked.
+    private : whether everything but audio is left out, and its metadata except the language.
+    audio : whether the audio is copied, left out, or re-encoded with the voices masked.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class StreamCopier:
         mask.stream.metadata.update(_metadata(stream, private))
 
     def finish(self) -> None:
-        """Write what is still to come of masked sound."""
+        """Write the rest of masked audio."""
         for mask in self._masks.values():
             for packet in mask.finish():
                 self._output.mux_one(packet)
@@ -147,7 +147,7 @@ class StreamCopier:
             self._problems.note(f"A packet of {_title(target)} could not be copied ({error.strerror}).")
 
     def _repair_times(self, packet: AnyPacket) -> None:
-        """Muxers want a dts on every packet, ascending; one that is missing follows from the last."""
+        """Muxers need an ascending dts on every packet; a missing one follows from the last."""
         index = packet.stream_index
         last = self._last_dts.get(index)
         dts = packet.dts if packet.dts is not None else packet.pts
@@ -161,7 +161,7 @@ class StreamCopier:
 
 
 def _why_dropped(stream: Stream, media: VideoInput, private: bool) -> str | None:
-    """Why a stream must not be copied: '' to say nothing, None to copy it."""
+    """Why a stream is not copied: '' without a note, None if it is copied."""
     if isinstance(stream, av.video.stream.VideoStream):
         return "a cover may show the face" if is_still(stream) else "only the first video is processed"
     if private and stream.type == "subtitle":
@@ -176,7 +176,7 @@ def _why_dropped(stream: Stream, media: VideoInput, private: bool) -> str | None
 
 
 def _metadata(stream: Stream, private: bool) -> dict[str, str]:
-    """What is said about a stream; if private, nothing that identifies anybody."""
+    """The metadata of a stream; if private, nothing that identifies anybody."""
     if not private:
         return fresh_metadata(stream.metadata)
     language = stream.metadata.get("language")

@@ -6,7 +6,7 @@ DIGITAL_SOURCE_TYPE = "http://cv.iptc.org/newscodes/digitalsourcetype/compositeW
 
 
 def synthetic_tags() -> dict[str, str]:
-    """The container tags that say that a face is synthetic, and who made it."""
+    """The container tags that state that a face is synthetic, and by what it was made."""
     return {
         "comment": f"Synthetic face: made with Guise {version()}",
         "digital_source_type": DIGITAL_SOURCE_TYPE,

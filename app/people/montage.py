@@ -10,7 +10,7 @@ import numpy as np
 
 from guise.aam.appearance import AppearanceModel
 from guise.aam.model import Identity
-from guise.app.media.pictures import PAPER, Picture, labelled, sheet
+from guise.app.media.pictures import SHEET, Picture, labelled, sheet
 from guise.common.arrays import F32
 from guise.render import feather, make_compositor
 
@@ -44,7 +44,7 @@ def draw(look: AppearanceModel, vector: F32, face: int = FACE) -> Picture:
     zoom = face / reference.resolution
     border = _BORDER * reference.resolution
     height, width = (round((side + 2 * border) * zoom) for side in reference.size)
-    paper = np.full((height, width, 3), PAPER, np.uint8)
+    paper = np.full((height, width, 3), SHEET.background, np.uint8)
     alpha = feather(look.mask, 0.01 * reference.resolution)
     with make_compositor(
         "cpu", reference.triangles, reference.points.astype(np.float32), alpha
@@ -61,5 +61,11 @@ def _still(identity: Identity) -> Picture:
     offset = np.array([width, height]) / 2 - centre * scale
     matrix = np.array([[scale, 0, offset[0]], [0, scale, offset[1]]])
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    crop = cv2.warpAffine(picture, matrix, (width, height), flags=how, borderValue=(PAPER, PAPER, PAPER))
+    crop = cv2.warpAffine(
+        picture,
+        matrix,
+        (width, height),
+        flags=how,
+        borderValue=(SHEET.background, SHEET.background, SHEET.background),
+    )
     return labelled(np.asarray(crop, np.uint8), "still")
