@@ -12,7 +12,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import (
     BROW_TOPS,
@@ -23,15 +22,28 @@ from guise.aam.landmarks.schemes import (
     LOWER_LIDS,
     RIGHT_EYE_OUTER,
     RIGHT_MOUTH_CORNER,
+    RIGID_WEIGHTS,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
-from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8, Bool, Floating
 
-BANDWIDTH = 1.8  # of the rest, in standard deviations of openings, width and yaw
 SHAPE = 2 * POINTS  # leading entries of an appearance vector
+
+
+@dataclass(frozen=True)
+class RestLimits:
+    """What counts as a face at rest among a person's frames."""
+
+    mouth_quantile: float = 0.05  # of the mouth's opening: shut
+    lid_quantile: float = 0.75  # of the lids' opening: open, not wide open
+    bandwidth_deviations: float = 1.8  # of openings, width and yaw, over which frames count
+    ridge: float = 0.05  # damping of the regression
+
+
+REST = RestLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +75,11 @@ class Components:
             return 1.0
         return float((self.deviations.astype(np.float64) ** 2).sum() / self.total_variance)
 
-    def project(self, vectors: NDArray[np.floating]) -> F32:
+    def project(self, vectors: Floating) -> F32:
         """Parameters (.., k) of vectors (.., n): basis^T (y - mean)."""
         return np.asarray((vectors - self.mean) @ self.basis, np.float32)
 
-    def synthesise(self, parameters: NDArray[np.floating]) -> F32:
+    def synthesise(self, parameters: Floating) -> F32:
         """Vectors (.., n) of parameters (.., k): mean + basis rho."""
         return np.asarray(self.mean + parameters @ self.basis.T, np.float32)
 
@@ -108,7 +120,7 @@ def _modes_to_keep(values: F64, retain: float | int) -> int:
     return min(int(np.searchsorted(share, retain)) + 1, useful)
 
 
-def sample_texture(rgb: NDArray[np.uint8], shape: F64, reference: ReferenceFrame) -> F32:
+def sample_texture(rgb: U8, shape: F64, reference: ReferenceFrame) -> F32:
     """Texture (n, 3) float32 of a picture (h, w, 3) under a shape (81, 2) in its pixels.
 
     A face larger than the grid is first reduced by area, so that every frame pixel counts (no aliasing).
@@ -119,8 +131,7 @@ def sample_texture(rgb: NDArray[np.uint8], shape: F64, reference: ReferenceFrame
     if roi.size == 0:
         raise ValueError("the face lies outside the picture")
     local = shape - (x0, y0)
-    a, b, _, _ = align_planar(reference.points, local, RIGID_WEIGHTS)
-    ratio = float(np.hypot(a, b))  # picture pixels per grid pixel
+    ratio = align_planar(reference.points, local, RIGID_WEIGHTS).scale  # picture pixels per grid pixel
     if ratio > 1.25:
         small = (max(2, round(roi.shape[1] / ratio)), max(2, round(roi.shape[0] / ratio)))
         factor = np.array(small) / (roi.shape[1], roi.shape[0])
@@ -144,7 +155,7 @@ class AppearanceModel:
     reference: ReferenceFrame
     components: Components
     neutral: F32
-    mask: NDArray[np.bool_]
+    mask: Bool
 
     @cached_property
     def neutral_parameters(self) -> F32:
@@ -169,7 +180,7 @@ class AppearanceModel:
         """RGB (n, 3) of an appearance vector."""
         return vector[SHAPE:].reshape(-1, 3)
 
-    def picture(self, vector: F32) -> NDArray[np.uint8]:
+    def picture(self, vector: F32) -> U8:
         """RGB picture (h, w, 3) uint8 of an appearance vector's texture on the grid."""
         return np.asarray(np.clip(self.reference.scatter(self.texture_of(vector)), 0, 255).round(), np.uint8)
 
@@ -179,8 +190,8 @@ def appearance_vectors(
 ) -> F32:
     """Appearance vectors (m, 162 + 3 n) of shapes (m, 81, 2) in pixels and textures (m, n, 3).
 
-    weights (n,) in [0, 1] damp the variation of pixels that are not face (hair, background): outside the
-    learned mask every frame shows the mean.
+    weights (n,) in [0, 1] damp the variation of pixels that aren't face (hair, background): outside the learned mask
+    every frame shows the mean.
     """
     aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), SHAPE)
     if weights is not None:
@@ -203,13 +214,14 @@ def openness(shapes: F64) -> F64:
 
 
 def neutral_frames(shapes: F64, reference: ReferenceFrame, count: int = 7) -> Sequence[int]:
-    """Indices of the frames nearest to a face at rest: mouth shut, lids open as usual, brows and head as usual.
+    """Indices of the frames nearest to a face at rest: mouth shut, lids, brows and head as they usually are.
 
     shapes : (m, 81, 2) pixels.
     """
     openings = openness(shapes)
+    mouth, lids, brows = openings.T
     usual = np.array(
-        [np.quantile(openings[:, 0], 0.05), np.quantile(openings[:, 1], 0.75), np.median(openings[:, 2])]
+        [np.quantile(mouth, REST.mouth_quantile), np.quantile(lids, REST.lid_quantile), np.median(brows)]
     )
     spread = np.maximum(openings.std(0), 0.01)
     aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1)
@@ -233,7 +245,7 @@ def rest_weights(shapes: F64, reference: ReferenceFrame) -> F64:
     """Weights (m,) summing to 1 that make the face at rest out of frames with shapes (m, 81, 2).
 
     Local linear regression on the openings, the mouth's width and the yaw, read at rest: mouth shut, lids open, the
-    others as usual.  Many frames vote, so the slips and the noise of single ones cancel.
+    others at their median.  Many frames contribute, so the errors and the noise of single ones cancel.
     """
     aligned = np.stack([reference.align(s) for s in shapes])
     width = (
@@ -243,10 +255,10 @@ def rest_weights(shapes: F64, reference: ReferenceFrame) -> F64:
     yaw = np.array([reference.yaw(a) for a in aligned])
     state = np.column_stack([openness(shapes), width, yaw])
     rest = np.median(state, axis=0)
-    rest[0], rest[1] = np.quantile(state[:, 0], 0.05), np.quantile(state[:, 1], 0.75)
+    rest[:2] = np.quantile(state[:, 0], REST.mouth_quantile), np.quantile(state[:, 1], REST.lid_quantile)
     away = (state - rest) / np.maximum(state.std(0), [0.01, 0.01, 0.01, 0.01, 1.0])
-    near = np.exp(-0.5 * (away**2).sum(1) / BANDWIDTH**2) + 1e-6
+    near = np.exp(-0.5 * (away**2).sum(1) / REST.bandwidth_deviations**2) + 1e-6
     design = np.column_stack([np.ones(len(away)), away])
-    ridge = 0.05 * near.sum() * np.diag([0.0, 1, 1, 1, 1, 1])
+    ridge = REST.ridge * near.sum() * np.diag([0.0, 1, 1, 1, 1, 1])
     weights = np.linalg.solve((design * near[:, None]).T @ design + ridge, (design * near[:, None]).T)[0]
     return np.asarray(weights / weights.sum())

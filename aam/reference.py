@@ -14,39 +14,17 @@ from importlib import resources
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from guise.aam.landmarks.schemes import (
-    EYE_CORNERS,
-    FOREHEAD,
-    LEFT_NOSTRIL,
-    MIRROR,
-    NOSE_BASE,
-    NOSE_BRIDGE,
-    NOSE_ROOT,
-    RIGHT_NOSTRIL,
-    TEMPLES,
-)
+from guise.aam.landmarks.schemes import MIRROR, NOSE_ROOT, RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
-from guise.common.arrays import F32, F64
-
-Ints = NDArray[np.int32]
+from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
 
 DEFAULT_RESOLUTION = 160
 POINTS = 81
-MARGIN = 2  # grid pixels kept free around the hull
+MARGIN_GRID_PIXELS = 2  # kept free around the hull
 
-# How strongly each landmark moves with the skull: eye corners, upper nose and temples; lips, lids, jaw: nothing.
-RIGID_WEIGHTS: F64 = np.zeros(POINTS)
-RIGID_WEIGHTS[EYE_CORNERS] = 1.0
-RIGID_WEIGHTS[NOSE_BRIDGE[:2]] = 1.0
-RIGID_WEIGHTS[[*NOSE_BRIDGE[2:], RIGHT_NOSTRIL, NOSE_BASE, LEFT_NOSTRIL]] = 0.5
-RIGID_WEIGHTS[[*TEMPLES, *FOREHEAD[[0, -1]]]] = 0.25
-RIGID_WEIGHTS /= RIGID_WEIGHTS.sum()
-RIGID_WEIGHTS.setflags(write=False)
-
-# Root-mean-square grey levels of texture variation that weigh as much as one face width of shape variation.
-SHAPE_TO_TEXTURE = 400.0
+# Root-mean-square texture variation that weighs as much as one face width of shape variation.
+GREY_LEVELS_PER_FACE_WIDTH = 400.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +39,7 @@ class ReferenceFrame:
     """
 
     points: F64
-    triangles: Ints
+    triangles: I32
     size: tuple[int, int]
 
     @classmethod
@@ -81,7 +59,7 @@ class ReferenceFrame:
     def yaw(self, aligned: F64) -> float:
         """Degrees by which the head of an aligned shape (81, 2) is turned to the image right.
 
-        Read off the part of the shape that is not symmetric, so that a broad face does not pass for a turned one.
+        Read off the asymmetric part of the shape, so that a broad face isn't taken for a turned one.
         """
         flipped = aligned[list(MIRROR)] * [-1, 1] + [2 * float(self.points[NOSE_ROOT, 0]), 0]
         skewed = (aligned - self.align(flipped)) / 2
@@ -103,7 +81,7 @@ class ReferenceFrame:
         return digest.hexdigest()[:12]
 
     @cached_property
-    def triangle_map(self) -> Ints:
+    def triangle_map(self) -> I32:
         """(h, w) int32: the triangle under each grid pixel, -1 outside the hull."""
         canvas = np.full(self.size, -1, np.int32)
         for i, triangle in enumerate(self.points[self.triangles]):
@@ -112,31 +90,30 @@ class ReferenceFrame:
         return canvas
 
     @cached_property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Bool:
         """(h, w) bool: grid pixels inside the hull of the landmarks."""
         return np.asarray(self.triangle_map >= 0)
 
     @cached_property
-    def pixels(self) -> NDArray[np.intp]:
+    def pixels(self) -> Int:
         """(n,) flat indices of the mask's pixels, in the order of every texture vector."""
         return np.flatnonzero(self.mask)
 
     @cached_property
     def sampler(self) -> MeshSampler:
-        """Carries every mask pixel from the grid to a shape."""
+        """Maps every mask pixel from the grid to a shape."""
         ys, xs = np.divmod(self.pixels, self.size[1])
         return MeshSampler.build(self, np.column_stack([xs, ys]).astype(np.float64))
 
     @cached_property
     def shape_weight(self) -> float:
-        """w_s of the appearance vector: makes one grid pixel of shape weigh like its share of texture."""
-        per_pixel = SHAPE_TO_TEXTURE / self.resolution
+        """w_s of the appearance vector: gives one grid pixel of shape the weight of its share of texture."""
+        per_pixel = GREY_LEVELS_PER_FACE_WIDTH / self.resolution
         return per_pixel * float(np.sqrt(3 * len(self.pixels) / (2 * POINTS)))
 
     def align(self, shape: F64) -> F64:
-        """A shape (81, 2) in pixels, carried to the grid by its rigid landmarks."""
-        a, b, tx, ty = align_planar(shape, self.points, RIGID_WEIGHTS)
-        return np.asarray(shape @ np.array([[a, b], [-b, a]]) + (tx, ty))
+        """A shape (81, 2) in pixels, aligned with the grid by its rigid landmarks."""
+        return align_planar(shape, self.points, RIGID_WEIGHTS).apply(shape)
 
     def scatter(self, texture: F32, fill: float = 0.0) -> F32:
         """A texture (n,) or (n, c) laid out as a picture (h, w) or (h, w, c)."""
@@ -155,15 +132,15 @@ class MeshSampler:
     weights : (3, n) float32, barycentric, summing to 1.
     """
 
-    vertices: NDArray[np.intp]
+    vertices: Int
     weights: F32
 
     @classmethod
     def build(cls, reference: ReferenceFrame, places: F64) -> MeshSampler:
-        """Places (n, 2) in grid pixels; one outside the hull takes the triangle nearest to it."""
+        """Places (n, 2) in grid pixels; one outside the hull takes the nearest triangle."""
         columns = np.clip(np.round(places).astype(int), 0, np.array(reference.size[::-1]) - 1)
         triangle = reference.triangle_map[columns[:, 1], columns[:, 0]]
-        if (triangle < 0).any():  # only then, as it takes a large import
+        if (triangle < 0).any():  # only then, as it needs a large import
             triangle = _filled(reference.triangle_map)[columns[:, 1], columns[:, 0]]
         vertices = reference.triangles[triangle]
         a, b, c = (reference.points[vertices[:, k]] for k in range(3))
@@ -174,13 +151,13 @@ class MeshSampler:
         weights = np.stack([1 - wb - wc, wb, wc]).astype(np.float32)
         return cls(np.ascontiguousarray(vertices.T.astype(np.intp)), weights)
 
-    def __getitem__(self, subset: NDArray[np.intp]) -> MeshSampler:
+    def __getitem__(self, subset: Int) -> MeshSampler:
         """The sampler of some of the places."""
         return MeshSampler(
             np.ascontiguousarray(self.vertices[:, subset]), np.ascontiguousarray(self.weights[:, subset])
         )
 
-    def positions(self, shape: NDArray[np.floating]) -> F32:
+    def positions(self, shape: Floating) -> F32:
         """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
         plane = (
             np.ascontiguousarray(shape, np.float32).view(np.complex64).ravel()
@@ -191,12 +168,12 @@ class MeshSampler:
         terms[0] += terms[2]
         return np.asarray(terms[0].view(np.float32).reshape(-1, 2))
 
-    def sample(self, image: NDArray[np.uint8] | F32, shape: NDArray[np.floating]) -> F32:
+    def sample(self, image: U8 | F32, shape: Floating) -> F32:
         """Bilinear samples of an image (h, w) or (h, w, c) under the shape: (n,) or (n, c) float32."""
         return remap_points(image, self.positions(shape))
 
 
-def remap_points(image: NDArray[np.uint8] | F32, points: F32) -> F32:
+def remap_points(image: U8 | F32, points: F32) -> F32:
     """Bilinear samples of an image at points (n, 2), border replicated; (n,) or (n, c) float32.
 
     Works around the 32767-column limit of cv2.remap by folding the points into rows.
@@ -210,7 +187,7 @@ def remap_points(image: NDArray[np.uint8] | F32, points: F32) -> F32:
     return np.asarray(out.reshape(rows * 256, *out.shape[2:])[:n], np.float32)
 
 
-def _filled(triangle_map: Ints) -> Ints:
+def _filled(triangle_map: I32) -> I32:
     """The triangle map with every outside pixel given the nearest inside pixel's triangle."""
     from scipy.ndimage import distance_transform_edt
 
@@ -231,8 +208,8 @@ def _canonical(resolution: int) -> ReferenceFrame:
     if not 32 <= resolution <= 512:
         raise ValueError(f"the texture resolution must be 32 to 512 pixels across the face, got {resolution}")
     unit = np.array(_data()["points"])
-    points = (unit - unit.min(0)) * resolution + MARGIN
-    width, height = np.ceil(points.max(0)).astype(int) + MARGIN
+    points = (unit - unit.min(0)) * resolution + MARGIN_GRID_PIXELS
+    width, height = np.ceil(points.max(0)).astype(int) + MARGIN_GRID_PIXELS
     triangles = np.array(_data()["triangles"], np.int32)
     for array in (points, triangles):
         array.setflags(write=False)

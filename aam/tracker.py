@@ -14,35 +14,52 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import Components, principal_components
-from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
-from guise.aam.reference import POINTS, RIGID_WEIGHTS, MeshSampler, ReferenceFrame
-from guise.aam.similarity import Failed, align_planar
-from guise.common.arrays import F32, F64
-
-Grey = NDArray[np.uint8]
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER, RIGID_WEIGHTS
+from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
+from guise.aam.similarity import Failed, PlanarSimilarity, align_planar
+from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
 
 FEATURE_RESOLUTION = 48  # feature grid pixels across the face
-CROP_FACE = 96.0  # pixels across the face in the working crop
-CROP_REACH = 0.95  # half the working crop's side, in face widths
 POSE = 4  # leading entries of a correction: scale, rotation, x, y
-LIMIT = 3.5  # standard deviations a shape parameter may reach
-STRANGE = 0.8  # residual of the normalised texture, here and around, from which a place is not the person's
-AROUND = 2.5  # grid pixels, standard deviation
-CLOSE = 0.05  # error in inter-ocular distances under which a fit counts as right
+FRONTAL_BOX_TO_SHAPE = (
+    0.0,
+    0.08,
+    0.83,
+)  # how a face lies in the box of a typical frontal-face detector, see `Tracker`
+
+
+@dataclass(frozen=True)
+class TrackerLimits:
+    """Sizes and thresholds of the tracker."""
+
+    crop_face_pixels: float = 96.0  # across the face in the working crop
+    crop_reach_face_widths: float = 0.95  # half the working crop's side
+    min_crop_pixels: int = 12  # of the picture, below which the face has left it
+    max_crop_picture_sides: float = 4.0  # half the working crop's side, in the picture's longer side
+    max_parameter_deviations: float = 3.5  # that a shape parameter may reach
+    occlusion_residual: float = 0.8  # of the normalised texture, from which a place doesn't show the person
+    occlusion_blur_grid_pixels: float = 2.5  # standard deviation, over which that residual is averaged
+    max_good_error_interocular: float = 0.05  # up to which a simulated fit counts as right
+    good_quantile: float = 0.95  # of the residuals of right fits
+    bad_quantile: float = 0.1  # of the residuals of wrong fits
+    max_texture_samples: int = 400  # right fits from which texture components are learned
+    texture_retain: float = 0.95  # share of their variance
+
+
+LIMITS = TrackerLimits()
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Where the tracker sees the face.
+    """Where the tracker finds the face.
 
     Parameters
     ----------
     shape : (81, 2) float64, frame pixels.
     parameters : (k,) float64, shape parameters in standard deviations.
-    residual : float, root-mean-square of the normalised texture that the model does not explain.
+    residual : float, root mean square of the normalised texture that the model doesn't explain.
     confidence : float in [0, 1], 0.5 at the lost threshold.
     """
 
@@ -53,19 +70,19 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Likeness:
-    """How much a face that lies at a known shape looks like the person.
+class FaceMatch:
+    """How well the texture under a known shape matches the person.
 
     Parameters
     ----------
-    residual : root-mean-square of the normalised texture that the model does not explain.
+    residual : root mean square of the normalised texture that the model doesn't explain.
     confidence : float in [0, 1] from it, 0.5 at the lost threshold.
-    hidden : share of the face where the texture is not this person's: a hand, a microphone, another face.
+    occluded_share : share of the face whose texture isn't this person's: a hand, a microphone, another face.
     """
 
     residual: float
     confidence: float
-    hidden: float
+    occluded_share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +95,9 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Crop:
-    """A working copy of the face's surroundings, scaled so that the face is CROP_FACE pixels wide."""
+    """A copy of the face's surroundings, scaled so that the face is `crop_face_pixels` of the limits wide."""
 
-    image: Grey
+    image: U8
     scale: F64
     corner: F64
 
@@ -93,18 +110,19 @@ class Crop:
         return (shape + 0.5) / self.scale - 0.5 + self.corner
 
 
-def cut(luma: Grey, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
+def cut(luma: U8, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
     """The working crop of a picture (h, w) around a shape (81, 2) in its pixels."""
-    a, b, _, _ = align_planar(reference.points, shape, RIGID_WEIGHTS)
-    ratio = CROP_FACE / max(float(np.hypot(a, b)) * reference.resolution, 1e-6)
-    centre, half = shape.mean(0), CROP_REACH * CROP_FACE / ratio
-    if not (np.isfinite(half) and half < 4 * max(luma.shape)):
+    grid_pixel = align_planar(reference.points, shape, RIGID_WEIGHTS).scale  # picture pixels
+    ratio = LIMITS.crop_face_pixels / max(grid_pixel * reference.resolution, 1e-6)
+    centre = shape.mean(0)
+    half = LIMITS.crop_reach_face_widths * LIMITS.crop_face_pixels / ratio
+    if not (np.isfinite(half) and half < LIMITS.max_crop_picture_sides * max(luma.shape)):
         return Failed("the face is larger than the picture")
     x0, y0 = np.maximum(np.floor(centre - half).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(centre + half).astype(int) + 1, luma.shape[::-1])
-    if x1 - x0 < 12 or y1 - y0 < 12:
+    if min(x1 - x0, y1 - y0) < LIMITS.min_crop_pixels:
         return Failed("the face has left the picture")
-    whole = max(1, int(1 / ratio))  # by area first: quick for whole numbers, and no aliasing
+    whole = max(1, int(1 / ratio))  # by area first: fast for whole factors, and free of aliasing
     w, h = int(x1 - x0) // whole * whole, int(y1 - y0) // whole * whole
     image = luma[y0 : y0 + h, x0 : x0 + w]
     if whole > 1:
@@ -119,7 +137,7 @@ def cut(luma: Grey, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """The tracker's own held-out error distribution, from which "lost" is decided.
+    """The tracker's held-out error distribution, which sets the residual from which a face counts as lost.
 
     Parameters
     ----------
@@ -159,7 +177,7 @@ class Tracker:
     shapes : Components of aligned shapes (162 values on the feature grid).
     stages : each (1 + n, 4 + k) float32: bias row, then a row per feature.
     texture : Components of the normalised features (n) of right fits.
-    pixels : (n,) indices into the feature frame's mask pixels that are looked at.
+    pixels : (n,) indices into the feature grid's mask pixels that are used.
     quality : held-out error distribution.
     box_to_shape : (3,) float64: shape centre minus box centre (x, y) and face width, all in box widths.
     """
@@ -167,7 +185,7 @@ class Tracker:
     shapes: Components
     stages: tuple[F32, ...]
     texture: Components
-    pixels: NDArray[np.intp]
+    pixels: Int
     quality: Quality
     box_to_shape: F64
 
@@ -184,7 +202,7 @@ class Tracker:
     def _shape_space(self) -> ShapeSpace:
         return ShapeSpace(self.shapes, self.reference)
 
-    def fit(self, luma: Grey, start: F64) -> Fit | Failed:
+    def fit(self, luma: U8, start: F64) -> Fit | Failed:
         """The face near a start shape.
 
         luma : (h, w) uint8.   start : (81, 2) float64, frame pixels.
@@ -205,8 +223,8 @@ class Tracker:
             return Failed(f"the face is not recognised (residual {residual:.2f})")
         return Fit(crop.to_frame(shape), parameters, residual, self.quality.confidence(residual))
 
-    def acquire(self, luma: Grey, boxes: NDArray[np.floating]) -> Fit | Failed:
-        """The best fit from detected face boxes (n, 4) x0 y0 x1 y1, tried largest first from several starts."""
+    def acquire(self, luma: U8, boxes: Floating) -> Fit | Failed:
+        """The best fit from detected face boxes (n, 4) x0 y0 x1 y1, tried in order from several starts."""
         best: Fit | Failed = Failed("no face box")
         for box in boxes:
             for start in self.starts(box):
@@ -217,8 +235,8 @@ class Tracker:
                 return self._settled(luma, best)
         return best
 
-    def acquire_from(self, luma: Grey, shapes: Iterable[F64]) -> Fit | Failed:
-        """The first fit that holds from landmarks (81, 2) of whole faces, found without knowing the person."""
+    def acquire_from(self, luma: U8, shapes: Iterable[F64]) -> Fit | Failed:
+        """The first good fit from landmarks (81, 2) of whole faces, which were found without knowing the person."""
         fit: Fit | Failed = Failed("no face")
         for shape in shapes:
             fit = self.fit(luma, shape)
@@ -226,12 +244,12 @@ class Tracker:
                 return self._settled(luma, fit)
         return fit
 
-    def _settled(self, luma: Grey, fit: Fit) -> Fit:
-        """The fit, or the one that comes of it if that is better."""
+    def _settled(self, luma: U8, fit: Fit) -> Fit:
+        """The fit, or the fit that starts from it where that is better."""
         again = self.fit(luma, fit.shape)
         return again if isinstance(again, Fit) and again.residual < fit.residual else fit
 
-    def starts(self, box: NDArray[np.floating]) -> list[F64]:
+    def starts(self, box: Floating) -> list[F64]:
         """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""
         width = float(box[2] - box[0])
         centre = np.array([box[0] + box[2], box[1] + box[3]]) / 2 + self.box_to_shape[:2] * width
@@ -242,33 +260,34 @@ class Tracker:
         tries = [(1.0, s) for s in shifts] + [(0.88, (0, 0)), (1.14, (0, 0))]
         return [mean * face * scale + centre + np.array(shift) * face for scale, shift in tries]
 
-    def likeness(self, luma: Grey, shape: F64) -> Likeness | Failed:
-        """How much the face at a shape (81, 2), frame pixels, in luma (h, w) looks like this person."""
+    def match(self, luma: U8, shape: F64) -> FaceMatch | Failed:
+        """How well the face at a shape (81, 2), frame pixels, in luma (h, w) matches this person."""
         crop = cut(luma, shape, self.reference)
         if isinstance(crop, Failed):
             return crop
         features = normalised(self._sampler.sample(crop.image, crop.to_crop(shape)))
         residual = self._residual(features)
-        return Likeness(residual, self.quality.confidence(residual), self._hidden(features))
+        return FaceMatch(residual, self.quality.confidence(residual), self._occluded_share(features))
 
-    def _hidden(self, features: F32) -> float:
-        """Share of the pixels around which the texture is off by more than STRANGE."""
+    def _occluded_share(self, features: F32) -> float:
+        """Share of the pixels around which the residual exceeds `occlusion_residual`."""
         centred = features - self.texture.mean
-        missed = np.zeros(len(self.reference.pixels), np.float32)
-        missed[self.pixels] = (centred - self.texture.basis @ (centred @ self.texture.basis)) ** 2
-        around = cv2.GaussianBlur(self.reference.scatter(missed), (0, 0), AROUND)[self.reference.mask][
-            self.pixels
-        ]
-        return float((around > STRANGE**2 * self._weight).mean())
+        squared = np.zeros(len(self.reference.pixels), np.float32)
+        squared[self.pixels] = (centred - self.texture.basis @ (centred @ self.texture.basis)) ** 2
+        return float((self._blurred(squared) > LIMITS.occlusion_residual**2 * self._weight).mean())
 
     @cached_property
     def _weight(self) -> F32:
-        """Share of each pixel's surroundings that is looked at."""
-        looked = np.zeros(len(self.reference.pixels), np.float32)
-        looked[self.pixels] = 1
-        return np.asarray(
-            cv2.GaussianBlur(self.reference.scatter(looked), (0, 0), AROUND)[self.reference.mask][self.pixels]
-        )
+        """Share of each pixel's surroundings that is used."""
+        used = np.zeros(len(self.reference.pixels), np.float32)
+        used[self.pixels] = 1
+        return self._blurred(used)
+
+    def _blurred(self, values: F32) -> F32:
+        """Values (n,) of the feature grid's mask pixels, averaged over their surroundings, at the pixels used."""
+        sigma = LIMITS.occlusion_blur_grid_pixels
+        picture = cv2.GaussianBlur(self.reference.scatter(values), (0, 0), sigma)
+        return np.asarray(picture[self.reference.mask][self.pixels])
 
     def _residual(self, features: F32) -> float:
         centred = features - self.texture.mean
@@ -279,7 +298,7 @@ class Tracker:
 
 @dataclass(frozen=True, eq=False)
 class ShapeSpace:
-    """Pose and shape parameters of a shape, and how corrections change them."""
+    """Encodes shapes as pose and shape parameters, and applies corrections to these."""
 
     shapes: Components
     reference: ReferenceFrame
@@ -290,25 +309,24 @@ class ShapeSpace:
 
     def encode(self, shape: F64) -> tuple[Pose, F64]:
         """Pose and parameters (k,), in standard deviations, of a shape (81, 2) in picture pixels."""
-        a, b, tx, ty = align_planar(shape, self.reference.points, RIGID_WEIGHTS)
-        linear, offset = np.array([[a, b], [-b, a]]), np.array([tx, ty])
-        vector = (shape @ linear + offset).ravel()
+        fit = align_planar(shape, self.reference.points, RIGID_WEIGHTS)
+        vector = fit.apply(shape).ravel()
         parameters = ((vector - self.shapes.mean) @ self.shapes.basis) / self.shapes.deviations
-        back = np.array([[a, -b], [b, a]]) / (a * a + b * b)
-        return Pose(back, -offset @ back), np.clip(parameters, -LIMIT, LIMIT)
+        back = np.ascontiguousarray(fit.linear.T) / (fit.a * fit.a + fit.b * fit.b)
+        return Pose(back, -np.array([fit.tx, fit.ty]) @ back), _clipped(parameters)
 
     def decode(self, pose: Pose, parameters: F64) -> F64:
         """The shape (81, 2) of a pose and parameters."""
         vector = self.shapes.mean + self.shapes.basis @ (parameters * self.shapes.deviations)
         return np.asarray(vector.reshape(POINTS, 2) @ pose.linear + pose.offset, np.float64)
 
-    def corrected(self, pose: Pose, parameters: F64, correction: NDArray[np.floating]) -> tuple[Pose, F64]:
+    def corrected(self, pose: Pose, parameters: F64, correction: Floating) -> tuple[Pose, F64]:
         """A pose and parameters after a correction (4 + k,), which acts on the feature grid."""
         a, b = 1 + float(correction[0]), float(correction[1])
-        turn = np.array([[a, b], [-b, a]])
+        turn = PlanarSimilarity(a, b, 0.0, 0.0).linear
         shift = self._centre - self._centre @ turn + correction[2:POSE] * self.reference.resolution
         moved = Pose(turn @ pose.linear, shift @ pose.linear + pose.offset)
-        return moved, np.clip(parameters + correction[POSE:], -LIMIT, LIMIT)
+        return moved, _clipped(parameters + correction[POSE:])
 
     def correction(self, pose: Pose, parameters: F64, true: tuple[Pose, F64]) -> F64:
         """The correction (4 + k,) that takes a pose and parameters to the true ones."""
@@ -317,6 +335,11 @@ class ShapeSpace:
         shift = (true[0].offset - pose.offset) @ inverse - (self._centre - self._centre @ turn)
         head = [turn[0, 0] - 1, turn[0, 1], *(shift / self.reference.resolution)]
         return np.concatenate([head, true[1] - parameters])
+
+
+def _clipped(parameters: F64) -> F64:
+    most = LIMITS.max_parameter_deviations
+    return np.clip(parameters, -most, most)
 
 
 def normalised(features: F32) -> F32:
@@ -335,10 +358,10 @@ class TrackerOptions:
     copies : perturbed copies of each training frame.
     retain, max_modes : share of shape variance to keep, and the most modes.
     ridge, ridge_growth : damping relative to the mean feature variance, and its growth from stage to stage.
-    folds : parts for the residuals of unseen frames.
+    folds : parts of the clip, for predictions on frames not trained with.
     light : standard deviation of random slopes of light.
-    turned, turn : share of extra frames made by turning the head, and the most degrees; a clip seldom shows
-        every turn that the next one will.
+    turned, turn : share of extra frames made by turning the head, and the largest angle in degrees; one clip seldom
+        shows every turn of the next.
     seed : of all random numbers.
     """
 
@@ -359,7 +382,7 @@ def train_tracker(
     crops: Sequence[Crop],
     shapes: Sequence[F64],
     *,
-    face: NDArray[np.bool_] | None = None,
+    face: Bool | None = None,
     box_to_shape: F64 | None = None,
     options: TrackerOptions = TrackerOptions(),
     progress: Callable[[float], None] = lambda _: None,
@@ -370,7 +393,7 @@ def train_tracker(
     ----------
     crops : one `cut` for each training frame, in the order of time.
     shapes : (81, 2) each, frame pixels.
-    face : (n,) bool over the feature frame's mask pixels, which of them to look at; all when None.
+    face : (n,) bool over the feature frame's mask pixels, which of them to use; all when None.
     box_to_shape : see `Tracker`; that of a typical frontal-face detector when None.
     progress : called with the share done.
     """
@@ -380,7 +403,7 @@ def train_tracker(
         stages.append(training.advance(options.ridge * options.ridge_growth**k))
         progress((k + 1) / options.stages)
     texture, quality = training.quality(stages)
-    box = np.array([0.0, 0.08, 0.83]) if box_to_shape is None else box_to_shape
+    box = np.array(FRONTAL_BOX_TO_SHAPE) if box_to_shape is None else box_to_shape
     return Tracker(training.space.shapes, tuple(stages), texture, training.pixels, quality, box)
 
 
@@ -391,7 +414,7 @@ class _Training:
         self,
         crops: Sequence[Crop],
         shapes: Sequence[F64],
-        face: NDArray[np.bool_] | None,
+        face: Bool | None,
         options: TrackerOptions,
     ) -> None:
         self.options, self.crops = options, crops
@@ -408,7 +431,7 @@ class _Training:
         self.fold = (np.arange(len(crops)) * 2 * options.folds // len(crops)) % options.folds
         self.state = [self._perturbed(i) for i in self.owner]
 
-    def _with_turned(self, images: list[Grey], shapes: list[F64]) -> tuple[list[Grey], list[F64]]:
+    def _with_turned(self, images: list[U8], shapes: list[F64]) -> tuple[list[U8], list[F64]]:
         """The frames, then copies of some with the head turned to either side."""
         count = round(self.options.turned * len(images))
         self.turned_from = np.linspace(0, len(images) - 1, count).round().astype(int)
@@ -470,16 +493,16 @@ class _Training:
 
     def quality(self, stages: list[F32]) -> tuple[Components, Quality]:
         """Texture components of right fits, and the residuals of held-out right and of wrong fits."""
-        right, features = self.errors() < CLOSE, self.features(0.0)[:, 1:]
+        right, features = self.errors() < LIMITS.max_good_error_interocular, self.features(0.0)[:, 1:]
         held, residuals = float(self.errors().mean()), np.empty(len(features))
         for k in range(self.options.folds):
             inside = self.fold[self.owner] == k
-            pca = principal_components(_some(features[right & ~inside], 400), 0.95)
+            pca = _texture_components(features[right & ~inside])
             residuals[inside] = _residuals(features[inside], pca)
-        texture = principal_components(_some(features[right], 400), 0.95)
+        texture = _texture_components(features[right])
         wrong = self._wrong(stages, texture)
-        good = float(np.quantile(residuals[right], 0.95)) if right.any() else float(np.median(residuals))
-        return texture, Quality(held, good, float(np.quantile(wrong, 0.1)))
+        good = np.quantile(residuals[right], LIMITS.good_quantile) if right.any() else np.median(residuals)
+        return texture, Quality(held, float(good), float(np.quantile(wrong, LIMITS.bad_quantile)))
 
     def _wrong(self, stages: list[F32], texture: Components) -> F64:
         """Residuals where there is no face: the cascade started half a face away."""
@@ -499,15 +522,15 @@ class _Training:
         return _residuals(np.stack(out), texture) if out else np.array([0.9])
 
 
-def turn_head(image: Grey, shape: F64, reference: ReferenceFrame, degrees: float) -> tuple[Grey, F64]:
+def turn_head(image: U8, shape: F64, reference: ReferenceFrame, degrees: float) -> tuple[U8, F64]:
     """A picture (h, w) and shape (81, 2) with the head turned to the image right by some degrees.
 
-    The reference frame's yaw mode moves the landmarks; the picture follows them by a smooth field (a Gaussian
-    mean of their displacements), which is good enough for turns of up to about 20 degrees.
+    The reference frame's yaw mode moves the landmarks; the picture follows by a smooth field (a Gaussian mean of their
+    displacements), which is good enough for turns of up to about 20 degrees.
     """
-    a, b, _, _ = align_planar(reference.points, shape, RIGID_WEIGHTS)
-    moved = shape + degrees * reference.yaw_mode @ np.array([[a, b], [-b, a]])
-    step, reach = 6, 0.12 * float(np.hypot(a, b)) * reference.resolution
+    fit = align_planar(reference.points, shape, RIGID_WEIGHTS)
+    moved = shape + degrees * reference.yaw_mode @ fit.linear
+    step, reach = 6, 0.12 * fit.scale * reference.resolution
     h, w = image.shape
     ys, xs = np.mgrid[0 : h + step : step, 0 : w + step : step].astype(np.float64)
     places = np.stack([xs, ys], axis=-1)
@@ -545,8 +568,10 @@ def _ridge(gram: F32, cross: F32, ridge: float) -> F32:
     return np.asarray(cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), cross), np.float32)
 
 
-def _some(rows: F32, most: int) -> F32:
-    return rows[:: max(1, len(rows) // most)]
+def _texture_components(features: F32) -> Components:
+    """Components of the features (m, n) of right fits, of some when there are many."""
+    some = features[:: max(1, len(features) // LIMITS.max_texture_samples)]
+    return principal_components(some, LIMITS.texture_retain)
 
 
 def _residuals(features: F32, pca: Components) -> F64:

@@ -30,13 +30,13 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import F32, F64, Clip, Criterion, Report, Table
 from guise.aam.appearance import SHAPE, sample_texture
-from guise.aam.extrapolation import DEFAULT_ALPHA, GATE, Extrapolator
-from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+from guise.aam.extrapolation import DEFAULT_ALPHA, DEFAULT_GATE, Extrapolator
+from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, RIGID_WEIGHTS
 from guise.aam.mask import expressive_mask
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import PersonTracker
-from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import Similarity, align
 from guise.app.media import open_input
 
@@ -54,7 +54,7 @@ class Setting:
     name: str
     alpha: float | None
     anchored: bool = True
-    gate: float = GATE
+    gate: float = DEFAULT_GATE
 
 
 SETTINGS = (

@@ -9,10 +9,16 @@ from made_up import SAMPLES
 
 from guise.aam.landmarks import interocular
 from guise.aam.landmarks.schemes import CHIN, IBUG68, INNER51, NOSE_BASE
-from guise.app.deidentify.stages.detect import Chaser, Glimpse, Seen, _seen_again, detect_faces
+from guise.app.deidentify.stages.detect import (
+    Candidate,
+    DetectedFrame,
+    SegmentTracker,
+    confirmed,
+    detect_faces,
+)
 from guise.app.deidentify.stages.smooth import smooth
 from guise.app.media import Frame, open_input
-from guise.app.swapping.trust import place
+from guise.app.swapping.trust import locate
 
 
 def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:
@@ -73,21 +79,21 @@ def test_no_frames_are_no_faces() -> None:
     assert len(detect_faces([]).frame) == 0
 
 
-def test_a_doubtful_glimpse_counts_when_it_is_seen_again_twice() -> None:
+def test_a_doubtful_glimpse_counts_when_it_isconfirmed_twice() -> None:
     box = np.array([0, 0, 20, 20], np.float32)
-    seen = [Glimpse(i, box, 0.5, clear=False) for i in (3, 5, 7, 30)]
-    assert [g.index for g in _seen_again(seen)] == [3, 5, 7]
-    assert len(_seen_again([Glimpse(1, box, 0.9, clear=True)])) == 1
+    seen = [Candidate(i, box, 0.5, confirmed=False) for i in (3, 5, 7, 30)]
+    assert [one.frame for one in confirmed(seen)] == [3, 5, 7]
+    assert len(confirmed([Candidate(1, box, 0.9, confirmed=True)])) == 1
 
 
-def test_of_two_followers_of_one_face_one_stays() -> None:
-    chaser = Chaser(_Same())  # type: ignore[arg-type]
+def test_of_two_trackers_of_one_face_one_stays() -> None:
+    tracker = SegmentTracker(_Same())  # type: ignore[arg-type]
     rgb = np.zeros((100, 100, 3), np.uint8)
     small = np.zeros((18, 32), np.uint8)
     for index in range(6):
         boxes = np.array([[10, 10, 50, 50], [60, 10, 99, 50]], np.float32)[: 2 if index == 0 else 1]
-        chaser.step(Seen(index, rgb, boxes, np.full(len(boxes), 0.9, np.float32), small))
-    found = chaser.found()
+        tracker.update(DetectedFrame(index, rgb, boxes, np.full(len(boxes), 0.9, np.float32), small))
+    found = tracker.faces()
     assert (found.frame[found.tracklet == 0]).tolist() == list(range(6))
     assert len(found.frame) <= 8
 
@@ -120,8 +126,8 @@ def _face(box: np.ndarray) -> object:
 
 def test_a_person_is_trusted_on_their_own_face_and_not_on_another_one(p01) -> None:  # type: ignore[no-untyped-def]
     own, other = some("p01", count=1)[0], some("p02", count=1)[0]
-    there = place(p01.tracker, own.luma, truth("p01", 1)[0].astype(float), 1.0)
-    elsewhere = place(p01.tracker, other.luma, truth("p02", 1)[0].astype(float), 1.0)
+    there = locate(p01.tracker, own.luma, truth("p01", 1)[0].astype(float), 1.0)
+    elsewhere = locate(p01.tracker, other.luma, truth("p02", 1)[0].astype(float), 1.0)
     assert there.confidence > 0.5
     assert elsewhere.confidence < 0.5
     assert np.linalg.norm(there.shape - truth("p01", 1)[0], axis=1).mean() < 0.05 * interocular(
@@ -134,12 +140,12 @@ def test_a_hidden_half_of_the_face_is_not_trusted(p01) -> None:  # type: ignore[
     luma = frame.luma.copy()
     x0, x1 = int(points[:, 0].min()), int(points[:, 0].max())
     luma[int(points[NOSE_BASE, 1]) : int(points[CHIN, 1]) + 5, x0:x1] = 60
-    assert place(p01.tracker, luma, points, 1.0).confidence < 0.5
+    assert locate(p01.tracker, luma, points, 1.0).confidence < 0.5
 
 
 def test_an_unsure_landmarker_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
     frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
-    assert place(p01.tracker, frame.luma, points, 0.2).confidence < 0.5
+    assert locate(p01.tracker, frame.luma, points, 0.2).confidence < 0.5
 
 
 def test_smoothing_takes_tremble_out_and_keeps_what_moves_in_its_place() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from guise.app.deidentify.stages.detect import Found, is_cut
+from guise.app.deidentify.stages.detect import SegmentFaces, is_cut
 from guise.app.deidentify.stages.link import link
 
 RNG = np.random.default_rng(0)
@@ -12,11 +12,11 @@ OTHER = RNG.integers(0, 256, (18, 32), dtype=np.uint8)
 
 def found(
     *tracklets: tuple[range, float], cuts: tuple[int, ...] = (), ends: tuple[np.ndarray, ...] = (SCENE, SCENE)
-) -> Found:
+) -> SegmentFaces:
     """A segment with tracklets of the given frames, 40 pixels wide, at the given x."""
     rows = [(n, f, x) for n, (frames, x) in enumerate(tracklets) for f in frames]
     boxes = np.array([[x, 50, x + 40, 90] for _, _, x in rows], np.float32).reshape(-1, 4)
-    return Found(
+    return SegmentFaces(
         np.array([n for n, _, _ in rows], np.int32), np.array([f for _, f, _ in rows], np.int32),
         np.ones(len(rows), np.float32), boxes, np.zeros((len(rows), 81, 2), np.float32),
         np.zeros(0, np.int32), np.zeros((0, 4), np.float32), np.zeros(0, np.float32),

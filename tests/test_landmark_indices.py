@@ -15,9 +15,9 @@ PACKAGES = ("aam", "analogy", "app", "common", "guise", "render", "benchmarks", 
 OWNER = ROOT / "aam" / "landmarks" / "schemes.py"
 
 GROUPS = {
-    name: tuple(g.tolist())
-    for name, g in vars(schemes).items()
-    if name[0] != "_" and isinstance(g, np.ndarray)
+    name: tuple(group.tolist())
+    for name, group in vars(schemes).items()
+    if name[0] != "_" and isinstance(group, np.ndarray) and group.dtype == np.intp
 }
 SPANS = {(g[0], g[-1] + 1) for g in GROUPS.values() if len(g) > 4 and g == tuple(range(g[0], g[-1] + 1))}
 SPANS |= {(0, schemes.COUNT), (schemes.COUNT, schemes.COUNT)}

@@ -12,8 +12,8 @@ from guise.aam.landmarks import (
     LandmarkError,
     LbpDetector,
     YunetDetector,
+    iou,
     open_detector,
-    overlap,
 )
 from guise.aam.landmarks.boxes import _finish
 from guise.aam.landmarks.schemes import IBUG68
@@ -43,7 +43,7 @@ def hits(detector: BoxDetector, image: np.ndarray, points: np.ndarray) -> bool:
     """Whether the largest box, made a landmark box, covers the face."""
     boxes = detector.detect(image)
     truth = np.concatenate([points.min(axis=0), points.max(axis=0)])
-    return bool(len(boxes)) and overlap(detector.fit.apply(boxes[0]), truth) > 0.6
+    return bool(len(boxes)) and iou(detector.fit.apply(boxes[0]), truth) > 0.6
 
 
 @pytest.mark.parametrize("clip", CLIPS)
@@ -76,7 +76,7 @@ def test_boxes_do_not_depend_on_the_size_of_the_picture(spec: str) -> None:
     image, points = sampled("p01/talk", 100)[0]
     twice = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     half = (detector.detect(twice)[0] - 0.5) / 2
-    assert overlap(half, detector.detect(image)[0]) > 0.8
+    assert iou(half, detector.detect(image)[0]) > 0.8
     assert hits(detector, twice, points * 2)
 
 

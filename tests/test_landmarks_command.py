@@ -17,7 +17,7 @@ from made_up import SAMPLES
 from guise.aam.landmarks import Face, LandmarkError, load_annotations, open_landmarker, register_landmarker
 from guise.aam.landmarks.registry import _LANDMARKERS
 from guise.aam.landmarks.schemes import CHIN, IBUG68, mean_geometry
-from guise.aam.landmarks.tracking import MultiFollower
+from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.cli.main import main
 from guise.app.landmarks.formats import face_columns
 from guise.common.version import version
@@ -511,31 +511,31 @@ def test_a_changed_file_is_refused_in_one_sentence(here: Path, change: dict, sen
 # -- following several faces --------------------------------------------------------------------------------
 
 
-def numbers(follower: MultiFollower, scenes: list[list[Disc]]) -> list[list[int]]:
-    return [list(follower.step(scene(discs))) for discs in scenes]
+def numbers(tracker: MultiFaceTracker, scenes: list[list[Disc]]) -> list[list[int]]:
+    return [list(tracker.update(scene(discs))) for discs in scenes]
 
 
 def test_a_track_that_comes_back_soon_is_the_same_and_later_another() -> None:
     there: list[Disc] = [(80, 100, 30)]
-    follower = MultiFollower(Discs(), patience=6)
-    assert numbers(follower, [there, [], [], there, *[[]] * 6, there, there]) == [
+    tracker = MultiFaceTracker(Discs(), TrackingLimits(max_missed_frames=6))
+    assert numbers(tracker, [there, [], [], there, *[[]] * 6, there, there]) == [
         [0], [], [], [0], *[[]] * 6, [0], [0]
     ]  # fmt: skip
-    assert numbers(follower, [[]] * 7 + [there]) == [[]] * 7 + [[1]]
+    assert numbers(tracker, [[]] * 7 + [there]) == [[]] * 7 + [[1]]
 
 
 def test_a_jump_is_another_track() -> None:
-    assert numbers(MultiFollower(Discs()), [[(60, 60, 30)], [(240, 160, 30)]]) == [[0], [1]]
+    assert numbers(MultiFaceTracker(Discs()), [[(60, 60, 30)], [(240, 160, 30)]]) == [[0], [1]]
 
 
 def test_the_detector_looks_now_and_then_and_when_a_face_is_missing() -> None:
     discs = Discs()
-    follower = MultiFollower(discs, recheck=5)
+    tracker = MultiFaceTracker(discs, TrackingLimits(detection_frames=5))
     one, two = (60, 100, 30), (220, 100, 30)
     looks = []
     for present in [[one]] * 11 + [[one, two]] * 6 + [[one]] * 12:
         before = discs.detections
-        follower.step(scene(present))
+        tracker.update(scene(present))
         looks.append(discs.detections - before)
     assert looks[:11] == [1, 0, 0, 0, 0] * 2 + [1]
     assert sum(looks[11:17]) == 1
@@ -546,7 +546,7 @@ def test_the_detector_looks_now_and_then_and_when_a_face_is_missing() -> None:
 def test_two_tracks_never_stay_on_one_face() -> None:
     apart = [[(100 + 4 * i, 100, 30), (220 - 4 * i, 100, 30)] for i in range(12)]
     merged: list[list[Disc]] = [[(160, 100, 30)]] * 12
-    for found in numbers(MultiFollower(Discs()), apart + merged)[12:]:
+    for found in numbers(MultiFaceTracker(Discs()), apart + merged)[12:]:
         assert len(found) == 1
 
 
@@ -563,10 +563,10 @@ def test_a_face_that_was_seen_once_only_is_given_up(seen: list[int], frames: int
             return previous
 
     once = Once()
-    follower = MultiFollower(once, recheck=5)
+    tracker = MultiFaceTracker(once, TrackingLimits(detection_frames=5))
     found = 0
     for once.frame in range(40):
-        found += sum(face.points.mean() < 130 for face in follower.step(scene([])).values())
+        found += sum(face.points.mean() < 130 for face in tracker.update(scene([])).values())
     assert found == frames
 
 
@@ -575,8 +575,8 @@ def test_unsure_faces_are_not_followed() -> None:
         def all(self, rgb: np.ndarray) -> list[Face]:
             return [face_at(80, 100, confidence=0.4)]
 
-    assert numbers(MultiFollower(Unsure(), 0.5), [[]] * 3) == [[]] * 3
-    assert numbers(MultiFollower(Unsure(), 0.3), [[]] * 3) == [[0]] * 3
+    assert numbers(MultiFaceTracker(Unsure(), TrackingLimits(0.5)), [[]] * 3) == [[]] * 3
+    assert numbers(MultiFaceTracker(Unsure(), TrackingLimits(0.3)), [[]] * 3) == [[0]] * 3
 
 
 def test_a_column_is_free_after_the_last_frame_of_its_track() -> None:

@@ -9,7 +9,7 @@ import pytest
 import skimage.data
 from skimage.util import img_as_ubyte
 
-from guise.aam.landmarks import BoxDetector, LandmarkError, open_detector, overlap
+from guise.aam.landmarks import BoxDetector, LandmarkError, iou, open_detector
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import MODEL, FaceDetector, _peaks
 from guise.aam.landmarks.schemes import IBUG68
@@ -59,7 +59,7 @@ def box_of(points: np.ndarray) -> np.ndarray:
 def best(detector: FaceDetector, image: np.ndarray, points: np.ndarray) -> float:
     """Overlap of the face with the box nearest to it; 0 without a box."""
     boxes = [detector.fit.apply(box) for box in detector.detect(image)]
-    return max((overlap(box, box_of(points)) for box in boxes), default=0.0)
+    return max((iou(box, box_of(points)) for box in boxes), default=0.0)
 
 
 def scaled(image: np.ndarray, points: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +151,7 @@ def test_many_faces_come_largest_first_with_scores(detector: FaceDetector) -> No
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     assert (np.diff(areas) <= 0).all()
     for truth in truths:
-        assert max(overlap(detector.fit.apply(box), truth) for box in boxes) > 0.5
+        assert max(iou(detector.fit.apply(box), truth) for box in boxes) > 0.5
 
 
 @pytest.mark.parametrize("picture", FACELESS)

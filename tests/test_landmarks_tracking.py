@@ -1,14 +1,16 @@
-"""One face through a video: detection, refinement, losses, cuts; by a scripted landmarker."""
+"""Faces through a video: detection, refinement, losses, cuts, look-back; by scripted landmarkers."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from guise.aam.landmarks import Face, Follower, interocular, load_annotations, open_landmarker, track_video
-from guise.aam.landmarks.plausible import bend, followed, shape_confidence, visible_share
+from guise.aam.landmarks import Face, FaceTracker, interocular, load_annotations, open_landmarker, track_video
+from guise.aam.landmarks.plausible import bend, is_plausible_motion, shape_confidence, visible_share
 from guise.aam.landmarks.schemes import INNER51, LIPS, mean_geometry
+from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"
@@ -113,12 +115,12 @@ def test_recheck_keeps_a_track_that_the_detector_misses() -> None:
 def test_a_step_that_no_head_makes_is_refused() -> None:
     before = face_at(100, size=50).points
     rng = np.random.default_rng(0)
-    assert followed(before, before)
-    assert followed(before, before * 1.05 + 10)
-    assert not followed(before, before + 50)
-    assert not followed(before, before * 1.5)
-    assert not followed(before, before + rng.normal(0, 15, before.shape))
-    assert not followed(before, np.zeros_like(before))
+    assert is_plausible_motion(before, before)
+    assert is_plausible_motion(before, before * 1.05 + 10)
+    assert not is_plausible_motion(before, before + 50)
+    assert not is_plausible_motion(before, before * 1.5)
+    assert not is_plausible_motion(before, before + rng.normal(0, 15, before.shape))
+    assert not is_plausible_motion(before, np.zeros_like(before))
 
 
 def test_bend_knows_only_shape() -> None:
@@ -159,10 +161,117 @@ def test_pfld_follows_a_sample_clip(tmp_path: Path) -> None:
     capture.release()
     images[20] = np.full_like(images[20], 80)
     truth = load_annotations(SAMPLES / "p06" / "talk2.npz").points[:60]
-    follower = Follower(open_landmarker(str(card)))
-    faces = [follower.step(image) for image in images]
+    tracker = FaceTracker(open_landmarker(str(card)))
+    faces = [tracker.update(image) for image in images]
     assert [i for i, face in enumerate(faces) if face is None] == [20]
     for face, points in zip(faces, truth, strict=True):
         if face is not None:
             error = np.linalg.norm(face.points - points, axis=-1)[INNER51].mean() / interocular(points)
             assert error < 0.06
+
+
+# -- several faces, with the boxes of a detector that runs on every frame ----------------------------------------------
+
+
+class Moving:
+    """A landmarker that finds the face at x = 10 plus the frame's number from nearby, where `seen` says that it can."""
+
+    name = "moving"
+
+    def __init__(self, seen: set[int]) -> None:
+        self.seen = seen
+
+    def detect(self, rgb: np.ndarray) -> list[Face]:
+        raise AssertionError("the boxes are given")
+
+    def refine(self, rgb: np.ndarray, previous: Face) -> Face | None:
+        return self.there(rgb)
+
+    def in_box(self, rgb: np.ndarray, box: np.ndarray) -> Face | None:
+        return self.there(rgb)
+
+    def there(self, rgb: np.ndarray) -> Face | None:
+        index = int(rgb[0, 0, 0])
+        return face_at(10 + index) if index in self.seen else None
+
+
+LIMITS = TrackingLimits(max_missed_frames=2, max_undetected_frames=3)
+
+
+def boxed(seen: set[int], **options: Any) -> MultiFaceTracker:
+    landmarker = Moving(seen)
+    return MultiFaceTracker(landmarker, LIMITS, face_in_box=landmarker.in_box, **options)
+
+
+def started(seen: set[int], count: int) -> tuple[MultiFaceTracker, list[np.ndarray]]:
+    """A tracker of the face of the first frame, and the frames after it."""
+    tracker, (first, *others) = boxed(seen), frames(count)
+    assert tracker.update(first, []) == {}
+    assert tracker.start(face_at(10)) == 0
+    return tracker, others
+
+
+def test_where_only_a_box_was_detected_the_face_has_no_points() -> None:
+    tracker, others = started({2}, 3)
+    box = face_at(12).box
+    assert np.isnan(tracker.update(others[0], [box])[0].points).all()
+    np.testing.assert_array_equal(tracker.boxes, [box])
+    assert middle(tracker.update(others[1], [box])[0]) == middle(face_at(12))
+
+
+def test_a_face_that_is_lost_is_refined_on_and_then_given_up() -> None:
+    tracker, others = started({1, 4}, 9)
+    assert [list(tracker.update(frame, [])) for frame in others] == [[0], [], [], [0], [], [], [], []]
+    assert tracker.start(face_at(10)) == 1
+
+
+@pytest.mark.parametrize(("confidence", "last"), [(0.9, 9), (0.7, 4)])
+def test_a_face_without_boxes_ends_unless_its_points_are_confident(confidence: float, last: int) -> None:
+    class Unsure(Moving):
+        def there(self, rgb: np.ndarray) -> Face | None:
+            return face_at(10, confidence=confidence)
+
+    tracker, (first, *others) = MultiFaceTracker(Unsure(set()), LIMITS), frames(10)
+    tracker.update(first, [])
+    tracker.start(face_at(10))
+    assert [i for i, frame in enumerate(others, 1) if tracker.update(frame, [])] == list(range(1, last + 1))
+
+
+def test_a_face_is_not_tracked_twice() -> None:
+    tracker, _ = started({0}, 1)
+    assert tracker.start(face_at(11)) is None
+    assert tracker.start(face_at(80)) == 1
+
+
+def test_of_two_tracks_that_come_together_the_one_that_moved_less_stays_alone() -> None:
+    tracker, others = started(set(range(9)), 4)
+    tracker.start(face_at(24))
+    assert [list(tracker.update(frame, [face_at(12).box])) for frame in others] == [[0]] * 3
+
+
+def test_a_new_face_is_followed_back_until_it_is_lost() -> None:
+    tracker = boxed({2, 3, 4, 5}, lookback_bytes=1000)
+    for frame in frames(6):
+        tracker.update(frame, [])
+    assert [middle(face) for face in tracker.look_back(face_at(15))] == [
+        middle(face_at(x)) for x in (14, 13, 12)
+    ]
+
+
+@pytest.mark.parametrize(("bytes_kept", "back"), [(0, 0), (1, 1), (48, 3), (10**6, 5)])
+def test_how_far_it_looks_back_is_bounded_by_the_memory_of_the_frames(bytes_kept: int, back: int) -> None:
+    tracker = boxed(set(range(9)), lookback_bytes=bytes_kept)
+    for frame in frames(6):  # 12 bytes each
+        tracker.update(frame, [])
+    assert len(list(tracker.look_back(face_at(15)))) == back
+
+
+def test_after_a_restart_nobody_is_tracked_and_nothing_lies_behind() -> None:
+    tracker = boxed({0, 1, 2}, lookback_bytes=1000)
+    first, second = frames(2)
+    tracker.update(first, [])
+    tracker.start(face_at(10))
+    tracker.restart()
+    assert tracker.update(second, []) == {}
+    assert list(tracker.look_back(face_at(11))) == []
+    assert tracker.start(face_at(11)) == 1

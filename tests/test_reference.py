@@ -9,8 +9,8 @@ from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.aam.landmarks import MIRROR
-from guise.aam.landmarks.schemes import BROWS, JAW, LIPS, NOSE_ROOT
-from guise.aam.reference import MARGIN, RIGID_WEIGHTS, MeshSampler, ReferenceFrame, remap_points
+from guise.aam.landmarks.schemes import BROWS, JAW, LIPS, NOSE_ROOT, RIGID_WEIGHTS
+from guise.aam.reference import MARGIN_GRID_PIXELS, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.similarity import Similarity
 
 FRAME = ReferenceFrame.canonical(64)
@@ -53,7 +53,7 @@ def test_the_canonical_frame_is_made_once_and_read_only() -> None:
 def test_resolution_is_pixels_across_the_face_and_the_grid_holds_it(resolution: int) -> None:
     reference = ReferenceFrame.canonical(resolution)
     assert reference.resolution == resolution
-    assert reference.points.min() >= MARGIN
+    assert reference.points.min() >= MARGIN_GRID_PIXELS
     assert (reference.points.max(0) <= np.array(reference.size[::-1]) - 1 - 1e-9).all()
 
 

@@ -16,8 +16,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from guise.aam.landmarks import MIRROR
-from guise.aam.landmarks.schemes import CHIN, LIPS, LOWER_LIP_INNER, NOSE_ROOT, UPPER_LIP_INNER
-from guise.aam.reference import RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import CHIN, LIPS, LOWER_LIP_INNER, NOSE_ROOT, RIGID_WEIGHTS, UPPER_LIP_INNER
 from guise.aam.similarity import align
 
 ROOT = Path(__file__).parents[1]

@@ -8,7 +8,8 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).
 from guise.aam.landmarks.annotations import Annotations, load_annotations, save_annotations
 from guise.aam.landmarks.boxes import LbpDetector, YunetDetector
 from guise.aam.landmarks.card import Card, read_card
-from guise.aam.landmarks.face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, overlap, tight_box
+from guise.aam.landmarks.face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, iou, tight_box
+from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.onnx import OnnxLandmarker
 from guise.aam.landmarks.registry import (
     detector_usages,
@@ -39,8 +40,7 @@ from guise.aam.landmarks.schemes import (
     scheme_named,
     to_face81,
 )
-from guise.aam.landmarks.smoothing import Smoother
-from guise.aam.landmarks.tracking import Follower, track_video
+from guise.aam.landmarks.tracking import FaceTracker, track_video
 
 __all__ = [
     "COUNT",
@@ -61,22 +61,22 @@ __all__ = [
     "BoxFit",
     "Card",
     "Face",
-    "Follower",
+    "FaceTracker",
     "LandmarkError",
+    "LandmarkFilter",
     "Landmarker",
     "LbpDetector",
     "OnnxLandmarker",
     "Scheme",
-    "Smoother",
     "YunetDetector",
     "detector_usages",
     "interocular",
+    "iou",
     "landmarker_usages",
     "load_annotations",
     "mirror",
     "open_detector",
     "open_landmarker",
-    "overlap",
     "read_card",
     "register_detector",
     "register_landmarker",

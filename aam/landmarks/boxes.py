@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.face import BoxFit, Float32, Image, LandmarkError, overlap
+from guise.aam.landmarks.face import BoxFit, Float32, Image, LandmarkError, iou
 
 _WINDOW = 24  # pixels, the side of the cascade's window
 _STEP, _FINE_STEP = 1.15, 1.05  # from one size of face to the next
@@ -209,7 +209,7 @@ def _finish(boxes: NDArray[Any], scores: NDArray[Any], min_score: float) -> tupl
 def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
     centre_a, centre_b = (a[:2] + a[2:]) / 2, (b[:2] + b[2:]) / 2
     smaller = min(a[2] - a[0], b[2] - b[0])
-    return overlap(a, b) > 0.3 or bool(np.abs(centre_a - centre_b).max() < smaller / 2)
+    return iou(a, b) > 0.3 or bool(np.abs(centre_a - centre_b).max() < smaller / 2)
 
 
 def _no_boxes() -> tuple[Float32, Float32]:

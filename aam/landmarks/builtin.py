@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.face import BoxDetector, Face, Image, overlap
+from guise.aam.landmarks.face import BoxDetector, Face, Image, iou
 from guise.aam.landmarks.onnx import open_session
 from guise.aam.landmarks.plausible import visible_share
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, interocular
@@ -207,6 +207,6 @@ def _distinct(faces: list[Face]) -> list[Face]:
     """The surest of those that overlap; largest box first."""
     kept: list[Face] = []
     for face in sorted(faces, key=lambda f: -f.confidence):
-        if all(overlap(face.box, other.box) < _SAME for other in kept):
+        if all(iou(face.box, other.box) < _SAME for other in kept):
             kept.append(face)
     return sorted(kept, key=lambda f: -f.area)

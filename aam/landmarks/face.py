@@ -148,12 +148,12 @@ def tight_box(points: NDArray[Any]) -> Float32:
     return np.concatenate([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
 
 
-def overlap(a: NDArray[Any], b: NDArray[Any]) -> float:
+def iou(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Intersection over union of two boxes (4,).
 
     Examples
     --------
-    >>> round(overlap(np.array([0, 0, 2, 2]), np.array([1, 0, 3, 2])), 3)
+    >>> round(iou(np.array([0, 0, 2, 2]), np.array([1, 0, 3, 2])), 3)
     0.333
     """
     width = min(a[2], b[2]) - max(a[0], b[0])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.card import Card, first_line, read_card
-from guise.aam.landmarks.face import BoxDetector, Face, Image, LandmarkError, overlap, tight_box
+from guise.aam.landmarks.face import BoxDetector, Face, Image, LandmarkError, iou, tight_box
 from guise.aam.landmarks.plausible import pass_shift, settled_confidence, shape_confidence, visible_share
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
 from guise.aam.landmarks.weights import without_tiny_weights
@@ -71,7 +71,7 @@ class OnnxLandmarker:
                 faces.append(face)
         kept: list[Face] = []
         for face in sorted(faces, key=lambda f: -f.confidence):
-            if all(overlap(face.box, other.box) < 0.4 for other in kept):
+            if all(iou(face.box, other.box) < 0.4 for other in kept):
                 kept.append(face)
         return sorted(kept, key=lambda f: -f.area)
 

@@ -47,7 +47,7 @@ def visible_share(points: NDArray[Any], width: int, height: int) -> float:
     return float(inside.mean())
 
 
-def followed(previous: NDArray[Any], current: NDArray[Any]) -> bool:
+def is_plausible_motion(previous: NDArray[Any], current: NDArray[Any]) -> bool:
     """Whether a face can have got from ``previous`` to ``current`` (81, 2) within one frame."""
     before, after = float(interocular(previous)), float(interocular(current))
     if not (before > 0 and after >= _MIN_INTEROCULAR and 1 / _GROWTH < after / before < _GROWTH):

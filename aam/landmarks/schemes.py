@@ -107,6 +107,15 @@ LOWER_LIP = _group(*OUTER_LIPS[7:], *LOWER_INNER_LIP)
 NEAR_TEMPLES = _group(0, 1, 2, 14, 15, 16)
 COUNT = 81
 
+# How rigidly each landmark moves with the skull: eye corners, upper nose and temples; lips, lids and jaw not at all.
+RIGID_WEIGHTS: NDArray[np.float64] = np.zeros(COUNT)
+RIGID_WEIGHTS[EYE_CORNERS] = 1.0
+RIGID_WEIGHTS[NOSE_BRIDGE[:2]] = 1.0
+RIGID_WEIGHTS[[*NOSE_BRIDGE[2:], RIGHT_NOSTRIL, NOSE_BASE, LEFT_NOSTRIL]] = 0.5
+RIGID_WEIGHTS[[*TEMPLES, *FOREHEAD[[0, -1]]]] = 0.25
+RIGID_WEIGHTS /= RIGID_WEIGHTS.sum()
+RIGID_WEIGHTS.setflags(write=False)
+
 # Which point takes whose place when the picture is mirrored left to right.
 MIRROR: tuple[int, ...] = (
     *range(16, -1, -1),

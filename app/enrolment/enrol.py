@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import (
     Annotations,
-    Follower,
+    FaceTracker,
     Landmarker,
     LbpDetector,
     load_annotations,
@@ -29,8 +29,8 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.refinement import refine_shapes
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
+from guise.aam.training import LIMITS as TRAINING_LIMITS
 from guise.aam.training import (
-    FEWEST,
     Choice,
     Observation,
     TrainingError,
@@ -156,9 +156,9 @@ def _detected(clip: Path, landmarker: Landmarker, progress: Progress, say: Say) 
     rows = []
     missing = np.full((81, 2), np.nan)
     with open_input(clip) as source:
-        follower = Follower(landmarker, report=lambda text: say(f"{clip.name}: {text}"))
+        tracker = FaceTracker(landmarker, report=lambda text: say(f"{clip.name}: {text}"))
         for frame in source:
-            face = follower.step(frame.rgb())
+            face = tracker.update(frame.rgb())
             rows.append(missing if face is None else face.points.astype(np.float64))
             progress("landmarks", min(1.0, len(rows) / max(1, source.frame_count or 1)))
         for problem in source.problems:
@@ -175,7 +175,7 @@ def _refined(
     """The landmarks with those of the chosen frames of generic clips refined, and the frames that are left."""
     crops = _crops(clips, shapes, generic, choice)
     index = np.array(list(crops), np.intp)
-    if len(index) < FEWEST:
+    if len(index) < TRAINING_LIMITS.min_frames:
         return list(shapes), choice
     points = np.concatenate(shapes)
     with one_thread():

@@ -14,8 +14,8 @@ from typing import Any
 
 from guise.aam.landmarks import Face, Landmarker, tight_box
 from guise.aam.landmarks.face import Float32
-from guise.aam.landmarks.smoothing import Smoother
-from guise.aam.landmarks.tracking import MultiFollower
+from guise.aam.landmarks.landmark_filter import LandmarkFilter
+from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.landmarks.formats import About, Found, LandmarkFile, format_of, open_landmark_file
 from guise.app.landmarks.overlay import draw_face
 from guise.app.media import EncodeOptions, Frame, MediaInput, Sink, open_input, open_sink, process
@@ -133,26 +133,28 @@ class _Finder:
         self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
     ) -> None:
         self._landmarker, self._min_confidence = landmarker, min_confidence
-        self._follower = MultiFollower(landmarker, min_confidence) if source.kind == "video" else None
+        self._tracker = (
+            MultiFaceTracker(landmarker, TrackingLimits(min_confidence)) if source.kind == "video" else None
+        )
         self._smooth = smooth
-        self._smoothers: dict[int, Smoother] = {}
+        self._filters: dict[int, LandmarkFilter] = {}
 
     def __call__(self, frame: Frame) -> list[Found]:
         """The faces of a frame: by their numbers, or the largest first."""
-        if self._follower is None:
+        if self._tracker is None:
             faces = self._landmarker.detect(frame.rgb())
             return [Found(face) for face in faces if face.confidence >= self._min_confidence]
-        tracked = self._follower.step(frame.rgb())
+        tracked = self._tracker.update(frame.rgb())
         if self._smooth:
             tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
         return [Found(face, number) for number, face in tracked.items()]
 
     def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
-        """Each face by the smoother of its track, which begins anew after a gap."""
-        kept = self._smoothers
-        self._smoothers = {number: kept[number] if number in kept else Smoother() for number in tracked}
+        """Each face by the filter of its track, which begins anew after a gap."""
+        kept = self._filters
+        self._filters = {number: kept[number] if number in kept else LandmarkFilter() for number in tracked}
         return {
-            number: _moved(face, self._smoothers[number].step(face.points, face.point_confidence, seconds))
+            number: _moved(face, self._filters[number].update(face.points, face.point_confidence, seconds))
             for number, face in tracked.items()
         }
 

@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 from threading import Event
 
 import numpy as np
+
 from guise.aam.appearance import neutral_frames
-from guise.aam.landmarks import Face, Follower, Landmarker, LbpDetector, open_landmarker
+from guise.aam.landmarks import Face, FaceTracker, Landmarker, LbpDetector, open_landmarker
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION
-from guise.aam.training import FEWEST, STILLS, Choice, Observation, TrainingOptions, choose_frames
+from guise.aam.training import LIMITS as TRAINING_LIMITS
+from guise.aam.training import Choice, Observation, TrainingOptions, choose_frames
 from guise.app.enrolment.enrol import EnrolError, Progress, box_relation, train
 from guise.app.live.keyframes import FrameFeatures, KeyframeAlbum
 from guise.app.media import Frame
@@ -34,7 +36,9 @@ class EnrolmentLimits:
     min_brightness: float = 60.0  # grey level, 90th percentile of the face
     max_speed: float = 2.5  # inter-ocular distances per second; faster motion blurs the face
     min_point_confidence: float = 0.85  # mean; less, and something hides the face
-    min_relative_confidence: float = 0.9  # to the best so far, enough too: some cameras never reach the limit above
+    min_relative_confidence: float = (
+        0.9  # to the best so far, enough too: some cameras never reach the limit above
+    )
     max_yaw_degrees: float = 35.0  # beyond it, half of the landmarks are guesses
     detection_interval_frames: int = 15  # between two searches for other faces
     min_face_confidence: float = 0.5
@@ -96,7 +100,7 @@ class OnScreenEnrolment:
     ) -> None:  # fmt: skip
         self.name, self.seconds, self.options = name, seconds, options
         self._landmarker = _BystanderLandmarker(landmarker or open_landmarker("builtin"))
-        self._tracker = Follower(
+        self._tracker = FaceTracker(
             self._landmarker, LIMITS.min_face_confidence, LIMITS.detection_interval_frames
         )
         self._cancelled = Event()
@@ -119,7 +123,7 @@ class OnScreenEnrolment:
         """Take the camera's next frame."""
         elapsed = self._elapsed(float(frame.pts * frame.time_base))
         rgb = frame.rgb()
-        face = self._tracker.step(rgb)
+        face = self._tracker.update(rgb)
         complaint = self._miss(elapsed) if face is None else self._consider(rgb, frame.luma, face, elapsed)
         return EnrolmentStatus(self._sentence(complaint), self.ring, self.ring >= 1, face)
 
@@ -199,9 +203,9 @@ class OnScreenEnrolment:
             progress(stage, share)
 
         frames = self._album.frames()
-        if len(frames) < FEWEST:
+        if len(frames) < TRAINING_LIMITS.min_frames:
             raise EnrolError(
-                f"a model needs at least {FEWEST} good frames of the face, got {len(frames)}; stay in front of the "
+                f"a model needs at least {TRAINING_LIMITS.min_frames} good frames of the face, got {len(frames)}; stay in front of the "
                 "camera until the ring is full"
             )
         watched("training", 0.0)
@@ -262,7 +266,7 @@ def _choice(frames: Sequence[Observation], options: TrainingOptions) -> Choice:
     shapes = np.stack([frame.shape for frame in frames])
     order = neutral_frames(shapes, ReferenceFrame.canonical(FEATURE_RESOLUTION), len(frames))
     neutral = [i for i in order if frames[i].picture is not None]
-    return replace(choose_frames(shapes, options), neutral=neutral[:STILLS])
+    return replace(choose_frames(shapes, options), neutral=neutral[: TRAINING_LIMITS.rest_frames])
 
 
 def _boxes(frames: Sequence[Observation]) -> list[F64]:

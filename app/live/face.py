@@ -13,7 +13,9 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from guise.aam.landmarks import overlap
+
+from guise.aam.extrapolation import Extrapolator
+from guise.aam.landmarks import iou
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
@@ -43,11 +45,14 @@ class CoverLimits:
     growth_per_second: float = 2.0  # of the covered region, relative, while the face is missing
     max_missing_seconds: float = 0.6  # after which the whole frame is covered
     bystander_seconds: float = 0.5  # for which a bystander stays covered after the last detection
-    min_unmoved_iou: float = 0.7  # of a bystander who has not moved, so that the old box is not covered as well
+    min_unmoved_iou: float = (
+        0.7  # of a bystander who has not moved, so that the old box is not covered as well
+    )
     min_person_iou: float = 0.2  # of a detected box with the person's
 
 
 LIMITS = CoverLimits()
+
 
 @dataclass(frozen=True, eq=False)
 class FaceResult:
@@ -99,7 +104,7 @@ class LiveFace(Closing):
         """Change a frame as the settings say; whatever happens, no detected face is left visible."""
         if settings.mode == "puppet":
             return self._puppet(frame, settings)
-        self.detector.result(frame)
+        self.detector.submit(frame)
         fit = self.tracker.update(frame.luma)
         confidence = self._trust(frame, fit)
         trusted = self.cover_planner.is_trusted(frame, confidence)
@@ -118,7 +123,7 @@ class LiveFace(Closing):
     def _swapped(self, frame: Frame, settings: LiveSettings, fit: Fit, confidence: float) -> FaceResult:
         """Draw the face and cover others: known bystanders before it, newcomers after it, once they are detected."""
         alone = not self.cover_planner.has_bystanders
-        mesh = self._engine(settings).draw(frame, fit.shape) if alone else None  # while the detector looks
+        mesh = self._engine(settings).draw(frame, fit.shape) if alone else None  # while the detector runs
         others = self.cover_planner.update(frame, fit, self.detector.boxes[0]).others
         for box in others:
             cover(frame, box, settings.style)
@@ -142,21 +147,19 @@ class LiveFace(Closing):
 
     def _engine(self, settings: LiveSettings) -> Engine:
         if settings.identity not in self._engines:
-            shown = self.identities[settings.identity]
-            self._engines[settings.identity] = Engine(self.person, shown, None, self.options)
+            donor = self.identities[settings.identity]
+            self._engines[settings.identity] = Engine(self.person, donor, None, self.options)
         engine = self._engines[settings.identity]
-        if engine.extrapolator.alpha != settings.alpha:
-            engine.extrapolator.alpha = settings.alpha
+        _set_alpha(engine.extrapolator, settings.alpha)
         return engine
 
     def _puppet(self, frame: Frame, settings: LiveSettings) -> FaceResult:
         if settings.identity not in self._puppets:
-            shown = self.identities[settings.identity]
-            self._puppets[settings.identity] = Puppet(self.person, shown, self.detector, self.options)
+            donor = self.identities[settings.identity]
+            self._puppets[settings.identity] = Puppet(self.person, donor, self.detector, self.options)
         puppet = self._puppets[settings.identity]
-        if puppet.extrapolator.alpha != settings.alpha:
-            puppet.extrapolator.alpha = settings.alpha
-        self.detector.result(frame)
+        _set_alpha(puppet.extrapolator, settings.alpha)
+        self.detector.submit(frame)
         _, picture = puppet.animate(frame)
         fill(frame, picture.rgb())
         return FaceResult("swapped", None, 1.0)
@@ -210,7 +213,7 @@ class CoverPlanner:
             return np.concatenate([inner.min(0), inner.max(0)])
         if self._box is None:
             return None
-        near = [box for box in boxes if overlap(box, self._box.astype(np.float32)) > LIMITS.min_person_iou]
+        near = [box for box in boxes if iou(box, self._box.astype(np.float32)) > LIMITS.min_person_iou]
         return near[0].astype(np.float64) if near else None
 
     def _bystanders(self, now: float, boxes: F32) -> list[F64]:
@@ -219,7 +222,7 @@ class CoverPlanner:
             (at, box)
             for at, box in self._others
             if now - at <= LIMITS.bystander_seconds
-            and not any(overlap(box, other) > LIMITS.min_unmoved_iou for other in others)
+            and not any(iou(box, other) > LIMITS.min_unmoved_iou for other in others)
         ]
         self._others = kept + [(now, box) for box in others]
         return [region(box) for _, box in self._others]
@@ -230,7 +233,12 @@ class CoverPlanner:
             return False
         centre = (box[:2] + box[2:]) / 2
         inside = bool((centre > self._box[:2]).all() and (centre < self._box[2:]).all())
-        return inside or overlap(box, self._box.astype(np.float32)) > LIMITS.min_person_iou
+        return inside or iou(box, self._box.astype(np.float32)) > LIMITS.min_person_iou
+
+
+def _set_alpha(extrapolator: Extrapolator, alpha: float) -> None:
+    if extrapolator.alpha != alpha:  # setting it costs
+        extrapolator.alpha = alpha
 
 
 def fill(frame: Frame, rgb: U8) -> None:

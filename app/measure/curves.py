@@ -30,10 +30,10 @@ from guise.aam.landmarks.schemes import (
     RIGHT_LOWER_LID,
     RIGHT_MOUTH_CORNER,
     RIGHT_UPPER_LID,
+    RIGID_WEIGHTS,
     UPPER_LIP_INNER,
     Group,
 )
-from guise.aam.reference import RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F64
 
@@ -148,7 +148,7 @@ def _upright(points: NDArray[Any], by: NDArray[Any]) -> F64:
     return np.stack([along, across], axis=2)
 
 
-def tremble(points: NDArray[Any], frames: NDArray[Any]) -> float:
+def jitter(points: NDArray[Any], frames: NDArray[Any]) -> float:
     """How much points shake: median over triples of consecutive frames of the mean second difference.
 
     points : (n, 81, 2), the rigid motion of the head between the frames taken off.   frames : (n,) ascending.

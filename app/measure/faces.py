@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import Face, Landmarker, load_annotations, overlap, tight_box
-from guise.aam.landmarks.tracking import MultiFollower
+from guise.aam.landmarks import Face, Landmarker, iou, load_annotations, tight_box
+from guise.aam.landmarks.tracking import MultiFaceTracker
 from guise.app.media import Frame, MediaInput
 from guise.common.arrays import F32
 from guise.common.errors import GuiseError
@@ -30,14 +30,14 @@ class MeasureError(GuiseError):
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class FaceTrack:
     """A face through a video: (n,) frames, ascending, and its landmarks (n, 81, 2) in them."""
 
     frames: Ints
     points: F32
 
 
-class Finder:
+class FaceLocator:
     """Finds and follows all faces, frame by frame.
 
     landmarker : Landmarker.   video : whether frames follow each other; else faces are found anew in each picture.
@@ -45,18 +45,18 @@ class Finder:
 
     def __init__(self, landmarker: Landmarker, *, video: bool) -> None:
         self._landmarker = landmarker
-        self._follower = MultiFollower(landmarker) if video else None
+        self._tracker = MultiFaceTracker(landmarker) if video else None
         self._numbers = count()
 
     def __call__(self, frame: Frame) -> dict[int, Face]:
         """The faces of the next frame by their numbers; in pictures each face has its own, which comes but once."""
-        if self._follower is not None:
-            return self._follower.step(frame.rgb())
+        if self._tracker is not None:
+            return self._tracker.update(frame.rgb())
         found = [face for face in self._landmarker.detect(frame.rgb()) if face.confidence >= 0.5]
         return {next(self._numbers): face for face in found}
 
 
-class Collected:
+class FaceTrackBuilder:
     """Landmarks by the number of a face, as they come."""
 
     def __init__(self) -> None:
@@ -68,19 +68,19 @@ class Collected:
         self._frames.setdefault(number, []).append(frame)
         self._points.setdefault(number, []).append(np.asarray(points, np.float32))
 
-    def of(self, number: int) -> Seen:
+    def of(self, number: int) -> FaceTrack:
         """One face; it may have been seen nowhere."""
         frames, points = self._frames.get(number, []), self._points.get(number, [])
-        return Seen(np.array(frames, np.int32), np.array(points, np.float32).reshape(-1, 81, 2))
+        return FaceTrack(np.array(frames, np.int32), np.array(points, np.float32).reshape(-1, 81, 2))
 
-    def seen(self) -> list[Seen]:
+    def seen(self) -> list[FaceTrack]:
         """All faces, those seen in most frames first."""
         return sorted(map(self.of, self._frames), key=lambda face: -len(face.frames))
 
 
-def faces_in(source: MediaInput, landmarker: Landmarker, tell: Callable[[int], None]) -> list[Seen]:
+def faces_in(source: MediaInput, landmarker: Landmarker, tell: Callable[[int], None]) -> list[FaceTrack]:
     """The faces of a video; MeasureError without any.   tell : called with the number of frames that are done."""
-    find, found = Finder(landmarker, video=source.kind == "video"), Collected()
+    find, found = FaceLocator(landmarker, video=source.kind == "video"), FaceTrackBuilder()
     for frame in source:
         for number, face in find(frame).items():
             found.add(number, frame.index, face.points)
@@ -93,17 +93,17 @@ def faces_in(source: MediaInput, landmarker: Landmarker, tell: Callable[[int], N
     return faces
 
 
-def faces_of_file(path: Path, frames: int) -> list[Seen]:
+def faces_of_file(path: Path, frames: int) -> list[FaceTrack]:
     """The face that a file of landmarks tells of; LandmarkError unless the file is for so many frames."""
     known = load_annotations(path).require_frames(frames)
     index = np.flatnonzero(known.present).astype(np.int32)
-    return [Seen(index, known.points[index])]
+    return [FaceTrack(index, known.points[index])]
 
 
-class At:
+class FacesByFrame:
     """The known faces by frame."""
 
-    def __init__(self, faces: Sequence[Seen]) -> None:
+    def __init__(self, faces: Sequence[FaceTrack]) -> None:
         self._rows: dict[int, list[tuple[int, F32]]] = {}
         for number, face in enumerate(faces):
             for frame, points in zip(face.frames.tolist(), face.points, strict=True):
@@ -114,9 +114,9 @@ class At:
         return self._rows.get(frame, [])
 
 
-def seen_again(source: MediaInput, faces: Sequence[Seen], landmarker: Landmarker) -> list[Seen]:
+def seen_again(source: MediaInput, faces: Sequence[FaceTrack], landmarker: Landmarker) -> list[FaceTrack]:
     """The known faces as they are found in a video, each frame searched on its own."""
-    at, found = At(faces), Collected()
+    at, found = FacesByFrame(faces), FaceTrackBuilder()
     for frame in source:
         if known := at[frame.index]:
             every = dict(enumerate(landmarker.detect(frame.rgb())))
@@ -129,6 +129,6 @@ def matched(known: list[tuple[int, F32]], found: dict[int, Face]) -> Iterator[tu
     """For each known face (number, landmarks) the found one that lies there: (number, its landmarks)."""
     for number, points in known:
         box = tight_box(points)
-        best = max(found.values(), key=lambda face: overlap(face.box, box), default=None)
-        if best is not None and overlap(best.box, box) >= SAME:
+        best = max(found.values(), key=lambda face: iou(face.box, box), default=None)
+        if best is not None and iou(best.box, box) >= SAME:
             yield number, best.points

@@ -13,7 +13,8 @@ import numpy as np
 
 from guise.aam.landmarks import Face, Landmarker, interocular, load_annotations
 from guise.aam.landmarks.plausible import visible_share
-from guise.aam.reference import RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.reference import ReferenceFrame
 from guise.analogy.photo import PhotoError
 from guise.app.media.images import DeepImage, lost_in, read_deep
 from guise.app.media.profiles import ProfileError, converted
@@ -21,14 +22,22 @@ from guise.app.swapping.puppet import PoseRemover
 from guise.common.arrays import F64
 from guise.common.progress import Say
 
-CONFIDENT = 0.5  # from which a found face is taken for one
-LEAST_EYES = 24  # pixels between the outer eye corners
-LEAST_VISIBLE = 0.9  # share of the landmarks that must lie in the picture
-MOST_TURN = 35.0  # degrees to a side, up or down, as they are measured: a little less than they are
-TURN_APART = 20.0  # degrees between two faces from which the result suffers
-# Between what does not move in two faces, inter-ocular distances.  Of 40 people's neutral and smiling photos the same
-# person's differ by 0.008 in the median and 0.018 at most, two people's by 0.019 and by up to 0.04.
-SHAPES_APART = 0.024
+
+@dataclass(frozen=True)
+class PhotoLimits:
+    """Thresholds of usable photos."""
+
+    min_confidence: float = 0.5  # of a detected face
+    min_eye_distance_px: int = 24  # between the outer eye corners
+    min_visible_share: float = 0.9  # of the landmarks that lie in the picture
+    max_turn_deg: float = 35.0  # to a side, up or down, as measured: a little less than it is
+    max_turn_difference_deg: float = 20.0  # between two faces, beyond which the result suffers
+    # Between the rigid parts of two faces, inter-ocular distances.  Of 40 people's neutral and smiling photos the same
+    # person's differ by 0.008 in the median and 0.018 at most, two people's by 0.019 and by up to 0.04.
+    max_shape_distance: float = 0.024
+
+
+PHOTO_LIMITS = PhotoLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +70,21 @@ def open_photo(path: Path, landmarks: Path | None, option: str, landmarker: Land
         When there is no picture, or no face in it that can be used.
     """
     image = read_deep(path)
-    points = _given(landmarks, option, say) if landmarks else _found(path, image, option, landmarker, say)
+    points = (
+        _load_landmarks(landmarks, option, say)
+        if landmarks
+        else _detect_landmarks(path, image, option, landmarker, say)
+    )
     require_usable(points, image.pixels.shape[1], image.pixels.shape[0], str(path), option)
     return Photo(path, image, points)
 
 
-def in_colours_of(photo: Photo, other: Photo, say: Say) -> Photo:
+def to_profile_of(photo: Photo, other: Photo, say: Say) -> Photo:
     """The photo in the colours of another one's profile; of sRGB when that is grey."""
-    return in_colours(photo, other.image.profile if other.image.pixels.ndim == 3 else None, say)
+    return to_profile(photo, other.image.profile if other.image.pixels.ndim == 3 else None, say)
 
 
-def in_colours(photo: Photo, profile: bytes | None, say: Say) -> Photo:
+def to_profile(photo: Photo, profile: bytes | None, say: Say) -> Photo:
     """The photo in the colours of a profile, None for sRGB; as it is where that cannot be done."""
     try:
         return replace(photo, image=converted(photo.image, profile))
@@ -83,37 +96,38 @@ def in_colours(photo: Photo, profile: bytes | None, say: Say) -> Photo:
 def require_usable(points: F64, width: int, height: int, name: str, option: str) -> None:
     """Raise PhotoError when landmarks (81, 2) of a picture do not suffice, or make no face to be seen."""
     eyes = float(interocular(points))
-    if visible_share(points, width, height) < LEAST_VISIBLE:
+    if visible_share(points, width, height) < PHOTO_LIMITS.min_visible_share:
         raise PhotoError(
             f"the face in {name} is cut off, or its landmarks are those of another picture: use a photo that shows all "
             f"of the face, or correct its landmarks with {option}"
         )
-    if eyes < LEAST_EYES:
+    if eyes < PHOTO_LIMITS.min_eye_distance_px:
         raise PhotoError(
             f"the face in {name} is too small, {eyes:.0f} pixels between the outer eye corners instead of at least "
-            f"{LEAST_EYES}: use a larger picture of it"
+            f"{PHOTO_LIMITS.min_eye_distance_px}: use a larger picture of it"
         )
-    right, down = turned(points)
-    if max(abs(right), abs(down)) > MOST_TURN:
+    right, down = head_angles(points)
+    if max(abs(right), abs(down)) > PHOTO_LIMITS.max_turn_deg:
         side = "to the side" if abs(right) >= abs(down) else "up" if down < 0 else "down"
         raise PhotoError(
             f"the head in {name} is turned {max(abs(right), abs(down)):.0f} degrees {side}, more than the "
-            f"{MOST_TURN:.0f} that can be used: use a photo from the front, or correct its landmarks with {option}"
+            f"{PHOTO_LIMITS.max_turn_deg:.0f} that can be used: use a photo from the front, or correct its landmarks "
+            f"with {option}"
         )
 
 
-def warnings(source: Photo, expressive: Photo, target: Photo) -> list[str]:
+def quality_warnings(source: Photo, expressive: Photo, target: Photo) -> list[str]:
     """Sentences on what makes a good result unlikely."""
     out = []
-    apart = shapes_apart(source.points, expressive.points)
-    if apart > SHAPES_APART:
+    apart = shape_distance(source.points, expressive.points)
+    if apart > PHOTO_LIMITS.max_shape_distance:
         out.append(
             f"{source.path.name} and {expressive.path.name} do not look like the same person (eyes and nose differ by "
             f"{100 * apart:.1f} % of the distance of the eyes): the result shows the difference of two faces"
         )
     for one, other in ((source, expressive), (source, target)):
-        turn = turn_between(one.points, other.points)
-        if turn > TURN_APART:
+        turn = angle_between_heads(one.points, other.points)
+        if turn > PHOTO_LIMITS.max_turn_difference_deg:
             out.append(
                 f"the heads in {one.path.name} and {other.path.name} are turned {turn:.0f} degrees apart: better "
                 "take photos from the same side"
@@ -121,25 +135,25 @@ def warnings(source: Photo, expressive: Photo, target: Photo) -> list[str]:
     return out
 
 
-def lost_by(output: Path, image: DeepImage) -> list[str]:
+def format_warnings(output: Path, image: DeepImage) -> list[str]:
     """A sentence on what the output's format does not keep, or none."""
     lost = lost_in(output.suffix, image)
     keeps = "a .png file keeps it" if len(lost) == 1 else "a .png file keeps them"
     return [f"{output.name} does not keep {' and '.join(lost)}: {keeps}"] if lost else []
 
 
-def turned(points: F64) -> tuple[float, float]:
+def head_angles(points: F64) -> tuple[float, float]:
     """Degrees by which the head of landmarks (81, 2) is turned to the image right, and down."""
     frame, remover = pose_remover()
     return remover.angles(frame.align(points) - frame.points)
 
 
-def turn_between(one: F64, other: F64) -> float:
+def angle_between_heads(one: F64, other: F64) -> float:
     """Degrees between the heads of landmarks (81, 2)."""
-    return float(np.hypot(*(np.array(turned(one)) - turned(other))))
+    return float(np.hypot(*(np.array(head_angles(one)) - head_angles(other))))
 
 
-def shapes_apart(one: F64, other: F64) -> float:
+def shape_distance(one: F64, other: F64) -> float:
     """Weighted root mean square between what does not move in two faces (81, 2), turns left out; inter-oculars."""
     frame, remover = pose_remover()
     left = remover.without(frame.align(other) - frame.align(one))
@@ -153,7 +167,7 @@ def pose_remover() -> tuple[ReferenceFrame, PoseRemover]:
     return frame, PoseRemover(frame)
 
 
-def _given(file: Path, option: str, say: Say) -> F64:
+def _load_landmarks(file: Path, option: str, say: Say) -> F64:
     annotations = load_annotations(file)
     if len(annotations) != 1:
         raise PhotoError(
@@ -164,8 +178,10 @@ def _given(file: Path, option: str, say: Say) -> F64:
     return np.asarray(annotations.points[0], np.float64)
 
 
-def _found(path: Path, image: DeepImage, option: str, landmarker: Landmarker, say: Say) -> F64:
-    faces: list[Face] = [f for f in landmarker.detect(image.rgb8()) if f.confidence >= CONFIDENT]
+def _detect_landmarks(path: Path, image: DeepImage, option: str, landmarker: Landmarker, say: Say) -> F64:
+    faces: list[Face] = [
+        f for f in landmarker.detect(image.rgb8()) if f.confidence >= PHOTO_LIMITS.min_confidence
+    ]
     if not faces:
         raise PhotoError(
             f"no face found in {path}: use a photo that shows one upright and from the front, or give its landmarks "

@@ -1,34 +1,45 @@
-"""Painting a face onto a head in a frame: pose, palette, warp and blend.
+"""Painting a face onto the head in a frame: pose, palette, warp and blend.
 
 Pixels, x right, y down; RGB 0..255 unless said otherwise.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
-from guise.aam.reference import POINTS, RIGID_WEIGHTS
+from guise.aam.reference import POINTS
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8
 from guise.render import Compositor, feather, make_compositor
 
-FEATHER = 0.01  # standard deviation of the soft border, in face widths
-FINE = 1.15  # face on screen wider than this many texture grids: detail is added
+FEATHER_FACE_WIDTHS = 0.01  # standard deviation of the soft border
+
+
+@dataclass(frozen=True)
+class ZoomLimits:
+    """Picture pixels per grid pixel at which the texture is treated otherwise."""
+
+    min_detail_zoom: float = 1.15  # above which detail is added
+    max_blur_zoom: float = 0.7  # below which the texture is blurred against aliasing
+    blur_grid_pixels: float = 0.45  # standard deviation, at a zoom of 1
+
+
+ZOOM = ZoomLimits()
 
 
 class Painter:
-    """Aligns a synthesised appearance with a head in a frame and blends it in.
+    """Aligns a synthesised appearance with the head in a frame and blends it in.
 
     Parameters
     ----------
@@ -42,7 +53,7 @@ class Painter:
     ) -> None:
         self.options, self.reference = options, target.reference
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
-        self._alpha = feather(mask, FEATHER * self.reference.resolution)
+        self._alpha = feather(mask, FEATHER_FACE_WIDTHS * self.reference.resolution)
         self._palette = Palette(self.reference, estimator.texels, mask, options.palette)
         self._texels = estimator.texels
         self._detail = target.detail
@@ -56,7 +67,7 @@ class Painter:
     def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
         """Blend an appearance (162 + 3 n,) over the head (81, 2) in the frame; returns the mesh (81, 2).
 
-        texels (t, 3): the frame's RGB under the estimator's places; None keeps the last palette.
+        texels (t, 3): the frame's RGB at the estimator's texels; None keeps the last palette.
         """
         shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
         mesh, zoom = self.place(shape, head)
@@ -67,26 +78,25 @@ class Painter:
         return mesh
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
-        """The face's shape (81, 2) on the grid, carried to the head by its rigid landmarks; and the zoom."""
-        a, b, tx, ty = align_planar(shape, head, RIGID_WEIGHTS)
-        turn = np.array([[a, b], [-b, a]])
-        mesh = self._features @ (shape @ turn + (tx, ty))
-        return mesh + self._pull @ (head - mesh) + self._beyond @ turn, math.hypot(a, b)
+        """The face's shape (81, 2) on the grid, aligned with the head by its rigid landmarks; and the zoom."""
+        fit = align_planar(shape, head, RIGID_WEIGHTS)
+        mesh = self._features @ fit.apply(shape)
+        return mesh + self._pull @ (head - mesh) + self._beyond @ fit.linear, fit.scale
 
     def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh."""
         x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
         if w < 2 or h < 2:
             return
-        fine = zoom > FINE
+        fine = zoom > ZOOM.min_detail_zoom
         picture = self._stored(texture, frame.colour, zoom, fine)
         roi = frame.read_roi(x0, y0, w, h)
         self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
         frame.write_roi(x0, y0, roi)
 
-    def forget(self) -> None:
-        """Start the palette anew with the next face."""
-        self._palette.forget()
+    def reset(self) -> None:
+        """Fit the palette afresh to the next face."""
+        self._palette.reset()
 
     def close(self) -> None:
         """Release the compositors."""
@@ -96,15 +106,15 @@ class Painter:
 
     @property
     def renderer(self) -> str:
-        """Who draws, for a person to read."""
+        """What draws the face, for the user."""
         return self._compositor(False).description
 
-    def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> NDArray[np.uint8]:
+    def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> U8:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
         planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
         picture = self._scattered(planes)
-        if zoom < 0.7:
-            return np.asarray(cv2.GaussianBlur(picture, (0, 0), 0.45 / zoom), np.uint8)
+        if zoom < ZOOM.max_blur_zoom:
+            return np.asarray(cv2.GaussianBlur(picture, (0, 0), ZOOM.blur_grid_pixels / zoom), np.uint8)
         if not fine:
             return picture
         h, w = self.reference.size
@@ -114,8 +124,8 @@ class Painter:
         cv2.addWeighted(luma, 1.0, self._detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
         return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
 
-    def _scattered(self, planes: F32) -> NDArray[np.uint8]:
-        """Planes (3, n) rounded to bytes, as a picture (h, w, 3); whole words, as that is the quickest way."""
+    def _scattered(self, planes: F32) -> U8:
+        """Planes (3, n) rounded to bytes, as a picture (h, w, 3); by whole words, which is fastest."""
         if self._zeros.shape != planes.shape:
             self._zeros = np.zeros_like(planes)
         bytes_ = cv2.add(planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates

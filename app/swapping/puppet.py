@@ -1,19 +1,18 @@
 """Expression transfer: the expressions of the person in a video on the identity's own head, in an enrolment frame.
 
-The first of the two modes of de la Hunty, Asthana and Goecke (ICPR 2010).  Head and light stay those of the
-still; the driver's head turns are taken out of the shape, and what lies around the face is drawn along with it,
-so that the still's own chin never shows beside the moving one.  Pixels, x right, y down.
+The first of the two modes of de la Hunty, Asthana and Goecke (ICPR 2010).  Head and light stay those of the still; the
+driver's head turns are removed from the shape, and the surroundings of the face are warped along with it, so that the
+still's own chin never shows beside the moving one.  Pixels, x right, y down.
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE, AppearanceModel
 from guise.aam.extrapolation import Extrapolator
@@ -22,13 +21,14 @@ from guise.aam.landmarks.schemes import (
     JAW,
     LOWER_INNER_LIP,
     LOWER_LIP_BOTTOM,
+    RIGID_WEIGHTS,
     UPPER_INNER_LIP,
     UPPER_LIP_TOP,
 )
 from guise.aam.model import Identity, RestFrame
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
-from guise.aam.reference import POINTS, RIGID_WEIGHTS, ReferenceFrame
+from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.aam.tracker import Fit
 from guise.app.media import Frame, open_input, open_sink
@@ -40,7 +40,7 @@ from guise.app.swapping.painter import Painter
 from guise.app.swapping.report import SwapReport, Tally
 from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.app.swapping.source_person import source_person
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
 from guise.render import make_compositor
@@ -48,14 +48,21 @@ from guise.render import make_compositor
 if TYPE_CHECKING:
     from guise.app.enrolment.enrol import LandmarkSource
 
-Picture = NDArray[np.uint8]
 
-TALLEST = 1080  # pixels, height of the output at most
-CALM = 0.6  # share of a new expression that is taken at once; the rest follows
-SURROUND = 0.55  # how far around the face the picture moves along, in face widths
-NOISE = 1.0  # degrees by which a head's turn is misjudged
-RING = 28  # fixed points around the face
+@dataclass(frozen=True)
+class PuppetLimits:
+    """Sizes and rates of a puppet."""
 
+    max_height_pixels: int = 1080  # of the output
+    new_expression_share: float = 0.6  # that is taken at once; the rest follows
+    surroundings_face_widths: float = 0.55  # around the face, warped along with it
+    surroundings_points: int = 28  # fixed, around the surroundings
+    turn_noise_degrees: float = 1.0  # standard deviation of the measured head turn
+    pinned_weight: float = 0.03  # of the pinned points in the fit of the pose
+    pose_ridge: float = 1e-6
+
+
+LIMITS = PuppetLimits()
 
 # Points that belong to the skull, not to the expression: upper jaw and forehead.
 PINNED = np.zeros(POINTS, bool)
@@ -63,14 +70,14 @@ PINNED[[*JAW[:4], *JAW[-4:], *FOREHEAD]] = True
 
 
 class Puppet(Closing):
-    """Draws the identity's still with the expression of a driver, frame by frame; closed by `with`.
+    """Draws the identity's still with the expression of a driver, frame by frame; use it by `with`.
 
         Parameters
         ----------
         source : Identity of the driver.
         target : Identity whose still moves.
-    finder : what finds the face at the start and after a loss, see `PersonTracker`.
-        options : guise.app.swapping.options.EngineOptions.
+    finder : finds the face at the start and after a loss, see `PersonTracker`.
+        options : EngineOptions.
     """
 
     def __init__(
@@ -80,6 +87,7 @@ class Puppet(Closing):
         finder: FaceFinder | None,
         options: EngineOptions = EngineOptions(),
     ) -> None:
+        source = source.at_resolution(target.reference.resolution)
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
         self.tracker = PersonTracker(source.tracker, finder)
@@ -90,9 +98,8 @@ class Puppet(Closing):
         self._neutral = source.appearance.neutral_parameters
         self._unturned = self._pose.from_parameters(source.appearance)
         self._rest = self._shape(self.extrapolator.apply(source.appearance.neutral_parameters))
-        a, b, _, _ = align_planar(target.appearance.neutral_shape, self._still.shape, RIGID_WEIGHTS)
-        self._linear = np.array([[a, b], [-b, a]])
-        self.zoom = math.hypot(a, b)
+        fit = align_planar(target.appearance.neutral_shape, self._still.shape, RIGID_WEIGHTS)
+        self._linear, self.zoom = fit.linear, fit.scale
         self._surroundings = Surroundings(self._still, options)
         self._appearance = np.array(target.appearance.neutral, np.float32)  # a copy: it moves
         self._fit_palette(target, own)
@@ -110,7 +117,7 @@ class Puppet(Closing):
             texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
             expression = self._unturned @ (self.estimator(fit.shape, texels) - self._neutral)
             seen = self.extrapolator.apply(self._neutral + expression)
-            self._appearance += np.float32(CALM) * (seen - self._appearance)
+            self._appearance += np.float32(LIMITS.new_expression_share) * (seen - self._appearance)
         outcome: Outcome = "swapped" if isinstance(fit, Fit) else "held"
         return outcome, self._drawn()
 
@@ -136,23 +143,25 @@ class Puppet(Closing):
         return appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
 
     def _fit_palette(self, target: Identity, own: ParameterEstimator) -> None:
-        """The light of the still, once."""
+        """Fit the palette to the light of the still."""
         scratch = Frame.from_rgb(self._still.picture)
         texels = scratch.sample_rgb(own.sampler.positions(self._still.shape))
         self.painter.paint(scratch, self._still.shape, target.appearance.neutral, texels)
 
 
 class PoseRemover:
-    """Takes the turn of a head out of appearance parameters, and out of a displacement of its landmarks.
+    """Removes head pose from appearance parameters and from displacements of landmarks.
 
-    The turns are fitted to the points that expression does not move: shift, scale, roll, and yaw and pitch through the
-    depth that the yaw of the reference frame shows.
+    The pose is fitted to the points that expression doesn't move: shift, scale and roll, and yaw and pitch through the
+    depth that the reference frame's yaw mode shows.
 
     Parameters
     ----------
     frame : ReferenceFrame.
 
-    depth : (81,) grid pixels by which each point goes as the head turns by a degree.
+    Attributes
+    ----------
+    depth : (81,) grid pixels by which each point moves as the head turns by one degree.
     """
 
     def __init__(self, frame: ReferenceFrame) -> None:
@@ -163,23 +172,26 @@ class PoseRemover:
         modes = np.stack([np.column_stack(c).ravel() for c in columns], axis=1)
         self._degree = float(np.linalg.norm(frame.yaw_mode[:, 0]))
         self._modes = modes / np.linalg.norm(modes, axis=0)
-        weights = np.repeat(RIGID_WEIGHTS + 0.03 * PINNED, 2)
+        weights = np.repeat(RIGID_WEIGHTS + LIMITS.pinned_weight * PINNED, 2)
         weighted = self._modes * weights[:, None]
-        self._solve = np.linalg.solve(weighted.T @ self._modes + 1e-6 * np.eye(len(columns)), weighted.T)
+        self._solve = np.linalg.solve(
+            weighted.T @ self._modes + LIMITS.pose_ridge * np.eye(len(columns)), weighted.T
+        )
 
-    def from_parameters(self, look: AppearanceModel) -> F32:
-        """(k, k) product that takes what yaw and pitch let expect out of parameters, measured from the neutral ones.
+    def from_parameters(self, model: AppearanceModel) -> F32:
+        """(k, k) matrix that removes what yaw and pitch predict from parameters, measured from the neutral ones.
 
-        With rho of covariance D and turns A^T rho, known to a degree, that is I - D A (A^T D A + noise)^-1 A^T.
+        With rho of covariance D and turns A^T rho, known to within `turn_noise_degrees`, it is
+        I - D A (A^T D A + noise)^-1 A^T.
         """
-        shapes = look.components.basis[:SHAPE].astype(np.float64) / look.reference.shape_weight
+        shapes = model.components.basis[:SHAPE].astype(np.float64) / model.reference.shape_weight
         turns = (self._solve[4:] @ shapes).T
-        spread = (look.components.deviations.astype(np.float64) ** 2)[:, None] * turns
-        known = turns.T @ spread + (NOISE * self._degree) ** 2 * np.eye(2)
+        spread = (model.components.deviations.astype(np.float64) ** 2)[:, None] * turns
+        known = turns.T @ spread + (LIMITS.turn_noise_degrees * self._degree) ** 2 * np.eye(2)
         return (np.eye(len(turns)) - spread @ np.linalg.solve(known, turns.T)).astype(np.float32)
 
     def angles(self, displacement: F64) -> tuple[float, float]:
-        """Degrees by which a displacement (81, 2), grid pixels, turns the head to the image right, and down."""
+        """Degrees by which a displacement (81, 2), grid pixels, turns the head to the image right and down."""
         right, down = self._solve[4:] @ displacement.ravel() / self._degree
         return float(right), float(down)
 
@@ -190,7 +202,7 @@ class PoseRemover:
 
 
 class Surroundings:
-    """The still, with what lies around the face drawn along with it; far from the face it stays as it is.
+    """The still with the surroundings of the face warped along with it; far from the face it stays as it is.
 
     Parameters
     ----------
@@ -217,7 +229,7 @@ class Surroundings:
             np.ones(self._texture.shape[:2], np.float32),
         )
 
-    def around(self, mesh: F64) -> Picture:
+    def around(self, mesh: F64) -> U8:
         """A new picture of the still in which the face's landmarks lie at `mesh` (81, 2)."""
         picture = self._picture.copy()
         roi = picture[self._roi]
@@ -231,15 +243,15 @@ class Surroundings:
 
 
 def _ring(shape: F64) -> F64:
-    """Points (RING, 2) on an ellipse around the face."""
+    """`surroundings_points` (n, 2) on an ellipse around the face."""
     centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
-    reach = half + SURROUND * np.ptp(shape[:, 0])
-    turn = np.linspace(0, 2 * np.pi, RING, endpoint=False)
+    reach = half + LIMITS.surroundings_face_widths * np.ptp(shape[:, 0])
+    turn = np.linspace(0, 2 * np.pi, LIMITS.surroundings_points, endpoint=False)
     return np.asarray(centre + reach * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
 def uncrossed(mesh: F64) -> F64:
-    """A face (81, 2) whose inner lips meet where the upper one would lie below the lower one."""
+    """A face (81, 2) whose inner lips meet where the upper one would be below the lower one."""
     down = mesh[LOWER_LIP_BOTTOM] - mesh[UPPER_LIP_TOP]
     gap = (mesh[LOWER_INNER_LIP] - mesh[UPPER_INNER_LIP]) @ down / max(float(down @ down), 1e-9)
     out = mesh.copy()
@@ -250,9 +262,9 @@ def uncrossed(mesh: F64) -> F64:
 
 
 def fitted(still: RestFrame) -> RestFrame:
-    """The still with an even size and at most 1080 pixels high, its landmarks with it."""
+    """The still with an even size and at most `max_height_pixels` high, and its landmarks."""
     height, width = still.picture.shape[:2]
-    factor = min(1.0, TALLEST / height)
+    factor = min(1.0, LIMITS.max_height_pixels / height)
     size = [max(2, 2 * round(side * factor / 2)) for side in (width, height)]
     if size == [width, height]:
         return still

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import F64
-from guise.aam.landmarks import interocular, overlap
+from guise.aam.landmarks import interocular, iou
 from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 
 Bools = NDArray[np.bool_]
@@ -101,7 +101,7 @@ def accuracy(found: F64, truth: F64) -> Accuracy:
 
 def matches(found: F64, wanted: F64, least: float = MATCH) -> list[int | None]:
     """For each wanted box (n, 4) the found one (m, 4) that is the same face, by largest overlap first, or None."""
-    pairs = [(overlap(f, w), j, i) for i, f in enumerate(found) for j, w in enumerate(wanted)]
+    pairs = [(iou(f, w), j, i) for i, f in enumerate(found) for j, w in enumerate(wanted)]
     answer: list[int | None] = [None] * len(wanted)
     used: set[int] = set()
     for share, j, i in sorted(pairs, key=lambda pair: -pair[0]):

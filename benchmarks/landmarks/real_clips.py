@@ -20,7 +20,7 @@ from benchmarks.landmarks.clips import HARD, RealClip, real_clips
 from benchmarks.landmarks.metrics import face_errors, matches, mean_of, percent_errors
 from guise.aam.landmarks import Landmarker
 from guise.aam.landmarks.schemes import INNER51
-from guise.aam.landmarks.tracking import MultiFollower
+from guise.aam.landmarks.tracking import MultiFaceTracker
 
 NAME, TITLE = "landmarks.real_clips", "Landmarks on real clips"
 FRAMES = 300  # of a clip
@@ -46,10 +46,10 @@ class Result:
 
 def result(clip: RealClip, landmarker: Landmarker, count: int | None) -> Result:
     """Follow one clip."""
-    follower, points = MultiFollower(landmarker), np.full(clip.points.shape, np.nan)
+    tracker, points = MultiFaceTracker(landmarker), np.full(clip.points.shape, np.nan)
     other = 0
     for index, rgb in enumerate(clip.frames(count)):
-        faces = setting.points_of(list(follower.step(rgb).values()), 81)
+        faces = setting.points_of(list(tracker.update(rgb).values()), 81)
         given = clip.points[index : index + 1]
         if np.isfinite(given).all():
             (match,) = matches(setting.boxes_of(faces), setting.boxes_of(given))

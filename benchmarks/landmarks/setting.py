@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import inspect
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,10 @@ from numpy.typing import NDArray
 from benchmarks import common
 from benchmarks.common import F64, Picture, Report
 from guise.aam.landmarks import Face, Landmarker, open_landmarker
-from guise.aam.landmarks.tracking import MultiFollower
+from guise.aam.landmarks.tracking import LIMITS
 
-# Faces of less confidence are not taken; what the followers do by default.
-CONFIDENCE = float(inspect.signature(MultiFollower).parameters["min_confidence"].default)
+# Faces of less confidence are not taken; what the trackers do by default.
+CONFIDENCE = LIMITS.min_confidence
 MEDIAPIPE = "face_landmarker.task"
 CENTERFACE = 0.5  # the score from which CenterFace's boxes count
 
@@ -71,5 +70,5 @@ def boxes_of(points: NDArray[Any]) -> F64:
 
 
 def sure(faces: list[Face]) -> list[Face]:
-    """Those that the followers would take."""
+    """Those that the trackers would take."""
     return [face for face in faces if face.confidence >= CONFIDENCE]

@@ -2,7 +2,7 @@
 
 Where a signer's face is, MediaPipe's landmarks beside the clip say, or, where it found none, CenterFace (the box
 nearest to the middle of the picture).  Each frame is searched for itself; "box" is a box of the landmarker's detector,
-"face" a face with the confidence that the followers take, "followed" one that is followed from frame to frame.  Boxes
+"face" a face with the confidence that the trackers take, "followed" one that is followed from frame to frame.  Boxes
 overlap by at least 0.3; CenterFace's reach up to the hair, so that they never agree fully.
 """
 
@@ -21,7 +21,7 @@ from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import matches
 from benchmarks.landmarks.peers import MISSING, Peer
 from guise.aam.landmarks.schemes import IBUG68
-from guise.aam.landmarks.tracking import MultiFollower
+from guise.aam.landmarks.tracking import MultiFaceTracker
 
 NAME, TITLE = "landmarks.small_faces", "Small and many faces"
 EVERY = 3
@@ -69,7 +69,7 @@ def boxes(landmarker: Any, rgb: Picture) -> F64:
 
 
 def faces(landmarker: Any, rgb: Picture) -> F64:
-    """Boxes (n, 4) of the iBUG-68 points of the faces that the followers would take."""
+    """Boxes (n, 4) of the iBUG-68 points of the faces that the trackers would take."""
     return setting.boxes_of(setting.points_of(setting.sure(landmarker.detect(rgb))))
 
 
@@ -83,9 +83,9 @@ def wanted(given: F64, rgb: Picture, peer: Peer | None) -> F64:
 
 def signer(clip: RealClip, landmarker: Any, peer: Peer | None, every: int) -> Signer:
     """One gesture clip."""
-    follower, result = MultiFollower(landmarker), Signer(clip, [])
+    tracker, result = MultiFaceTracker(landmarker), Signer(clip, [])
     for index, rgb in enumerate(clip.frames(None)):
-        followed = setting.boxes_of(setting.points_of(list(follower.step(rgb).values())))
+        followed = setting.boxes_of(setting.points_of(list(tracker.update(rgb).values())))
         target = wanted(clip.points[index], rgb, peer) if index % every == 0 else np.zeros((0, 4))
         if len(target):
             result.frames += 1

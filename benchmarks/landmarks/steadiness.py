@@ -28,9 +28,9 @@ from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import Bools, depth, lag, mean_of, motion, opening, root_mean_square
-from guise.aam.landmarks import Face, Follower, Landmarker, interocular
+from guise.aam.landmarks import Face, FaceTracker, Landmarker, interocular
+from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.schemes import LOWER_INNER_LIP, LOWER_LIDS, UPPER_INNER_LIP, UPPER_LIDS
-from guise.aam.landmarks.smoothing import Smoother
 
 NAME, TITLE = "landmarks.steadiness", "Steadiness and lag"
 CLIPS = (
@@ -56,20 +56,21 @@ class Tracks:
 
 def tracks(landmarker: Landmarker, frames: Iterator[tuple[Picture, float]]) -> Tracks:
     """Follow one face through pictures with their times in seconds."""
-    follower, smoother = Follower(landmarker), Smoother()
+    tracker, landmark_filter = FaceTracker(landmarker), LandmarkFilter()
     rows = [
-        (face, _smoothed(smoother, face, time)) for face, time in ((follower.step(p), t) for p, t in frames)
+        (face, _filtered(landmark_filter, face, time))
+        for face, time in ((tracker.update(p), t) for p, t in frames)
     ]
     missing = np.full((81, 2), np.nan)
     raw = [missing if face is None else face.points for face, _ in rows]
     return Tracks(np.array(raw, np.float64), np.array([s for _, s in rows], np.float64))
 
 
-def _smoothed(smoother: Smoother, face: Face | None, seconds: float) -> F64:
+def _filtered(landmark_filter: LandmarkFilter, face: Face | None, seconds: float) -> F64:
     if face is None:
-        smoother.reset()
+        landmark_filter.reset()
         return np.full((81, 2), np.nan)
-    return np.asarray(smoother.step(face.points, face.point_confidence, seconds), np.float64)
+    return np.asarray(landmark_filter.update(face.points, face.point_confidence, seconds), np.float64)
 
 
 def timed(clip: Clip, count: int | None) -> Iterator[tuple[Picture, float]]:

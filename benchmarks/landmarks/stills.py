@@ -4,7 +4,7 @@ Errors are mean distances to the annotated points in % of the annotated distance
 the faces that were found.  "Offset removed": each point's mean residual in the frame of the eyes is taken off,
 two-fold (first and second half of the faces), because schemes put points of the same name to other places.  A face with
 a mean error over 10 % is a failure, and so is one that was not found; those found with less confidence than the
-followers take are unsure, and not found.
+trackers take are unsure, and not found.
 
 PFLD is started from the true box, enlarged by 1.1 and made square; it was probably trained on lfpw.  MediaPipe finds
 the faces itself.  The landmarker does too, and with --faces true-box it is started from the true box.

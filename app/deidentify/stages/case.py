@@ -15,26 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.model import Identity
-from guise.app.deidentify.options import Options
-from guise.app.deidentify.stages.detect import Found
+from guise.app.deidentify.options import DeidentifyOptions
+from guise.app.deidentify.stages.detect import SegmentFaces
 from guise.app.deidentify.stages.fit import Fits
-from guise.app.deidentify.stages.work import MANIFEST, Work
+from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.segments import Scan
 
-LEAD = 16  # frames by which a rendered segment begins after its keyframe: as long the light is watched before
+LEAD_FRAMES = 16  # by which a rendered segment begins after its keyframe, for the light to be measured over
 
 
 @dataclass(frozen=True)
-class Linked:
-    """A track before anything is known of its person.
+class LinkedTrack:
+    """A track whose person is not known yet.
 
     Parameters
     ----------
-    number : from 1.   pieces : (segment, tracklet) in the order of time.
+    number : from 1.   pieces : (segment, number of the tracklet) in the order of time.
     first, last, seen, width : as for `guise.app.deidentify.tracks.Track`.
-    sure : number of frames in which the landmarks are sure.
-    shown : some frames in which it is clearest, for pictures of it.
+    sure : number of frames in which the landmarks are confident.
+    shown : frames in which its landmarks are most confident, for pictures of it.
     """
 
     number: int
@@ -48,16 +48,16 @@ class Linked:
 
 
 class Case:
-    """Reads what is known so far; nothing of it changes once it is there.
+    """Reads the results so far; none of them changes once it is there.
 
     work : the work folder.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: WorkFolder) -> None:
         self.work = work
         self.manifest: dict[str, Any] = work.load_json(MANIFEST)
         self.input = Path(self.manifest["input"])
-        self.options = Options.from_json(self.manifest["options"])
+        self.options = DeidentifyOptions.from_json(self.manifest["options"])
 
     @cached_property
     def scan(self) -> Scan:
@@ -75,10 +75,10 @@ class Case:
         """(frames,) time of each frame after the first, seconds."""
         return np.asarray((self.scan.pts - self.scan.pts[:1]) * float(self.scan.time_base), np.float64)
 
-    def found(self, segment: int, *, points: bool = True) -> Found:
+    def found(self, segment: int, *, points: bool = True) -> SegmentFaces:
         """The faces of a segment; without their points, which are most of it, (0, 81, 2) stands for them."""
         arrays = self.work.load_arrays(f"detect.{segment}.npz", "" if points else "points")
-        return Found(**{"points": np.zeros((0, 81, 2), np.float32), **arrays})
+        return SegmentFaces(**{"points": np.zeros((0, 81, 2), np.float32), **arrays})
 
     def fits(self, segment: int) -> Fits:
         """The placed faces of a segment."""
@@ -90,10 +90,12 @@ class Case:
         return [int(c) for c in self.work.load_json("link.json")["cuts"]]
 
     @cached_property
-    def linked(self) -> list[Linked]:
-        """The tracks as they were joined."""
+    def linked(self) -> list[LinkedTrack]:
+        """The tracks as they were linked."""
         return [
-            Linked(**entry | {"pieces": tuple(map(tuple, entry["pieces"])), "shown": tuple(entry["shown"])})
+            LinkedTrack(
+                **entry | {"pieces": tuple(map(tuple, entry["pieces"])), "shown": tuple(entry["shown"])}
+            )
             for entry in self.work.load_json("link.json")["tracks"]
         ]
 
@@ -124,8 +126,8 @@ class Case:
     def span(self, segment: int) -> tuple[int, int]:
         """The frames [first, last) of a rendered segment."""
         pieces = self.scan.segments
-        first = pieces[segment].first + (LEAD if segment else 0)
-        last = pieces[segment].end + (LEAD if segment + 1 < len(pieces) else 0)
+        first = pieces[segment].first + (LEAD_FRAMES if segment else 0)
+        last = pieces[segment].end + (LEAD_FRAMES if segment + 1 < len(pieces) else 0)
         return first, last
 
 

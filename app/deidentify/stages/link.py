@@ -1,6 +1,6 @@
-"""The second stage: tracklets of all segments joined to tracks of the whole video.
+"""The second stage: the tracklets of all segments linked to tracks of the whole video.
 
-A track goes on through a joint of two segments and over a gap in which its face was not seen (a hand, a turn of the
+A track continues from one segment to the next and over a gap in which its face was not seen (a hand, a turn of the
 head), but not over a cut.
 """
 
@@ -11,18 +11,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.app.deidentify.stages.detect import Found, is_cut
+from guise.app.deidentify.stages.detect import SegmentFaces, is_cut
 from guise.common.arrays import F32
 
-GAP = 1.5  # seconds for which a face may be away and still be the same track
-REACH = 0.6  # sizes of the box that its centre may have moved by then, and
-DRIFT = 0.08  # for each frame of the gap beyond the first
-MOST_DRIFT = 2.0  # sizes
-GROWTH = 1.7  # ratio of sizes
+
+@dataclass(frozen=True)
+class LinkLimits:
+    """What may lie between two tracklets of one track.
+
+    Distances are of the boxes' centres, in sizes of the earlier box.
+    """
+
+    max_gap_seconds: float = 1.5
+    max_shift_sizes: float = 0.6  # from one frame to the next, and
+    shift_sizes_per_frame: float = 0.08  # more for each further frame of the gap,
+    max_gap_shift_sizes: float = 2.0  # up to this
+    max_size_ratio: float = 1.7
+
+
+LIMITS = LinkLimits()
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class Tracklet:
     """A tracklet: segment, number in it, first and last frame, and the boxes (4,) there."""
 
     segment: int
@@ -33,34 +44,36 @@ class Piece:
     end: F32
 
 
-def link(found: Sequence[Found], starts: Sequence[int], rate: float) -> tuple[list[list[Piece]], list[int]]:
+def link(
+    found: Sequence[SegmentFaces], starts: Sequence[int], rate: float
+) -> tuple[list[list[Tracklet]], list[int]]:
     """Join tracklets.
 
     Parameters
     ----------
-    found : what each segment holds.   starts : first frame of each segment.   rate : frames a second.
+    found : the faces of each segment.   starts : first frame of each segment.   rate : frames a second.
 
     Returns
     -------
     chains, cuts
-        The pieces of each track in the order of time, tracks in the order of appearance (larger faces first); and the
-        frames with which new shots begin.
+        The tracklets of each track in the order of time, tracks in the order of appearance (larger faces first); and
+        the frames with which new shots begin.
     """
     cuts = all_cuts(found, starts)
-    pieces = [p for segment, one in enumerate(found) for p in _pieces(segment, one)]
-    pieces.sort(key=lambda p: (p.first, -_size(p.start), p.segment, p.number))
-    chains: list[list[Piece]] = []
-    for piece in pieces:
-        costs = [_cost(chain[-1], piece, cuts, GAP * rate) for chain in chains]
+    tracklets = [t for segment, one in enumerate(found) for t in _tracklets(segment, one)]
+    tracklets.sort(key=lambda t: (t.first, -_size(t.start), t.segment, t.number))
+    chains: list[list[Tracklet]] = []
+    for tracklet in tracklets:
+        costs = [_cost(chain[-1], tracklet, cuts, LIMITS.max_gap_seconds * rate) for chain in chains]
         best = int(np.argmin(costs)) if costs else -1
         if best >= 0 and np.isfinite(costs[best]):
-            chains[best].append(piece)
+            chains[best].append(tracklet)
         else:
-            chains.append([piece])
+            chains.append([tracklet])
     return chains, cuts
 
 
-def all_cuts(found: Sequence[Found], starts: Sequence[int]) -> list[int]:
+def all_cuts(found: Sequence[SegmentFaces], starts: Sequence[int]) -> list[int]:
     """The first frames of new shots, also those with which a segment begins."""
     cuts = {int(c) for one in found for c in one.cuts}
     for n in range(1, len(found)):
@@ -69,26 +82,27 @@ def all_cuts(found: Sequence[Found], starts: Sequence[int]) -> list[int]:
     return sorted(cuts)
 
 
-def _pieces(segment: int, found: Found) -> list[Piece]:
-    pieces = []
+def _tracklets(segment: int, found: SegmentFaces) -> list[Tracklet]:
+    tracklets = []
     for number in np.unique(found.tracklet):
         rows = np.flatnonzero(found.tracklet == number)
         frames, boxes = found.frame[rows], found.box[rows]
-        pieces.append(Piece(segment, int(number), int(frames[0]), int(frames[-1]), boxes[0], boxes[-1]))
-    return pieces
+        tracklets.append(Tracklet(segment, int(number), int(frames[0]), int(frames[-1]), boxes[0], boxes[-1]))
+    return tracklets
 
 
-def _cost(before: Piece, after: Piece, cuts: Sequence[int], most: float) -> float:
-    """Distance in sizes of the face, or infinity when the two cannot be one face."""
+def _cost(before: Tracklet, after: Tracklet, cuts: Sequence[int], max_gap: float) -> float:
+    """Distance in sizes of the face, or infinity when the two cannot be one face.   max_gap : frames."""
     gap = after.first - before.last
-    if not 0 < gap <= most or any(before.last < cut <= after.first for cut in cuts):
+    if not 0 < gap <= max_gap or any(before.last < cut <= after.first for cut in cuts):
         return np.inf
     size, other = _size(before.end), _size(after.start)
-    if not 1 / GROWTH < other / size < GROWTH:
+    if not 1 / LIMITS.max_size_ratio < other / size < LIMITS.max_size_ratio:
         return np.inf
     centres = (after.start[:2] + after.start[2:] - before.end[:2] - before.end[2:]) / 2
     distance = float(np.hypot(*centres)) / size
-    return distance if distance < min(REACH + DRIFT * (gap - 1), MOST_DRIFT) else np.inf
+    shift = LIMITS.max_shift_sizes + LIMITS.shift_sizes_per_frame * (gap - 1)
+    return distance if distance < min(shift, LIMITS.max_gap_shift_sizes) else np.inf
 
 
 def _size(box: F32) -> float:

@@ -44,6 +44,7 @@ from guise.aam.landmarks.schemes import (
     RIGHT_LOWER_LID,
     RIGHT_MOUTH_CORNER_POINTS,
     RIGHT_UPPER_LID,
+    RIGID_WEIGHTS,
     UPPER_LIP,
     Group,
     interocular,
@@ -73,7 +74,7 @@ FEATURES: tuple[Group, ...] = (
 )  # fmt: skip
 
 
-class Smoother:
+class LandmarkFilter:
     """Steadies the points of one face, frame by frame.
 
     A point of low confidence moves with the head and takes little from the picture.
@@ -82,10 +83,10 @@ class Smoother:
     --------
     >>> mean = mean_geometry().mean
     >>> face = 100 * np.stack([mean.real, mean.imag], axis=-1)
-    >>> smoother = Smoother()
+    >>> landmark_filter = LandmarkFilter()
     >>> rng = np.random.default_rng(0)
     >>> seen = [face + 0.2 * rng.normal(size=(81, 2)) for _ in range(60)]
-    >>> steady = [smoother.step(points, None, i / 30) for i, points in enumerate(seen)]
+    >>> steady = [landmark_filter.update(points, None, i / 30) for i, points in enumerate(seen)]
     >>> bool(np.abs(np.diff(steady[20:], axis=0)).mean() < 0.2 * np.abs(np.diff(seen[20:], axis=0)).mean())
     True
     """
@@ -93,7 +94,7 @@ class Smoother:
     def __init__(self) -> None:
         self._quiet = _quiet()
         self._near = _neighbours()
-        self._rigid = _rigid()
+        self._rigid = RIGID_WEIGHTS
         self.reset()
 
     def reset(self) -> None:
@@ -104,7 +105,7 @@ class Smoother:
         self._face = np.zeros((COUNT, 2))  # in the head's frame, inter-ocular distances
         self._face_way = np.zeros((COUNT, 2))
 
-    def step(self, points: NDArray[Any], point_confidence: NDArray[Any] | None, seconds: float) -> Float32:
+    def update(self, points: NDArray[Any], point_confidence: NDArray[Any] | None, seconds: float) -> Float32:
         """The steadied points (81, 2) float32, pixels.
 
         Parameters
@@ -181,13 +182,6 @@ def _neighbours() -> Floats:
     near = np.exp(-(np.abs(mean[:, None] - mean) ** 2) / (2 * TOGETHER**2))
     near *= feature[:, None] == feature
     return np.asarray(near / near.sum(1, keepdims=True))
-
-
-def _rigid() -> Floats:
-    """(81,) weights of the points that move with the skull, as for the reference frame; they sum to 1."""
-    from guise.aam.reference import RIGID_WEIGHTS  # here, as that module needs this package
-
-    return RIGID_WEIGHTS
 
 
 def _trust(confidence: NDArray[Any] | None) -> Floats:

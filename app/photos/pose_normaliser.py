@@ -1,0 +1,35 @@
+"""Landmarks of a face as if the head were held as in another picture, so that a turn does not pass for an expression.
+
+Pixels, x right, y down.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.similarity import align_planar
+from guise.app.photos.faces import pose_remover
+from guise.app.swapping.puppet import PINNED
+from guise.common.arrays import F64
+
+
+class PoseNormaliser:
+    """Holds heads as in a neutral picture.
+
+    Parameters
+    ----------
+    neutral : (81, 2) landmarks.
+    """
+
+    def __init__(self, neutral: F64) -> None:
+        self._frame, self._remover = pose_remover()
+        self._neutral, self._rest = neutral, self._frame.align(neutral)
+        a, b, _, _ = align_planar(self._frame.points, neutral, RIGID_WEIGHTS)
+        self._linear = np.array([[a, b], [-b, a]])
+
+    def __call__(self, points: F64) -> F64:
+        """Landmarks (81, 2) of another picture where they would lie in the neutral one; the skull's do not move."""
+        moved = self._remover.without(self._frame.align(points) - self._rest)
+        moved[PINNED] = 0
+        return np.asarray(self._neutral + moved @ self._linear)
