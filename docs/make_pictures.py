@@ -1,20 +1,24 @@
-"""Make the pictures of the pages from the sample clips and heads: docs/images/*.jpg.
+"""Make the pictures of the pages from the sample clips and heads: docs/images/*.jpg and *.webp.
 
-python docs/make_pictures.py
+python docs/make_pictures.py [swap|heads|photos|studio ...]   (all by default; studio needs Chromium)
+
+docs/images/gallery.jpg is made with the gallery, by training/make_gallery.py.
 """
 
 from __future__ import annotations
 
+import argparse
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from guise.aam.model import Identity
 from guise.analogy.formats.files import read_mesh, read_rig
-from guise.app.deidentify.options import Options
+from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.run.job import deidentify_file
 from guise.app.deidentify.run.registry import open_engine
 from guise.app.media import open_input
@@ -36,7 +40,7 @@ from guise.common.progress import silent
 ROOT = Path(__file__).parents[1]
 SAMPLES, IMAGES = ROOT / "sample_videos", ROOT / "docs" / "images"
 FRAMES = (51, 77, 153)  # of the clip talk2: different mouths and head turns
-NOBODY = "p07"  # of the gallery
+FICTIONAL = "p07"  # of the gallery
 WIDTH = 280  # pixels, of a frame
 HEADS = SAMPLES / "heads"
 SHOWN = ("anger", "open", "pucker", "smile", "surprise")  # morph targets of the mean head
@@ -47,6 +51,9 @@ ANALOGIES = (
     (("p06", 173), ("p06", 62), ("p01", 0)),
     (("p02", 0), ("p02", 158), ("p01", 126)),
 )
+STRETCH = range(40, 172, 2)  # frames of talk2 in the moving picture, at half their rate
+FPS, STUDIO_FPS = 15.0, 10.0
+QUALITY = 70  # of WebP, 0..100
 HEAD_AND_SHOULDERS = np.s_[20:420, 140:500]  # of a frame
 
 
@@ -88,9 +95,9 @@ def heads(folder: Path) -> None:
     source, target = HEADS / "mean.obj", HEADS / "other.obj"
     rig, head = read_rig(HEADS / "mean.glb"), read_mesh(target)
     work = _work(folder / "mesh.png")
-    carrier = prepare_pair(rig.file, head, TransferOptions(), work)
+    pair = prepare_pair(rig.file, head, TransferOptions(), work)
     faces = [rig.shapes[rig.names.index(name)] for name in SHOWN]
-    draw_report_picture(carrier, faces, [carrier.transfer(face) for face in faces], SHOWN, work)
+    draw_report_picture(pair, faces, [pair.transfer(face) for face in faces], SHOWN, work)
     register_files(source, target, folder / "fitted.obj", None, _work(folder / "mesh-chessboard.png"))
     write_feature_points(source, folder / "points.json", None, None, _work(folder / "mesh-landmarks.png"))
     preview_files(source, HEADS / "mean_smile.obj", folder / "mesh-preview.png", _work(None))
@@ -106,30 +113,82 @@ def _work(picture: Path | None) -> RunContext:
     return RunContext(True, silent, print, picture)
 
 
+def swaps(folder: Path) -> None:
+    """The pictures of swap, puppet and deidentify, and of a model."""
+    report = run_demo(SAMPLES, folder / "demo", SwapSettings(say=print))
+    head, face = (Identity.load(folder / "demo" / f"{name}.guise") for name in (HEAD, FACE))
+    clip, puppet, private = SAMPLES / HEAD / "talk2.mp4", folder / "puppet.mp4", folder / "private.mp4"
+    puppet_file(clip, face, puppet, source=head)
+    deidentify_file(
+        clip, private, DeidentifyOptions(donor=FICTIONAL), open_engine("local", 1),
+        progress=lambda stage, share: None, say=print,
+    )  # fmt: skip
+    swapped = Path(report.swap.output)
+    rows = [
+        captioned(frames(clip), "the video"),
+        captioned(frames(swapped), "guise swap: another face"),
+        captioned(frames(puppet), "guise puppet: another head"),
+        captioned(frames(private), "guise deidentify: a fictional face"),
+    ]
+    save_picture(IMAGES / "swap.jpg", sheet(rows))
+    save_picture(IMAGES / "model.jpg", montage(face, modes=4))
+    save_moving(IMAGES / "swap.webp", moving((clip, swapped, private)), FPS)
+
+
+def moving(videos: Sequence[Path]) -> list[Picture]:
+    """The same stretch of several videos beside each other, head and shoulders."""
+    strips = []
+    for video in videos:
+        with open_input(video) as media:
+            shown = [frame.rgb()[HEAD_AND_SHOULDERS] for frame in media if frame.index in STRETCH]
+        strips.append(
+            [np.asarray(cv2.resize(p, size(p), interpolation=cv2.INTER_AREA), np.uint8) for p in shown]
+        )
+    return [np.concatenate(pictures, axis=1) for pictures in zip(*strips, strict=True)]
+
+
+def save_moving(path: Path, pictures: Sequence[Picture], fps: float) -> None:
+    """Write an animated WebP that repeats for ever."""
+    first, *others = (Image.fromarray(picture) for picture in pictures)
+    first.save(
+        path, save_all=True, append_images=others, duration=1000 / fps, loop=0, quality=QUALITY, method=6
+    )
+
+
+def photos(folder: Path) -> None:
+    """The picture of guise analogy image."""
+    save_picture(IMAGES / "photo-analogy.jpg", sheet(analogies(folder)))
+
+
+def studio(folder: Path) -> None:
+    """The moving picture of the studio."""
+    from studio_picture import film_studio
+
+    shots = film_studio(
+        folder, ROOT / "app" / "gallery" / f"{HEAD}.guise", SAMPLES / HEAD / "talk.mp4", STUDIO_FPS
+    )
+    save_moving(IMAGES / "studio.webp", shots, STUDIO_FPS)
+
+
+PICTURES: dict[str, Callable[[Path], None]] = {
+    "swap": swaps,
+    "heads": heads,
+    "photos": photos,
+    "studio": studio,
+}
+
+
 def main() -> None:
-    """Enrol, swap, puppet, and draw."""
+    """Make the pictures that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", choices=PICTURES, default=list(PICTURES), metavar="|".join(PICTURES)
+    )
     IMAGES.mkdir(exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder)
-        report = run_demo(SAMPLES, out / "demo", SwapSettings(say=print))
-        head, face = (Identity.load(out / "demo" / f"{name}.guise") for name in (HEAD, FACE))
-        clip = SAMPLES / HEAD / "talk2.mp4"
-        puppet_file(clip, face, out / "puppet.mp4", source=head)
-        deidentify_file(
-            clip, out / "private.mp4", Options(donor=NOBODY), open_engine("local", 1),
-            progress=lambda stage, share: None, say=print,
-        )  # fmt: skip
-        rows = [
-            captioned(frames(clip), "the video"),
-            captioned(frames(Path(report.swap.output)), "guise swap: another face"),
-            captioned(frames(out / "puppet.mp4"), "guise puppet: another head"),
-            captioned(frames(out / "private.mp4"), "guise deidentify: nobody's face"),
-        ]
-        save_picture(IMAGES / "swap.jpg", sheet(rows))
-        save_picture(IMAGES / "model.jpg", montage(face, modes=4))
-        heads(out)
-        save_picture(IMAGES / "photo-analogy.jpg", sheet(analogies(out)))
-    for picture in sorted(IMAGES.glob("*.jpg")):
+    for name in parser.parse_args().names:
+        with tempfile.TemporaryDirectory() as folder:
+            PICTURES[name](Path(folder))
+    for picture in sorted(IMAGES.iterdir()):
         print(picture.relative_to(ROOT), picture.stat().st_size, "bytes")
 
 

@@ -1,0 +1,150 @@
+"""A moving picture of the studio: a browser whose camera shows a sample person, another face beside it.
+
+Needs the extras `studio` and `dev`, and Chromium.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from playwright.sync_api import sync_playwright
+
+from guise.app.media.pictures import Picture
+from guise.app.studio.store import Store
+
+VIEW = {"width": 1000, "height": 820}  # CSS pixels
+FACES = ("p07 (fictional)", "p03 (fictional)")
+SECONDS_PER_FACE = 2.5
+SETTLING_SECONDS = 3.0  # until the connection's bit rate is high enough
+START_TIMEOUT_SECONDS = 60.0
+
+
+def film_studio(folder: Path, model: Path, camera: Path, fps: float) -> list[Picture]:
+    """Pictures of the page Live while the person of `model`, at the camera, is shown with one face and then another.
+
+    folder : for the studio's files.   camera : the clip that the browser's camera shows.
+    """
+    store = Store(folder / "studio")
+    shutil.copy(model, store.add_person("Robin", None).path)
+    store.close()
+    with (
+        _studio(folder / "studio") as address,
+        _browser(_camera_file(camera, folder / "camera.mjpeg")) as page,
+    ):
+        page.goto(address)
+        _choose(page, FACES[0])
+        page.get_by_role("button", name="Start").click()
+        _wait(page, lambda: page.get_by_role("status").first.inner_text() == "")
+        page.wait_for_timeout(1000 * SETTLING_SECONDS)
+        shots: list[Picture] = []
+        for face in FACES:
+            _choose(page, face)
+            page.evaluate("window.scrollTo(0, 0)")
+            page.wait_for_timeout(500)  # until the list has closed
+            shots += _film(page, SECONDS_PER_FACE, fps)
+        return shots
+
+
+def _film(page: Any, seconds: float, fps: float) -> list[Picture]:
+    """The page as it is seen, at a constant rate."""
+    seen: list[tuple[float, str]] = []
+    session = page.context.new_cdp_session(page)
+
+    def keep(event: dict[str, Any]) -> None:
+        seen.append((event["metadata"]["timestamp"], event["data"]))
+        session.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
+
+    session.on("Page.screencastFrame", keep)
+    session.send("Page.startScreencast", {"format": "png"})
+    page.wait_for_timeout(1000 * (seconds + 0.5))
+    session.remove_listener("Page.screencastFrame", keep)
+    session.detach()
+    times = seen[0][0] + np.arange(0, seconds, 1 / fps)
+    last = np.searchsorted([at for at, _ in seen], times, side="right") - 1
+    return [_decoded(seen[k][1]) for k in last]
+
+
+def _decoded(png: str) -> Picture:
+    data = np.frombuffer(base64.b64decode(png), np.uint8)
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
+
+
+def _choose(page: Any, face: str) -> None:
+    page.get_by_role("combobox", name="Face to show", exact=True).click()
+    page.get_by_role("option", name=face).click()
+
+
+def _wait(page: Any, condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + START_TIMEOUT_SECONDS
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError(page.locator("body").inner_text())
+        page.wait_for_timeout(250)
+
+
+@contextmanager
+def _studio(folder: Path) -> Iterator[str]:
+    """The address of a studio in a process of its own."""
+    command = [
+        sys.executable,
+        "-m",
+        "guise",
+        "studio",
+        "--folder",
+        str(folder),
+        "--port",
+        "0",
+        "--no-open",
+        "--json",
+    ]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        try:
+            assert process.stdout is not None
+            yield json.loads(process.stdout.readline())["address"]
+        finally:
+            process.send_signal(signal.SIGINT)
+
+
+@contextmanager
+def _browser(camera: Path) -> Iterator[Any]:
+    """A page of Chromium, without a window."""
+    arguments = [
+        "--no-sandbox",
+        "--use-fake-device-for-media-stream",
+        "--use-fake-ui-for-media-stream",
+        f"--use-file-for-fake-video-capture={camera}",
+    ]
+    executable = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as playwright:
+        chrome = playwright.chromium.launch(executable_path=executable, args=arguments)
+        yield chrome.new_page(viewport=VIEW, color_scheme="light")
+        chrome.close()
+
+
+def _camera_file(clip: Path, path: Path) -> Path:
+    """The clip as Chromium's fake camera takes it: JPEG pictures one after the other, without sound."""
+    with av.open(str(clip)) as source, av.open(str(path), "w", format="mjpeg") as out:
+        old = source.streams.video[0]
+        new = out.add_stream("mjpeg", old.average_rate, {"qmin": "2", "qmax": "4"})
+        new.width, new.height, new.pix_fmt = old.width, old.height, "yuvj420p"
+        for frame in source.decode(old):
+            picture = frame.reformat(format="yuvj420p")
+            picture.pict_type = 0
+            out.mux(new.encode(picture))
+        out.mux(new.encode(None))
+    return path
