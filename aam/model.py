@@ -1,13 +1,13 @@
 """A person's model and its file, NAME.guise: safetensors with a JSON header and a format version.
 
-Holds the appearance model, the tracker, one enrolment frame and what is known of the enrolment.  Never a pickle.
+Holds the appearance model, the tracker, one enrolment frame and facts about the enrolment.  Never a pickle.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,23 +18,24 @@ from numpy.typing import NDArray
 from guise.aam.appearance import SHAPE, AppearanceModel, Components
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.tracker import POSE, Quality, Tracker
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8
 from guise.common.errors import GuiseError
 from guise.common.files import write_whole
 
 FORMAT = "guise-identity"
-VERSION = 1
+VERSION, COMPACT_VERSION = 1, 2
+_VECTORS = ("appearance.mean", "neutral")  # appearance vectors that a compact file splits
 
 
 class ModelError(GuiseError):
-    """A model file that cannot be used; the message says what was expected, what was found and what to do."""
+    """A model file that can't be used; the message says what was expected, what was found and what to do."""
 
 
 @dataclass(frozen=True, eq=False)
 class RestFrame:
-    """One enrolment frame: picture (h, w, 3) uint8 RGB and the landmarks (81, 2) in its pixels."""
+    """An enrolment frame with the face at rest: picture (h, w, 3) RGB and the landmarks (81, 2) in its pixels."""
 
-    picture: NDArray[np.uint8]
+    picture: U8
     shape: F64
 
 
@@ -47,8 +48,8 @@ class Identity:
     name : str.
     appearance : AppearanceModel.
     tracker : Tracker.
-    detail : (2 h, 2 w) float32, luma that the neutral face has beyond the texture grid's resolution.
-    still : an enrolment frame with the face at rest.
+    detail : (2 h, 2 w) float32, luma of the neutral face beyond the texture grid's resolution.
+    rest_frame : see `RestFrame`.
     facts : JSON-like: frames used, held-out error, clips, seconds, version of Guise.
     """
 
@@ -61,43 +62,82 @@ class Identity:
 
     @property
     def reference(self) -> ReferenceFrame:
-        """The reference frame that it shares with whatever it is mixed with."""
+        """The reference frame; models that are mixed share it."""
         return self.appearance.reference
 
-    def save(self, path: str | os.PathLike[str]) -> int:
-        """Write the file through `path`.part and return its size in bytes."""
+    def __str__(self) -> str:
+        """One line for a person to read."""
+        clips = ", ".join(map(str, self.facts.get("clips", ()))) or "nothing that is known"
+        return (
+            f"{self.name}: {self.appearance.components.modes} modes, {self.reference.resolution} pixels across the "
+            f"face, from {clips}"
+        )
+
+    def at_resolution(self, resolution: int) -> Identity:
+        """The same person with textures of another resolution (pixels across the face), to mix with other models."""
+        from guise.aam.resampling import resampled, resampled_detail
+
+        if resolution == self.reference.resolution:
+            return self
+        reference = ReferenceFrame.canonical(resolution)
+        return replace(
+            self,
+            appearance=resampled(self.appearance, reference),
+            detail=resampled_detail(self.detail, self.reference, reference),
+        )
+
+    def for_display(self) -> Identity:
+        """The same person as a donor: what shows the face, without what tracks it."""
+        nothing = np.zeros(0, np.float32)
+        tracker = replace(
+            self.tracker,
+            stages=(),
+            texture=Components(nothing, np.zeros((0, 0), np.float32), nothing, 0.0),
+            pixels=np.zeros(0, np.intp),
+        )
+        return replace(self, tracker=tracker)
+
+    def save(self, path: str | os.PathLike[str], *, compact: bool = False) -> int:
+        """Write the file through `path`.part and return its size in bytes.
+
+        compact : textures with half precision and modes of texture with 8 bits, for donors.
+        """
         from safetensors.numpy import save
 
         header = {
             "format": FORMAT,
-            "version": str(VERSION),
+            "version": str(COMPACT_VERSION if compact else VERSION),
             "name": self.name,
             "reference": json.dumps(
                 {"scheme": "face81", "resolution": self.reference.resolution, "id": self.reference.id}
             ),
             "facts": json.dumps(self.facts),
         }
-        data = _ordered(save({k: np.ascontiguousarray(v) for k, v in self._tensors().items()}, header))
+        tensors = self._tensors()
+        if compact:
+            tensors |= _compacted(tensors)
+            tensors.pop("appearance.basis")
+        data = _ordered(save({k: np.ascontiguousarray(v) for k, v in tensors.items()}, header))
         write_whole(Path(path), data)
         return len(data)
 
     def _tensors(self) -> dict[str, NDArray[Any]]:
-        look, track = self.appearance, self.tracker
+        model, tracker = self.appearance, self.tracker
         done, jpeg = cv2.imencode(".jpg", self.rest_frame.picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 96])
         if not done:
-            raise ModelError("the enrolment frame cannot be encoded as JPEG")
-        quality = track.quality
+            raise ModelError("the enrolment frame cannot be encoded as JPEG: enrol from another clip")
+        quality = tracker.quality
         return {
-            **_packed("appearance", look.components),
-            "neutral": look.neutral.astype(np.float32),
-            "mask": look.mask.astype(np.uint8),
+            **_packed("appearance", model.components),
+            "neutral": model.neutral.astype(np.float32),
+            "mask": model.mask.astype(np.uint8),
             "detail": np.clip(np.round(self.detail * 2), -127, 127).astype(np.int8),
-            **_packed("tracker.shapes", track.shapes),
-            **_packed("tracker.texture", track.texture),
-            **{f"tracker.stage{i}": s.astype(np.float16) for i, s in enumerate(track.stages)},
-            "tracker.pixels": track.pixels.astype(np.int32),
+            **_packed("tracker.shapes", tracker.shapes),
+            **_packed("tracker.texture", tracker.texture),
+            **{f"tracker.stage{i}": s.astype(np.float16) for i, s in enumerate(tracker.stages)},
+            "tracker.pixels": tracker.pixels.astype(np.int32),
             "tracker.quality": np.array([quality.error, quality.good, quality.bad]),
-            "tracker.box_to_shape": track.box_to_shape.astype(np.float64),
+            "tracker.box_to_shape": tracker.box_to_shape.astype(np.float64),
             "still.jpeg": jpeg.ravel(),
             "still.shape": self.rest_frame.shape.astype(np.float64),
         }
@@ -114,6 +154,7 @@ class Identity:
         tensors, header = _read(Path(path))
         reference = _reference(path, header)
         try:
+            tensors = _expanded(tensors, reference)
             _check_lengths(tensors, reference)
             return cls._assemble(tensors, header, reference)
         except (KeyError, ValueError, IndexError) as error:
@@ -123,7 +164,9 @@ class Identity:
     def _assemble(
         cls, t: dict[str, NDArray[Any]], header: dict[str, str], reference: ReferenceFrame
     ) -> Identity:
-        look = AppearanceModel(reference, _unpacked("appearance", t), t["neutral"], t["mask"].astype(bool))
+        appearance = AppearanceModel(
+            reference, _unpacked("appearance", t), t["neutral"], t["mask"].astype(bool)
+        )
         stages = tuple(
             t[f"tracker.stage{i}"].astype(np.float32)
             for i in range(sum(k.startswith("tracker.stage") for k in t))
@@ -139,13 +182,13 @@ class Identity:
         picture = cv2.imdecode(t["still.jpeg"], cv2.IMREAD_COLOR)
         if picture is None or t["still.shape"].shape != (POINTS, 2):
             raise ValueError("enrolment frame")
-        still = RestFrame(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
+        rest_frame = RestFrame(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
         detail = t["detail"].astype(np.float32) / np.float32(2)
-        return cls(header["name"], look, tracker, detail, still, json.loads(header["facts"]))
+        return cls(header["name"], appearance, tracker, detail, rest_frame, json.loads(header["facts"]))
 
 
 def _ordered(data: bytes) -> bytes:
-    """A safetensors file with its metadata in order, so that the same model is always the same bytes."""
+    """A safetensors file with its metadata sorted, so that the same model always gives the same bytes."""
     end = 8 + int.from_bytes(data[:8], "little")
     head = json.loads(data[8:end])
     head["__metadata__"] = dict(sorted(head["__metadata__"].items()))
@@ -160,6 +203,36 @@ def _packed(prefix: str, components: Components) -> dict[str, NDArray[Any]]:
         f"{prefix}.basis": components.basis.astype(np.float16),
         f"{prefix}.deviations": components.deviations.astype(np.float32),
         f"{prefix}.variance": np.array([components.total_variance]),
+    }
+
+
+def _compacted(t: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What a compact file holds instead of "appearance.basis", and in place of the others.
+
+    The texture's share of each mode is 8 bits with one scale a mode; shapes keep their precision.
+    """
+    basis = t["appearance.basis"].astype(np.float32)
+    scale = np.maximum(np.abs(basis[SHAPE:]).max(0), 1e-12) / 127
+    return {
+        "appearance.shape_basis": basis[:SHAPE].astype(np.float16),
+        "appearance.texture_basis": np.round(basis[SHAPE:] / scale).astype(np.int8),
+        "appearance.texture_scale": scale.astype(np.float32),
+        **{f"{key}.shape": t[key][:SHAPE] for key in _VECTORS},
+        **{key: t[key][SHAPE:].astype(np.float16) for key in _VECTORS},
+        "mask": np.packbits(t["mask"].astype(bool)),
+    }
+
+
+def _expanded(t: dict[str, NDArray[Any]], reference: ReferenceFrame) -> dict[str, NDArray[Any]]:
+    """The tensors of a compact file as `_tensors` has them; those of another file as they are."""
+    if "appearance.texture_basis" not in t:
+        return t
+    h, w = reference.size
+    texture = t["appearance.texture_basis"].astype(np.float32) * t["appearance.texture_scale"]
+    return t | {
+        "appearance.basis": np.concatenate([t["appearance.shape_basis"].astype(np.float32), texture]),
+        **{key: np.concatenate([t[f"{key}.shape"], t[key].astype(np.float32)]) for key in _VECTORS},
+        "mask": np.unpackbits(t["mask"], count=h * w).reshape(h, w),
     }
 
 
@@ -213,9 +286,10 @@ def _check_lengths(t: dict[str, NDArray[Any]], reference: ReferenceFrame) -> Non
 def _check_format(path: Path, header: dict[str, str]) -> None:
     if header.get("format") != FORMAT:
         raise ModelError(f"{path} is not a Guise model; make one with: guise enroll VIDEO -o NAME.guise")
-    if header.get("version") != str(VERSION):
+    if header.get("version") not in (str(VERSION), str(COMPACT_VERSION)):
         raise ModelError(
-            f"{path} has model format {header.get('version')}, this Guise reads format {VERSION}; "
+            f"{path} has model format {header.get('version')}, this Guise reads formats {VERSION} and "
+            f"{COMPACT_VERSION}; "
             "enrol the person again"
         )
 

@@ -14,6 +14,7 @@ from guise.aam.shape_filter import ShapeFilter
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit, Tracker
 from guise.common.arrays import F64, U8
+from guise.common.errors import GuiseError
 
 FaceFinder = BoxDetector | Landmarker
 
@@ -50,6 +51,11 @@ class PersonTracker:
     """
 
     def __init__(self, tracker: Tracker, finder: FaceFinder | None, start: F64 | None = None) -> None:
+        if not len(tracker.pixels):
+            raise GuiseError(
+                "the model of the person in the video is a donor's, which can be shown but not tracked: "
+                "enrol the person from the video"
+            )
         self.tracker, self.finder = tracker, finder
         self.lost_frames = 0
         self.most_faces = 0

@@ -1,6 +1,6 @@
-"""A model on a reference frame of another resolution, so that models of different resolutions can be mixed.
+"""Models resampled to a reference frame of another resolution, so that they can be mixed.
 
-The canonical face is the same at every resolution, only its grid is finer or coarser, so textures are resampled and
+The canonical face is the same at every resolution; only its grid is finer or coarser, so textures are resampled and
 shapes scaled.  Grid pixels, x right, y down, pixel centres at integers.
 """
 
@@ -11,17 +11,18 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE, AppearanceModel, Components
 from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, U8
 
 
 def resampled(model: AppearanceModel, reference: ReferenceFrame) -> AppearanceModel:
     """The appearance model on another canonical reference frame.
 
-    Resampled modes are not orthonormal any more: the modes returned are the principal axes of the same ellipsoid.
+    Resampled modes are no longer orthonormal: the modes returned are the principal axes of the same ellipsoid.
     """
     if reference.id == model.reference.id:
         return model
-    change = _Change(model.reference, reference)
+    change = _GridChange(model.reference, reference)
     parts = model.components
     axes = change.vectors((parts.basis * parts.deviations).T, offsets=False).T
     basis, deviations, _ = np.linalg.svd(axes.astype(np.float64), full_matrices=False)
@@ -39,21 +40,21 @@ def resampled(model: AppearanceModel, reference: ReferenceFrame) -> AppearanceMo
 
 def resampled_detail(detail: F32, old: ReferenceFrame, new: ReferenceFrame) -> F32:
     """Luma detail (2 h, 2 w) of one reference frame on the grid of another."""
-    return _Change(old, new).picture(detail, factor=2)
+    return _GridChange(old, new).picture(detail, factor=2)
 
 
-class _Change:
+class _GridChange:
     """The similarity from one grid to another: x' = scale x + offset."""
 
     def __init__(self, old: ReferenceFrame, new: ReferenceFrame) -> None:
         self._old, self._new = old, new
-        a, b = old.points - old.points.mean(0), new.points - new.points.mean(0)
-        self.scale = float((a * b).sum() / (a * a).sum())
-        self.offset: F64 = new.points.mean(0) - self.scale * old.points.mean(0)
+        fit = align_planar(old.points, new.points, np.full(POINTS, 1 / POINTS))  # turns nothing
+        self.scale = fit.a
+        self.offset: F64 = np.array([fit.tx, fit.ty])
         self._weight = np.maximum(self.picture(old.mask.astype(np.float32)), 1e-3)
 
     def vectors(self, vectors: F32, *, offsets: bool = True) -> F32:
-        """Appearance vectors (m, 162 + 3 n) on the new frame; without `offsets` they are differences of such."""
+        """Appearance vectors (m, 162 + 3 n) on the new frame; without `offsets` they are differences of vectors."""
         shapes = vectors[:, :SHAPE].reshape(-1, POINTS, 2) / self._old.shape_weight * self.scale
         shapes = (shapes + (self.offset if offsets else 0.0)) * self._new.shape_weight
         textures = [self._texture(v[SHAPE:].reshape(-1, 3)) for v in vectors]
@@ -67,7 +68,7 @@ class _Change:
         return np.asarray(picture.reshape(-1, 3)[self._new.pixels].ravel(), np.float32)
 
     def picture(self, picture: F32 | U8, factor: int = 1) -> F32:
-        """A picture (factor h, factor w, ..) of the old grid on the new one; blurred first where it gets coarser."""
+        """A picture (factor h, factor w, ..) of the old grid on the new one; blurred first where that is coarser."""
         values = np.asarray(picture, np.float32)
         if self.scale < 1:
             sigma = 0.5 * np.sqrt(1 / self.scale**2 - 1)

@@ -11,8 +11,10 @@ from safetensors import safe_open
 from safetensors.numpy import save_file
 
 from guise.aam.appearance import Components
-from guise.aam.model import FORMAT, VERSION, Identity, ModelError
+from guise.aam.model import COMPACT_VERSION, FORMAT, VERSION, Identity, ModelError
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.tracker import Fit
+from guise.common.errors import GuiseError
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +129,7 @@ def test_safetensors_of_something_else(tmp_path: Path) -> None:
 def test_other_version(saved: Path, tmp_path: Path) -> None:
     path = rewritten(saved, tmp_path / "future.guise", version="99")
     assert message(path) == (
-        f"{path} has model format 99, this Guise reads format {VERSION}; enrol the person again"
+        f"{path} has model format 99, this Guise reads formats {VERSION} and {COMPACT_VERSION}; enrol the person again"
     )
 
 
@@ -188,3 +190,28 @@ def test_the_same_model_is_the_same_bytes(p01: Identity, tmp_path: Path) -> None
         p01.save(tmp_path / name)
         written.append((tmp_path / name).read_bytes())
     assert written[0] == written[1]
+
+
+def test_a_compact_file_holds_the_same_face_in_less(saved: Path, tmp_path: Path) -> None:
+    whole = Identity.load(saved)
+    path = tmp_path / "donor.guise"
+    size = whole.for_display().save(path, compact=True)
+    donor = Identity.load(path)
+    assert size < 0.65 * saved.stat().st_size
+    assert np.abs(donor.appearance.neutral - whole.appearance.neutral).max() <= 0.125
+    assert np.array_equal(donor.appearance.mask, whole.appearance.mask)
+    off = np.linalg.norm(donor.appearance.components.basis - whole.appearance.components.basis, axis=0)
+    assert off.max() < 0.1
+    assert len(donor.tracker.pixels) == 0
+
+
+def test_a_donor_is_not_tracked(saved: Path) -> None:
+    with pytest.raises(GuiseError, match="can be shown but not tracked"):
+        PersonTracker(Identity.load(saved).for_display().tracker, None)
+
+
+def test_an_identity_says_what_it_is_in_one_line(saved: Path) -> None:
+    text = str(Identity.load(saved))
+    assert text.startswith("p01: ")
+    assert "96 pixels across the face" in text
+    assert "\n" not in text

@@ -1,10 +1,12 @@
-"""The wheel holds what the program needs, and needs only what it declares."""
+"""The wheel holds what the program needs under one name, needs only what it declares, and works beside a foreign app."""
 
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
+import sysconfig
 import tomllib
 import zipfile
 from pathlib import Path
@@ -12,7 +14,16 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("aam", "analogy", "app", "render")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+FOLDERS = {
+    "guise": "",
+    "aam": "aam",
+    "analogy": "analogy",
+    "app": "app",
+    "common": "common",
+    "render": "render",
+}
+MOST_BYTES = 20e6
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "c2pa": "c2pa-python",
@@ -21,47 +32,40 @@ DISTRIBUTIONS = {
     "skimage": "scikit-image",
     "sksparse": "scikit-sparse",
 }
-SMOKE = """
+OWN_PROJECT = """
 import sys
 from pathlib import Path
 
-wheel = Path(sys.argv[1])
-import aam, analogy, app, render
-assert all(wheel in Path(m.__file__).parents for m in (aam, analogy, app, render)), aam.__file__
+import app
+import render
+import guise
 
-import numpy as np
-from guise.aam.landmarks import LbpDetector, to_face81
-from guise.aam.reference import ReferenceFrame
-from guise.app.cli.main import main
-from render import make_compositor, probe_gl
+assert app.NAME == render.NAME == "the project's own"
+assert Path(sys.prefix) in Path(guise.__file__).parents, guise.__file__
 
-frame = ReferenceFrame.canonical(32)
-assert to_face81(frame.points[:68].astype(np.float32), "ibug68").shape == (81, 2)
-assert LbpDetector().detect(np.zeros((120, 160, 3), np.uint8)).shape == (0, 4)
-for renderer in ("cpu", "gl") if probe_gl() else ("cpu",):
-    alpha = np.ones(frame.size, np.float32)
-    make_compositor(renderer, frame.triangles, frame.points.astype(np.float32), alpha).close()
-assert main(["--version"]) == 0
-assert not {"pytest", "hypothesis"} & set(sys.modules)
+import cv2
+
+clip = Path(guise.__file__).parent / "samples" / "p01" / "talk2.mp4"
+taken, picture = cv2.VideoCapture(str(clip)).read()
+assert taken
+[face] = guise.landmarks(picture[..., ::-1].copy())
+assert face.points.shape == (81, 2)
+with guise.Swapper("out/p06.guise", source="out/p01.guise") as swapper:
+    swapped = swapper(picture[..., ::-1].copy())
+    assert swapper.outcome == "swapped"
+assert swapped.shape == picture.shape and (swapped != picture[..., ::-1]).any()
+assert not {"pytest", "hypothesis", "aam", "analogy", "common"} & set(sys.modules)
 print("fine")
 """
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of an unpacked wheel, built from a copy of what git tracks."""
+    """The wheel, built from a copy of the source."""
     folder = tmp_path_factory.mktemp("wheel")
     command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "-q",
-        "--no-deps",
-        "--disable-pip-version-check",
-        "-w",
-        folder,
-    ]
+        sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--disable-pip-version-check", "-w", folder,
+    ]  # fmt: skip
     built = subprocess.run(
         [*command, copy_of_tree(folder / "tree")], capture_output=True, text=True, check=False
     )
@@ -71,74 +75,124 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("building a wheel needs setuptools from the package index, which cannot be reached")
     assert built.returncode == 0, built.stderr
     [file] = folder.glob("*.whl")
-    with zipfile.ZipFile(file) as archive:
-        archive.extractall(folder / "installed")
-    return folder / "installed"
+    return file
+
+
+@pytest.fixture(scope="module")
+def contents(wheel: Path) -> set[str]:
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+@pytest.fixture(scope="module")
+def project(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """A project with an app.py and a render/ of its own, and an environment of its own with the wheel in it.
+
+    The libraries that Guise needs are those of the environment that the tests run in.
+    """
+    folder = tmp_path_factory.mktemp("project")
+    (folder / "render").mkdir()
+    for file in ("app.py", "render/__init__.py"):
+        (folder / file).write_text('NAME = "the project\'s own"\n', encoding="utf-8")
+    (folder / "own.py").write_text(OWN_PROJECT, encoding="utf-8")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "env"], check=True)
+    python = folder / "env" / "bin" / "python"
+    subprocess.run(
+        [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", wheel],
+        check=True,
+    )
+    environment = {**os.environ, "PYTHONPATH": sysconfig.get_path("purelib")}
+    return folder, environment
 
 
 def copy_of_tree(to: Path) -> Path:
     """The source without what is not part of it (caches, build folders)."""
-    import shutil
-
     to.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, to)
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, to / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in (*FOLDERS, "sample_videos"):
+        shutil.copytree(ROOT / folder, to / folder, ignore=shutil.ignore_patterns("__pycache__"))
     return to
 
 
-def test_every_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
+def test_every_file_of_the_packages_is_in_the_wheel(contents: set[str]) -> None:
     ours = {
-        path.relative_to(ROOT)
-        for package in PACKAGES
-        for path in (ROOT / package).rglob("*")
+        (Path("guise", place) / path.relative_to(ROOT / folder)).as_posix()
+        for folder, place in FOLDERS.items()
+        for path in (ROOT / folder).rglob("*")
         if path.is_file() and path.suffix != ".pyc" and not path.name.startswith(".")
     }
-    missing = {str(path) for path in ours if not (wheel / path).is_file()}
-    assert missing == set()
-    assert {Path("aam/data/face81.json"), Path("render/shaders/warp.vert.glsl"), Path("aam/py.typed")} <= ours
+    assert ours - contents == set()
+    assert {"guise/aam/data/face81.json", "guise/render/shaders/warp.vert.glsl", "guise/py.typed"} <= ours
 
 
-def test_nothing_else_is_in_the_wheel(wheel: Path) -> None:
-    top = {path.name for path in wheel.iterdir() if not path.name.endswith(".dist-info")}
-    assert top == set(PACKAGES)
+def test_the_wheel_installs_one_name(contents: set[str]) -> None:
+    top = {name.split("/")[0] for name in contents}
+    assert {name for name in top if not name.endswith(".dist-info")} == {"guise"}
 
 
-def test_the_wheel_works_away_from_its_source(wheel: Path, tmp_path: Path) -> None:
-    environment = {**os.environ, "PYTHONPATH": str(wheel)}
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", SMOKE, wheel],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+def test_nothing_but_code_data_and_two_sample_people_is_in_the_wheel(contents: set[str]) -> None:
+    samples = {name for name in contents if name.startswith("guise/samples/")}
+    assert {Path(name).parent.name for name in samples} == {"samples", "p01", "p06"}
+    assert not [name for name in contents if re.search(r"/(tests|benchmarks|training)/", name)]
+
+
+def test_the_wheel_is_small(wheel: Path) -> None:
+    assert wheel.stat().st_size <= MOST_BYTES
+
+
+def test_the_readme_says_how_large_the_wheel_is(wheel: Path) -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    [told] = re.findall(r"wheel is about (\d+) MB", text)
+    assert abs(int(told) - wheel.stat().st_size / 1e6) < 1.0
+
+
+def test_the_demo_runs_from_the_wheel(project: tuple[Path, dict[str, str]]) -> None:
+    folder, environment = project
+    command = [folder / "env" / "bin" / "guise", "demo", "-o", "out", "--quiet"]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "out" / "swapped.mp4").stat().st_size > 10_000
+
+
+def test_the_api_works_beside_a_foreign_app_and_render(project: tuple[Path, dict[str, str]]) -> None:
+    folder, environment = project
+    if not (folder / "out" / "p06.guise").is_file():
+        pytest.fail("the demonstration did not leave its models")
+    done = subprocess.run(
+        [folder / "env" / "bin" / "python", "-W", "error", "own.py"],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.splitlines()[-1] == "fine"
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "fine"
 
 
 def test_every_third_party_import_is_declared() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = {re.split(r"[\[<>=!~ ]", d)[0].lower() for d in project["dependencies"]}
-    for name, extra in project.get("optional-dependencies", {}).items():
-        declared |= {re.split(r"[\[<>=!~ ]", d)[0].lower() for d in extra} if name != "dev" else set()
+    declared = {requirement(d) for d in PROJECT["project"]["dependencies"]}
+    for name, extra in PROJECT["project"]["optional-dependencies"].items():
+        declared |= {requirement(d) for d in extra} if name != "dev" else set()
     imported = {
-        name for package in PACKAGES for path in (ROOT / package).rglob("*.py") for name in top_levels(path)
+        name for folder in FOLDERS for path in (ROOT / folder).rglob("*.py") for name in top_levels(path)
     }
-    foreign = imported - sys.stdlib_module_names - set(PACKAGES)
+    foreign = imported - sys.stdlib_module_names - {"guise"}
     assert {DISTRIBUTIONS.get(name, name) for name in foreign} <= declared
 
 
 def test_every_dependency_has_a_range() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    everything = [
-        *project["dependencies"],
-        *(
-            d
-            for extra in project["optional-dependencies"].values()
-            for d in extra
-            if not d.startswith("guise-video[")
-        ),
-    ]
-    assert [d for d in everything if not (">=" in d and ",<" in d)] == []
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    everything = [*PROJECT["project"]["dependencies"], *(d for extra in extras for d in extra)]
+    foreign = [d for d in everything if not d.startswith("guise-video[")]
+    assert len(foreign) > 20
+    assert [d for d in foreign if not (">=" in d and ",<" in d)] == []
+
+
+def test_every_package_is_listed() -> None:
+    """The build takes packages from a list, as they lie in folders of other names."""
+    folders = {
+        path.parent.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("__init__.py")
+    }
+    names = {".".join(("guise", *folder.parts)).removeprefix("guise.guise") or "guise" for folder in folders}
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == names | {"guise.samples"}
 
 
 def test_help_is_quick_because_heavy_libraries_wait() -> None:
@@ -147,6 +201,18 @@ def test_help_is_quick_because_heavy_libraries_wait() -> None:
     code = f"import sys; import guise.app.cli.main; print(sorted({heavy} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_importing_guise_loads_nothing_else() -> None:
+    code = "import sys; before = set(sys.modules); import guise; print(*set(sys.modules) - before)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in run.stdout.split()}
+    assert "guise" in loaded
+    assert loaded <= {"guise", *sys.stdlib_module_names}
+
+
+def requirement(text: str) -> str:
+    return re.split(r"[\[<>=!~ ]", text)[0].lower()
 
 
 def top_levels(path: Path) -> set[str]:

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE
 from guise.aam.landmarks import open_landmarker
@@ -32,11 +31,13 @@ from guise.aam.landmarks.schemes import (
     RIGHT_EYE,
     RIGHT_EYE_OUTER,
 )
+from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.training import LUMA, TrainingOptions
+from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.common.arrays import F32, F64, U8
 from guise.common.version import version
 
 ROOT = Path(__file__).parents[1]
@@ -60,7 +61,7 @@ def donor(folder: Path) -> Identity:
     return replace(person, appearance=replace(look, neutral=neutral), facts=facts)
 
 
-def at_ease(shape: NDArray[np.float64]) -> NDArray[np.float64]:
+def at_ease(shape: F64) -> F64:
     """A shape (81, 2) with its brows lifted."""
     lift = np.zeros((POINTS, 2))
     lift[RIGHT_BROW, 1] = LIFT
@@ -68,7 +69,7 @@ def at_ease(shape: NDArray[np.float64]) -> NDArray[np.float64]:
     return shape - lift * np.linalg.norm(shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER])
 
 
-def calm_eyes(texture: NDArray[np.float32], reference: ReferenceFrame) -> NDArray[np.float32]:
+def calm_eyes(texture: F32, reference: ReferenceFrame) -> F32:
     """A texture (n, 3) whose whites of the eyes shine no more than real ones."""
     luma = texture @ LUMA
     eyes = soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.02)[reference.mask]
@@ -78,7 +79,7 @@ def calm_eyes(texture: NDArray[np.float32], reference: ReferenceFrame) -> NDArra
     return np.asarray(texture * ratio[:, None], np.float32)
 
 
-def portrait(person: Identity) -> NDArray[np.uint8]:
+def portrait(person: Identity) -> U8:
     """The still (SIDE, SIDE, 3), cut around the face."""
     picture, shape = person.rest_frame.picture, person.rest_frame.shape
     centre, reach = shape.mean(0), 0.75 * np.ptp(shape[:, 1])
@@ -96,7 +97,10 @@ def main() -> None:
     for folder in sorted(parser.parse_args().people.glob("p0*")):
         person = donor(folder)
         portraits.append(portrait(person))
-        print(person.name, f"{person.save(GALLERY / f'{person.name}.guise') / 1e6:.2f} MB")
+        print(
+            person.name,
+            f"{person.for_display().save(GALLERY / f'{person.name}.guise', compact=True) / 1e6:.2f} MB",
+        )
     cv2.imwrite(str(PICTURE), np.hstack(portraits)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
 
 

@@ -28,7 +28,7 @@ Outcome = Literal["swapped", "held", "lost"]
 
 @dataclass(frozen=True, eq=False)
 class SwapResult:
-    """What happened to a frame: outcome, the fit or the reason, and the mesh that was drawn (81, 2)."""
+    """What happened to a frame: outcome, the fit or why there is none, and the mesh that was drawn (81, 2)."""
 
     outcome: Outcome
     fit: Fit | Failed
@@ -36,21 +36,21 @@ class SwapResult:
 
 
 class Engine(Closing):
-    """Draws `target` over `source`, frame by frame; holds the compositors, so it is closed by `with`.
+    """Draws `target` over `source`, frame by frame; use it by `with`, as it holds compositors.
 
         Parameters
         ----------
         source : Identity of the person in the video.
         target : Identity whose face is shown.
-    finder : what finds the face at the start and after a loss, see `PersonTracker`.
+    finder : finds the face at the start and after a loss, see `PersonTracker`.
         options : EngineOptions.
 
         Raises
         ------
         ReferenceMismatchError
-            When the two do not share a reference frame.
+            When the two don't share a reference frame.
         RendererError
-            When the chosen renderer is not there.
+            When the chosen renderer isn't available.
     """
 
     def __init__(
@@ -60,6 +60,7 @@ class Engine(Closing):
         finder: FaceFinder | None,
         options: EngineOptions = EngineOptions(),
     ) -> None:
+        source = source.at_resolution(target.reference.resolution)
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
@@ -68,9 +69,9 @@ class Engine(Closing):
         self._last: tuple[F64, F32] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
-        """Swap the face in a frame, in place; a frame in which the person is lost is not touched.
+        """Swap the face in a frame, in place; a frame in which the person is lost stays as it is.
 
-        For a few frames after a loss the last face is held where it was.
+        For HOLD_FRAMES frames after a loss the last face is held where it was.
         """
         fit = self.tracker.update(frame.luma)
         if isinstance(fit, Fit):
@@ -78,7 +79,7 @@ class Engine(Closing):
         if self._last is not None and self.tracker.lost_frames <= HOLD_FRAMES:
             return SwapResult("held", fit, self.painter.paint(frame, *self._last, None))
         self._last = None
-        self.painter.forget()
+        self.painter.reset()
         return SwapResult("lost", fit)
 
     def draw(self, frame: Frame, shape: F64) -> F64:

@@ -1,6 +1,6 @@
-"""The demonstration: two of the sample people are enrolled and one gets the other's face.
+"""The demonstration: two sample people are enrolled, and one's face is swapped onto the other.
 
-Writes the models, the swapped video, the same beside the original, and a contact sheet.
+Writes the models, the swapped video, a video of it beside the original, and a contact sheet.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+import guise
 from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import EnrolReport, enrol_file
@@ -26,8 +27,8 @@ from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.common.files import require_free
 
 HEAD, FACE = "p01", "p06"  # whose video, whose face
-COLUMNS = 6
-WIDTH = 320  # pixels, of a picture on the contact sheet
+SHEET_COLUMNS = 6
+SHEET_PICTURE_WIDTH = 320  # pixels
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,9 @@ def find_samples(folder: Path | None) -> Path:
 
     Raises MediaError when the clips are not there.
     """
-    samples = folder or Path(__file__).parents[2] / "sample_videos"
-    wanted = [
-        samples / person / clip for person in (HEAD, FACE) for clip in ("talk.mp4", "talk.npz", "talk2.mp4")
-    ]
+    samples = folder or _own_samples()
+    wanted = [samples / HEAD / "talk2.mp4"]
+    wanted += [samples / person / clip for person in (HEAD, FACE) for clip in ("talk.mp4", "talk.npz")]
     missing = next((file for file in wanted if not file.is_file()), None)
     if missing is not None:
         raise MediaError(
@@ -63,8 +63,14 @@ def find_samples(folder: Path | None) -> Path:
     return samples
 
 
+def _own_samples() -> Path:
+    """The sample people: in the package, where it is installed, otherwise beside it in a checkout."""
+    package = Path(guise.__file__).parent
+    return package / "samples" if (package / "samples").is_dir() else package.parent / "sample_videos"
+
+
 def run_demo(samples: Path | None, folder: Path, settings: SwapSettings = DEFAULTS) -> DemoReport:
-    """Enrol, swap and show; files appear in `folder`, which is made when its parent exists."""
+    """Enrol, swap and compare; the files are written to `folder`, which is created if its parent exists."""
     samples = find_samples(samples)
     names = ["swapped.mp4", "side_by_side.mp4", "contact_sheet.png", f"{HEAD}.guise", f"{FACE}.guise"]
     _make_folder(folder)
@@ -80,7 +86,7 @@ def run_demo(samples: Path | None, folder: Path, settings: SwapSettings = DEFAUL
 
 
 def side_by_side(original: Path, swapped: Path, output: Path, settings: SwapSettings = DEFAULTS) -> None:
-    """Write a video with the original on the left and the swapped one on the right, with the original's sound."""
+    """Write a video with the original on the left, the swapped one on the right, and the original's sound."""
     with open_input(original) as left, open_input(swapped) as right:
         others = iter(right)
 
@@ -92,11 +98,13 @@ def side_by_side(original: Path, swapped: Path, output: Path, settings: SwapSett
         encode = replace(settings.encode, lossless=False)
         with open_sink(output, left, encode, force=settings.force, tags=synthetic_tags(), size=size) as sink:
             total = left.frame_count or 1
-            replace_frames(left, sink, make, progress=lambda done: settings.progress("side by side", done / total))
+            replace_frames(
+                left, sink, make, progress=lambda done: settings.progress("side by side", done / total)
+            )
 
 
-def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = COLUMNS) -> None:
-    """Write a picture with some frames of the original over the same frames of the swapped video."""
+def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = SHEET_COLUMNS) -> None:
+    """Write a picture with some frames of the original above the same frames of the swapped video."""
     pairs = list(_some_pairs(original, swapped, columns))
     above = [labelled(_small(before), f"original, frame {index}") for index, before, _ in pairs]
     below = [labelled(_small(after), f"swapped, frame {index}") for index, _, after in pairs]
@@ -104,7 +112,7 @@ def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = CO
 
 
 def _some_pairs(original: Path, swapped: Path, count: int) -> Iterator[tuple[int, Picture, Picture]]:
-    """Frame number, original and swapped picture, evenly through the video."""
+    """Frame number, original and swapped picture, evenly spaced in the video."""
     with open_input(original) as left, open_input(swapped) as right:
         wanted = set(
             np.linspace(0, (left.frame_count or 1) - 1, count + 2).round().astype(int)[1:-1].tolist()
@@ -115,8 +123,10 @@ def _some_pairs(original: Path, swapped: Path, count: int) -> Iterator[tuple[int
 
 
 def _small(picture: Picture) -> Picture:
-    height = round(picture.shape[0] * WIDTH / picture.shape[1])
-    return np.asarray(cv2.resize(picture, (WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8)
+    height = round(picture.shape[0] * SHEET_PICTURE_WIDTH / picture.shape[1])
+    return np.asarray(
+        cv2.resize(picture, (SHEET_PICTURE_WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def _enrol(samples: Path, model: Path, settings: SwapSettings) -> EnrolReport:
