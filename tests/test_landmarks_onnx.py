@@ -25,7 +25,7 @@ from guise.aam.landmarks import (
 )
 from guise.aam.landmarks.onnx import _crop_to_picture
 from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, mean_geometry
-from guise.aam.landmarks.weights import without_tiny_weights
+from guise.aam.onnx_weights import without_tiny_weights
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"

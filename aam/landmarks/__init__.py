@@ -7,7 +7,7 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).
 
 from guise.aam.landmarks.annotations import Annotations, load_annotations, save_annotations
 from guise.aam.landmarks.boxes import LbpDetector, YunetDetector
-from guise.aam.landmarks.card import Card, read_card
+from guise.aam.landmarks.card import LandmarkCard, read_card
 from guise.aam.landmarks.face import BoxDetector, BoxFit, Face, Landmarker, LandmarkError, iou, tight_box
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.onnx import OnnxLandmarker
@@ -59,9 +59,9 @@ __all__ = [
     "Annotations",
     "BoxDetector",
     "BoxFit",
-    "Card",
     "Face",
     "FaceTracker",
+    "LandmarkCard",
     "LandmarkError",
     "LandmarkFilter",
     "Landmarker",

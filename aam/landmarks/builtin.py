@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.face import BoxDetector, Face, Image, iou
-from guise.aam.landmarks.onnx import open_session
 from guise.aam.landmarks.plausible import visible_share
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS, interocular
+from guise.aam.onnx_model import open_session
 
 DATA = Path(__file__).parents[1] / "data"
 SIZE = 128  # pixels, the side of the crop

@@ -42,46 +42,35 @@ lies at x0 + u s. Paths are relative to the card.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from guise.aam.landmarks.face import BoxFit, LandmarkError
 from guise.aam.landmarks.schemes import Scheme, scheme_named
+from guise.aam.model_card import CardReader, ModelCard, is_list, is_number
 
-_LAYOUTS = ("nchw", "nhwc")
-_COLOURS = ("rgb", "bgr", "gray")
 _ORDERS = ("interleaved", "split")
 _UNITS = ("fraction", "pixels")
 _KEYS: Mapping[str, tuple[str, ...]] = {
-    "": ("name", "model", "scheme", "sha256", "licence", "source", "input", "crop", "output", "box", "start"),
-    "input": ("size", "colour", "layout", "mean", "scale"),
+    "": ("scheme", "box"),
     "crop": ("enlarge", "upright"),
     "output": ("name", "order", "unit"),
     "start": ("passes",),
 }
+_MOST_PASSES = 20
 
 
-@dataclass(frozen=True)
-class Card:
-    """What a TOML card says; see the module's text for the meaning of each field."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LandmarkCard(ModelCard):
+    """What the card of a landmark model says; see the module's text for the meaning of each field."""
 
-    path: Path
-    name: str
-    model: Path
+    kind: ClassVar[str] = "landmark"
+    error: ClassVar[type[LandmarkError]] = LandmarkError
+    colours: ClassVar[tuple[str, ...]] = ("rgb", "bgr", "gray")
+
     scheme: Scheme
-    size: tuple[int, int]
-    sha256: str | None = None
-    licence: str = ""
-    source: str = ""
-    colour: str = "rgb"
-    layout: str = "nchw"
-    mean: tuple[float, ...] = (0.0,)
-    scale: tuple[float, ...] = (1 / 255,)
     enlarge: float = 1.0
     upright: bool = False
     output: str | None = None
@@ -90,159 +79,30 @@ class Card:
     boxes: Mapping[str, BoxFit] | None = None
     passes: int = 3
 
-    @property
-    def channels(self) -> int:
-        """Channels of the model's input."""
-        return 1 if self.colour == "gray" else 3
 
-
-def read_card(path: str | Path) -> Card:
+def read_card(path: str | Path) -> LandmarkCard:
     """The card in a TOML file; LandmarkError, in one sentence, for anything wrong in it."""
-    path = Path(path)
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise LandmarkError(f"landmark card expected at {path}, got no such file") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise LandmarkError(
-            f"landmark card {path} must be a readable TOML file, got: {first_line(error)}"
-        ) from error
-    return _CardReader(path, table).card()
+    reader = CardReader(path, LandmarkCard, _KEYS)
+    return LandmarkCard(
+        **reader.common(),
+        scheme=scheme_named(reader.text("", "scheme", None)),
+        enlarge=reader.positive("crop", "enlarge", 1.0),
+        upright=reader.flag("crop", "upright"),
+        output=reader.text("output", "name", "") or None,
+        order=reader.choice("output", "order", _ORDERS),
+        unit=reader.choice("output", "unit", _UNITS),
+        boxes={name: _box_fit(reader, name, entry) for name, entry in reader.section("box").items()},
+        passes=reader.count("start", "passes", 3, _MOST_PASSES),
+    )
 
 
-class _CardReader:
-    """Checks of a card's values; every failure names the file and the key."""
-
-    def __init__(self, path: Path, table: dict[str, Any]) -> None:
-        self.path = path
-        self.table = table
-        self._check_keys()
-
-    def card(self) -> Card:
-        """The checked card."""
-        model = self.path.parent / self.text("", "model", None)
-        colour = self.choice("input", "colour", _COLOURS)
-        channels = 1 if colour == "gray" else 3
-        return Card(
-            path=self.path,
-            name=self.text("", "name", self.path.stem),
-            model=model,
-            scheme=scheme_named(self.text("", "scheme", None)),
-            size=self.size(),
-            sha256=self.text("", "sha256", "") or None,
-            licence=self.text("", "licence", ""),
-            source=self.text("", "source", ""),
-            colour=colour,
-            layout=self.choice("input", "layout", _LAYOUTS),
-            mean=self.numbers("input", "mean", 0.0, channels),
-            scale=self.numbers("input", "scale", 1 / 255, channels),
-            enlarge=self.positive("crop", "enlarge", 1.0),
-            upright=self.flag("crop", "upright"),
-            output=self.text("output", "name", "") or None,
-            order=self.choice("output", "order", _ORDERS),
-            unit=self.choice("output", "unit", _UNITS),
-            boxes=self.boxes(),
-            passes=self.passes(),
-        )
-
-    def text(self, section: str, key: str, default: str | None) -> str:
-        """A string; without a default it must be there."""
-        value = self.section(section).get(key, default)
-        if not isinstance(value, str) or (default is None and not value):
-            raise self.fault(section, key, "a text", value)
-        return value
-
-    def choice(self, section: str, key: str, choices: tuple[str, ...]) -> str:
-        """One of the choices; the first is the default."""
-        value = self.section(section).get(key, choices[0])
-        if value not in choices:
-            raise self.fault(section, key, f"one of {', '.join(choices)}", value)
-        return str(value)
-
-    def numbers(self, section: str, key: str, default: float, channels: int) -> tuple[float, ...]:
-        """One number, or one per channel."""
-        value = self.section(section).get(key, default)
-        values = value if isinstance(value, list) else [value]
-        if len(values) not in {1, channels} or not all(_is_number(v) for v in values):
-            raise self.fault(section, key, f"one number or {channels}", value)
-        return tuple(float(v) for v in values)
-
-    def positive(self, section: str, key: str, default: float) -> float:
-        """A number above 0."""
-        value = self.section(section).get(key, default)
-        if not _is_number(value) or not 0 < value < 1e6:
-            raise self.fault(section, key, "a number above 0", value)
-        return float(value)
-
-    def flag(self, section: str, key: str) -> bool:
-        """True or false, by default false."""
-        value = self.section(section).get(key, False)
-        if not isinstance(value, bool):
-            raise self.fault(section, key, "true or false", value)
-        return value
-
-    def size(self) -> tuple[int, int]:
-        """Width and height of the input."""
-        value = self.section("input").get("size")
-        if not isinstance(value, list) or len(value) != 2 or not all(_is_count(v, 4096) for v in value):
-            raise self.fault("input", "size", "[width, height] in pixels", value)
-        return value[0], value[1]
-
-    def passes(self) -> int:
-        """Passes from a detector's box."""
-        value = self.section("start").get("passes", 3)
-        if not _is_count(value, 20):
-            raise self.fault("start", "passes", "a whole number from 1 to 20", value)
-        return int(value)
-
-    def boxes(self) -> dict[str, BoxFit]:
-        """Adjustments per detector."""
-        return {name: self.box_fit(name, entry) for name, entry in self.section("box").items()}
-
-    def box_fit(self, name: str, entry: Any) -> BoxFit:
-        """Adjustment for one detector."""
-        if not isinstance(entry, dict) or set(entry) - {"scale", "shift"}:
-            raise self.fault("box", name, "a table with scale and shift", entry)
-        scale, shift = entry.get("scale", 1.0), entry.get("shift", [0.0, 0.0])
-        if not _is_number(scale) or not scale > 0:
-            raise self.fault("box", f"{name}.scale", "a number above 0", scale)
-        if not isinstance(shift, list) or len(shift) != 2 or not all(_is_number(v) for v in shift):
-            raise self.fault("box", f"{name}.shift", "[x, y]", shift)
-        return BoxFit(float(scale), (float(shift[0]), float(shift[1])))
-
-    def section(self, name: str) -> dict[str, Any]:
-        """The table of that name; the card itself for an empty name."""
-        value = self.table.get(name, {}) if name else self.table
-        if not isinstance(value, dict):
-            raise self.fault("", name, "a table", value)
-        return value
-
-    def fault(self, section: str, key: str, expected: str, got: Any) -> LandmarkError:
-        """The error for one value."""
-        name = f"{section}.{key}" if section else key
-        return LandmarkError(f"landmark card {self.path}: {name} must be {expected}, got {_shown(got)}")
-
-    def _check_keys(self) -> None:
-        for section, known in _KEYS.items():
-            unknown = sorted(set(self.section(section)) - set(known))
-            if unknown:
-                name = f"[{section}]" if section else "the top level"
-                got = f"{', '.join(known)}, got unknown {', '.join(unknown)}"
-                raise LandmarkError(f"landmark card {self.path}: {name} may have {got}")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
-def _is_count(value: Any, most: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= most
-
-
-def _shown(value: Any) -> str:
-    return "nothing" if value is None else repr(value)
-
-
-def first_line(error: BaseException) -> str:
-    """First line of an error's text."""
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+def _box_fit(reader: CardReader, name: str, entry: Any) -> BoxFit:
+    """The adjustment for one detector."""
+    if not isinstance(entry, dict) or set(entry) - {"scale", "shift"}:
+        raise reader.fault("box", name, "a table with scale and shift", entry)
+    scale, shift = entry.get("scale", 1.0), entry.get("shift", [0.0, 0.0])
+    if not is_number(scale) or not scale > 0:
+        raise reader.fault("box", f"{name}.scale", "a number above 0", scale)
+    if not is_list(shift, 2) or not all(is_number(v) for v in shift):
+        raise reader.fault("box", f"{name}.shift", "[x, y]", shift)
+    return BoxFit(float(scale), (float(shift[0]), float(shift[1])))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.boxes import _check_smallest, _finish, _no_boxes, _smallest_pixels
 from guise.aam.landmarks.face import BoxFit, Float32, Image
-from guise.aam.landmarks.onnx import open_session
+from guise.aam.onnx_model import open_session
 
 MODEL = Path(__file__).parents[1] / "data" / "detector.onnx"
 _SEEN = 12  # pixels, the smallest face that the network sees reliably

@@ -1,12 +1,11 @@
 """Landmarks from an ONNX model that a TOML card describes, run by onnxruntime.
 
-The user brings the model and its card; :mod:`guise.aam.landmarks.card` tells the card's format. Images RGB uint8
+The user brings the model and its card; :mod:`guise.aam.landmarks.card` describes the card's format. Images RGB uint8
 (h, w, 3); pixels, x right, y down, pixel centres at integers.
 """
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.card import Card, first_line, read_card
+from guise.aam.landmarks.card import LandmarkCard, read_card
 from guise.aam.landmarks.face import BoxDetector, Face, Image, LandmarkError, iou, tight_box
 from guise.aam.landmarks.plausible import pass_shift, settled_confidence, shape_confidence, visible_share
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
-from guise.aam.landmarks.weights import without_tiny_weights
+from guise.aam.onnx_model import OnnxModel
 
 _LEAST_VISIBLE = 0.5  # share of the points inside the picture, below which a face counts as lost
 _LEAST_CONFIDENCE = 0.1
@@ -31,7 +30,7 @@ class OnnxLandmarker:
 
     Parameters
     ----------
-    card : path or Card
+    card : path or LandmarkCard
         The TOML card.
     detector : BoxDetector, optional
         Finds the faces to start from; without one :class:`guise.aam.landmarks.boxes.LbpDetector`.
@@ -40,15 +39,12 @@ class OnnxLandmarker:
     """
 
     def __init__(
-        self, card: str | Path | Card, detector: BoxDetector | None = None, threads: int = 1
+        self, card: str | Path | LandmarkCard, detector: BoxDetector | None = None, threads: int = 1
     ) -> None:
-        self.card = card if isinstance(card, Card) else read_card(card)
+        self.card = card if isinstance(card, LandmarkCard) else read_card(card)
         self.detector = detector if detector is not None else _default_detector()
         self._within = list(self.card.scheme.within)
-        self._session = _session(self.card, threads)
-        self._input = _checked_input(self.card, self._session)
-        self._outputs = [_checked_output(self.card, self._session)]
-        self._offset, self._factor = _normalisation(self.card)
+        self._model = OnnxModel(self.card, self.card.output, threads)
         boxes = self.card.boxes or {}
         self._fit = boxes.get(self.detector.name, self.detector.fit)
         self._predict(np.zeros((*self.card.size[::-1], 3), np.uint8))
@@ -125,17 +121,8 @@ class OnnxLandmarker:
 
     def _predict(self, crop: Image) -> NDArray[np.float64]:
         """Points (n, 2) in pixels of the crop, from the crop RGB (height, width, 3)."""
-        card = self.card
-        blob = ((_coloured(crop, card.colour).astype(np.float32) - self._offset) * self._factor)[None]
-        if card.layout == "nchw":
-            blob = np.ascontiguousarray(blob.transpose(0, 3, 1, 2))
-        try:
-            output = self._session.run(self._outputs, {self._input: blob})[0]
-        except Exception as error:  # onnxruntime raises many kinds
-            raise LandmarkError(
-                f"model {card.model} expected input {blob.shape} as its card says, {first_line(error)}"
-            ) from error
-        points = _arranged(card, np.asarray(output, dtype=np.float64))
+        card, output = self.card, self._model(crop)
+        points = _arranged(card, output.astype(np.float64))
         return points * card.size - 0.5 if card.unit == "fraction" else points
 
 
@@ -145,68 +132,7 @@ def _default_detector() -> BoxDetector:
     return LbpDetector()
 
 
-def _session(card: Card, threads: int) -> Any:
-    if not card.model.is_file():
-        raise LandmarkError(f"landmark card {card.path} expected its model at {card.model}, got no such file")
-    content = card.model.read_bytes()
-    _check_sum(card, content)
-    try:
-        return open_session(content, threads)
-    except Exception as error:  # onnxruntime raises many kinds
-        raise LandmarkError(
-            f"landmark model {card.model} must be an ONNX file, got: {first_line(error)}"
-        ) from error
-
-
-def open_session(model: bytes, threads: int = 1) -> Any:
-    """An onnxruntime session on the CPU for a model's bytes; its subnormal weights, which are slow, become 0."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    return onnxruntime.InferenceSession(
-        without_tiny_weights(model), options, providers=["CPUExecutionProvider"]
-    )
-
-
-def _check_sum(card: Card, content: bytes) -> None:
-    found = hashlib.sha256(content).hexdigest()
-    if card.sha256 is not None and found != card.sha256.lower():
-        raise LandmarkError(
-            f"landmark model {card.model} expected sha256 {card.sha256}, got {found}; is it another version?"
-        )
-
-
-def _checked_input(card: Card, session: Any) -> str:
-    inputs = session.get_inputs()
-    if len(inputs) != 1:
-        raise LandmarkError(f"landmark model {card.model} must have one input, got {len(inputs)}")
-    width, height = card.size
-    wanted = (1, card.channels, height, width) if card.layout == "nchw" else (1, height, width, card.channels)
-    shape = inputs[0].shape
-    fits = len(shape) == 4 and all(
-        not isinstance(a, int) or a == b for a, b in zip(shape, wanted, strict=True)
-    )
-    if not fits or inputs[0].type != "tensor(float)":
-        got = f"{inputs[0].type} {shape}"
-        raise LandmarkError(
-            f"landmark card {card.path} describes float input {wanted}, got a model with {got}"
-        )
-    return str(inputs[0].name)
-
-
-def _checked_output(card: Card, session: Any) -> str:
-    names = [o.name for o in session.get_outputs()]
-    if card.output is not None and card.output not in names:
-        raise LandmarkError(
-            f"landmark card {card.path}: output.name must be one of {', '.join(names)}, got {card.output}"
-        )
-    return str(card.output or names[0])
-
-
-def _arranged(card: Card, output: NDArray[np.float64]) -> NDArray[np.float64]:
+def _arranged(card: LandmarkCard, output: NDArray[np.float64]) -> NDArray[np.float64]:
     count = card.scheme.count
     if output.size != 2 * count:
         raise LandmarkError(
@@ -214,16 +140,6 @@ def _arranged(card: Card, output: NDArray[np.float64]) -> NDArray[np.float64]:
             f"got {output.shape}"
         )
     return output.reshape(count, 2) if card.order == "interleaved" else output.reshape(2, count).T
-
-
-def _normalisation(card: Card) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    return np.array(card.mean, np.float32), np.array(card.scale, np.float32)
-
-
-def _coloured(crop: Image, colour: str) -> NDArray[Any]:
-    if colour == "gray":
-        return cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)[..., None]
-    return crop[..., ::-1] if colour == "bgr" else crop
 
 
 def _roll(points: NDArray[Any]) -> float:

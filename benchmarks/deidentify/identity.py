@@ -30,9 +30,9 @@ from benchmarks.deidentify.swapped import frontal
 from benchmarks.identity import TEMPLATE, spread
 from benchmarks.landmarks.clips import real_clips
 from guise.aam.landmarks import open_landmarker
-from guise.app.measure.faces import Seen, seen_again
-from guise.app.measure.job import Compared, Judge
-from guise.app.measure.people import Gallery, Known, embedded, embeddings_of
+from guise.app.measure.faces import FaceTrack, seen_again
+from guise.app.measure.job import FaceMatcher, MatchScores
+from guise.app.measure.people import Gallery, Subject, embedded, embeddings_of
 from guise.app.measure.privacy import rank, rank_one, template
 from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser, RecogniserCard
@@ -46,13 +46,13 @@ RENDERED = "rendered "  # begins the names of people who do not exist
 
 def recogniser(shared: Path) -> Recogniser:
     """The recogniser of shared/models."""
-    half = np.full(1, 127.5, np.float32)
     model = shared / "models" / "mobilefacenet.onnx"
     return Recogniser(
         RecogniserCard(
-            model, "mobilefacenet", model, "", (112, 112), "rgb", "nchw", half, np.float32(1) / half, TEMPLATE
+            path=model, name="mobilefacenet", model=model, size=(112, 112),
+            mean=(127.5,), scale=(1 / 127.5,), template=TEMPLATE,
         )
-    )
+    )  # fmt: skip
 
 
 def person_of(video: Path) -> str:
@@ -75,14 +75,14 @@ def pictures(shared: Path) -> Iterator[tuple[str, Path]]:
         yield person_of(file), file
 
 
-def everybody(shared: Path, recognise: Recogniser) -> list[Known]:
+def everybody(shared: Path, recognise: Recogniser) -> list[Subject]:
     """The people of the gallery; crowds and faces that are too small are left out."""
     found: dict[str, list[F32]] = defaultdict(list)
     landmarker = open_landmarker("builtin")
     for name, file in pictures(shared):
         if not name.startswith(("street_", "gesture_")):
             found[name] += embeddings_of(file, landmarker, recognise, common.say)
-    return [Known(name, np.stack(rows)) for name, rows in found.items() if rows]
+    return [Subject(name, np.stack(rows)) for name, rows in found.items() if rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +105,13 @@ class Outcome:
     of: int
 
 
-def judged(video: Path, people: list[Known], recognise: Recogniser) -> Outcome:
+def judged(video: Path, people: list[Subject], recognise: Recogniser) -> Outcome:
     """De-identify a clip and look for its person."""
     face = sampled(video)
     with open_input(video) as source:
         own = embedded(source, [face], recognise)[0]
     others = [one for one in people if one.name != person_of(video)]
-    judge = Judge(recognise, Gallery.of(others), [(face, own)], [])
+    judge = FaceMatcher(recognise, Gallery.of(others), [(face, own)], [])
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / f"{video.parent.name}_{video.name}"
         report = deidentified(video, output.with_suffix(".mp4"), *others_than(person_of(video)))
@@ -135,7 +135,7 @@ def others_than(person: str) -> list[str]:
 def outcome(
     video: Path,
     tracks: list[dict[str, str]],
-    after: Compared,
+    after: MatchScores,
     own: np.ndarray,
     real: list[int],
     templates: list[F64],
@@ -148,13 +148,13 @@ def outcome(
     return Outcome(video, donor, after.own, own[1::2] @ templates[0], ranks, rank(together, 0), len(real))
 
 
-def sampled(video: Path) -> Seen:
+def sampled(video: Path) -> FaceTrack:
     """A clip's face, from the landmarks beside it, in some of its frames."""
     clip = common.clip_at(video)
-    face = Seen(np.arange(len(clip.points), dtype=np.int32), clip.points.astype(np.float32))
+    face = FaceTrack(np.arange(len(clip.points), dtype=np.int32), clip.points.astype(np.float32))
     known = np.flatnonzero(np.isfinite(face.points).all(axis=(1, 2)))
     some = known[spread(len(known), LOOKS)]
-    return Seen(face.frames[some], face.points[some])
+    return FaceTrack(face.frames[some], face.points[some])
 
 
 def measure(options: argparse.Namespace) -> Report:
