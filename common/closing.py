@@ -1,13 +1,13 @@
-"""What holds a resource and is closed by `with`."""
+"""Resources that are closed by `with`."""
 
 from typing import Self
 
 
 class Closing:
-    """Gives `with` to a class that has `close`."""
+    """Makes a class with a `close` usable in `with`."""
 
     def close(self) -> None:
-        """Release what is held."""
+        """Release the resource."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

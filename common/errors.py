@@ -2,7 +2,7 @@
 
 
 class GuiseError(ValueError):
-    """A user's mistake, or something about their files or computer: exit code 2.
+    """A user's mistake, or a problem with their files or computer: exit code 2.
 
     `str(error)` is one sentence: what was expected, what was found, what to do.
     """
@@ -13,4 +13,4 @@ class OutputError(GuiseError):
 
 
 class Interrupted(Exception):
-    """Work that the user stopped; the sentence says what is left of it."""
+    """Work that the user interrupted; the message says what is left of it."""

@@ -19,7 +19,7 @@ INTERRUPTED = 130
 
 
 def report(error: BaseException) -> int:
-    """Say `error: ...` on stderr and return the exit code."""
+    """Print `error: ...` on stderr and return the exit code."""
     if isinstance(error, KeyboardInterrupt):
         print("error: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
@@ -30,13 +30,13 @@ def report(error: BaseException) -> int:
 
 
 def trace(error: BaseException) -> None:
-    """Show where a fault of Guise came from, if GUISE_DEBUG=1 asks for it."""
+    """Print the traceback of a fault of Guise, if GUISE_DEBUG=1 asks for it."""
     if os.environ.get("GUISE_DEBUG") == "1" and explain(error)[1] == FAULT:
         traceback.print_exception(error)
 
 
 def explain(error: BaseException) -> tuple[str, int]:
-    """One sentence for an exception, and the exit code that goes with it."""
+    """One sentence for an exception, and its exit code."""
     if hasattr(error, "format_message"):  # a mistake on the command line, as typer puts it
         return _one_line(error.format_message()), USER_MISTAKE
     if isinstance(error, Interrupted):
@@ -44,7 +44,7 @@ def explain(error: BaseException) -> tuple[str, int]:
     if isinstance(error, GuiseError):
         return _one_line(str(error)), USER_MISTAKE
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        return "there is no space left on the disk: make room, or write to another", USER_MISTAKE
+        return "the disk is full: free some space, or write to another disk", USER_MISTAKE
     if isinstance(error, OSError) and error.filename is not None:
         return _one_line(f"{error.filename}: {error.strerror or error}"), USER_MISTAKE
     if isinstance(error, MemoryError):

@@ -14,7 +14,7 @@ from guise.common.errors import OutputError
 
 
 def require_free(path: Path, *, force: bool) -> None:
-    """Raise OutputError when a file cannot be written there, before any work is done."""
+    """Raise OutputError, before any work is done, if a file cannot be written there."""
     if path.is_dir():
         raise OutputError(f"{path} is a folder: give a file name in it")
     if path.exists() and not force:
@@ -31,9 +31,9 @@ def require_free(path: Path, *, force: bool) -> None:
 def require_outputs(
     outputs: Sequence[Path | None], inputs: Sequence[Path], *, force: bool, made: Path | None = None
 ) -> None:
-    """Raise OutputError when a file could not be written, or would replace another or an input.
+    """Raise OutputError if a file could not be written, or would replace another output or an input.
 
-    made : a folder that is made when it is not there.
+    made : a folder that is created if it does not exist.
     """
     if made is not None:
         _require_folder(made)
@@ -50,7 +50,9 @@ def require_outputs(
 def _require_folder(folder: Path) -> None:
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not there.is_dir():
-        raise OutputError(f"{folder} is no folder and cannot be made, {there} is a file: choose another")
+        raise OutputError(
+            f"{folder} is not a folder and cannot be created, as {there} is a file: choose another"
+        )
     if not os.access(there, os.W_OK):
         raise OutputError(f"{folder} cannot be written to, the folder {there} is not yours: choose another")
 

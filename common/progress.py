@@ -1,8 +1,8 @@
-"""How long work tells how far it is, and what the user should know."""
+"""How long-running work reports progress and notes."""
 
 from collections.abc import Callable
 
-Progress = Callable[[str, float], None]  # stage, share of it that is done
+Progress = Callable[[str, float], None]  # stage, finished share of it
 Say = Callable[[str], None]
 
 

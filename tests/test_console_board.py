@@ -27,7 +27,7 @@ def use_terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     """From here on stderr is a terminal; a fixture would set it before pytest takes stderr for the test."""
     made = Terminal()
     monkeypatch.setattr(sys, "stderr", made)
-    monkeypatch.setattr(module, "_REFRESH", 0)
+    monkeypatch.setattr(module, "_REFRESH_SECONDS", 0)
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "100")
     return made

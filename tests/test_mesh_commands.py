@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,9 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.similarity import Failed
-from guise.analogy.feature_points import NAMES
+from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.formats.files import MeshFile, read_frames, read_mesh, read_rig
-from guise.analogy.formats.gltf_container import VERTICES, Container
+from guise.analogy.formats.gltf_container import GL_ARRAY_BUFFER, GltfContainer
 from guise.app.cli.main import main
 
 HEADS = SAMPLES / "heads"
@@ -220,7 +221,7 @@ def test_a_rig_keeps_the_names_and_gives_what_transfer_gives(
     made, source = read_rig(here / "other.glb"), read_rig(Path(RIG))
     assert made.names == source.names == ("anger", "blink", "open", "pucker", "smile", "surprise")
     assert out.startswith("other.glb: 6 morph targets, ")
-    smile = read_mesh(Path(OTHER)).expression(smiling / "out" / "mean_smile.obj")
+    smile = read_mesh(Path(OTHER)).read_expression(smiling / "out" / "mean_smile.obj")
     assert made.shapes.shape == (6, *smile.shape)
     assert np.abs(made.shapes[4] - smile).mean() < 1e-4  # the source's vertices are rounded
     assert np.isfinite(made.shapes).all()
@@ -228,13 +229,16 @@ def test_a_rig_keeps_the_names_and_gives_what_transfer_gives(
 
 def animated(path: Path, weights: np.ndarray) -> str:
     """A copy of the rig whose morph targets have weights (f, k), 30 a second."""
-    held = Container.read(Path(RIG).read_bytes(), HEADS)
+    held = GltfContainer.read(Path(RIG).read_bytes(), HEADS)
     times = np.arange(len(weights), dtype=np.float32)[:, None] / np.float32(30)
     values = weights.astype(np.float32).reshape(-1, 1)
-    sampler = {"input": held.append(times, VERTICES), "output": held.append(values, VERTICES)}
+    sampler = {
+        "input": held.append_accessor(times, GL_ARRAY_BUFFER),
+        "output": held.append_accessor(values, GL_ARRAY_BUFFER),
+    }
     channel = {"sampler": 0, "target": {"node": 0, "path": "weights"}}
     held.json["animations"] = [{"samplers": [sampler], "channels": [channel]}]
-    path.write_bytes(held.glb())
+    path.write_bytes(held.to_glb())
     return str(path)
 
 
@@ -287,7 +291,7 @@ def test_an_interrupted_sequence_keeps_its_frames(
 
     monkeypatch.setattr(Transfer, "__call__", interrupted)
     said = run(capsys, "sequence", HEAD, frames(here / "in"), "--target", HEAD, "-o", "out")
-    assert said == (130, "", "error: interrupted; 2 frames are kept in out: go on with --resume\n")
+    assert said == (130, "", "error: interrupted; 2 frames are kept in out: continue with --resume\n")
     assert sorted(path.name for path in (here / "out").iterdir()) == ["f0.obj", "f1.obj"]
 
 
@@ -330,7 +334,7 @@ def test_a_full_disk_leaves_nothing_half_written(
     before = {path for path in here.rglob("*") if path.is_file()}
     monkeypatch.setattr(Path, "write_bytes", full)
     code, _, err = run(capsys, command, *calls[command])
-    assert (code, err) == (2, "error: there is no space left on the disk: make room, or write to another\n")
+    assert (code, err) == (2, "error: the disk is full: free some space, or write to another disk\n")
     assert {path for path in here.rglob("*") if path.is_file()} == before
 
 
@@ -365,7 +369,7 @@ def test_a_sequence_becomes_a_film_whose_frames_are_those_of_the_files(
     assert len(read_rig(here / "film.glb").names) < len(shown)
     size = np.ptp(rest.mesh.vertices, axis=0).max()
     for name, (_, vertices_there) in zip(("f0", "f1", "f2", "f3", "f4", "f10"), shown, strict=True):
-        made = read_mesh(Path(HEAD)).expression(here / "files" / f"{name}.obj")
+        made = read_mesh(Path(HEAD)).read_expression(here / "files" / f"{name}.obj")
         assert np.linalg.norm(vertices_there - made, axis=1).max() < 2e-4 * size
     assert len(list(read_frames(here / "film.glb", rest, 24))) == 11  # 5 / 12 s
 
@@ -402,10 +406,10 @@ def test_landmarks_are_corrected_by_vertex_and_by_position(
     assert (code, err) == (0, "")
     assert out.startswith("mean.json: 20 feature points")
     made, before = (json.loads(Path(path).read_text()) for path in ("mean.json", points[0]))
-    assert tuple(made) == NAMES
+    assert tuple(made) == FEATURE_POINT_NAMES
     assert made["chin"] == pytest.approx(vertices(HEAD)[1692], abs=1e-4)
     assert made["nose_tip"] == pytest.approx(nose, abs=1e-4)
-    assert {name for name in NAMES if made[name] != before[name]} == {"chin", "nose_tip"}
+    assert {name for name in FEATURE_POINT_NAMES if made[name] != before[name]} == {"chin", "nose_tip"}
 
 
 def test_rough_points_become_those_that_look_like_a_templates(
@@ -419,7 +423,7 @@ def test_rough_points_become_those_that_look_like_a_templates(
     assert run(capsys, "landmarks", OTHER, "-o", "out.json", "--edit", "rough.json", *like, "-q")[0] == 0
     made = json.loads((here / "out.json").read_text())
     before, after = (
-        np.mean([np.linalg.norm(np.subtract(one[name], good[name])) for name in NAMES])
+        np.mean([np.linalg.norm(np.subtract(one[name], good[name])) for name in FEATURE_POINT_NAMES])
         for one in (rough, made)
     )
     assert after < 0.7 * before
@@ -468,7 +472,7 @@ def test_a_preview_turns(
     from guise.app.media import open_input
     from guise.app.meshes import pictures
 
-    monkeypatch.setattr(pictures, "TURN", 4)
+    monkeypatch.setattr(pictures, "STYLE", replace(pictures.STYLE, turn_frames=4))
     assert run(capsys, "preview", HEAD, "-o", "turn.mp4", "-q") == (0, "", "")
     with open_input(here / "turn.mp4") as film:
         shown = [frame.rgb() for frame in film]
@@ -488,13 +492,13 @@ def with_nan(lines: list[str]) -> list[str]:
 
 BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     "missing source": (
-        lambda at: ("transfer", "none.obj", SMILE, "--target", OTHER, "-o", "out"), "none.obj: there is no such file",
+        lambda at: ("transfer", "none.obj", SMILE, "--target", OTHER, "-o", "out"), "none.obj: the file does not exist",
     ),
     "missing target": (
-        lambda at: ("transfer", HEAD, SMILE, "--target", "none.obj", "-o", "out"), "none.obj: there is no such file",
+        lambda at: ("transfer", HEAD, SMILE, "--target", "none.obj", "-o", "out"), "none.obj: the file does not exist",
     ),
     "missing expression": (
-        lambda at: ("transfer", HEAD, "none.obj", "--target", OTHER, "-o", "out"), "none.obj: there is no such file",
+        lambda at: ("transfer", HEAD, "none.obj", "--target", OTHER, "-o", "out"), "none.obj: the file does not exist",
     ),
     "a folder": (lambda at: ("transfer", HEAD, SMILE, "--target", str(HEADS), "-o", "out"), "heads"),
     "not a mesh": (
@@ -540,7 +544,7 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     "no animation": (lambda at: ("sequence", RIG, RIG, "--target", OTHER, "-o", "out"), "no animation"),
     "an empty sequence": (lambda at: ("sequence", HEAD, str(at), "--target", OTHER, "-o", "out"), "no OBJ or PLY"),
     "a sequence onto itself": (
-        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", OTHER, "-o", "in"), "holds the frames that are read",  # noqa: E501
+        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", OTHER, "-o", "in"), "contains the input frames",  # noqa: E501
     ),
     "no frames a second": (
         lambda at: ("sequence", HEAD, frames(at / "in"), "--target", HEAD, "--fps", "0", "-o", "out"), "--fps",
@@ -553,7 +557,7 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     ),
     "no such feature point": (
         lambda at: ("landmarks", HEAD, "--edit", changed(HEAD, at / "e.json", lambda _: ['{"ear": 1}']), "-o", "x.json"),  # noqa: E501
-        "'ear' is no feature point",
+        "'ear' is not a feature point",
     ),
     "no such vertex": (
         lambda at: ("landmarks", HEAD, "--edit", changed(HEAD, at / "e.json", lambda _: ['{"chin": 99999}']), "-o", "x"),  # noqa: E501
@@ -588,7 +592,9 @@ def test_a_mistake_is_one_sentence_and_leaves_nothing(
 def test_without_a_face_on_the_target_its_points_are_asked_for(
     here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("guise.app.meshes.points.find", lambda _: Failed("no face was found: look again"))
+    monkeypatch.setattr(
+        "guise.app.meshes.points.find_feature_points", lambda _: Failed("no face was found: look again")
+    )
     box = changed(OTHER, here / "box.obj", boxes)
     call = ("transfer", HEAD, SMILE, "--target", box, "-o", "out", "--landmarks", points[0], "auto")
     assert run(capsys, *call) == (

@@ -1,4 +1,4 @@
-"""The commands `guise analogy`: expressions from one face to another, on 3-D heads, photos and clips."""
+"""The commands `guise analogy`: expression transfer between 3-D heads, photos and clips."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from guise.app.cli.mesh import mesh
 from guise.app.cli.options import help_without_command
 
 analogy = typer.Typer(
-    name="analogy", help="Expressions from one face to another: 3-D heads, photos and clips."
+    name="analogy", help="Transfer expressions from one face to another: 3-D heads, photos and clips."
 )
 analogy.callback(invoke_without_command=True)(help_without_command)
 analogy.add_typer(mesh, name="mesh")

@@ -1,6 +1,6 @@
-"""What a command says: results on stdout, notes, progress and errors on stderr.
+"""Output of the commands: results on stdout; notes, progress and errors on stderr.
 
-With --json stdout holds one JSON object and nothing else; with --quiet only errors are said.
+With --json stdout holds one JSON object and nothing else; with --quiet only errors are printed.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 Advance = Callable[[float], None]
 
-_REFRESH = 0.1  # seconds between two drawings of a bar
+_REFRESH_SECONDS = 0.1  # between two redraws of a bar
 
 
 class Console:
-    """Speaks to the user as the options ask.
+    """Prints for the user as the options ask.
 
     Parameters
     ----------
-    quiet : say errors only.
+    quiet : print errors only.
     json : one JSON object on stdout, notes on stderr, no progress.
     """
 
@@ -39,22 +39,22 @@ class Console:
         self._said: set[str] = set()
 
     def say(self, text: str) -> None:
-        """A line of the result, for people; with --json the object holds it instead."""
+        """Print a line of the result for people; with --json the object holds it instead."""
         if not (self.quiet or self.json):
             self._print(text, sys.stdout)
 
     def note(self, text: str) -> None:
-        """Something to know, once, on stderr."""
+        """Print a note on stderr, the same one only once."""
         if not self.quiet and text not in self._said:
             self._said.add(text)
             self._print(text, sys.stderr)
 
     def error(self, text: str) -> None:
-        """What went wrong with a part of the work, on stderr."""
+        """Print on stderr what went wrong with a part of the work."""
         self._print(f"error: {text}", sys.stderr)
 
     def table(self, title: str, rows: Mapping[str, object]) -> None:
-        """Names and values in two columns."""
+        """Print names and values in two columns."""
         if self.quiet or self.json:
             return
         from rich import box, console, table, text
@@ -65,7 +65,7 @@ class Console:
         console.Console().print(grid)
 
     def grid(self, title: str, columns: list[str], rows: list[list[str]]) -> None:
-        """A table with headed columns; all but the first are aligned right."""
+        """Print a table with column heads; all columns but the first are right-aligned."""
         if self.quiet or self.json:
             return
         from rich import box, console, table, text
@@ -78,13 +78,13 @@ class Console:
         console.Console().print(grid)
 
     def result(self, facts: Mapping[str, Any]) -> None:
-        """The JSON object of a run, with --json."""
+        """Print the JSON object of a run, with --json."""
         if self.json:
             print(json.dumps(facts, default=str))
 
     @contextlib.contextmanager
     def progress(self, label: str) -> Iterator[Advance]:
-        """A bar with the time that is left; the block calls what it gets with the share done, 0..1."""
+        """Show a bar with the remaining time; the block calls what it gets with the finished share, 0..1."""
         if self._bars is not None or not self._shows_bars():
             yield lambda share: None
             return
@@ -95,7 +95,7 @@ class Console:
         def advance(share: float) -> None:
             nonlocal last
             now = time.monotonic()
-            if now - last > _REFRESH or share >= 1:
+            if now - last > _REFRESH_SECONDS or share >= 1:
                 last = now
                 bars.update(task, completed=min(max(share, 0.0), 1.0), refresh=True)
 
@@ -107,14 +107,14 @@ class Console:
             self._bars = None
 
     def show_bars(self) -> Progress | None:
-        """Bars for `Board`, until `hide_bars`; None where they would not be seen."""
+        """Bars for `Board`, until `hide_bars`; None where nobody would see them."""
         if self._shows_bars():
             self._bars = _make_bars()
             self._bars.start()
         return self._bars
 
     def hide_bars(self) -> None:
-        """Take the bars away."""
+        """Remove the bars."""
         if self._bars is not None:
             self._bars.stop()
             self._bars = None
@@ -139,7 +139,7 @@ def _make_bars() -> Progress:
 
 
 class Stages:
-    """Progress bars of a work that has named stages one after the other.
+    """Progress bars for work in named stages, one after the other.
 
     >>> with Stages(Console(quiet=True)) as stages:
     ...     stages("training", 0.5)
@@ -155,7 +155,7 @@ class Stages:
         return self
 
     def __call__(self, stage: str, share: float) -> None:
-        """Show that `share` of a stage is done."""
+        """Show that `share` of a stage is finished."""
         if stage != self._stage:
             self._bar.close()
             self._stage = stage
@@ -167,9 +167,9 @@ class Stages:
 
 
 class Board:
-    """Progress bars of several files at a time: one for all, and one for each file with the stage that it is in.
+    """Progress bars of several files at a time: one for all of them, and one for each with its stage.
 
-    total : how many files there are; a single one has its own bar only.
+    total : number of files; a single one has only its own bar.
     """
 
     def __init__(self, console: Console, total: int) -> None:
@@ -185,23 +185,23 @@ class Board:
         return self
 
     def show(self, name: str, stage: str, share: float) -> None:
-        """A file has done `share` of a stage."""
+        """Show that a file has finished `share` of a stage."""
         with self._lock:
             if self._bars is None:
                 return
             task, before = self._tasks.get(name, (None, ""))
-            said = stage if self._total == 1 else f"{PurePath(name).name}: {stage}"
-            said = printable(said).replace("[", r"\[")  # rich's markup
+            label = stage if self._total == 1 else f"{PurePath(name).name}: {stage}"
+            label = printable(label).replace("[", r"\[")  # rich's markup
             if task is None:
-                task = self._bars.add_task(said, total=1.0)
+                task = self._bars.add_task(label, total=1.0)
             elif stage != before:
-                self._bars.reset(task, description=said)  # its time begins anew
+                self._bars.reset(task, description=label)  # restarts its time
             self._tasks[name] = task, stage
             self._bars.update(task, completed=share)
             self._draw()
 
     def finished(self, name: str, count: int) -> None:
-        """A file is done, as the `count`-th."""
+        """Show that a file is finished, the `count`-th."""
         with self._lock:
             if self._bars is None:
                 return
@@ -213,7 +213,7 @@ class Board:
 
     def _draw(self) -> None:
         now = time.monotonic()
-        if self._bars is not None and now - self._drawn > _REFRESH:
+        if self._bars is not None and now - self._drawn > _REFRESH_SECONDS:
             self._drawn = now
             self._bars.refresh()
 
@@ -222,4 +222,4 @@ class Board:
 
 
 def _nothing(share: float) -> None:
-    """Progress that nobody sees."""
+    """Show nothing."""

@@ -31,7 +31,7 @@ from guise.app.cli.options import (
 def enroll(
     videos: Annotated[list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="NAME.guise", help="The model that is written.")
+        Path, typer.Option("--output", "-o", metavar="NAME.guise", help="The model file to write.")
     ],
     landmarks: LandmarkFiles = None,
     landmarker: LandmarkerSpec = None,
@@ -40,27 +40,27 @@ def enroll(
     ] = None,
     resolution: Annotated[
         int | None,
-        typer.Option(min=32, max=512, help="Texture pixels across the face; the same for both models."),
+        typer.Option(min=32, max=512, help="Texture resolution, pixels across the face."),
     ] = None,
     retain: Annotated[float | None, typer.Option(min=0.5, max=1.0, help="Share of variance to keep.")] = None,
     modes: Annotated[
         int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")
     ] = None,
     name: Annotated[
-        str | None, typer.Option(help="The person's name in the model; default: the file's.")
+        str | None, typer.Option(help="The person's name in the model; default: that of the file.")
     ] = None,
     refine: Annotated[
         bool | None,
         typer.Option(
             "--refine/--no-refine",
-            help="Refine found landmarks, all frames together; default: those of other landmarkers than builtin.",
+            help="Refine detected landmarks over all frames together; default: unless the landmarker is builtin.",
         ),
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Learn a person's face from one or more clips."""
+    """Learn a model of a person's face from one or more clips."""
     from guise.app.enrolment.file import describe_options, enrol_file
 
     console = Console(quiet=quiet, json=json)
@@ -78,13 +78,14 @@ def enroll(
 def info(
     model: Annotated[Path, typer.Argument(metavar="NAME.guise", help="A model that `guise enroll` made.")],
     montage: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="Also draw mean, neutral and modes at +-2 sd.")
+        Path | None,
+        typer.Option(metavar="OUT.png", help="Also draw the mean, the neutral face and the modes at +-2 sd."),
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Show what is inside a model."""
+    """Show what a model holds."""
     from guise.app.people.info import describe
     from guise.common.files import require_free
 
@@ -118,7 +119,7 @@ def landmarks(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Find the landmarks of all faces in a video, an image or a folder of images."""
+    """Detect the landmarks of all faces in a video, an image or a folder of images."""
     from guise.aam.landmarks import open_landmarker
     from guise.app.landmarks.file import LandmarkOptions, landmarks_file
     from guise.app.media import EncodeOptions

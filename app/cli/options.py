@@ -1,4 +1,4 @@
-"""The options that commands share."""
+"""Options that several commands share."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class RendererName(StrEnum):
-    """Who draws."""
+    """Which renderer draws."""
 
     auto = "auto"
     gl = "gl"
@@ -21,26 +21,28 @@ class RendererName(StrEnum):
 
 
 class LandmarkFormat(StrEnum):
-    """What landmarks are written as."""
+    """Output formats of landmarks."""
 
     json = "json"
     npz = "npz"
     pts = "pts"
 
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say errors only.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, notes on stderr.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
-ModelPath = Annotated[Path, typer.Option("--identity", metavar="NAME.guise", help="Whose face is shown.")]
-Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="What is written.")]
+ModelPath = Annotated[
+    Path, typer.Option("--identity", metavar="NAME.guise", help="Model of the face that is shown.")
+]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]
 SourcePath = Annotated[
     Path | None,
     typer.Option(
         "--source",
         metavar="SRC.guise",
-        help="Model of the person in VIDEO; without it they are enrolled first.",
+        help="Model of the person in VIDEO; default: they are enrolled first.",
     ),
 ]
 LandmarkFiles = Annotated[
@@ -48,33 +50,37 @@ LandmarkFiles = Annotated[
     typer.Option(
         "--landmarks",
         metavar="FILE",
-        help="Landmarks (.npz, .json, .pts) of each clip; default: beside the clip.",
+        help="Landmarks (.npz, .json, .pts), once for each clip; default: the file beside the clip, or detected.",
     ),
 ]
 LandmarkFile = Annotated[
     Path | None,
-    typer.Option("--landmarks", metavar="FILE", help="Landmarks of VIDEO for enrolling; default: beside it."),
+    typer.Option(
+        "--landmarks",
+        metavar="FILE",
+        help="Landmarks of VIDEO for enrolment; default: the file beside it, or detected.",
+    ),
 ]
 LandmarkerSpec = Annotated[
     str | None,
     typer.Option(
         "--landmarker",
         metavar="SPEC",
-        help="What finds the landmarks: builtin (default) or CARD.toml[@DETECTOR].",
+        help="Landmarker: builtin (default) or CARD.toml[@DETECTOR].",
     ),
 ]
 Alpha = Annotated[
     float,
     typer.Option(
-        min=0.0, max=1.0, help="Share of expression beyond the identity's own that is let through, 0 to 1."
+        min=0.0, max=1.0, help="How much expression beyond the identity's own range is passed on, 0 to 1."
     ),
 ]
-RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Who draws the face.")]
-Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="What finds the face.")]
+RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Which renderer draws the face.")]
+Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]
 Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such as libx264, libx265, ffv1.")]
 Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
 Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]
-Lossless = Annotated[bool, typer.Option("--lossless", help="Lose nothing in encoding.")]
+Lossless = Annotated[bool, typer.Option("--lossless", help="Encode losslessly.")]
 
 LandmarkOutput = Annotated[
     Path,
@@ -84,24 +90,26 @@ LandmarkOutput = Annotated[
 ]
 FormatChoice = Annotated[
     LandmarkFormat | None,
-    typer.Option("--format", help="What is written; default: what the output's name says."),
+    typer.Option("--format", help="Output format; default: by the suffix of the output."),
 ]
 Overlay = Annotated[
-    Path | None, typer.Option(metavar="OUT.mp4|OUT.png", help="Also draw the landmarks onto a copy of VIDEO.")
+    Path | None, typer.Option(metavar="OUT.mp4|OUT.png", help="Also draw the landmarks on a copy of VIDEO.")
 ]
-MinConfidence = Annotated[float, typer.Option(min=0.0, max=1.0, help="Faces below are left out.")]
+MinConfidence = Annotated[float, typer.Option(min=0.0, max=1.0, help="Leave out faces with less confidence.")]
 NoSmooth = Annotated[
-    bool, typer.Option("--no-smooth", help="Write the points of a video as they were found, not steadied.")
+    bool,
+    typer.Option("--no-smooth", help="Write the points of a video as detected, without the temporal filter."),
 ]
 BoxDetectorSpec = Annotated[
     str | None,
     typer.Option(
-        "--detector", metavar="lbp|yunet:PATH", help="What finds faces; default: the landmarker's own."
+        "--detector", metavar="lbp|yunet:PATH", help="Face detector; default: the landmarker's own."
     ),
 ]
 
 
 def landmark_source(files: list[Path], landmarker: str | None, clips: int) -> LandmarkSource:
+    """Where the landmarks of some clips come from, by the options --landmarks and --landmarker."""
     from guise.app.enrolment.enrol import LandmarkSource
 
     if files and landmarker:
@@ -118,6 +126,6 @@ def landmark_source(files: list[Path], landmarker: str | None, clips: int) -> La
 
 
 def help_without_command(context: typer.Context) -> None:
-    """Show a group's help when it is called without a command, which is no mistake."""
+    """Show a group's help when it is called without a command, which is not an error."""
     if context.invoked_subcommand is None:
         print(context.get_help())

@@ -14,16 +14,19 @@ from guise.app.cli.video import say_report
 
 def demo(
     samples: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The folder sample_videos of a Guise checkout.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="A folder with the sample people; default: those that come with Guise."
+        ),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Where the files go.")] = Path(
-        "guise-demo"
-    ),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="The folder for the files.")
+    ] = Path("guise-demo"),
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Enrol two sample people and put the face of one on the other."""
+    """Enrol two sample people and swap one's face onto the other."""
     from guise.app.swapping.settings import SwapSettings
     from guise.app.tools.demo import run_demo
 
@@ -39,7 +42,7 @@ def demo(
 
 
 def doctor(quiet: Quiet = False, json: Json = False) -> None:
-    """Show what works on this computer, and what to install for the rest."""
+    """Check what works on this computer, and show how to install the rest."""
     from guise.app.tools.doctor import as_json, examine
 
     console = Console(quiet=quiet, json=json)
@@ -52,24 +55,30 @@ def doctor(quiet: Quiet = False, json: Json = False) -> None:
 
 def bench(
     clip: Annotated[
-        Path | None, typer.Argument(metavar="[VIDEO]", help="What is measured on; default: a sample clip.")
+        Path | None,
+        typer.Argument(metavar="[VIDEO]", help="The clip to measure with; default: a sample clip."),
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option(metavar="SRC.guise", help="Model of the person in VIDEO; default: enrolled."),
+        typer.Option(metavar="SRC.guise", help="Model of the person in VIDEO; default: they are enrolled."),
     ] = None,
     identity: Annotated[
         Path | None,
-        typer.Option(metavar="NAME.guise", help="Whose face is shown; default: the same person's."),
+        typer.Option(
+            metavar="NAME.guise", help="Model of the face that is shown; default: the same person's."
+        ),
     ] = None,
     samples: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The folder sample_videos of a Guise checkout.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="A folder with the sample people; default: those that come with Guise."
+        ),
     ] = None,
-    frames: Annotated[int, typer.Option(min=20, help="Frames that are counted.")] = 150,
+    frames: Annotated[int, typer.Option(min=20, help="Number of frames to measure.")] = 150,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Measure how long each stage of a frame takes here."""
+    """Measure how long each stage of a frame takes on this computer."""
     from guise.app.tools.bench import measure, prepare
 
     console = Console(quiet=quiet, json=json)

@@ -54,7 +54,7 @@ def swap(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Put the identity's face on the person in a video."""
+    """Replace the face of the person in a video by another."""
     from guise.app.swapping.file import swap_file
 
     console = Console(quiet=quiet, json=json)
@@ -85,7 +85,7 @@ def puppet(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Put the expressions of the person in a video on the identity's own head."""
+    """Animate another head with the expressions of the person in a video."""
     from guise.app.swapping.puppet import puppet_file
 
     console = Console(quiet=quiet, json=json)
@@ -124,13 +124,13 @@ def _open(
         return shown, landmark_source([landmarks] if landmarks else [], landmarker, 1)
     if landmarks or landmarker:
         raise typer.BadParameter(
-            "--landmarks and --landmarker are for enrolling, which --source makes needless"
+            "--landmarks and --landmarker are for enrolment, which --source replaces: leave them out"
         )
     return shown, Identity.load(source)
 
 
 def say_report(console: Console, report: SwapReport, word: str, *, last: bool = True) -> None:
-    """The line for people and, unless more follows, the JSON object."""
+    """Print the summary for people and, unless more follows, the JSON object."""
     console.say(
         f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, "
         f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"

@@ -1,1 +1,1 @@
-"""Commands about Guise itself: the demonstration, the check of this computer, the stage timings."""
+"""Work behind the commands about Guise itself: demo, doctor and bench."""

@@ -1,6 +1,6 @@
-"""How long each stage of a frame takes on this computer, by calling the engine's parts one after the other.
+"""Time of each stage of a frame on this computer, measured by calling the engine's parts one after the other.
 
-Milliseconds; the decoder and the encoder are not in them.
+Milliseconds, without decoding and encoding.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from guise.render.compositor import Renderer
 
 T = TypeVar("T")
 RENDERERS: tuple[Renderer, ...] = ("cpu", "gl")
-FRAMES = 150
-ENROL_FRAMES = 60  # enough for a tracker of the usual size
-WARM_UP = 10  # frames that are not counted
+MEASURED_FRAMES = 150
+ENROLMENT_FRAMES = 60  # enough for a tracker of the usual size
+WARM_UP_FRAMES = 10  # that are not counted
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class Timing:
 
 
 class _Clock:
-    """Collects times by stage."""
+    """Records times by stage."""
 
     def __init__(self) -> None:
         self.times: dict[str, list[float]] = defaultdict(list)
 
     def measure(self, stage: str, work: Callable[[], T]) -> T:
-        """The result of `work`, whose time is kept."""
+        """The result of `work`, whose time is recorded."""
         start = time.perf_counter()
         result = work()
         self.times[stage].append(1e3 * (time.perf_counter() - start))
@@ -63,7 +63,7 @@ class _Clock:
 
     def timings(self, renderer: str) -> list[Timing]:
         """Median and 95th percentile of every stage, and of their sum."""
-        times = {stage: np.array(values[WARM_UP:]) for stage, values in self.times.items()}
+        times = {stage: np.array(values[WARM_UP_FRAMES:]) for stage, values in self.times.items()}
         times["all"] = np.sum(list(times.values()), axis=0)
         return [
             Timing(
@@ -74,7 +74,7 @@ class _Clock:
 
 
 class _TimedPainter(Painter):
-    """A painter whose drawing is timed apart from the rest of its work."""
+    """A painter whose drawing is timed separately from the rest of its work."""
 
     def __init__(self, clock: _Clock, *parts: Any) -> None:
         super().__init__(*parts)
@@ -88,28 +88,30 @@ def prepare(
     clip: Path | None, source: Path | None, identity: Path | None, samples: Path | None,
     *, progress: Progress = silent, say: Say = mute,
 ) -> tuple[Path, Identity, Identity]:  # fmt: skip
-    """Clip, person in it and identity; what is not given is a sample clip, enrolled, and the same person."""
+    """Clip, person in it, and identity; default: a sample clip, the person enrolled from it, and the same person."""
     from guise.app.enrolment.enrol import LandmarkSource, enrol
     from guise.app.tools.demo import HEAD, find_samples
 
-    teacher = clip
+    training_clip = clip
     if clip is None:
         folder = find_samples(samples) / HEAD
-        clip, teacher = folder / "talk2.mp4", folder / "talk.mp4"
-    assert teacher is not None
+        clip, training_clip = folder / "talk2.mp4", folder / "talk.mp4"
+    assert training_clip is not None
     if source is not None:
         person = Identity.load(source)
     else:
-        say(f"enrolling the person in {teacher.name}")
-        options = TrainingOptions(frames=ENROL_FRAMES)
-        person = enrol([teacher], LandmarkSource(), name="bench", options=options, progress=progress, say=say)
+        say(f"enrolling the person in {training_clip.name}")
+        options = TrainingOptions(frames=ENROLMENT_FRAMES)
+        person = enrol(
+            [training_clip], LandmarkSource(), name="bench", options=options, progress=progress, say=say
+        )
     return clip, person, Identity.load(identity) if identity is not None else person
 
 
 def measure(
-    clip: Path, source: Identity, target: Identity, *, frames: int = FRAMES, say: Say = mute
+    clip: Path, source: Identity, target: Identity, *, frames: int = MEASURED_FRAMES, say: Say = mute
 ) -> list[Timing]:
-    """Timings of the stages with each renderer; one that is not there is said and left out."""
+    """Timings of the stages with each renderer; one that is not available is reported and left out."""
     timings = []
     for renderer in RENDERERS:
         try:
@@ -133,10 +135,13 @@ def _measure_one(
         engine.painter = _TimedPainter(clock, source, target, engine.estimator, engine.options)
         for frame in media:
             done += _timed_swap(engine, frame, clock)
-            if done >= frames + WARM_UP:
+            if done >= frames + WARM_UP_FRAMES:
                 break
-    if done <= WARM_UP:
-        raise MediaError(f"{clip} shows the source person in {done} frames, which is too little to measure")
+    if done <= WARM_UP_FRAMES:
+        raise MediaError(
+            f"{clip} shows the source person in {done} frames, too few to measure: give a longer clip, or the "
+            "model of the person in it with --source"
+        )
     return clock.timings(renderer)
 
 

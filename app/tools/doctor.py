@@ -1,4 +1,4 @@
-"""What of Guise works on this computer, and what to install for the rest."""
+"""Check of this computer: which parts of Guise work, and what to install for the rest."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _VIDEO_DEVICES = Path("/sys/class/video4linux")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at: ok True, False, or None where it is optional and not there."""
+    """The result of one check: ok is True, False, or None for something optional that is missing."""
 
     topic: str
     name: str
@@ -61,8 +61,8 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Everything, in the order in which it is shown."""
-    looks: list[Callable[[], Iterator[Finding]]] = [
+    """All findings, in the order in which they are shown."""
+    checks: list[Callable[[], Iterator[Finding]]] = [
         _system,
         _packages,
         _extras,
@@ -71,7 +71,7 @@ def examine() -> list[Finding]:
         _faces,
         _cameras,
     ]
-    return [finding for look in looks for finding in look()]
+    return [finding for check in checks for finding in check()]
 
 
 def as_json(findings: list[Finding]) -> dict[str, Any]:
@@ -119,12 +119,12 @@ def _codecs() -> Iterator[Finding]:
 def _renderer() -> Iterator[Finding]:
     from guise.render import GLMissing, probe_gl
 
-    yield Finding("drawing", "cpu", True, "always there")
+    yield Finding("drawing", "cpu", True, "always available")
     found = probe_gl()
     if isinstance(found, GLMissing):
         yield Finding("drawing", "gl", None, found.reason)
         return
-    kind = "software, so that auto draws on the cpu" if found.software else "hardware, which auto takes"
+    kind = "software, so auto chooses cpu" if found.software else "hardware, which auto chooses"
     yield Finding("drawing", "gl", True, f"{found.description}, OpenGL {found.version}; {kind}")
 
 
@@ -132,13 +132,15 @@ def _faces() -> Iterator[Finding]:
     from guise.aam.landmarks import LandmarkError, open_detector, open_landmarker
 
     open_landmarker("builtin")
-    yield Finding("faces", "builtin", True, "faces and landmarks by the networks that ship with Guise")
+    yield Finding("faces", "builtin", True, "faces and landmarks, by the networks that come with Guise")
     try:
         open_detector("lbp")
-        yield Finding("faces", "lbp", True, "face boxes by the cascade of scikit-image")
+        yield Finding("faces", "lbp", True, "face boxes, by the cascade of scikit-image")
     except LandmarkError as error:
         yield Finding("faces", "lbp", False, str(error))
-    yield Finding("faces", "yunet", None, "give its model: --detector yunet:MODEL.onnx")
+    yield Finding(
+        "faces", "yunet", None, "face boxes, by a model that you download: --detector yunet:MODEL.onnx"
+    )
 
 
 def _cameras() -> Iterator[Finding]:
@@ -150,4 +152,4 @@ def _cameras() -> Iterator[Finding]:
         ok = os.access(node, os.R_OK | os.W_OK)
         yield Finding("cameras", str(node), ok, title if ok else f"{title}; no access: join the group video")
     if not devices:
-        yield Finding("cameras", "none", None, "no camera is connected; files work without one")
+        yield Finding("cameras", "none", None, "no camera is connected; files work without")
