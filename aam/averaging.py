@@ -1,4 +1,4 @@
-"""The average of several people: a face that is none of them, which moves as they do on average.
+"""The average of several people: a fictional face that moves as they do on average.
 
 De-identification by averages of k faces is k-Same (Newton, Sweeney and Malin, IEEE TKDE 17(2), 2005), by averages of
 appearance models k-Same-M (Gross, Sweeney, de la Torre and Baker, CVPR Workshops 2006).  Grid pixels; RGB 0..255.
@@ -16,13 +16,13 @@ from guise.aam.model import Identity, RestFrame
 from guise.aam.tracker import Quality, Tracker
 from guise.common.arrays import F32
 
-GREY = 128.0  # around the face in the average's picture
+BACKGROUND_GREY_LEVEL = 128.0  # around the face in the average's picture
 
 
 def average(identities: Sequence[Identity], name: str) -> Identity:
-    """The average of one or more people with the same reference frame; that of one looks and moves as that one.
+    """The average of one or more people with the same reference frame.
 
-    Its still is the mean face on the reference grid.  Its tracker has no stages, as the average is in no picture.
+    Its rest frame is the mean face on the reference grid.  Its tracker has no stages, as no picture shows the average.
 
     Raises
     ------
@@ -37,16 +37,16 @@ def average(identities: Sequence[Identity], name: str) -> Identity:
                 f"({first.reference.resolution} and {other.reference.resolution} pixels across the face); "
                 "enrol both with the same --resolution"
             )
-    looks = [identity.appearance for identity in identities]
+    models = [identity.appearance for identity in identities]
     appearance = AppearanceModel(
         first.reference,
-        average_components([look.components for look in looks]),
-        _mean([look.neutral for look in looks]),
-        np.mean([look.mask for look in looks], axis=0) >= 0.5,
+        average_components([model.components for model in models]),
+        _mean([model.neutral for model in models]),
+        np.mean([model.mask for model in models], axis=0) >= 0.5,
     )
     detail = _mean([identity.detail for identity in identities])
     facts = {"average_of": sorted(identity.name for identity in identities)}
-    return Identity(name, appearance, _tracker(identities), detail, _still(appearance), facts)
+    return Identity(name, appearance, _tracker(identities), detail, _rest_frame(appearance), facts)
 
 
 def average_components(several: Sequence[Components]) -> Components:
@@ -71,7 +71,7 @@ def _mean(arrays: Sequence[F32]) -> F32:
 
 
 def _tracker(identities: Sequence[Identity]) -> Tracker:
-    """A tracker that looks at no pixel and corrects nothing, with the mean shapes."""
+    """A tracker with the mean shapes that uses no pixels and corrects nothing."""
     trackers = [identity.tracker for identity in identities]
     quality = np.mean([(t.quality.error, t.quality.good, t.quality.bad) for t in trackers], axis=0)
     nothing = np.zeros(0, np.float32)
@@ -86,7 +86,7 @@ def _tracker(identities: Sequence[Identity]) -> Tracker:
     )
 
 
-def _still(look: AppearanceModel) -> RestFrame:
+def _rest_frame(model: AppearanceModel) -> RestFrame:
     """The mean face as a picture."""
-    texture = look.reference.scatter(look.neutral_texture, GREY)
-    return RestFrame(np.asarray(np.clip(texture, 0, 255).round(), np.uint8), look.reference.points)
+    texture = model.reference.scatter(model.neutral_texture, BACKGROUND_GREY_LEVEL)
+    return RestFrame(np.asarray(np.clip(texture, 0, 255).round(), np.uint8), model.reference.points)

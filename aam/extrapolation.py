@@ -5,8 +5,8 @@ Asthana and Goecke, ICPR 2010, theorem 1; it prints Q_s, the proof gives Q_t).  
 M rho_s, M = alpha Y_s + (1 - alpha) Y_t (Y_t^T Y_s).
 
 Two things are added to the paper.  Both faces are anchored on their neutral appearance, because the mean of a talking
-face is not at rest; and what alpha lets through is gated over the face: in full for the shape and around eyes and
-mouth, where expression shows in the texture, less elsewhere, where it is mostly the source's own brows and shading.
+face isn't at rest.  And what alpha lets through is gated over the face: fully for the shape and around eyes and mouth,
+where expression shows in the texture; less elsewhere, where it is mostly the source's own brows and shading.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from guise.common.arrays import F32
 from guise.common.errors import GuiseError
 
 DEFAULT_ALPHA = 0.6
-GATE = 0.35  # share of alpha away from eyes and mouth
-MOST_YAW = 35.0  # degrees by which a neutral face may be turned
+DEFAULT_GATE = 0.35  # share of alpha away from eyes and mouth
+MAX_NEUTRAL_YAW_DEGREES = 35.0
 
 
 class ReferenceMismatchError(GuiseError):
-    """Two models that do not share a reference frame cannot be mixed."""
+    """Models that can't be mixed because their reference frames differ."""
 
 
 class Extrapolator:
     """Maps a source model's parameters to the target's appearance.
 
-    Anchored on the neutral faces: y = n_t + M (rho_s - rho_s,neutral), n_t turned to the side as far as the source's
-    neutral face is.  Without anchoring: y = m_t + M rho_s, which carries the difference of the two mean expressions
-    into every frame.
+    Anchored on the neutral faces: y = n_t + M (rho_s - rho_s,neutral), with n_t turned to the yaw of the source's
+    neutral face.  Without anchoring: y = m_t + M rho_s, which carries the difference of the two mean expressions into
+    every frame.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Extrapolator:
         alpha: float = DEFAULT_ALPHA,
         *,
         anchored: bool = True,
-        gate: float = GATE,
+        gate: float = DEFAULT_GATE,
     ) -> None:
         if source.reference.id != target.reference.id:
             raise ReferenceMismatchError(
@@ -73,7 +73,7 @@ class Extrapolator:
 
     @property
     def alpha(self) -> float:
-        """The share let through; setting it blends the two fixed products, nothing is rebuilt."""
+        """The share let through; setting it blends two fixed products, nothing is rebuilt."""
         return self._alpha
 
     @alpha.setter
@@ -103,9 +103,8 @@ def _gate(reference: ReferenceFrame, gate: float) -> F32:
 def _turned(target: AppearanceModel, source: AppearanceModel) -> F32:
     """The target's neutral appearance with its shape turned to the yaw of the source's."""
     reference = target.reference
-    yaw = np.clip(reference.yaw(source.neutral_shape), -MOST_YAW, MOST_YAW) - reference.yaw(
-        target.neutral_shape
-    )
+    yaw = np.clip(reference.yaw(source.neutral_shape), -MAX_NEUTRAL_YAW_DEGREES, MAX_NEUTRAL_YAW_DEGREES)
+    yaw -= reference.yaw(target.neutral_shape)
     neutral = target.neutral.copy()
     neutral[:SHAPE] += (yaw * reference.shape_weight * reference.yaw_mode).ravel().astype(np.float32)
     return neutral

@@ -1,8 +1,8 @@
 """Appearance parameters of an observed face: a regularised least-squares fit on a sparse set of texels.
 
-The frame is sampled at a few thousand places of the reference grid only; those samples serve the colour similarity
-too.  Light that differs from the enrolment clip is absorbed by nuisance columns (offset, gain and slopes per
-channel) and dropped, so that it does not pass for expression.  Grid pixels; RGB 0..255.
+The frame is sampled at only a few thousand places of the reference grid; the samples serve the colour similarity too.
+Light that differs from the enrolment clip is absorbed by nuisance columns (offset, gain and slopes per channel), which
+are dropped, so that it doesn't pass for expression.  Grid pixels; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.light import grid_places
 from guise.aam.mask import skin_mask
 from guise.aam.reference import MeshSampler
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, Int
 
-PLACES = 2400
-NOISE = 6.0  # grey levels a texel is off by, camera noise and what the modes cannot show
-LIGHT = 40.0  # grey levels by which light may differ
+DEFAULT_PLACES = 2400
+TEXEL_NOISE_GREY_LEVELS = 6.0  # standard deviation: camera noise and what the modes can't show
+LIGHT_GREY_LEVELS = 40.0  # standard deviation of differences of light
 
 
 class ParameterEstimator:
@@ -28,11 +28,11 @@ class ParameterEstimator:
     Parameters
     ----------
     model : AppearanceModel of the person in view.
-    places : number of texels to look at.
-    seed : of their choice.
+    places : number of texels to sample.
+    seed : of their random choice.
     """
 
-    def __init__(self, model: AppearanceModel, places: int = PLACES, seed: int = 0) -> None:
+    def __init__(self, model: AppearanceModel, places: int = DEFAULT_PLACES, seed: int = 0) -> None:
         self.model = model
         inside = np.flatnonzero(model.mask[model.reference.mask])
         rng = np.random.default_rng(seed)
@@ -51,8 +51,8 @@ class ParameterEstimator:
         design[SHAPE:, k:] = light * grow
         prior = np.concatenate(
             [
-                (NOISE / np.maximum(model.components.deviations, 1e-3)) ** 2,
-                np.full(light.shape[1], (NOISE / LIGHT) ** 2),
+                (TEXEL_NOISE_GREY_LEVELS / np.maximum(model.components.deviations, 1e-3)) ** 2,
+                np.full(light.shape[1], (TEXEL_NOISE_GREY_LEVELS / LIGHT_GREY_LEVELS) ** 2),
             ]
         )
         solved = np.linalg.solve(design.T @ design + np.diag(prior), design.T)[:k]
@@ -60,8 +60,8 @@ class ParameterEstimator:
         self._from_texels = np.ascontiguousarray(solved[:, SHAPE:] * grow, np.float32)
 
     @cached_property
-    def skin(self) -> NDArray[np.intp]:
-        """Indices into the texels that show skin: where palettes are compared."""
+    def skin(self) -> Int:
+        """Indices of the texels that show skin, on which palettes are compared."""
         reference = self.model.reference
         return np.flatnonzero(skin_mask(reference)[reference.mask][self.texels])
 
@@ -77,9 +77,7 @@ class ParameterEstimator:
 
     def _light_columns(self) -> F64:
         """(3 t, 12): per channel an offset, a gain and two slopes over the face."""
-        reference, mean = self.model.reference, self._mean_texels
-        ys, xs = np.divmod(reference.pixels[self.texels], reference.size[1])
-        place = (np.column_stack([xs, ys]) - np.array(reference.size[::-1]) / 2) / reference.resolution
+        mean, place = self._mean_texels, grid_places(self.model.reference)[self.texels]
         columns = np.zeros((len(mean), 3, 12))
         for channel in range(3):
             columns[:, channel, 4 * channel] = 1

@@ -7,12 +7,14 @@ RGB triples (3-D, 0..255), as in de la Hunty, Asthana and Goecke (ICPR 2010), se
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Floats = NDArray[np.float64]
+from guise.common.arrays import F64
+
+Complex = NDArray[np.complex128]
 Scale = Literal["least-squares", "symmetric"]
 
 
@@ -42,8 +44,8 @@ class Similarity:
     """
 
     scale: float
-    rotation: Floats
-    translation: Floats
+    rotation: F64
+    translation: F64
 
     @classmethod
     def identity(cls, dimension: int = 2) -> Similarity:
@@ -51,11 +53,11 @@ class Similarity:
         return cls(1.0, np.eye(dimension), np.zeros(dimension))
 
     @property
-    def linear(self) -> Floats:
+    def linear(self) -> F64:
         """(d, d) float: scale * R."""
         return self.scale * self.rotation
 
-    def apply(self, points: ArrayLike) -> Floats:
+    def apply(self, points: ArrayLike) -> F64:
         """Points (n, d) mapped; shape (n, d)."""
         return np.asarray(np.asarray(points, np.float64) @ self.linear.T + self.translation)
 
@@ -121,17 +123,14 @@ def align(
     z = (dy * w[:, None]).T @ dx  # Z of the paper
     if prior > 0:
         z = z + prior * np.sqrt(var_x * var_y) / x.shape[1] * np.eye(x.shape[1])
-    u, d, vt = np.linalg.svd(z)
-    s = np.ones(x.shape[1])
-    s[-1] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
-    rotation = (u * s) @ vt
-    c = float(np.sqrt(var_y / var_x)) if scale == "symmetric" else float((d * s).sum() / var_x)
+    rotation, d = nearest_rotation(z)
+    c = float(np.sqrt(var_y / var_x)) if scale == "symmetric" else float(d.sum() / var_x)
     if c <= 0:
         return Failed("the points have no common direction")
     return Similarity(c, rotation, mu_y - c * (rotation @ mu_x))
 
 
-def _normalised_weights(weights: ArrayLike | None, n: int) -> Floats | None:
+def _normalised_weights(weights: ArrayLike | None, n: int) -> F64 | None:
     if weights is None:
         return np.full(n, 1.0 / n)
     w = np.asarray(weights, np.float64)
@@ -143,11 +142,69 @@ def _normalised_weights(weights: ArrayLike | None, n: int) -> Floats | None:
     return w / total if total > 0 else None
 
 
-def align_planar(source: Floats, target: Floats, weights: Floats) -> tuple[float, float, float, float]:
-    """Least-squares 2-D similarity as (a, b, tx, ty): x' = a x - b y + tx, y' = b x + a y + ty.
+def nearest_rotation(z: F64) -> tuple[F64, F64]:
+    """The proper rotation (..., d, d) that is nearest to a covariance (..., d, d) of target and source.
 
-    The closed form of :func:`align` for the per-frame path; weights (n,) must sum to 1 and the source must
-    have extent (both are checked once by the caller, not here).
+    Also its singular values (..., d), the last one with the sign that makes the rotation proper (Umeyama 1991, eq. 43).
+    """
+    u, d, vt = np.linalg.svd(z)
+    sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    u[..., -1] *= sign[..., None]
+    d[..., -1] *= sign
+    return np.asarray(u @ vt), np.asarray(d)
+
+
+def align_rigid(source: F64, target: F64, weights: F64) -> tuple[F64, F64]:
+    """R (..., d, d) and t (..., d) of the least-squares motion x -> R x + t from source to target (..., n, d).
+
+    :func:`align` without the scale, for batches.   weights : (..., n), positive.
+    """
+    w = (weights / weights.sum(-1, keepdims=True))[..., None]
+    mu_x, mu_y = (w * source).sum(-2), (w * target).sum(-2)
+    z = np.swapaxes(w * (target - mu_y[..., None, :]), -1, -2) @ (source - mu_x[..., None, :])
+    rotation = nearest_rotation(z)[0]
+    return rotation, mu_y - np.einsum("...ij,...j->...i", rotation, mu_x)
+
+
+def align_complex(source: Complex, target: Complex) -> tuple[Complex, Complex]:
+    """Least-squares 2-D similarities of source (n,) to targets (..., n), points as x + iy: scale z + shift.
+
+    :func:`align` without weights, for batches.  Both results are (..., 1); the absolute value of the first is the scale
+    and its angle the turn.  The source must have extent.
+    """
+    mu_x, mu_y = source.mean(), target.mean(axis=-1, keepdims=True)
+    dx = source - mu_x
+    scale = np.sum(np.conj(dx) * (target - mu_y), axis=-1, keepdims=True) / np.sum(np.abs(dx) ** 2)
+    return scale, mu_y - scale * mu_x
+
+
+class PlanarSimilarity(NamedTuple):
+    """x' = a x - b y + tx, y' = b x + a y + ty."""
+
+    a: float
+    b: float
+    tx: float
+    ty: float
+
+    @property
+    def linear(self) -> F64:
+        """(2, 2) for rows: points (n, 2) go to points @ linear + (tx, ty)."""
+        return np.array([[self.a, self.b], [-self.b, self.a]])
+
+    @property
+    def scale(self) -> float:
+        """Target pixels per source pixel."""
+        return float(np.hypot(self.a, self.b))
+
+    def apply(self, points: F64) -> F64:
+        """Points (n, 2) mapped; shape (n, 2)."""
+        return np.asarray(points @ self.linear + (self.tx, self.ty))
+
+
+def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:
+    """Least-squares 2-D similarity: the closed form of :func:`align` for the per-frame path.
+
+    Weights (n,) must sum to 1 and the source must have extent; neither is checked here.
     """
     mu_x, mu_y = weights @ source, weights @ target
     dx, dy = source - mu_x, target - mu_y
@@ -155,7 +212,7 @@ def align_planar(source: Floats, target: Floats, weights: Floats) -> tuple[float
     var = float((wx * dx).sum())
     a = float((wx * dy).sum()) / var
     b = float((wx[:, 0] * dy[:, 1] - wx[:, 1] * dy[:, 0]).sum()) / var
-    return (
+    return PlanarSimilarity(
         a,
         b,
         float(mu_y[0] - a * mu_x[0] + b * mu_x[1]),

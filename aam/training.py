@@ -1,4 +1,4 @@
-"""From frames with landmarks to a person's model: choice of frames, appearance, mask, tracker, still.
+"""From frames with landmarks to a person's model: choice of frames, appearance, mask, tracker, rest frame.
 
 Pixels, x right, y down; RGB 0..255.
 """
@@ -12,7 +12,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import (
     SHAPE,
@@ -25,26 +24,39 @@ from guise.aam.appearance import (
     sample_texture,
 )
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
-from guise.aam.mask import core_band, learn_mask, skin_mask, smooth_skin
+from guise.aam.light import LUMA, equalised_light, skin_colours
+from guise.aam.mask import core_band, learn_mask, skin_mask
 from guise.aam.model import Identity, RestFrame
 from guise.aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.common.errors import GuiseError
 
-Picture = NDArray[np.uint8]
 
-FEWEST = 12  # frames below which no useful model comes out
-STILLS = 3  # frames averaged into the neutral face
-LEAST_INSIDE = 0.6  # share of the points that must lie in the picture
-DARK = 8.0  # grey levels that do not count as light
-GAIN = (0.25, 4.0)  # range of the ratio of two lights
-LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+@dataclass(frozen=True)
+class TrainingLimits:
+    """Thresholds of the choice of frames and of the parts of a model."""
+
+    min_frames: int = 12  # below which no useful model comes out
+    rest_frames: int = 3  # averaged into the detail of the neutral face
+    max_held_out_frames: int = 60
+    training_share: float = 0.8  # of the usable frames, at most
+    min_points_inside: float = 0.6  # share of the landmarks that must lie in the picture
+    min_face_pixels: float = 20.0  # width
+    jump_face_widths: float = 0.05  # mean way of a landmark, from which a single frame counts as an error ..
+    jump_medians: float = 6.0  # .. and from which multiple of the clip's median
+    lid_weight: float = 3.0  # of the lids' opening among the features by which frames differ
+    mask_blur_face_widths: float = 0.02  # standard deviation, for the weights of texture variation
+    hair_blur_face_widths: float = 0.012  # standard deviation, where smooth skin replaces hair
+    feature_mask_coverage: float = 0.3  # share of a feature pixel that must be face for the tracker to use it
+
+
+LIMITS = TrainingLimits()
 
 
 class TrainingError(GuiseError):
-    """The frames do not suffice for a model."""
+    """Frames that aren't enough for a model."""
 
 
 @dataclass(frozen=True)
@@ -57,8 +69,8 @@ class TrainingOptions:
     resolution : texture grid pixels across the face; models that are mixed need the same.
     retain : share of appearance variance (float) or number of modes (int) to keep.
     max_modes : never more appearance modes than this.
-    even_light : take from each frame the smooth part by which its light differs from the others', so that a change of
-        light is no mode of the face: for clips in which the light changes.
+    equalise_light : remove from each frame the smooth field by which its light differs from the mean light, so that a
+        change of light doesn't become a mode of the face: for clips in which the light changes.
     tracker : TrackerOptions.
     """
 
@@ -66,22 +78,22 @@ class TrainingOptions:
     resolution: int = DEFAULT_RESOLUTION
     retain: float | int = 0.98
     max_modes: int = 40
-    even_light: bool = False
+    equalise_light: bool = False
     tracker: TrackerOptions = field(default_factory=TrackerOptions)
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What training keeps of a frame: texture (n, 3), working crop, landmarks (81, 2); a picture only of stills."""
+    """What training keeps of a frame: texture (n, 3), working crop, landmarks (81, 2); of rest frames the picture."""
 
     texture: F32
     crop: Crop
     shape: F64
-    picture: Picture | None = None
+    picture: U8 | None = None
 
 
 def observe(
-    rgb: Picture, shape: F64, reference: ReferenceFrame, *, keep_picture: bool = False
+    rgb: U8, shape: F64, reference: ReferenceFrame, *, keep_picture: bool = False
 ) -> Observation | Failed:
     """Reduce a frame (h, w, 3) with landmarks (81, 2) in its pixels to what training needs."""
     feature_frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
@@ -90,7 +102,7 @@ def observe(
     if isinstance(crop, Failed):
         return crop
     inside = ((shape >= 0) & (shape < rgb.shape[1::-1])).all(axis=1).mean()
-    if inside < LEAST_INSIDE:
+    if inside < LIMITS.min_points_inside:
         return Failed("most of the face lies outside the picture")
     texture = sample_texture(rgb, shape, reference)
     return Observation(texture, crop, shape, rgb.copy() if keep_picture else None)
@@ -98,14 +110,14 @@ def observe(
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Which frames (indices) serve what: training, neutral face (best first), held-out error."""
+    """Which frames (indices) serve for what: training, the neutral face (best first), the held-out error."""
 
-    training: NDArray[np.intp]
+    training: Int
     neutral: list[int]
-    held_out: NDArray[np.intp]
+    held_out: Int
 
     @property
-    def all(self) -> NDArray[np.intp]:
+    def all(self) -> Int:
         """Every frame that must be read, in order."""
         return np.unique(np.concatenate([self.training, np.array(self.neutral, np.intp), self.held_out]))
 
@@ -124,29 +136,33 @@ def choose_frames(shapes: F64, options: TrainingOptions) -> Choice:
 
     Notes
     -----
-    Two thirds by farthest-point sampling over aligned shape and openings, one third even in time; jumps that
-    last a single frame are taken for slips of the landmarks and left out.
+    Two thirds by farthest-point sampling over aligned shapes and openings, one third evenly in time.  Jumps that last a
+    single frame are taken for landmark errors and left out.
     """
-    usable = _steady(shapes)
-    if len(usable) < FEWEST:
+    usable = _without_jumps(shapes)
+    if len(usable) < LIMITS.min_frames:
         raise TrainingError(
-            f"a model needs at least {FEWEST} frames with a face, got {len(usable)}; use a longer or clearer clip"
+            f"a model needs at least {LIMITS.min_frames} frames with a face, got {len(usable)}; "
+            "use a longer or clearer clip"
         )
     reference = ReferenceFrame.canonical(FEATURE_RESOLUTION)
-    count = min(options.frames, max(FEWEST, int(0.8 * len(usable))))
+    count = min(options.frames, max(LIMITS.min_frames, int(LIMITS.training_share * len(usable))))
     described = _descriptors(shapes[usable], reference)
-    even = np.linspace(0, len(usable) - 1, max(1, count // 3)).round().astype(int)
-    training = np.sort(usable[_farthest(described, count, list(np.unique(even)))])
+    spread = _evenly(np.arange(len(usable)), max(1, count // 3))
+    training = np.sort(usable[_farthest(described, count, list(np.unique(spread)))])
     rest = np.setdiff1d(usable, training)
-    held_out = (
-        rest[np.linspace(0, len(rest) - 1, min(len(rest), 60)).round().astype(int)] if len(rest) else rest
-    )
-    neutral = [int(usable[i]) for i in neutral_frames(shapes[usable], reference, STILLS)]
+    held_out = _evenly(rest, min(len(rest), LIMITS.max_held_out_frames)) if len(rest) else rest
+    neutral = [int(usable[i]) for i in neutral_frames(shapes[usable], reference, LIMITS.rest_frames)]
     return Choice(training, neutral, np.unique(held_out))
 
 
-def _steady(shapes: F64) -> NDArray[np.intp]:
-    """Indices of finite frames that do not jump away from both their neighbours."""
+def _evenly(items: Int, count: int) -> Int:
+    """`count` of the items, evenly spread."""
+    return np.asarray(items[np.linspace(0, len(items) - 1, count).round().astype(int)])
+
+
+def _without_jumps(shapes: F64) -> Int:
+    """Indices of the frames with landmarks that do not jump away from both their neighbours."""
     usable = np.flatnonzero(np.isfinite(shapes).all((1, 2)))
     if len(usable) < 5:
         return usable
@@ -155,17 +171,18 @@ def _steady(shapes: F64) -> NDArray[np.intp]:
     middle = (kept[:-2] + kept[2:]) / 2
     jump = np.zeros(len(usable))
     jump[1:-1] = np.linalg.norm(kept[1:-1] - middle, axis=2).mean(1) / width[1:-1]
-    return np.asarray(usable[(jump < max(0.05, 6 * float(np.median(jump)))) & (width > 20)])
+    limit = max(LIMITS.jump_face_widths, LIMITS.jump_medians * float(np.median(jump)))
+    return np.asarray(usable[(jump < limit) & (width > LIMITS.min_face_pixels)])
 
 
 def _descriptors(shapes: F64, reference: ReferenceFrame) -> F64:
     aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1) / reference.resolution
     openings = openness(shapes) - openness(shapes).mean(0)
-    return np.concatenate([aligned - aligned.mean(0), openings * [1.0, 3.0, 1.0]], axis=1)
+    return np.concatenate([aligned - aligned.mean(0), openings * [1.0, LIMITS.lid_weight, 1.0]], axis=1)
 
 
-def _farthest(points: F64, count: int, chosen: list[int]) -> NDArray[np.intp]:
-    """Indices of `count` points: the chosen ones, then always the one farthest from all so far."""
+def _farthest(points: F64, count: int, chosen: list[int]) -> Int:
+    """Indices of `count` points: the chosen ones, then one by one the farthest from all chosen so far."""
     distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(1)
     while len(chosen) < min(count, len(points)):
         chosen.append(int(distance.argmax()))
@@ -189,18 +206,24 @@ def train_identity(
     ----------
     observations : frame index -> Observation, for (nearly) every index of `choice.all`.
     box_to_shape : how this person's face lies in a detector's box, see `Tracker`.
-    facts : what the caller wants to be kept with the model.
+    facts : JSON-like, kept with the model.
     progress : called with the share done.
+
+    Raises
+    ------
+    TrainingError
+        When too few of the frames show the whole face, or none shows it at rest.
     """
     reference = ReferenceFrame.canonical(options.resolution)
     training = [observations[i] for i in choice.training if i in observations]
-    if len(training) < FEWEST:
+    if len(training) < LIMITS.min_frames:
         raise TrainingError(
-            f"only {len(training)} of the chosen frames show the whole face; use another clip"
+            f"only {len(training)} of the chosen frames show the whole face, {LIMITS.min_frames} are needed; "
+            "use another clip"
         )
     textures = np.stack([o.texture for o in training])
-    if options.even_light:
-        textures = in_even_light(textures, reference)
+    if options.equalise_light:
+        textures = equalised_light(textures, skin_mask(reference)[reference.mask], reference)
     mask = learn_mask(textures, reference)
     appearance = _appearance(training, textures, mask, observations, choice, reference, options)
     progress(0.2)
@@ -215,19 +238,19 @@ def train_identity(
     error = held_out_error(tracker, [observations[i] for i in choice.held_out if i in observations])
     if np.isfinite(error):
         tracker = replace(tracker, quality=replace(tracker.quality, error=error))
-    stills = [
+    at_rest = [
         observations[i] for i in choice.neutral if i in observations and observations[i].picture is not None
     ]
-    if not stills:
+    if not at_rest:
         raise TrainingError("no frame shows the face at rest; use a clip with a closed mouth in it")
     progress(1.0)
-    assert stills[0].picture is not None
+    assert at_rest[0].picture is not None
     return Identity(
         name,
         appearance,
         tracker,
-        _detail(stills, appearance),
-        RestFrame(stills[0].picture, stills[0].shape),
+        _detail(at_rest, appearance),
+        RestFrame(at_rest[0].picture, at_rest[0].shape),
         {"frames": len(training), "held_out_error": tracker.quality.error, **(facts or {})},
     )
 
@@ -235,13 +258,15 @@ def train_identity(
 def _appearance(
     training: Sequence[Observation],
     textures: F32,
-    mask: NDArray[np.bool_],
+    mask: Bool,
     observations: dict[int, Observation],
     choice: Choice,
     reference: ReferenceFrame,
     options: TrainingOptions,
 ) -> AppearanceModel:
-    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.02 * options.resolution)
+    soft = cv2.GaussianBlur(
+        mask.astype(np.float32), (0, 0), LIMITS.mask_blur_face_widths * options.resolution
+    )
     weights = np.asarray(soft[reference.mask], np.float32)
     shapes = np.stack([o.shape for o in training])
     vectors = appearance_vectors(shapes, textures, reference, weights)
@@ -251,42 +276,25 @@ def _appearance(
         components = replace(components, basis=components.basis[:, :k], deviations=components.deviations[:k])
     raw = appearance_vectors(shapes, textures, reference)
     neutral = rest_weights(shapes, reference).astype(np.float32) @ raw
-    neutral[SHAPE:] = _bare(neutral[SHAPE:].reshape(-1, 3), mask, reference).ravel()
+    neutral[SHAPE:] = _without_hair(neutral[SHAPE:].reshape(-1, 3), mask, reference).ravel()
     return AppearanceModel(reference, components, neutral, mask)
 
 
-def in_even_light(textures: F32, reference: ReferenceFrame) -> F32:
-    """Textures (t, n, 3) as if all were taken in the mean light.
-
-    Light scales what it falls on; for each channel it is a quadratic in the place on the grid, fitted to the skin.
-    """
-    ys, xs = np.divmod(reference.pixels, reference.size[1])
-    x = (xs - reference.size[1] / 2) / reference.resolution
-    y = (ys - reference.size[0] / 2) / reference.resolution
-    skin = skin_mask(reference)[reference.mask]
-    fields = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    solve = np.linalg.pinv(fields[skin])
-    mean = fields @ (solve @ textures[:, skin].mean(0))
-    even = np.empty_like(textures)
-    for texture, out in zip(textures, even, strict=True):
-        light = fields @ (solve @ texture[skin])
-        out[:] = texture * np.clip((mean + DARK) / np.maximum(light + DARK, 1), *GAIN)
-    return even
-
-
-def _bare(texture: F32, mask: NDArray[np.bool_], reference: ReferenceFrame) -> F32:
-    """A texture (n, 3) with smooth skin where it shows hair or background, so that it can be shown there too."""
+def _without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:
+    """A texture (n, 3) with smooth skin in place of hair and background, so that it can be drawn there too."""
     known = skin_mask(reference) & core_band(reference) & mask
-    skin = smooth_skin(reference.scatter(texture), known, reference)[reference.mask]
+    skin = skin_colours(reference.scatter(texture), known, reference)[reference.mask]
     hair = cv2.dilate((reference.mask & ~mask).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)
-    share = 1 - cv2.GaussianBlur(hair, (0, 0), 0.012 * reference.resolution)[reference.mask][:, None]
+    soft = cv2.GaussianBlur(hair, (0, 0), LIMITS.hair_blur_face_widths * reference.resolution)
+    share = 1 - soft[reference.mask][:, None]
     return np.asarray(share * texture + (1 - share) * skin, np.float32)
 
 
-def _feature_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _feature_mask(mask: Bool) -> Bool:
+    """Which pixels of the tracker's feature grid show the face."""
     reference = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     small = cv2.resize(mask.astype(np.float32), reference.size[::-1], interpolation=cv2.INTER_AREA)
-    return np.asarray(small[reference.mask] > 0.3)
+    return np.asarray(small[reference.mask] > LIMITS.feature_mask_coverage)
 
 
 def held_out_error(tracker: Tracker, held_out: Sequence[Observation]) -> float:
@@ -302,7 +310,7 @@ def held_out_error(tracker: Tracker, held_out: Sequence[Observation]) -> float:
     return float(np.mean(errors)) if errors else float("nan")
 
 
-def _detail(stills: Sequence[Observation], appearance: AppearanceModel) -> F32:
+def _detail(at_rest: Sequence[Observation], appearance: AppearanceModel) -> F32:
     """Luma (2 h, 2 w) of the neutral face that the texture grid is too coarse for."""
     reference = appearance.reference
     h, w = reference.size
@@ -310,10 +318,10 @@ def _detail(stills: Sequence[Observation], appearance: AppearanceModel) -> F32:
     places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / 2 - 0.5
     sampler = MeshSampler.build(reference, places)
     fine = []
-    for still in stills:
-        assert still.picture is not None
-        luma = (still.picture @ LUMA).astype(np.float32)
-        picture = remap_points(luma, sampler.positions(still.shape)).reshape(2 * h, 2 * w)
+    for observed in at_rest:
+        assert observed.picture is not None
+        luma = (observed.picture @ LUMA).astype(np.float32)
+        picture = remap_points(luma, sampler.positions(observed.shape)).reshape(2 * h, 2 * w)
         coarse = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA)
         fine.append(picture - cv2.resize(coarse, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR))
     return np.asarray(np.mean(fine, axis=0), np.float32)

@@ -23,7 +23,13 @@ from benchmarks.common import F32, Criterion, Report, Table
 from guise.aam.appearance import sample_texture
 from guise.aam.landmarks import Landmarker, open_landmarker, track_video
 from guise.aam.model import Identity
-from guise.aam.recognition import RESOLUTION, SAME, likeness, signature, signature_of
+from guise.aam.recognition import (
+    MIN_SAME_PERSON_SIMILARITY,
+    SIGNATURE_RESOLUTION,
+    cosine_similarity,
+    signature,
+    signature_of,
+)
 from guise.aam.reference import ReferenceFrame
 from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import LandmarkSource, enrol
@@ -52,7 +58,7 @@ class Pair:
     """Two enrolments, how like they are, and whether they are of one person, and of one clip."""
 
     names: tuple[str, str]
-    likeness: float
+    similarity: float
     same: bool
     within: bool
 
@@ -100,7 +106,7 @@ def enrolled(video: Path, points: F32) -> Identity:
 
 def photographs(shared: Path, landmarker: Landmarker) -> Iterator[Enrolment]:
     """The people for evaluation only, neutral and smiling."""
-    folder, frame = shared / "data" / "pairs" / "london", ReferenceFrame.canonical(RESOLUTION)
+    folder, frame = shared / "data" / "pairs" / "london", ReferenceFrame.canonical(SIGNATURE_RESOLUTION)
     for person in (folder / "evaluation_only.txt").read_text().split():
         for look in ("neutral", "smile"):
             picture = cv2.imread(str(folder / f"{person}_{look}.jpg"))
@@ -115,23 +121,30 @@ def photographs(shared: Path, landmarker: Landmarker) -> Iterator[Enrolment]:
 def pairs(people: Sequence[Enrolment]) -> list[Pair]:
     """All pairs."""
     return [
-        Pair((a.name, b.name), likeness(a.signature, b.signature), a.person == b.person, a.clip == b.clip)
+        Pair(
+            (a.name, b.name),
+            cosine_similarity(a.signature, b.signature),
+            a.person == b.person,
+            a.clip == b.clip,
+        )
         for a, b in combinations(people, 2)
     ]
 
 
 def row(what: str, found: Sequence[Pair], same: bool) -> tuple[object, ...]:
-    """What, pairs, how many are decided wrongly, the share, and the mean and the worst likeness."""
-    values = np.array([p.likeness for p in found])
-    wrong = int(((values < SAME) if same else (values >= SAME)).sum())
-    worst = min(found, key=lambda p: p.likeness if same else -p.likeness)
+    """What, pairs, how many are decided wrongly, the share, and the mean and the worst similarity."""
+    values = np.array([p.similarity for p in found])
+    wrong = int(
+        ((values < MIN_SAME_PERSON_SIMILARITY) if same else (values >= MIN_SAME_PERSON_SIMILARITY)).sum()
+    )
+    worst = min(found, key=lambda p: p.similarity if same else -p.similarity)
     return (
         what,
         len(found),
         wrong,
         100 * wrong / len(found),
         float(values.mean()),
-        worst.likeness,
+        worst.similarity,
         " / ".join(worst.names),
     )
 
@@ -157,10 +170,10 @@ def summary(found: list[Pair], photos: list[Pair], enrolled: int) -> Report:
     ]
     rows = [row(what, group, same) for what, group, same in groups if group]
     share = {str(r[0]): float(str(r[3])) for r in rows}
-    columns = ("pairs", "number", "decided wrongly", "%", "mean likeness", "worst", "worst pair")
+    columns = ("pairs", "number", "decided wrongly", "%", "mean similarity", "worst", "worst pair")
     return Report(
         "recognition",
-        f"Recognition: {enrolled} enrolments, one person from a likeness of {SAME}",
+        f"Recognition: {enrolled} enrolments, one person from a similarity of {MIN_SAME_PERSON_SIMILARITY}",
         [
             Criterion(
                 "different people taken for one", share.get("different people", float("nan")), "<=", 0.1, "%"

@@ -21,7 +21,7 @@ from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
 from guise.app.media import Frame
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.painter import FEATHER
+from guise.app.swapping.painter import FEATHER_FACE_WIDTHS
 from guise.app.swapping.place import shown_mask
 from guise.render import feather, make_compositor
 from guise.render.compositor import Compositor
@@ -48,7 +48,9 @@ class Comparison:
     def __init__(self, person: Identity) -> None:
         look = person.appearance
         self._frame = look.reference
-        alpha = feather(shown_mask(look.mask, look.reference), FEATHER * look.reference.resolution)
+        alpha = feather(
+            shown_mask(look.mask, look.reference), FEATHER_FACE_WIDTHS * look.reference.resolution
+        )
         points = self._frame.points.astype(np.float32)
         self._compositor: Compositor = make_compositor("cpu", self._frame.triangles, points, alpha)
         self._tracker = PersonTracker(person.tracker, common.detector())

@@ -7,20 +7,21 @@ import cv2
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from guise.common.arrays import F32, U8
 from guise.render.errors import RendererError
 from guise.render.mesh import Mesh
 
-Texture = NDArray[np.uint8] | NDArray[np.float32]
+Texture = U8 | F32
 
 
 class Scratch:
-    """An array whose size changes a little every frame, without an allocation every frame."""
+    """An array whose size changes a little from frame to frame, without an allocation for each."""
 
     def __init__(self, dtype: DTypeLike) -> None:
         self._memory: NDArray[Any] = np.empty(0, dtype)
 
     def view(self, *shape: int) -> NDArray[Any]:
-        """A C-contiguous array of this shape; its values are whatever was there."""
+        """A C-contiguous array of this shape with arbitrary values."""
         size = math.prod(shape)
         if size > self._memory.size:
             self._memory = np.empty(size + size // 4, self._memory.dtype)
@@ -34,22 +35,22 @@ class Texels:
     from the same eight bits.
     """
 
-    def __init__(self, mesh: Mesh, alpha: NDArray[np.float32]) -> None:
+    def __init__(self, mesh: Mesh, alpha: F32) -> None:
         self._shape = (mesh.height, mesh.width)
-        self.rgba: NDArray[np.uint8] = np.zeros((*self._shape, 4), np.uint8)
-        self._rounded: NDArray[np.uint8] = np.empty((*self._shape, 3), np.uint8)
-        self._zeros: NDArray[np.float32] = np.zeros((*self._shape, 3), np.float32)
+        self.rgba: U8 = np.zeros((*self._shape, 4), np.uint8)
+        self._rounded: U8 = np.empty((*self._shape, 3), np.uint8)
+        self._zeros: F32 = np.zeros((*self._shape, 3), np.float32)
         self.set_alpha(alpha)
 
-    def set_alpha(self, alpha: NDArray[np.float32]) -> None:
-        """Take another (th, tw) alpha in [0, 1]."""
+    def set_alpha(self, alpha: F32) -> None:
+        """Use another (th, tw) alpha in [0, 1]."""
         check_alpha(alpha)
         if alpha.shape != self._shape:
             raise RendererError(f"alpha must be {self._shape}, got {alpha.shape}")
         self.rgba[..., 3] = np.rint(alpha * 255.0)
 
-    def load(self, texture: Texture) -> NDArray[np.uint8]:
-        """Take a (th, tw, 3) uint8 or float32 texture in 0..255, rounded to nearest; the RGBA picture."""
+    def load(self, texture: Texture) -> U8:
+        """Load a (th, tw, 3) uint8 or float32 texture in 0..255, rounded to nearest; returns the RGBA picture."""
         if texture.shape != (*self._shape, 3):
             raise RendererError(f"texture must be {(*self._shape, 3)}, got {texture.shape}")
         if texture.dtype == np.float32:
@@ -62,7 +63,7 @@ class Texels:
         return self.rgba
 
 
-def check_alpha(alpha: NDArray[np.float32]) -> None:
+def check_alpha(alpha: F32) -> None:
     """Raise RendererError unless alpha is (th, tw) float in [0, 1]."""
     if alpha.ndim != 2 or alpha.dtype.kind != "f" or alpha.size == 0:
         raise RendererError(f"alpha must be (th, tw) float, got {alpha.shape} {alpha.dtype}")
@@ -77,7 +78,7 @@ def check_opacity(opacity: float) -> float:
     return float(opacity)
 
 
-def output_for(roi: NDArray[np.uint8], out: NDArray[np.uint8] | None) -> NDArray[np.uint8]:
+def output_for(roi: U8, out: U8 | None) -> U8:
     """`out` holding the rectangle's pixels: a copy of roi when None, roi itself when it is given as out."""
     _check_image("roi", roi)
     if out is None:
@@ -91,7 +92,7 @@ def output_for(roi: NDArray[np.uint8], out: NDArray[np.uint8] | None) -> NDArray
     return out
 
 
-def _check_image(name: str, image: NDArray[np.uint8]) -> None:
+def _check_image(name: str, image: U8) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or image.size == 0:
         raise RendererError(f"{name} must be (h, w, 3) uint8, got {image.shape} {image.dtype}")
     if image.strides[1:] != (3, 1):

@@ -1,11 +1,9 @@
-"""What a compositor promises, and the choice between the two."""
+"""The contract of a compositor, and the choice between the two."""
 
 from types import TracebackType
 from typing import Literal, Protocol, Self, get_args
 
-import numpy as np
-from numpy.typing import NDArray
-
+from guise.common.arrays import F32, I32, U8, Floating
 from guise.render.buffers import Texture, check_alpha
 from guise.render.context import GLMissing, probe_gl
 from guise.render.cpu import CpuCompositor
@@ -23,7 +21,7 @@ class Compositor(Protocol):
     compositors differ by at most 4/255 in a pixel and 1/255 on average.
 
     name : 'gl' or 'cpu'.
-    description : one line for a person: who draws and why.
+    description : one line for the user: what draws and why.
     """
 
     @property
@@ -31,17 +29,17 @@ class Compositor(Protocol):
 
     description: str
 
-    def set_alpha(self, alpha: NDArray[np.float32]) -> None:
-        """Take another (th, tw) alpha in [0, 1]."""
+    def set_alpha(self, alpha: F32) -> None:
+        """Use another (th, tw) alpha in [0, 1]."""
 
     def composite(
         self,
-        roi: NDArray[np.uint8],
+        roi: U8,
         texture: Texture,
-        vertices: NDArray[np.floating],
+        vertices: Floating,
         opacity: float = 1.0,
-        out: NDArray[np.uint8] | None = None,
-    ) -> NDArray[np.uint8]:
+        out: U8 | None = None,
+    ) -> U8:
         """alpha * warped texture + (1 - alpha) * roi.
 
         Parameters
@@ -70,8 +68,8 @@ class Compositor(Protocol):
         self,
         shape: tuple[int, int],
         texture: Texture,
-        vertices: NDArray[np.floating],
-    ) -> NDArray[np.uint8]:
+        vertices: Floating,
+    ) -> U8:
         """The warped texture alone, for tests and previews.
 
         Returns
@@ -92,9 +90,9 @@ class Compositor(Protocol):
 
 def make_compositor(
     renderer: str,
-    triangles: NDArray[np.int32],
-    uv: NDArray[np.float32],
-    alpha: NDArray[np.float32],
+    triangles: I32,
+    uv: F32,
+    alpha: F32,
 ) -> Compositor:
     """The compositor that `renderer` names.
 
@@ -112,7 +110,7 @@ def make_compositor(
     Raises
     ------
     RendererError
-        When an argument is wrong, or 'gl' is asked for and missing.
+        When an argument is wrong, or 'gl' is requested and missing.
     """
     if renderer not in get_args(Renderer):
         raise RendererError(f"renderer must be one of {', '.join(get_args(Renderer))}, got {renderer!r}")
@@ -125,7 +123,7 @@ def make_compositor(
     return _choose(mesh, alpha)
 
 
-def _choose(mesh: Mesh, alpha: NDArray[np.float32]) -> Compositor:
+def _choose(mesh: Mesh, alpha: F32) -> Compositor:
     found = probe_gl()
     if not isinstance(found, GLMissing) and not found.software:
         chosen = GLCompositor(mesh, alpha)

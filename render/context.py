@@ -1,4 +1,4 @@
-"""The one place where a GL context is made and its errors are looked at.
+"""The one place where GL contexts are made and their errors checked.
 
 The context is standalone (no window): EGL where it exists, the system's own off-screen context on Windows
 and macOS; or the one of a window, made by a window library. A context belongs to the thread that made it.
@@ -89,7 +89,7 @@ def create_context() -> moderngl.Context:
 
 
 def leave_thread() -> None:
-    """Let no EGL context be current in this thread, as a window's beside it would be refused by GLX, fatally."""
+    """Make no EGL context current in this thread: GLX would refuse a window's context beside it, fatally."""
     with contextlib.suppress(OSError):
         egl = ctypes.CDLL("libEGL.so.1")
         egl.eglGetCurrentDisplay.restype = ctypes.c_void_p
@@ -101,7 +101,7 @@ def leave_thread() -> None:
 def window_context(address: Callable[[str], int]) -> moderngl.Context:
     """The GL context that a window library has made current in this thread, whatever the system made it with.
 
-    address : of a GL function by its name, 0 when there is none.
+    address : gives the address of a GL function by its name, 0 when there is none.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def window_context(address: Callable[[str], int]) -> moderngl.Context:
 
 
 class _Loader:
-    """What moderngl asks for the addresses of GL functions."""
+    """Gives moderngl the addresses of GL functions."""
 
     def __init__(self, address: Callable[[str], int]) -> None:
         self.load_opengl_function = address
@@ -136,7 +136,7 @@ def check(context: moderngl.Context, action: str) -> None:
 
 
 def describe(context: moderngl.Context) -> GLInfo:
-    """Who draws in this context, and whether it is software."""
+    """What draws in this context, and whether it is software."""
     renderer = str(context.info["GL_RENDERER"])
     return GLInfo(
         renderer=renderer,
@@ -147,7 +147,7 @@ def describe(context: moderngl.Context) -> GLInfo:
 
 
 def probe_gl() -> GLInfo | GLMissing:
-    """What GL this computer offers, or one sentence why it offers none."""
+    """The GL of this computer, or one sentence on why there is none."""
     try:
         context = create_context()
     except RendererError as error:

@@ -1,4 +1,4 @@
-"""The compositor in NumPy and OpenCV: twin of the shaders, and the one that `auto` takes without a GPU.
+"""The compositor in NumPy and OpenCV: twin of the shaders, and the choice of `auto` without a GPU.
 
 Each pixel of the mesh's bounding box gets the index of its triangle, through it the triangle's affine map to
 texture pixels, and one bilinear look-up gives warped colour and alpha. The blend is integer arithmetic.
@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.common.arrays import F32, F64, U8, Floating
 from guise.common.closing import Closing
 from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
 from guise.render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
@@ -22,7 +23,7 @@ class CpuCompositor(Closing):
 
     name = "cpu"
 
-    def __init__(self, mesh: Mesh, alpha: NDArray[np.float32]) -> None:
+    def __init__(self, mesh: Mesh, alpha: F32) -> None:
         self.description = f"CPU: OpenCV {cv2.__version__}, NumPy {np.__version__}"
         self._mesh = mesh
         self._texels = Texels(mesh, alpha)
@@ -38,18 +39,18 @@ class CpuCompositor(Closing):
         self._triples = [Scratch(np.uint8) for _ in range(2)]
         self._words = [Scratch(np.uint16) for _ in range(2)]
 
-    def set_alpha(self, alpha: NDArray[np.float32]) -> None:
+    def set_alpha(self, alpha: F32) -> None:
         """Take another (th, tw) alpha."""
         self._texels.set_alpha(alpha)
 
     def composite(
         self,
-        roi: NDArray[np.uint8],
+        roi: U8,
         texture: Texture,
-        vertices: NDArray[np.floating],
+        vertices: Floating,
         opacity: float = 1.0,
-        out: NDArray[np.uint8] | None = None,
-    ) -> NDArray[np.uint8]:
+        out: U8 | None = None,
+    ) -> U8:
         """See `guise.render.compositor.Compositor.composite`."""
         result = output_for(roi, out)
         snapped, box = self._place(vertices, roi.shape)
@@ -64,8 +65,8 @@ class CpuCompositor(Closing):
         self,
         shape: tuple[int, int],
         texture: Texture,
-        vertices: NDArray[np.floating],
-    ) -> NDArray[np.uint8]:
+        vertices: Floating,
+    ) -> U8:
         """See `guise.render.compositor.Compositor.warp`."""
         result = np.zeros((*shape, 4), np.uint8)
         snapped, box = self._place(vertices, shape)
@@ -79,23 +80,19 @@ class CpuCompositor(Closing):
     def close(self) -> None:
         """Nothing to release."""
 
-    def _place(
-        self, vertices: NDArray[np.floating], shape: tuple[int, ...]
-    ) -> tuple[NDArray[np.float64], Box]:
+    def _place(self, vertices: Floating, shape: tuple[int, ...]) -> tuple[F64, Box]:
         """Snapped vertices relative to the mesh's box, and the box."""
         snapped = snap(vertices, len(self._mesh.uv))
         box = bounding_box(snapped, shape[1], shape[0])
         return snapped - (box.x0 * SUBPIXELS, box.y0 * SUBPIXELS), box
 
-    def _triangle_ids(self, snapped: NDArray[np.float64], box: Box) -> NDArray[Any]:
+    def _triangle_ids(self, snapped: F64, box: Box) -> NDArray[Any]:
         ids = self._ids.view(box.height, box.width)
         ids.fill(self._background)
         self._rasteriser.draw(snapped, ids)
         return ids
 
-    def _sample(
-        self, rgba: NDArray[np.uint8], snapped: NDArray[np.float64], box: Box, ids: NDArray[Any]
-    ) -> NDArray[np.uint8]:
+    def _sample(self, rgba: U8, snapped: F64, box: Box, ids: NDArray[Any]) -> U8:
         """Warped colour and alpha in the box; where no triangle is, any value."""
         self._maps[:, : self._background] = texture_gradients(snapped, self._mesh)
         x = np.arange(box.width, dtype=np.float32)
@@ -110,10 +107,10 @@ class CpuCompositor(Closing):
         cv2.remap(rgba, u, v, cv2.INTER_LINEAR, dst=warped, borderMode=cv2.BORDER_REPLICATE)
         return warped
 
-    def _share(self, warped: NDArray[np.uint8], ids: NDArray[Any], opacity: float) -> NDArray[np.uint8]:
+    def _share(self, warped: U8, ids: NDArray[Any], opacity: float) -> U8:
         """The face's share of each pixel in 255ths; 0 where no triangle is."""
-        alpha: NDArray[np.uint8] = self._bytes[0].view(*ids.shape)
-        covered: NDArray[np.uint8] = self._bytes[1].view(*ids.shape)
+        alpha: U8 = self._bytes[0].view(*ids.shape)
+        covered: U8 = self._bytes[1].view(*ids.shape)
         cv2.extractChannel(warped, 3, dst=alpha)
         if opacity < 1:
             cv2.LUT(alpha, np.rint(_EVERY_BYTE * opacity).astype(np.uint8), dst=alpha)
@@ -121,7 +118,7 @@ class CpuCompositor(Closing):
         alpha *= covered
         return alpha
 
-    def _blend(self, warped: NDArray[np.uint8], alpha: NDArray[np.uint8], target: NDArray[np.uint8]) -> None:
+    def _blend(self, warped: U8, alpha: U8, target: U8) -> None:
         """target := (colour * alpha + target * (255 - alpha)) / 255, rounded to nearest."""
         colour, share = (scratch.view(*alpha.shape, 3) for scratch in self._triples)
         total, term = (scratch.view(*alpha.shape, 3) for scratch in self._words)
@@ -143,9 +140,9 @@ def _divide_by_255(value: NDArray[np.uint16], spare: NDArray[np.uint16]) -> None
     value >>= 8
 
 
-def _look_up(table: NDArray[np.float32], ids: NDArray[Any], out: NDArray[np.float32]) -> NDArray[np.float32]:
+def _look_up(table: F32, ids: NDArray[Any], out: F32) -> F32:
     if ids.dtype == np.uint8:
-        cv2.LUT(ids, table, dst=out)  # several times faster than take, but for 256 entries only
+        cv2.LUT(ids, table, dst=out)  # several times faster than take, but only for 256 entries
     else:
         np.take(table, ids, out=out, mode="clip")
     return out

@@ -1,7 +1,7 @@
-"""The one error of this package that a user may see."""
+"""The error of this package that a user may see."""
 
 from guise.common.errors import GuiseError
 
 
 class RendererError(GuiseError):
-    """What was expected, what was got and what to do, in one sentence."""
+    """A wrong argument or a missing renderer: what was expected, what was found and what to do."""

@@ -4,14 +4,14 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from guise.common.arrays import F32, Bool
 from guise.render.errors import RendererError
 
 _RADIUS_SIGMAS = 2.5
 
 
-def feather(mask: NDArray[np.bool_], sigma: float) -> NDArray[np.float32]:
+def feather(mask: Bool, sigma: float) -> F32:
     """Alpha that is 1 deep inside the mask and falls as a Gaussian edge to exactly 0 outside it.
 
     The mask is eroded by a square of radius r = ceil(2.5 sigma), then blurred by a Gaussian whose kernel
@@ -55,14 +55,14 @@ def feather(mask: NDArray[np.bool_], sigma: float) -> NDArray[np.float32]:
     return np.clip(alpha, 0.0, 1.0).astype(np.float32, copy=False)
 
 
-def _check(mask: NDArray[np.bool_], sigma: float) -> None:
+def _check(mask: Bool, sigma: float) -> None:
     if mask.ndim != 2 or mask.dtype != np.bool_:
         raise RendererError(f"mask must be (h, w) bool, got {mask.shape} {mask.dtype}")
     if not (math.isfinite(sigma) and sigma >= 0):
         raise RendererError(f"sigma must be a number of pixels >= 0, got {sigma!r}")
 
 
-def _erode(solid: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
+def _erode(solid: F32, radius: int) -> F32:
     square = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     eroded = cv2.erode(solid, square, borderType=cv2.BORDER_CONSTANT, borderValue=(0,))
     return np.asarray(eroded, np.float32)

@@ -2,7 +2,7 @@
 
 Pass 1 draws the mesh with the synthesised texture, pass 2 blends it into the frame's pixels. Both touch
 only the mesh's bounding box within the rectangle: that is all that is sent and read back. Textures on the
-GL side grow in steps of 64 pixels and are used in part, so that a face that moves does not allocate. Pixels
+GL side grow in steps of 64 pixels and are partly used, so that a moving face needs no allocation. Pixels
 travel as RGBA, because three-channel transfers are converted pixel by pixel by the driver.
 """
 
@@ -12,8 +12,8 @@ from importlib.resources import files
 import cv2
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
+from guise.common.arrays import F32, F64, U8, Floating
 from guise.common.closing import Closing
 from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
 from guise.render.context import check, create_context, describe
@@ -21,7 +21,7 @@ from guise.render.errors import RendererError
 from guise.render.mesh import SUBPIXELS, Box, Mesh, bounding_box, outline_box, snap
 from guise.render.pixel_centres import to_clip_space, to_texture_space
 
-_STEP = 64
+_TEXTURE_STEP_PIXELS = 64
 
 
 class GLCompositor(Closing):
@@ -29,7 +29,7 @@ class GLCompositor(Closing):
 
     name = "gl"
 
-    def __init__(self, mesh: Mesh, alpha: NDArray[np.float32]) -> None:
+    def __init__(self, mesh: Mesh, alpha: F32) -> None:
         self._mesh = mesh
         self._texels = Texels(mesh, alpha)
         self._pixels = Scratch(np.uint8)
@@ -52,18 +52,18 @@ class GLCompositor(Closing):
         """The GL context, for checks."""
         return self._context
 
-    def set_alpha(self, alpha: NDArray[np.float32]) -> None:
+    def set_alpha(self, alpha: F32) -> None:
         """Take another (th, tw) alpha."""
         self._texels.set_alpha(alpha)
 
     def composite(
         self,
-        roi: NDArray[np.uint8],
+        roi: U8,
         texture: Texture,
-        vertices: NDArray[np.floating],
+        vertices: Floating,
         opacity: float = 1.0,
-        out: NDArray[np.uint8] | None = None,
-    ) -> NDArray[np.uint8]:
+        out: U8 | None = None,
+    ) -> U8:
         """See `guise.render.compositor.Compositor.composite`."""
         result = output_for(roi, out)
         snapped = snap(vertices, len(self._mesh.uv))
@@ -81,8 +81,8 @@ class GLCompositor(Closing):
         self,
         shape: tuple[int, int],
         texture: Texture,
-        vertices: NDArray[np.floating],
-    ) -> NDArray[np.uint8]:
+        vertices: Floating,
+    ) -> U8:
         """See `guise.render.compositor.Compositor.warp`."""
         result = np.zeros((*shape, 4), np.uint8)
         snapped = snap(vertices, len(self._mesh.uv))
@@ -118,7 +118,7 @@ class GLCompositor(Closing):
         self._mesh_array = context.vertex_array(warp, inputs, index_buffer=triangles)
         self._box_array = context.vertex_array(self._blend, [])
 
-    def _draw_warp(self, rgba: NDArray[np.uint8], snapped: NDArray[np.float64], box: Box) -> None:
+    def _draw_warp(self, rgba: U8, snapped: F64, box: Box) -> None:
         """Pass 1, into the corner of the warped target.
 
         The viewport is the whole mesh, of which the scissor keeps the box: clipping triangles at the edge of
@@ -137,7 +137,7 @@ class GLCompositor(Closing):
         target.clear(viewport=target.scissor)
         self._mesh_array.render(moderngl.TRIANGLES)
 
-    def _draw_blend(self, view: NDArray[np.uint8], opacity: float) -> None:
+    def _draw_blend(self, view: U8, opacity: float) -> None:
         """Pass 2, over the frame's pixels in `view`."""
         height, width = view.shape[:2]
         targets = self._targets
@@ -152,8 +152,8 @@ class GLCompositor(Closing):
         self._box_array.render(moderngl.TRIANGLES, vertices=3)
         cv2.cvtColor(self._read(targets.blended_buffer, width, height), cv2.COLOR_RGBA2RGB, dst=view)
 
-    def _read(self, buffer: moderngl.Framebuffer, width: int, height: int) -> NDArray[np.uint8]:
-        pixels: NDArray[np.uint8] = self._pixels.view(height, width, 4)
+    def _read(self, buffer: moderngl.Framebuffer, width: int, height: int) -> U8:
+        pixels: U8 = self._pixels.view(height, width, 4)
         buffer.read_into(pixels, viewport=(0, 0, width, height), components=4)
         return pixels
 
@@ -192,7 +192,8 @@ class _Targets:
 
 
 def _round_up(pixels: int) -> int:
-    return max(_STEP, -(-pixels // _STEP) * _STEP)
+    step = _TEXTURE_STEP_PIXELS
+    return max(step, -(-pixels // step) * step)
 
 
 def program(context: moderngl.Context, name: str) -> moderngl.Program:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.common.arrays import F32, F64, I32, U8, Floating, Int
 from guise.render.errors import RendererError
 
 SUBPIXELS = 256
@@ -26,8 +27,8 @@ class Mesh:
     height, width : the reference grid in texels.
     """
 
-    triangles: NDArray[np.int32]
-    uv: NDArray[np.float32]
+    triangles: I32
+    uv: F32
     height: int
     width: int
 
@@ -68,7 +69,7 @@ class Box(NamedTuple):
         return image[self.y0 : self.y1, self.x0 : self.x1]
 
 
-def snap(vertices: NDArray[np.floating], count: int) -> NDArray[np.float64]:
+def snap(vertices: Floating, count: int) -> F64:
     """Vertices in whole 1/256 pixels.
 
     Parameters
@@ -92,15 +93,15 @@ def snap(vertices: NDArray[np.floating], count: int) -> NDArray[np.float64]:
     return np.rint(points * SUBPIXELS)
 
 
-def bounding_box(snapped: NDArray[np.float64], width: int, height: int) -> Box:
+def bounding_box(snapped: F64, width: int, height: int) -> Box:
     """The pixels of a width x height image that a mesh of snapped vertices can cover."""
     low = np.ceil(snapped.min(0) / SUBPIXELS)
     high = np.floor(snapped.max(0) / SUBPIXELS) + 1
     return Box(max(0, int(low[0])), max(0, int(low[1])), min(width, int(high[0])), min(height, int(high[1])))
 
 
-def outline_box(snapped: NDArray[np.float64]) -> Box:
-    """The pixels around the whole mesh, whether or not a picture holds them; every vertex lies inside."""
+def outline_box(snapped: F64) -> Box:
+    """The pixels around the whole mesh, inside the picture or not; every vertex lies inside."""
     low, high = np.floor(snapped.min(0) / SUBPIXELS), np.ceil(snapped.max(0) / SUBPIXELS) + 1
     return Box(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
@@ -108,11 +109,11 @@ def outline_box(snapped: NDArray[np.float64]) -> Box:
 class Rasteriser:
     """Finds the triangle of every pixel, exactly."""
 
-    def __init__(self, triangles: NDArray[np.int32]) -> None:
+    def __init__(self, triangles: I32) -> None:
         self._triangles = triangles
         self._numbers = np.arange(0)
 
-    def draw(self, snapped: NDArray[np.float64], ids: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    def draw(self, snapped: F64, ids: U8 | NDArray[np.uint16]) -> None:
         """Write into each pixel of `ids` the index of the last triangle that covers its centre.
 
         A pixel is covered when its centre lies in the triangle, on its left edge or on its top edge: GL's
@@ -132,14 +133,14 @@ class Rasteriser:
         pixels += self._count_to(len(pixels))
         ids.reshape(-1)[pixels] = np.repeat(triangle.astype(ids.dtype), length)  # the last of equals stays
 
-    def _count_to(self, total: int) -> NDArray[np.intp]:
+    def _count_to(self, total: int) -> Int:
         """0 .. total - 1, kept between frames: fresh memory of this size costs more than the sum."""
         if total > len(self._numbers):
             self._numbers = np.arange(total + total // 4)
         return self._numbers[:total]
 
 
-def texture_gradients(snapped: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float64]:
+def texture_gradients(snapped: F64, mesh: Mesh) -> F64:
     """The affine map from pixels to texture pixels of each triangle.
 
     Parameters
@@ -164,9 +165,7 @@ def texture_gradients(snapped: NDArray[np.float64], mesh: Mesh) -> NDArray[np.fl
     return np.stack([along_x, along_y, constant], axis=1).reshape(6, -1)
 
 
-def spans(
-    snapped: NDArray[np.float64], triangles: NDArray[np.integer], width: int, height: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+def spans(snapped: F64, triangles: NDArray[np.integer], width: int, height: int) -> tuple[Int, Int, Int, Int]:
     """Runs of covered pixels (triangle, row, left, right), right exclusive, in drawing order."""
     corners = snapped[triangles]
     order = np.argsort(corners[:, :, 1], axis=1)
@@ -182,9 +181,7 @@ def spans(
     return triangle, row, left, right
 
 
-def _rows(
-    top: NDArray[np.float64], bottom: NDArray[np.float64], height: int
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _rows(top: F64, bottom: F64, height: int) -> tuple[Int, Int]:
     """Every (triangle, row) with the row's centre in top <= y < bottom."""
     first = np.clip(np.ceil(top / SUBPIXELS), 0, height).astype(np.intp)
     last = np.clip(np.ceil(bottom / SUBPIXELS), 0, height).astype(np.intp)
@@ -194,9 +191,7 @@ def _rows(
     return triangle, np.arange(len(triangle)) + np.repeat(first - (ends - count), count)
 
 
-def _crossing(
-    start: NDArray[np.float64], end: NDArray[np.float64], edge: NDArray[np.intp], y: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _crossing(start: F64, end: F64, edge: Int, y: F64) -> F64:
     """First pixel whose centre is not left of the edge at height y (1/256 pixels).
 
     Numerator and denominator are exact integers and one division is correctly rounded, so the ceiling is
@@ -208,7 +203,7 @@ def _crossing(
     return np.asarray(np.ceil(numerator / denominator[edge]))
 
 
-def _check_mesh(triangles: NDArray[Any], uv: NDArray[np.float32], height: int, width: int) -> None:
+def _check_mesh(triangles: NDArray[Any], uv: F32, height: int, width: int) -> None:
     if uv.ndim != 2 or uv.shape[1] != 2 or len(uv) < 3:
         raise RendererError(f"uv must be (v, 2) with v >= 3, got {uv.shape}")
     if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) < 1:

@@ -6,10 +6,11 @@ out.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from guise.common.arrays import F32, Floating
 
 
-def to_clip_space(vertices: NDArray[np.floating], width: int, height: int) -> NDArray[np.float32]:
+def to_clip_space(vertices: Floating, width: int, height: int) -> F32:
     """Positions for `gl_Position` when the viewport is width x height pixels.
 
     Parameters
@@ -28,7 +29,7 @@ def to_clip_space(vertices: NDArray[np.floating], width: int, height: int) -> ND
     return ((vertices + 0.5) * (2.0 / width, 2.0 / height) - 1.0).astype(np.float32)
 
 
-def to_texture_space(uv: NDArray[np.floating], width: int, height: int) -> NDArray[np.float32]:
+def to_texture_space(uv: Floating, width: int, height: int) -> F32:
     """Coordinates for a normalised sampler of a texture of width x height texels.
 
     Parameters

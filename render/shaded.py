@@ -1,6 +1,6 @@
 """Studio pictures of a mesh: orthographic, smooth normals, key, fill and rim light, and soft ambient occlusion.
 
-Lights stand still with the viewer, so that what a surface returns is a function of its normal alone: two pictures of a
+The lights are fixed to the viewer, so that what a surface reflects is a function of its normal alone: two pictures of a
 lit ball (`_Ball`), looked up by the normals of `guise.render.visibility`'s pixels.  Drawn at twice the size
 and averaged.
 
@@ -18,20 +18,20 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8, Bool, Floating
 from guise.render.errors import RendererError
 from guise.render.visibility import Visibility, visible
 
 Faces = NDArray[np.integer]
-Picture = NDArray[np.uint8]
 Paint = Callable[[F64], F64]
 _Float = TypeVar("_Float", np.float32, np.float64)
 
-CLAY = (0.80, 0.69, 0.61)
-SHADE = (0.075, 0.082, 0.094), (0.016, 0.018, 0.021)  # of the backdrop, linear: middle and corners
-MARGIN = 0.05  # of the picture, around the head
-BALL = 257  # texels across the lit ball
-_SAMPLES = 2  # a pixel's, each way
+CLAY_COLOUR = (0.80, 0.69, 0.61)
+_BACKDROP_COLOURS = (0.075, 0.082, 0.094), (0.016, 0.018, 0.021)  # linear: middle and corners
+_BACKDROP_DEPTH = 1e9
+_MARGIN_SHARE = 0.05  # of the picture, around the head
+_BALL_TEXELS = 257  # across the lit ball
+_SAMPLES = 2  # of a pixel, each way
 
 # Direction to the light (right, up, towards the viewer), colour and strength in linear RGB, softness 0..1.
 _KEY = (-0.62, 0.66, 0.62), (1.85, 1.70, 1.52), 0.10
@@ -39,20 +39,37 @@ _FILL = (0.90, 0.05, 0.50), (0.22, 0.27, 0.35), 0.40
 _RIM_LEFT = (-0.90, 0.25, -0.55), (0.45, 0.60, 0.85), 0.0
 _RIM_RIGHT = (0.92, 0.35, -0.42), (1.00, 0.97, 0.90), 0.0
 _SKY, _GROUND = (0.19, 0.21, 0.245), (0.075, 0.062, 0.055)
-_INSIDE = 0.35  # of the light reaches the inner side of a surface
+_INNER_SIDE_LIGHT = 0.35  # share of the light that reaches the inner side of a surface
 
-# Ambient occlusion: directions around a pixel, steps along each, and reach as a share of the head.
-_ROUND, _STEPS, _REACH = 8, 3, 0.085
-_DEPTH, _FLAT = 1.3, 0.12  # strength, and the sine up to which a slope is no hollow
-_BEHIND = 1e9  # depth of the backdrop
 
-# Exposure: directions (yaw, pitch) looked from, pixels of a look, share of looks that is open, and the least light.
-_DIRECTIONS = (
-    [(yaw, 0) for yaw in range(0, 360, 45)]
-    + [(yaw, 50) for yaw in range(0, 360, 90)]
-    + [(yaw, -50) for yaw in range(45, 360, 90)]
-)
-_GLANCE, _OPEN, _DARK = 256, 0.2, 0.1
+@dataclass(frozen=True)
+class _Occlusion:
+    """Ambient occlusion."""
+
+    directions: int = 8  # around a pixel
+    steps: int = 3  # along each direction
+    reach_head_sizes: float = 0.085
+    strength: float = 1.3
+    flat_sine: float = 0.12  # up to which a slope isn't a hollow
+    max_occlusion: float = 0.92
+    blur_pixels: float = 1.6  # standard deviation, at a quarter of the samples
+
+
+@dataclass(frozen=True)
+class _Exposure:
+    """How open a surface lies, from views around it."""
+
+    view_pixels: int = 256  # side of a view
+    open_share: float = 0.2  # of the views, from which a vertex counts as open
+    min_light: float = 0.1
+    views: tuple[tuple[int, int], ...] = (  # yaw, pitch
+        *((yaw, 0) for yaw in range(0, 360, 45)),
+        *((yaw, 50) for yaw in range(0, 360, 90)),
+        *((yaw, -50) for yaw in range(45, 360, 90)),
+    )
+
+
+_OCCLUSION, _EXPOSURE = _Occlusion(), _Exposure()
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +104,7 @@ class Camera:
     def scale(self, size: tuple[int, int]) -> float:
         """Pixels per unit of the mesh."""
         across, up = self.extent
-        return (0.5 - MARGIN) * min(size[0] / across, size[1] / up)
+        return (0.5 - _MARGIN_SHARE) * min(size[0] / across, size[1] / up)
 
     def project(self, vertices: ArrayLike, size: tuple[int, int]) -> F64:
         """(N, 3): x, y and depth, all in pixels of a picture of that width and height."""
@@ -107,7 +124,7 @@ def shaded(
     paint: Paint | None = None,
     light: ArrayLike | None = None,
     camera: Camera | None = None,
-) -> Picture:
+) -> U8:
     """A picture of a mesh on a dark backdrop.
 
     Parameters
@@ -151,16 +168,16 @@ def _lit(
     share = np.ones(len(place)) if light is None else np.asarray(light)
     given = () if colours is None else (np.asarray(colours),)
     columns = np.column_stack([normals, place[:, 2], share, *given]).astype(np.float32)
-    known = seen.interpolated(columns, triangles)
-    normal = _unit(np.asarray(known[:, :3], np.float32))
+    known = np.asarray(seen.interpolated(columns, triangles), np.float32)
+    normal = _unit(known[:, :3])
     inside = normal[:, 2] < -0.15  # smooth normals lean back a little at the outline
     normal[inside] *= -1
-    own = _painted(np.asarray(known[:, 5:]), paint) if given else _linear(np.array(CLAY, np.float32))
-    reach = _REACH * float(np.ptp(place, axis=0).max())
-    reaching = _occlusion(known[:, 3], seen.covered, reach) * known[:, 4]
-    reaching[inside] *= _INSIDE
+    own = _painted(known[:, 5:], paint) if given else _linear(np.array(CLAY_COLOUR, np.float32))
+    reach = _OCCLUSION.reach_head_sizes * float(np.ptp(place, axis=0).max())
+    arriving = _openness(known[:, 3], seen.covered, reach) * known[:, 4]
+    arriving[inside] *= _INNER_SIDE_LIGHT
     ball = _Ball.lit()
-    return (own * ball.diffuse(normal) + ball.gloss(normal)) * reaching[:, None]
+    return (own * ball.diffuse(normal) + ball.gloss(normal)) * arriving[:, None]
 
 
 def exposure(vertices: ArrayLike, triangles: ArrayLike) -> F64:
@@ -173,15 +190,17 @@ def exposure(vertices: ArrayLike, triangles: ArrayLike) -> F64:
     faces = outwards(points, np.asarray(triangles))
     times = np.zeros(len(points))
     around = Camera.around(points)
-    for yaw, pitch in _DIRECTIONS:
-        place = replace(around, yaw=yaw, pitch=pitch).project(points, (_GLANCE, _GLANCE))
-        numbers = np.unique(visible(place, faces, (_GLANCE, _GLANCE)).triangle)
+    size = _EXPOSURE.view_pixels, _EXPOSURE.view_pixels
+    for yaw, pitch in _EXPOSURE.views:
+        place = replace(around, yaw=yaw, pitch=pitch).project(points, size)
+        numbers = np.unique(visible(place, faces, size).triangle)
         shown = faces[numbers[numbers >= 0]]
         (ux, uy), (vx, vy) = ((place[shown[:, k], :2] - place[shown[:, 0], :2]).T for k in (1, 2))
         hit = np.zeros(len(points), bool)
         hit[shown[ux * vy < uy * vx]] = True  # its outer side: y runs down
         times += hit
-    return _blurred(_DARK + (1 - _DARK) * np.minimum(1, times / (_OPEN * len(_DIRECTIONS))), faces)
+    least, enough = _EXPOSURE.min_light, _EXPOSURE.open_share * len(_EXPOSURE.views)
+    return _blurred(least + (1 - least) * np.minimum(1, times / enough), faces)
 
 
 def _blurred(values: F64, triangles: Faces) -> F64:
@@ -220,29 +239,29 @@ def vertex_normals(vertices: F64, triangles: Faces) -> F64:
     return _unit(out)
 
 
-def _painted(values: NDArray[np.floating], paint: Paint | None) -> F32:
+def _painted(values: Floating, paint: Paint | None) -> F32:
     """Linear colours (p, 3) of pixels with values (p, d)."""
     return _linear(np.asarray(values if paint is None else paint(values.astype(np.float64)), np.float32))
 
 
-def _occlusion(away: NDArray[np.floating], covered: NDArray[np.bool_], reach: float) -> F32:
-    """(p,) share of the surroundings that reaches the covered pixels, from depths around, at a quarter of the samples.
+def _openness(depths: Floating, covered: Bool, reach: float) -> F32:
+    """(p,) share of the ambient light that reaches the covered pixels, computed at a quarter of the samples.
 
-    away : (p,) their depths.   reach : both in fine pixels.
+    depths : (p,) of the covered pixels.   reach : both in fine pixels.
     """
-    depth = np.full(covered.shape, _BEHIND, np.float32)
-    depth[covered] = away
+    depth = np.full(covered.shape, _BACKDROP_DEPTH, np.float32)
+    depth[covered] = depths
     small = np.ascontiguousarray(depth[::_SAMPLES, ::_SAMPLES])
     hidden = np.zeros(small.shape, np.float32)
-    for turn in range(_ROUND):
-        direction = np.exp(2j * np.pi * turn / _ROUND)
+    for turn in range(_OCCLUSION.directions):
+        direction = np.exp(2j * np.pi * turn / _OCCLUSION.directions)
         highest = np.zeros(small.shape, np.float32)
-        for step in range(1, _STEPS + 1):
-            offset = direction * reach * ((step - turn % 2 / 2) / _STEPS) ** 2
+        for step in range(1, _OCCLUSION.steps + 1):
+            offset = direction * reach * ((step - turn % 2 / 2) / _OCCLUSION.steps) ** 2
             _rise(small, offset, reach, highest)
         hidden += highest
-    open_to = 1 - np.minimum(_DEPTH * hidden / _ROUND, 0.92)
-    smooth = cv2.GaussianBlur(open_to, (0, 0), 1.6)
+    mean = _OCCLUSION.strength * hidden / _OCCLUSION.directions
+    smooth = cv2.GaussianBlur(1 - np.minimum(mean, _OCCLUSION.max_occlusion), (0, 0), _OCCLUSION.blur_pixels)
     return np.asarray(
         cv2.resize(smooth, depth.shape[::-1], interpolation=cv2.INTER_LINEAR)[covered], np.float32
     )
@@ -251,7 +270,7 @@ def _occlusion(away: NDArray[np.floating], covered: NDArray[np.bool_], reach: fl
 def _rise(depth: F32, offset: complex, reach: float, highest: F32) -> None:
     """Raise `highest` (h, w) to the sine of the angle under which the surface at an offset stands above each pixel.
 
-    What stands far in front casts no shade.  depth, offset and reach in fine pixels.
+    What stands far in front doesn't occlude.  depth, offset and reach in fine pixels.
     """
     x, y = round(offset.real / _SAMPLES), round(offset.imag / _SAMPLES)
     if x or y:
@@ -259,20 +278,20 @@ def _rise(depth: F32, offset: complex, reach: float, highest: F32) -> None:
         above = depth[rows[0], columns[0]] - depth[rows[1], columns[1]]
         np.clip(above, 0, 1e3 * reach, out=above)  # backdrop before or behind
         sine = above / np.sqrt(above * above + np.float32(_SAMPLES**2 * (x * x + y * y)))
-        sine -= _FLAT
+        sine -= _OCCLUSION.flat_sine
         sine /= 1 + np.square(above / np.float32(reach))
         kept = highest[rows[0], columns[0]]
         np.maximum(kept, sine, out=kept)
 
 
 def _overlap(length: int, shift: int) -> tuple[slice, slice]:
-    """Where a row of pixels and the same row shifted overlap: here, and there."""
+    """Where a row of pixels and the same row shifted overlap: in the one and in the other."""
     return slice(max(0, -shift), length - max(0, shift)), slice(max(0, shift), length + min(0, shift))
 
 
 @dataclass(frozen=True, eq=False)
 class _Ball:
-    """What a lit ball returns, (BALL, BALL, 3) linear, by normal: diffusely, and as gloss."""
+    """What a lit ball reflects, (_BALL_TEXELS, _BALL_TEXELS, 3) linear, by normal: diffusely, and as gloss."""
 
     matt: F32
     shine: F32
@@ -280,7 +299,7 @@ class _Ball:
     @classmethod
     @cache
     def lit(cls) -> _Ball:
-        y, x = np.mgrid[1 : -1 : BALL * 1j, -1 : 1 : BALL * 1j]
+        y, x = np.mgrid[1 : -1 : _BALL_TEXELS * 1j, -1 : 1 : _BALL_TEXELS * 1j]
         inside = np.minimum(1.0, 1 / np.maximum(np.hypot(x, y), 1e-9))
         x, y = x * inside, y * inside
         normal = np.stack([x, y, np.sqrt(np.maximum(0, 1 - x * x - y * y))], axis=-1)
@@ -300,18 +319,18 @@ class _Ball:
         return cls(matt.astype(np.float32), shine.astype(np.float32))
 
     def diffuse(self, normals: F32) -> F32:
-        """Light (p, 3) that white returns from normals (p, 3)."""
+        """Light (p, 3) that white reflects from normals (p, 3)."""
         return _looked_up(self.matt, normals)
 
     def gloss(self, normals: F32) -> F32:
-        """Light (p, 3) that the surface mirrors."""
+        """Light (p, 3) of the highlights."""
         return _looked_up(self.shine, normals)
 
 
 def _looked_up(ball: F32, normals: F32) -> F32:
-    half = (BALL - 1) / 2
+    half = (_BALL_TEXELS - 1) / 2
     x, y = half * (1 + normals[:, 0]), half * (1 - normals[:, 1])
-    rows = 4096  # remap takes pictures of fewer than 32768 rows
+    rows = 4096  # remap takes fewer than 32768 rows
     padded = -(-len(x) // rows) * rows
     maps = [np.pad(m, (0, padded - len(m))).reshape(-1, rows) for m in (x, y)]
     return np.asarray(
@@ -325,7 +344,8 @@ def _backdrop(size: tuple[int, int]) -> F32:
     width, height = size
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     away = np.clip(np.hypot(x, y + 0.15) / 1.6, 0, 1)[..., None] ** 1.3
-    return _srgb(np.asarray((1 - away) * np.array(SHADE[0]) + away * np.array(SHADE[1]), np.float32))
+    middle, corners = map(np.array, _BACKDROP_COLOURS)
+    return _srgb(np.asarray((1 - away) * middle + away * corners, np.float32))
 
 
 def _linear(colours: F32) -> F32:
@@ -335,7 +355,7 @@ def _linear(colours: F32) -> F32:
 
 
 def _srgb(light: F32) -> F32:
-    """Linear light to sRGB in 0..1; what is brighter than about 0.8 is pressed together, not cut off."""
+    """Linear light to sRGB in 0..1; what is brighter than about 0.8 is compressed, not clipped."""
     bright = np.maximum(light - 0.8, 0)
     c = np.minimum(light, 0.8) + 0.2 * (1 - np.exp(-bright / 0.2))
     return np.asarray(np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055), np.float32)

@@ -1,7 +1,7 @@
 """Which triangle of a mesh each pixel shows, and where in it: a float image with a depth test.
 
-Nothing is shaded here: colours, normals, depths or coordinates are looked up by triangle and weights afterwards, and
-the weights are computed from the triangle when they are asked for, exactly.
+Nothing is shaded here: colours, normals, depths or coordinates are looked up afterwards by triangle and weights, and
+the weights are computed exactly from the triangle on demand.
 Pixels, x right, y down, pixel centres at integers; depth in any unit, smaller is nearer.  Vertices are snapped to
 1/256 pixel as in `guise.render.mesh`, so that GL and its NumPy twin cover the same pixels.
 """
@@ -17,7 +17,7 @@ import moderngl
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from guise.common.arrays import F32, F64, I32, Bool, Int
+from guise.common.arrays import F32, F64, I32, Bool, Floating, Int
 from guise.common.closing import Closing
 from guise.render.compositor import Renderer
 from guise.render.context import GLMissing, check, create_context, probe_gl
@@ -27,7 +27,7 @@ from guise.render.mesh import MAX_COORDINATE, SUBPIXELS, outline_box, snap, span
 from guise.render.pixel_centres import to_clip_space
 
 MAX_TRIANGLES = 1 << 24  # a float holds each number below
-_NEAR = 0.98  # of GL's depth range is used, so that rounding clips nothing
+_DEPTH_RANGE_SHARE = 0.98  # of GL's, so that rounding clips nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +60,7 @@ class Visibility:
         out[self.covered] = self.places
         return out
 
-    def interpolated(
-        self, values: NDArray[np.floating], triangles: NDArray[np.integer]
-    ) -> NDArray[np.floating]:
+    def interpolated(self, values: Floating, triangles: NDArray[np.integer]) -> Floating:
         """Values of vertices (N, d) at the covered pixels, in rows (p, d); of the triangles (t, 3) drawn.
 
         >>> seen = visible([[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 1, 2]], (2, 1), "cpu")
@@ -91,7 +89,7 @@ def visible(
     Raises
     ------
     RendererError
-        When an argument is wrong, or 'gl' is asked for and missing.
+        When an argument is wrong, or 'gl' is requested and missing.
     """
     if renderer not in get_args(Renderer):
         raise RendererError(f"renderer must be one of {', '.join(get_args(Renderer))}, got {renderer!r}")
@@ -220,14 +218,14 @@ class GLVisibility(Closing):
 def _clip_depth(depth: F64) -> F32:
     """Depths (N,) within GL's range, -1 nearest."""
     low, span = depth.min(), max(float(np.ptp(depth)), 1e-300)
-    return np.asarray(_NEAR * (2 * (depth - low) / span - 1), np.float32)
+    return np.asarray(_DEPTH_RANGE_SHARE * (2 * (depth - low) / span - 1), np.float32)
 
 
 _here = threading.local()
 
 
 def _drawer() -> GLVisibility:
-    """The GL of this thread, made when it is first wanted."""
+    """The GL of this thread, made on first use."""
     if not hasattr(_here, "drawer"):
         _here.drawer = GLVisibility()
     drawer: GLVisibility = _here.drawer
@@ -236,6 +234,6 @@ def _drawer() -> GLVisibility:
 
 @cache
 def _hardware() -> bool:
-    """Whether GL is there and is no software."""
+    """Whether GL is there and is hardware."""
     found = probe_gl()
     return not isinstance(found, GLMissing) and not found.software

@@ -115,9 +115,7 @@ def test_the_mean_of_all_is_one_donor_for_all() -> None:
 
 @pytest.mark.parametrize("k", [0, 8])
 def test_a_mean_of_more_than_there_are_is_one_sentence(k: int) -> None:
-    with pytest.raises(
-        DonorError, match=f"mean:{k} takes the average of {k} donors, there are 7; choose 1 to 7"
-    ):
+    with pytest.raises(DonorError, match=f"mean:{k} averages {k} donors, but there are 7; choose 1 to 7"):
         assign([1], f"mean:{k}", seed=0, salt="x")
 
 
@@ -219,9 +217,9 @@ PERSON = {"name": "a", "donor": "p01", "signature": [0.1] * 64}
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        ("{", "is no key file or is damaged"),
-        ("[]", "is no key file or is damaged"),
-        (json.dumps({"format": "guise-key"}), "is no key file or is damaged"),
+        ("{", "isn't a key file or is damaged"),
+        ("[]", "isn't a key file or is damaged"),
+        (json.dumps({"format": "guise-key"}), "isn't a key file or is damaged"),
         (json.dumps(GOOD | {"version": 2}), "is guise-key of version 2, expected guise-key of version 1"),
         (json.dumps(GOOD | {"seed": None}), "is damaged"),
         (json.dumps(GOOD | {"people": [{"name": "a"}]}), "is damaged"),

@@ -26,7 +26,7 @@ from guise.aam.reference import POINTS, ReferenceFrame
 from guise.app.media import open_input
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.place import WIDER, proportions
+from guise.app.swapping.place import DISGUISE, proportions
 
 FRAME = ReferenceFrame.canonical(160)
 
@@ -50,7 +50,9 @@ def test_eyes_lie_farther_apart_brows_higher_and_the_mouth_is_larger() -> None:
     before, after = FRAME.points, proportions(FRAME) @ FRAME.points
     assert _apart(after) > 1.03 * _apart(before)
     assert _brows(after) > 1.03 * _brows(before)
-    assert np.ptp(after[LIPS], axis=0) == pytest.approx((1 + WIDER) * np.ptp(before[LIPS], axis=0), rel=0.03)
+    assert np.ptp(after[LIPS], axis=0) == pytest.approx(
+        (1 + DISGUISE.mouth_enlarged) * np.ptp(before[LIPS], axis=0), rel=0.03
+    )
 
 
 def test_outline_and_nose_stay() -> None:

@@ -60,6 +60,7 @@ OWNERS = {
     "moderngl_window": {"app/live/window.py"},
     "pyvirtualcam": {"app/live/virtualcam.py"},
     "sounddevice": {"app/live/sound.py"},
+    "threadpoolctl": {"common/threads.py"},
     "nicegui": {"app/studio"},
     "aiortc": {"app/studio/rtc.py"},
     "fastapi": {"app/studio/server.py"},

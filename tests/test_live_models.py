@@ -74,7 +74,7 @@ def test_a_damaged_model_is_a_note_and_no_model(person: Identity) -> None:
     said: list[str] = []
     assert cached("camera", said.append) is None
     assert said == [
-        f"the model kept for camera is left aside: {path} is not a Guise model or is "
+        f"the model kept for camera is not used: {path} is not a Guise model or is "
         "truncated; enrol the person again"
     ]
     keep("camera", person)

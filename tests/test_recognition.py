@@ -12,7 +12,15 @@ from guise.aam.appearance import SHAPE
 from guise.aam.landmarks import open_landmarker
 from guise.aam.mask import core_mask
 from guise.aam.model import Identity
-from guise.aam.recognition import DIRECTIONS, SAME, features, likeness, same_person, signature, signature_of
+from guise.aam.recognition import (
+    DIRECTIONS,
+    MIN_SAME_PERSON_SIMILARITY,
+    cosine_similarity,
+    features,
+    same_person,
+    signature,
+    signature_of,
+)
 from guise.aam.reference import ReferenceFrame
 from guise.app.enrolment.enrol import LandmarkSource, enrol
 from guise.app.swapping.donors import gallery, open_donor
@@ -34,12 +42,12 @@ def test_a_signature_has_length_one() -> None:
     assert found.shape == (DIRECTIONS,)
     assert found.dtype == np.float32
     assert float(found @ found) == pytest.approx(1, abs=1e-5)
-    assert likeness(found, found) == pytest.approx(1, abs=1e-5)
+    assert cosine_similarity(found, found) == pytest.approx(1, abs=1e-5)
 
 
 def test_stronger_light_changes_next_to_nothing() -> None:
     person = open_donor("p06")
-    assert likeness(signature(person), signature(lit(person, lambda rgb: 0.8 * rgb))) > 0.98
+    assert cosine_similarity(signature(person), signature(lit(person, lambda rgb: 0.8 * rgb))) > 0.98
 
 
 def test_light_from_a_side_is_forgiven() -> None:
@@ -75,8 +83,8 @@ def test_a_person_is_the_same_in_another_clip(person: str) -> None:
 
 def test_the_donors_are_all_different() -> None:
     found = np.stack([signature(open_donor(name)) for name in gallery()])
-    likenesses = (found @ found.T)[~np.eye(len(found), dtype=bool)]
-    assert likenesses.max() < SAME
+    similarities = (found @ found.T)[~np.eye(len(found), dtype=bool)]
+    assert similarities.max() < MIN_SAME_PERSON_SIMILARITY
 
 
 def test_the_resolution_of_a_model_does_not_matter() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from guise.aam.similarity import Failed, Similarity, align, align_planar
+from guise.aam.similarity import Failed, Similarity, align, align_complex, align_planar, align_rigid
 
 SEEDS = st.integers(0, 2**32 - 1)
 DIMENSIONS = st.integers(2, 4)
@@ -210,10 +210,44 @@ def test_planar_closed_form_is_the_general_answer(seed: int) -> None:
     source, target = noisy_pair(rng)
     weights = rng.random(len(source)) + 0.01
     weights /= weights.sum()
-    a, b, tx, ty = align_planar(source, target, weights)
+    fit = align_planar(source, target, weights)
+    a, b, tx, ty = fit
     general = found(source, target, weights)
     assert_allclose([[a, -b], [b, a]], general.linear, atol=1e-9)
     assert_allclose([tx, ty], general.translation, atol=1e-9)
+    assert_allclose(fit.apply(source), general.apply(source), atol=1e-9)
+    assert fit.scale == pytest.approx(general.scale)
+
+
+@given(SEEDS, DIMENSIONS)
+def test_rigid_motions_are_the_general_answer_without_its_scale(seed: int, dimension: int) -> None:
+    rng = np.random.default_rng(seed)
+    pairs = [noisy_pair(rng, dimension=dimension) for _ in range(3)]
+    sources, targets = (np.stack(points) for points in zip(*pairs, strict=True))
+    weights = rng.random(sources.shape[:2]) + 0.01
+    for rotation, shift, source, target, own in zip(
+        *align_rigid(sources, targets, weights), sources, targets, weights, strict=True
+    ):
+        general = found(source, target, own)
+        assert_allclose(rotation, general.rotation, atol=1e-9)
+        mean = own @ source / own.sum(), own @ target / own.sum()
+        assert_allclose(rotation @ mean[0] + shift, mean[1], atol=1e-9)
+
+
+@given(SEEDS)
+def test_complex_similarities_of_a_batch_are_the_general_answers(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    source = noisy_pair(rng)[0]
+    targets = rng.normal(size=(2, 3, *source.shape)) + source
+    scale, shift = align_complex(source @ [1, 1j], targets @ [1, 1j])
+    assert scale.shape == shift.shape == (2, 3, 1)
+    for index in np.ndindex(2, 3):
+        general = align(source, targets[index])
+        if not general:  # which it says of a source with no direction in common, too
+            continue
+        (s,), (t,) = scale[index], shift[index]
+        assert_allclose([[s.real, -s.imag], [s.imag, s.real]], general.linear, atol=1e-9)
+        assert_allclose([t.real, t.imag], general.translation, atol=1e-9)
 
 
 @pytest.mark.parametrize(

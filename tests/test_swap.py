@@ -8,6 +8,7 @@ import pytest
 from clips import cut, empty_scene, pictures, tags
 from made_up import SAMPLES
 from models import model_file
+from threadpoolctl import threadpool_info
 
 from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
@@ -132,7 +133,11 @@ def test_without_a_model_the_person_is_enrolled_first(tmp_path: Path, p06: Ident
 
 
 def test_one_thread_is_for_the_block_only() -> None:
-    before = cv2.getNumThreads()
+    def threads() -> list[int]:
+        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+    in_opencv, in_blas = cv2.getNumThreads(), threads()
     with one_thread():
         assert cv2.getNumThreads() == 1
-    assert cv2.getNumThreads() == before
+        assert set(threads()) == {1}
+    assert (cv2.getNumThreads(), threads()) == (in_opencv, in_blas)

@@ -9,18 +9,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.aam.appearance import openness
 from guise.aam.landmarks.schemes import INNER_LIPS
-from guise.aam.mask import soft_parts
+from guise.aam.light import equalised_light
+from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.training import (
-    FEWEST,
+    LIMITS,
     Observation,
     TrainingError,
     TrainingOptions,
     choose_frames,
     held_out_error,
-    in_even_light,
     observe,
     train_identity,
 )
@@ -105,7 +105,7 @@ def test_faces_of_few_pixels_are_left_out(shapes: np.ndarray) -> None:
     assert choose_frames(small, TrainingOptions()).all.max() < 100
 
 
-@pytest.mark.parametrize("count", [0, 1, FEWEST - 1])
+@pytest.mark.parametrize("count", [0, 1, LIMITS.min_frames - 1])
 def test_too_few_frames(shapes: np.ndarray, count: int) -> None:
     rare = np.full_like(shapes, np.nan)
     rare[:count] = shapes[:count]
@@ -117,7 +117,9 @@ def test_too_few_frames(shapes: np.ndarray, count: int) -> None:
 
 
 def test_just_enough_frames(shapes: np.ndarray) -> None:
-    assert len(choose_frames(shapes[: FEWEST + 4], TrainingOptions()).training) >= FEWEST
+    assert (
+        len(choose_frames(shapes[: LIMITS.min_frames + 4], TrainingOptions()).training) >= LIMITS.min_frames
+    )
 
 
 def colour(luma: np.ndarray) -> np.ndarray:
@@ -153,7 +155,8 @@ def test_training_says_when_the_frames_do_not_suffice(shapes: np.ndarray, talk2:
     assert isinstance(seen, Observation)
     few = {int(i): seen for i in choice.training[:5]}
     with pytest.raises(
-        TrainingError, match="only 5 of the chosen frames show the whole face; use another clip"
+        TrainingError,
+        match="only 5 of the chosen frames show the whole face, 12 are needed; use another clip",
     ):
         train_identity("nobody", few, choice, options=TrainingOptions(frames=20, resolution=96))
 
@@ -184,7 +187,7 @@ def test_detail_is_what_the_grid_is_too_coarse_for(p01: Identity) -> None:
     assert_allclose(p01.detail[face].mean(), 0, atol=0.2)
 
 
-def test_in_even_light_a_face_is_the_same_under_any_light() -> None:
+def test_in_equalised_light_a_face_is_the_same_under_any_light() -> None:
     frame = ReferenceFrame.canonical(48)
     rng = np.random.default_rng(0)
     face = rng.uniform(60, 160, (len(frame.pixels), 3)).astype(np.float32)
@@ -192,14 +195,14 @@ def test_in_even_light_a_face_is_the_same_under_any_light() -> None:
     across = (frame.pixels % frame.size[1] / frame.size[1])[:, None]
     lights = [np.ones_like(across), np.full_like(across, 0.5), 0.6 + 0.8 * across, 1.3 - 0.7 * across]
     lit = np.stack([face * light for light in lights]).astype(np.float32)
-    even = in_even_light(lit, frame)
-    assert even.std(0).mean() < 0.15 * lit.std(0).mean()
+    equalised = equalised_light(lit, skin_mask(frame)[frame.mask], frame)
+    assert equalised.std(0).mean() < 0.15 * lit.std(0).mean()
 
 
-def test_even_light_leaves_what_light_cannot_do() -> None:
+def test_equalised_light_leaves_what_light_cannot_do() -> None:
     frame = ReferenceFrame.canonical(48)
     face = np.full((2, len(frame.pixels), 3), 120, np.float32)
     mouth = soft_parts(frame, (INNER_LIPS,), 0.0)[frame.mask] > 0.5
     face[1, mouth] = 30
-    even = in_even_light(face, frame)
-    np.testing.assert_allclose(even[1, mouth] - even[0, mouth], -90, atol=3)
+    equalised = equalised_light(face, skin_mask(frame)[frame.mask], frame)
+    np.testing.assert_allclose(equalised[1, mouth] - equalised[0, mouth], -90, atol=3)

@@ -11,7 +11,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.landmarks import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
 from guise.aam.landmarks.schemes import (
@@ -30,12 +29,13 @@ from guise.aam.landmarks.schemes import (
     RIGHT_TEMPLE,
     UPPER_LIP_TOP,
 )
+from guise.common.arrays import F32, F64, I32, U8, Bool
 
 SIZE = 128  # pixels, the side of the network's input
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
 
-Picture = NDArray[np.uint8]
-F32 = NDArray[np.float32]
+Picture = U8
+F32 = F32
 Rng = np.random.Generator
 
 
@@ -50,9 +50,9 @@ class Strength:
 
 
 def sample(
-    rng: Rng, image: Picture, points: F32, visible: NDArray[np.bool_], mask: Picture | None,
-    backgrounds: NDArray[np.uint8], strength: Strength = Strength(),
-) -> tuple[Picture, F32, NDArray[np.bool_]]:  # fmt: skip
+    rng: Rng, image: Picture, points: F32, visible: Bool, mask: Picture | None,
+    backgrounds: U8, strength: Strength = Strength(),
+) -> tuple[Picture, F32, Bool]:  # fmt: skip
     """A crop (128, 128, 3), the points in it (81, 2) pixels, and which are to be seen (81,).
 
     backgrounds : (m, s, s, 3) that replace what lies outside the mask now and then.
@@ -73,7 +73,7 @@ def sample(
     return crop, np.asarray(inside, np.float32), seen
 
 
-def negative(rng: Rng, image: Picture, points: F32, backgrounds: NDArray[np.uint8]) -> Picture:
+def negative(rng: Rng, image: Picture, points: F32, backgrounds: U8) -> Picture:
     """A crop (128, 128, 3) that shows no face, or too little or too much of one to be called found."""
     if rng.random() < 0.7:
         crop = background(rng, backgrounds)
@@ -98,7 +98,7 @@ def negative(rng: Rng, image: Picture, points: F32, backgrounds: NDArray[np.uint
     return camera(rng, light(rng, np.ascontiguousarray(crop, np.uint8)))
 
 
-def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[NDArray[np.float64], bool]:
+def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[F64, bool]:
     """Affine (2, 3) from pixels of the picture to those of the crop, and whether it mirrors."""
     low, high = points.min(0), points.max(0)
     side = ENLARGE * float((high - low).max())
@@ -113,7 +113,7 @@ def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[NDArray[np.f
     return np.column_stack([linear, (SIZE - 1) / 2 + shift - linear @ (low + high) / 2]), mirrored
 
 
-def background(rng: Rng, backgrounds: NDArray[np.uint8]) -> Picture:
+def background(rng: Rng, backgrounds: U8) -> Picture:
     """A random part (128, 128, 3) of a random background."""
     picture = backgrounds[int(rng.integers(len(backgrounds)))]
     size = picture.shape[0]
@@ -130,7 +130,7 @@ def background(rng: Rng, backgrounds: NDArray[np.uint8]) -> Picture:
     )
 
 
-def _before(rng: Rng, crop: Picture, alpha: Picture, backgrounds: NDArray[np.uint8]) -> Picture:
+def _before(rng: Rng, crop: Picture, alpha: Picture, backgrounds: U8) -> Picture:
     if rng.random() < 0.15:
         behind = np.empty_like(crop)
         behind[:] = rng.integers(0, 256, 3)
@@ -149,9 +149,7 @@ def _blend(under: Picture, over: Picture, alpha: Picture) -> Picture:
 # -- what lies on or before the face ------------------------------------------------------------------------------
 
 
-def _things(
-    rng: Rng, crop: Picture, points: F32, visible: NDArray[np.bool_], backgrounds: NDArray[np.uint8]
-) -> tuple[Picture, NDArray[np.bool_]]:
+def _things(rng: Rng, crop: Picture, points: F32, visible: Bool, backgrounds: U8) -> tuple[Picture, Bool]:
     if rng.random() < 0.12:
         crop = _beard(rng, crop, points)
     if rng.random() < 0.20:
@@ -290,9 +288,7 @@ def _glasses(rng: Rng, crop: Picture, points: F32) -> Picture:
     return out
 
 
-def _occluder(
-    rng: Rng, crop: Picture, points: F32, visible: NDArray[np.bool_], backgrounds: NDArray[np.uint8]
-) -> tuple[Picture, NDArray[np.bool_]]:
+def _occluder(rng: Rng, crop: Picture, points: F32, visible: Bool, backgrounds: U8) -> tuple[Picture, Bool]:
     """A hand, cup, microphone, card: one blob or a few fingers somewhere on the face."""
     area = np.zeros((SIZE, SIZE), np.uint8)
     centre = points[int(rng.integers(len(points)))] + rng.normal(0, 0.08, 2) * SIZE
@@ -326,9 +322,7 @@ def _occluder(
     return _blend(crop, front, area), visible & (area[at[:, 1], at[:, 0]] < 128)
 
 
-def _cut(
-    rng: Rng, crop: Picture, points: F32, visible: NDArray[np.bool_]
-) -> tuple[Picture, NDArray[np.bool_]]:
+def _cut(rng: Rng, crop: Picture, points: F32, visible: Bool) -> tuple[Picture, Bool]:
     """The picture ends within the crop: black beyond, as the landmarker fills it."""
     if rng.random() > 0.15:
         return crop, visible
@@ -416,7 +410,7 @@ def _noise(rng: Rng, crop: Any, chance: float, most: float) -> Picture:
     return np.asarray(cv2.add(crop, noise, dtype=cv2.CV_8U), np.uint8)
 
 
-def _whole(points: Any) -> NDArray[np.int32]:
+def _whole(points: Any) -> I32:
     return np.round(np.asarray(points)).astype(np.int32)
 
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from guise.common.arrays import F32, F64, U8
 from training.clutter import clutter
 
-Picture = NDArray[np.uint8]
+Picture = U8
 Colour = tuple[int, int, int]
 Rng = np.random.Generator
 
@@ -69,7 +69,7 @@ def faceless_photos(folder: Path, size: int = 320) -> list[Picture]:
     return parts
 
 
-def _around(frame: Picture, points: NDArray[np.float32], size: int) -> list[Picture]:
+def _around(frame: Picture, points: F32, size: int) -> list[Picture]:
     """The parts of a frame beside and below the face's points (n, 2)."""
     low, high = points.min(0), points.max(0)
     margin = 0.2 * (high - low)
@@ -101,7 +101,7 @@ def _part(rng: Rng, picture: Picture, height: int, width: int) -> Picture:
 # -- colours and noise --------------------------------------------------------------------------------------------
 
 
-def skin(rng: Rng) -> NDArray[np.float64]:
+def skin(rng: Rng) -> F64:
     """A skin colour (3,), from very light to very dark, in some light."""
     tones = np.array(
         [[244, 208, 177], [231, 180, 143], [210, 158, 124], [186, 120, 81], [130, 84, 58], [78, 52, 41]]
@@ -112,7 +112,7 @@ def skin(rng: Rng) -> NDArray[np.float64]:
     return np.asarray(np.clip(mixed * rng.uniform(0.45, 1.1) * rng.normal(1, 0.05, 3), 0, 255))
 
 
-def _colour(rng: Rng) -> NDArray[np.float64]:
+def _colour(rng: Rng) -> F64:
     kind = rng.random()
     if kind < 0.25:
         return skin(rng)
@@ -121,7 +121,7 @@ def _colour(rng: Rng) -> NDArray[np.float64]:
     return rng.uniform(0, 255, 3)
 
 
-def _whole(colour: NDArray[np.float64]) -> Colour:
+def _whole(colour: F64) -> Colour:
     r, g, b = (int(np.clip(c, 0, 255)) for c in colour)
     return r, g, b
 
@@ -130,7 +130,7 @@ def _ints(rng: Rng) -> Colour:
     return _whole(_colour(rng))
 
 
-def _noise(rng: Rng, height: int, width: int, roughness: float, cells: int = 2) -> NDArray[np.float32]:
+def _noise(rng: Rng, height: int, width: int, roughness: float, cells: int = 2) -> F32:
     """Fractal noise (height, width) in 0..1."""
     total = np.zeros((height, width), np.float32)
     weight = 1.0
@@ -142,7 +142,7 @@ def _noise(rng: Rng, height: int, width: int, roughness: float, cells: int = 2) 
     return np.asarray((total - total.min()) / (np.ptp(total) + 1e-6), np.float32)
 
 
-def _between(share: NDArray[np.float32], rng: Rng) -> Picture:
+def _between(share: F32, rng: Rng) -> Picture:
     a, b = _colour(rng).astype(np.float32), _colour(rng).astype(np.float32)
     return np.asarray(np.clip(a + share[..., None] * (b - a), 0, 255), np.uint8)
 
@@ -274,25 +274,19 @@ def _street(rng: Rng, height: int, width: int) -> Picture:
 # -- things to be mistaken for a face -----------------------------------------------------------------------------
 
 
-def _place(
-    rng: Rng, picture: Picture, least: float = 0.02, most: float = 0.3
-) -> tuple[NDArray[np.float64], float]:
+def _place(rng: Rng, picture: Picture, least: float = 0.02, most: float = 0.3) -> tuple[F64, float]:
     """A random centre (2,) and radius in pixels."""
     height, width = picture.shape[:2]
     radius = np.exp(rng.uniform(np.log(least), np.log(most))) * max(height, width)
     return rng.uniform(0, 1, 2) * (width, height), max(3.0, float(radius))
 
 
-def _oval(
-    out: Picture, centre: NDArray[np.float64], axes: NDArray[np.float64], turn: float, colour: Colour
-) -> None:
+def _oval(out: Picture, centre: F64, axes: F64, turn: float, colour: Colour) -> None:
     at, size = (int(centre[0]), int(centre[1])), (max(1, int(axes[0])), max(1, int(axes[1])))
     cv2.ellipse(out, at, size, turn, 0, 360, colour, -1, cv2.LINE_AA)
 
 
-def _shaded_oval(
-    rng: Rng, out: Picture, centre: NDArray[np.float64], axes: NDArray[np.float64], turn: float
-) -> None:
+def _shaded_oval(rng: Rng, out: Picture, centre: F64, axes: F64, turn: float) -> None:
     """A skin-coloured oval, lit from somewhere."""
     tone, towards = skin(rng), rng.normal(0, 0.25, 2) * axes
     for k in range(5):
@@ -348,7 +342,7 @@ def _hands(rng: Rng, picture: Picture) -> Picture:
     return out
 
 
-def hand(rng: Rng, out: Picture, centre: NDArray[np.float64], r: float, tone: NDArray[np.float64]) -> None:
+def hand(rng: Rng, out: Picture, centre: F64, r: float, tone: F64) -> None:
     """Draw one hand of a skin tone, its palm at `centre` with radius r pixels, into a picture."""
     turn = rng.uniform(0, 2 * np.pi)
     ahead, aside = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])

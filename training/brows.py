@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from guise.common.arrays import F64
+
+F64 = F64
 
 OPAQUE = 0.4  # alpha from which the brow's texture counts as hair
 FINE = 8  # samples along a triangle's side

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from guise.common.arrays import F32, U8
+
+Picture = U8
 Rng = np.random.Generator
 
 
@@ -22,7 +23,7 @@ def clutter(rng: Rng, size: int) -> Picture:
     return picture
 
 
-def _colour(rng: Rng) -> NDArray[np.float32]:
+def _colour(rng: Rng) -> F32:
     if rng.random() < 0.3:  # of skin, wood, sand
         return np.asarray(
             np.array([1, rng.uniform(0.6, 0.85), rng.uniform(0.4, 0.75)]) * rng.uniform(40, 250), np.float32
@@ -30,7 +31,7 @@ def _colour(rng: Rng) -> NDArray[np.float32]:
     return rng.uniform(0, 255, 3).astype(np.float32)
 
 
-def _noise(rng: Rng, size: int, roughness: float) -> NDArray[np.float32]:
+def _noise(rng: Rng, size: int, roughness: float) -> F32:
     """Fractal noise (size, size) in 0..1."""
     total = np.zeros((size, size), np.float32)
     cells, weight = 3, 1.0
@@ -41,7 +42,7 @@ def _noise(rng: Rng, size: int, roughness: float) -> NDArray[np.float32]:
     return np.asarray((total - total.min()) / (np.ptp(total) + 1e-6), np.float32)
 
 
-def _between(share: NDArray[np.float32], a: NDArray[np.float32], b: NDArray[np.float32]) -> Picture:
+def _between(share: F32, a: F32, b: F32) -> Picture:
     return np.asarray(np.clip(a + share[..., None] * (b - a), 0, 255), np.uint8)
 
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from guise.common.arrays import F32, U8
 from training.augment import ENLARGE, SIZE
 from training.data import Pictures
 
 TURN, GROWTH, SHIFT = 4.0, 0.05, 0.025  # standard deviations: degrees, log size, of the box
 
 
-def plain_crops(
-    pictures: Pictures, count: int, seed: int = 7
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+def plain_crops(pictures: Pictures, count: int, seed: int = 7) -> tuple[U8, F32]:
     """Crops (n, 128, 128, 3) and points (n, 81, 2) in them, of `count` pictures evenly taken."""
     rng = np.random.default_rng(seed)
     chosen = np.linspace(0, len(pictures) - 1, min(count, len(pictures))).astype(int)

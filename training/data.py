@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+from guise.common.arrays import F32, U8, Bool
 
 HELD_OUT = 10  # rendered people whose number is a multiple of this are for evaluation only
 REAL_SIZE = 208  # pixels, the side of a real picture's square
@@ -37,12 +38,12 @@ class Pictures:
     attributes : (n, k) float32 and their names; k = 0 where unknown
     """
 
-    images: NDArray[np.uint8]
-    points: NDArray[np.float32]
-    visible: NDArray[np.bool_]
-    masks: NDArray[np.uint8]
+    images: U8
+    points: F32
+    visible: Bool
+    masks: U8
     person: NDArray[Any]
-    attributes: NDArray[np.float32]
+    attributes: F32
     attribute_names: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -151,9 +152,7 @@ def _clips(folder: Path, held_out: bool) -> Iterator[tuple[Any, ...]]:
                 yield *square(np.ascontiguousarray(image[..., ::-1]), finite[0]), file.stem
 
 
-def square(
-    image: NDArray[np.uint8], points: NDArray[np.float32], size: int = REAL_SIZE
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+def square(image: U8, points: F32, size: int = REAL_SIZE) -> tuple[U8, F32]:
     """The face's surroundings as a square of `size` pixels, and the points (81, 2) in it."""
     low, high = points.min(0), points.max(0)
     scale = REAL_SHARE * size / float((high - low).max())
@@ -171,7 +170,7 @@ def square(
 _ENDS = {17: (71, 71), 21: (75, 76), 22: (77, 78), 26: (82, 82)}
 
 
-def brow_ends(points: NDArray[np.float32], folder: Path) -> NDArray[np.float32]:
+def brow_ends(points: F32, folder: Path) -> F32:
     """MediaPipe's points (n, 81, 2) with the ends of the brows moved, as hand-placed points of photographs tell."""
     hand, labels = np.load(folder / "webmorph189_neutral.npz"), np.load(folder / "face81_mediapipe.npz")
     ends = list(_ENDS)

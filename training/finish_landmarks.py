@@ -26,6 +26,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from scipy.optimize import minimize
 
 from guise.aam.landmarks import interocular
+from guise.common.arrays import F32, F64, U8
 from training.augment import negative, sample
 from training.crops import plain_crops
 from training.data import Pictures, load_parts, load_real
@@ -36,7 +37,7 @@ GOOD = 0.05  # of the inter-ocular distance: the mean error that the confidence 
 BIG = 256  # values in a tensor above which it is stored in half precision
 LARGEST_LOSS = 1.02  # a variant may err that much more, as a factor
 
-Crops = tuple[NDArray[np.uint8], NDArray[np.float32]]
+Crops = tuple[U8, F32]
 
 
 def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
@@ -58,15 +59,15 @@ def half_precision(model: onnx.ModelProto) -> onnx.ModelProto:
 
 
 class _Feed(CalibrationDataReader):  # type: ignore[misc]
-    def __init__(self, crops: NDArray[np.uint8]) -> None:
+    def __init__(self, crops: U8) -> None:
         self._rows = iter(crops)
 
-    def get_next(self) -> dict[str, NDArray[np.uint8]] | None:
+    def get_next(self) -> dict[str, U8] | None:
         row = next(self._rows, None)
         return None if row is None else {"crop": row[None]}
 
 
-def eight_bit(source: Path, target: Path, crops: NDArray[np.uint8]) -> None:
+def eight_bit(source: Path, target: Path, crops: U8) -> None:
     """Convolutions in 8 bits, calibrated on crops; what places the points stays in float."""
     quantize_static(
         source, target, _Feed(crops), quant_format=QuantFormat.QDQ, op_types_to_quantize=["Conv"],
@@ -83,7 +84,7 @@ def session_of(path: Path) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
 
-def answers(path: Path, crops: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDArray]:
+def answers(path: Path, crops: U8) -> tuple[NDArray, NDArray, NDArray]:
     """Points (n, 81, 2), sigma (n, 81), face logit (n,) for crops (n, 128, 128, 3)."""
     session = session_of(path)
     rows = [session.run(None, {"crop": crop[None]}) for crop in crops]
@@ -91,13 +92,13 @@ def answers(path: Path, crops: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDA
     return points, sigma, face
 
 
-def errors_of(path: Path, crops: Crops) -> NDArray[np.float64]:
+def errors_of(path: Path, crops: Crops) -> F64:
     """Mean error (n,) in per cent of the inter-ocular distance."""
     found = answers(path, crops[0])[0]
     return np.asarray(100 * np.linalg.norm(found - crops[1], axis=2).mean(1) / interocular(crops[1]))
 
 
-def milliseconds(paths: list[Path], crop: NDArray[np.uint8], rounds: int = 60) -> list[float]:
+def milliseconds(paths: list[Path], crop: U8, rounds: int = 60) -> list[float]:
     """Median time of one crop for every model, measured in turns."""
     sessions = [session_of(p) for p in paths]
     times = np.zeros((rounds, len(paths)))
@@ -109,9 +110,7 @@ def milliseconds(paths: list[Path], crop: NDArray[np.uint8], rounds: int = 60) -
     return [float(t) for t in np.median(times[10:], axis=0)]
 
 
-def hard_samples(
-    pictures: list[Pictures], count: int, seed: int
-) -> tuple[NDArray[np.uint8], NDArray, NDArray]:
+def hard_samples(pictures: list[Pictures], count: int, seed: int) -> tuple[U8, NDArray, NDArray]:
     """Augmented crops of the sources in turn, points, and whether there is a face: one in eight shows none."""
     rng = np.random.default_rng(seed)
     cv2.setRNGSeed(seed)
@@ -144,7 +143,7 @@ def calibrate(path: Path, pictures: list[Pictures], count: int = 4000, seed: int
     features, good, ratio = _features(path, crops, points, face)
     start = np.array([-10.0, -4.0, 0.5])
 
-    def cost(weights: NDArray[np.float64]) -> float:
+    def cost(weights: F64) -> float:
         z = features @ weights
         return float(np.mean(np.logaddexp(0, z) - good * z) + 1e-5 * (weights**2).sum())
 

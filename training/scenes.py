@@ -27,6 +27,7 @@ from guise.aam.landmarks.schemes import (
     RIGHT_MOUTH_CORNER,
     UPPER_LIP_TOP,
 )
+from guise.common.arrays import F32, F64, I32, U8
 from training.backgrounds import CLIPS, hand, random_background, skin
 from training.data import VALIDATION_PEOPLE, Pictures, london_people
 
@@ -42,8 +43,8 @@ DIM = 7  # grey levels, the contrast of a face below which nobody could tell
 _FAR = 340  # pixels, the longer side to which real frames are brought
 _BACKGROUNDS, _BACKGROUND_SIZE = 700, 448
 
-Picture = NDArray[np.uint8]
-Floats = NDArray[np.float64]
+Picture = U8
+Floats = F64
 Rng = np.random.Generator
 
 
@@ -212,7 +213,7 @@ def _frames(folder: Path, held_out: bool) -> Iterator[Person]:
         capture.release()
 
 
-def _brought(bgr: Picture, points: NDArray[np.float32]) -> Person:
+def _brought(bgr: Picture, points: F32) -> Person:
     scale = min(1.0, _FAR / max(bgr.shape[:2]))
     image = cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     moved = (points[IBUG68].astype(np.float64) + 0.5) * scale - 0.5
@@ -355,7 +356,7 @@ def _blend(under: Picture, over: Picture, alpha: Picture) -> Picture:
     return np.asarray((over * share + under * (255 - share) + 127) // 255, np.uint8)
 
 
-def _int(points: Floats) -> NDArray[np.int32]:
+def _int(points: Floats) -> I32:
     return np.round(points).astype(np.int32)
 
 

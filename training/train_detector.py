@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
+from guise.common.arrays import F32, U8
 from training.backgrounds import faceless_photos
 from training.data import load_parts
 from training.detector_net import STRIDES, UNIT, DetectorNet
@@ -37,7 +37,7 @@ BESIDE = 0.8  # cells, within which of the true centre a cell may say so too: el
 LEARNED = 0.3  # cells under a bump at least that high learn the box, as do those beside the centre
 VALIDATION_SCENES = 160
 
-Batch = tuple[NDArray[np.uint8], list[NDArray[np.float32]]]
+Batch = tuple[U8, list[F32]]
 
 
 class Samples(IterableDataset[Batch]):
@@ -59,7 +59,7 @@ class Samples(IterableDataset[Batch]):
             yield np.stack([s.image for s in scenes]), targets
 
 
-def target(scene: Scene, level: int) -> NDArray[np.float32]:
+def target(scene: Scene, level: int) -> F32:
     """(7, h, w) for one level: height of the bump, weight of the cell in it, weight of the box, and the box."""
     stride, cells = STRIDES[level], SIZE // STRIDES[level]
     out = np.zeros((7, cells, cells), np.float32)

@@ -28,6 +28,7 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from guise.aam.landmarks import interocular
 from guise.aam.landmarks.schemes import JAW, LEFT_TEMPLE, NOSE_TIP, RIGHT_TEMPLE, TEMPLES
+from guise.common.arrays import F32, F64, U8
 from training import definitions
 from training.augment import SIZE, negative, sample
 from training.clutter import clutter
@@ -55,7 +56,7 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
     """Batches of samples, each from a generator of its own: (seed, stage, number)."""
 
     def __init__(
-        self, rendered: Pictures, real: Pictures | None, backgrounds: NDArray[np.uint8], stage: Stage, batch: int,
+        self, rendered: Pictures, real: Pictures | None, backgrounds: U8, stage: Stage, batch: int,
         seed: int,
     ) -> None:  # fmt: skip
         self.rendered, self.real, self.backgrounds = rendered, real, backgrounds
@@ -90,7 +91,7 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
         return crops, points, seen, face
 
 
-def make_backgrounds(seed: int) -> NDArray[np.uint8]:
+def make_backgrounds(seed: int) -> U8:
     """(m, s, s, 3) procedural backgrounds."""
     rng = np.random.default_rng(seed)
     return np.stack([clutter(rng, BACKGROUND_SIZE) for _ in range(BACKGROUNDS)])
@@ -111,14 +112,14 @@ def loss_of(net: LandmarkNet, crops: Tensor, points: Tensor, face: Tensor) -> tu
 
 
 @torch.no_grad()
-def answers(net: LandmarkNet, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+def answers(net: LandmarkNet, crops: U8) -> F32:
     """Points (n, 81, 2) of crops (n, 128, 128, 3)."""
     net.eval()
     found = [net(torch.from_numpy(crops[i : i + 64]))[0].numpy() for i in range(0, len(crops), 64)]
     return np.concatenate(found)
 
 
-def error_of(net: LandmarkNet, crops: NDArray[np.uint8], points: NDArray[np.float32]) -> float:
+def error_of(net: LandmarkNet, crops: U8, points: F32) -> float:
     """Mean distance to the truth in per cent of the outer-eye distance."""
     miss = np.linalg.norm(answers(net, crops) - points, axis=2).mean(1)
     return float(100 * (miss / interocular(points)).mean())
@@ -145,8 +146,8 @@ class Trainer:
         output.mkdir(parents=True, exist_ok=True)
 
     def run(
-        self, stage: Stage, rendered: Pictures, real: Pictures | None, backgrounds: NDArray[np.uint8],
-        validation: dict[str, tuple[NDArray[np.uint8], NDArray[np.float32]]],
+        self, stage: Stage, rendered: Pictures, real: Pictures | None, backgrounds: U8,
+        validation: dict[str, tuple[U8, F32]],
     ) -> None:  # fmt: skip
         """One stage: warm up, cosine to zero; now and then a line of the curves."""
         self.net.load_state_dict(self.average.state_dict())
@@ -255,7 +256,7 @@ def main() -> None:
     export(trainer.average, options.output / "landmarks.onnx")
 
 
-def align(net: LandmarkNet, rendered: Pictures, real: Pictures) -> dict[str, NDArray[np.float64]]:
+def align(net: LandmarkNet, rendered: Pictures, real: Pictures) -> dict[str, F64]:
     """What brings both kinds of labels to one definition, see `training/definitions.py`."""
     crops, labels = plain_crops(real, len(real))
     rendered_moves, real_moves = definitions.moves(definitions.difference(answers(net, crops), labels))
@@ -266,13 +267,13 @@ def align(net: LandmarkNet, rendered: Pictures, real: Pictures) -> dict[str, NDA
     }  # fmt: skip
 
 
-def apply(alignment: Mapping[str, NDArray[np.float64]], pictures: Pictures, kind: str) -> Pictures:
+def apply(alignment: Mapping[str, F64], pictures: Pictures, kind: str) -> Pictures:
     """The pictures with their labels in the common definition; kind: rendered or real."""
     points = definitions.aligned(pictures.points, alignment[f"{kind}_jaw"], alignment[f"{kind}_moves"])
     return replace(pictures, points=points)
 
 
-def asymmetry(points: NDArray[np.float32]) -> NDArray[np.float32]:
+def asymmetry(points: F32) -> F32:
     """How far (n,) the nose is from the middle of the temples, in widths of the face: a sign of yaw."""
     width = points[:, LEFT_TEMPLE, 0] - points[:, RIGHT_TEMPLE, 0]
     return np.asarray(

@@ -17,12 +17,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.appearance import sample_texture
 from guise.aam.landmarks import open_landmarker
-from guise.aam.recognition import DIRECTIONS, RESOLUTION, features
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+from guise.aam.recognition import DIRECTIONS, SIGNATURE_RESOLUTION, features
 from guise.aam.reference import ReferenceFrame
+from guise.common.arrays import F32, F64, Int
 from training.data import load_parts, london_people
 
 OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"
@@ -31,20 +32,20 @@ MOST_YAW = 45.0  # degrees
 MODES = 300  # of the features, before
 RIDGE = 0.1  # share of the mean within-class variance added to all directions
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
+F32 = F32
+F64 = F64
 
 
-def observed(folder: Path) -> tuple[F32, NDArray[np.intp]]:
+def observed(folder: Path) -> tuple[F32, Int]:
     """Features (n, m) of all pictures of the people that are trained with, and the person (n,) of each."""
-    frame, rng = ReferenceFrame.canonical(RESOLUTION), np.random.default_rng(0)
+    frame, rng = ReferenceFrame.canonical(SIGNATURE_RESOLUTION), np.random.default_rng(0)
     pictures = load_parts(folder, held_out=False)
     textures, people = [], []
     for image, points, person in zip(pictures.images, pictures.points, pictures.person, strict=True):
         shape = points.astype(np.float64)
         if abs(frame.yaw(frame.align(shape))) > MOST_YAW:
             continue
-        size = np.linalg.norm(shape[45] - shape[36])
+        size = np.linalg.norm(shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER])
         textures.append(sample_texture(image, shape + rng.normal(0, SLIP * size, shape.shape), frame))
         people.append(person)
     return features(np.stack(textures)), np.unique(people, return_inverse=True)[1]
@@ -52,7 +53,7 @@ def observed(folder: Path) -> tuple[F32, NDArray[np.intp]]:
 
 def photographed(folder: Path) -> F32:
     """Features (n, m) of real people, neutral and smiling."""
-    frame, landmarker = ReferenceFrame.canonical(RESOLUTION), open_landmarker("builtin")
+    frame, landmarker = ReferenceFrame.canonical(SIGNATURE_RESOLUTION), open_landmarker("builtin")
     textures = []
     for person in london_people(folder):
         for look in ("neutral", "smile"):
@@ -62,7 +63,7 @@ def photographed(folder: Path) -> F32:
     return features(np.stack(textures))
 
 
-def discriminant(values: F32, person: NDArray[np.intp]) -> F64:
+def discriminant(values: F32, person: Int) -> F64:
     """The projection (m, 64) of features (n, m) onto the discriminants."""
     centred = values - values.mean(0, dtype=np.float64)
     modes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1][:, :MODES]

@@ -1,19 +1,18 @@
 """Enrolment: a person's model from one or more clips.
 
-Two passes: the first has landmarks for every frame (from a file, or by a landmarker), the second reads the
-chosen frames only, so that memory does not grow with length.
+Two passes: the first gets landmarks for every frame (from a file, or by a landmarker), the second reads only the
+chosen frames, so that memory doesn't grow with length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
-from numpy.typing import NDArray
 
 from guise.aam.landmarks import (
     Annotations,
@@ -40,19 +39,18 @@ from guise.aam.training import (
     train_identity,
 )
 from guise.app.media import open_input
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64, Int
 from guise.common.errors import GuiseError
+from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
 
-Say = Callable[[str], None]
-Progress = Callable[[str, float], None]
-
 SIDECARS = (".landmarks.npz", ".npz", ".landmarks.json", ".json", ".pts")
-BOX_FRAMES = 12  # frames on which the detector's box is compared with the landmarks
+BOX_FRAMES = 12  # on which the detector's box is compared with the landmarks
+MIN_BOX_FRAMES = 3  # with a box, below which a typical detector's relation is used
 
 
 class EnrolError(GuiseError):
-    """An enrolment that cannot be done; one sentence."""
+    """An enrolment that can't be done."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,9 @@ class LandmarkSource:
 
     A clip without a file beside it gets its landmarks from the built-in landmarker.
 
-    refine : whether found landmarks are refined, all frames together. By default those of other landmarkers are; the
-    models of the built-in one track no better for it (benchmarks/self_calibration.py). Files are trusted.
+    refine : whether detected landmarks are refined jointly over all frames.  By default only those of other landmarkers
+        are, as refinement doesn't improve tracking with the built-in one (benchmarks/self_calibration.py).  Landmarks
+        from files are trusted.
     """
 
     files: Sequence[Path] = ()
@@ -70,14 +69,10 @@ class LandmarkSource:
     refine: bool | None = None
 
     def refines(self, clip: Path) -> bool:
-        """Whether a clip's landmarks are found, and then refined."""
+        """Whether a clip's landmarks are detected and then refined."""
         if self.landmarker is None:
             return bool(self.refine) and not (self.files or landmark_file(clip))
         return self.landmarker.name != "builtin" if self.refine is None else self.refine
-
-
-def _silent(stage: str, share: float) -> None:
-    """Progress that nobody watches."""
 
 
 def enrol(
@@ -86,8 +81,8 @@ def enrol(
     *,
     name: str,
     options: TrainingOptions = TrainingOptions(),
-    progress: Progress = _silent,
-    say: Say = lambda _: None,
+    progress: Progress = silent,
+    say: Say = mute,
 ) -> Identity:
     """Train a person's model.
 
@@ -115,7 +110,7 @@ def train(
 
     boxes : `box_relation`s of some frames.   clips : names of what the frames are from.   progress : as for `enrol`.
     """
-    box = np.median(boxes, axis=0) if len(boxes) >= 3 else None
+    box = np.median(boxes, axis=0) if len(boxes) >= MIN_BOX_FRAMES else None
     facts: dict[str, Any] = {"clips": list(clips), "box_known": box is not None}
     with one_thread():
         return train_identity(
@@ -213,7 +208,7 @@ def _crops(
     return crops
 
 
-def _without(choice: Choice, left_out: NDArray[np.intp]) -> Choice:
+def _without(choice: Choice, left_out: Int) -> Choice:
     """The choice without some frames; of the neutral ones at least one stays."""
     neutral = [i for i in choice.neutral if i not in left_out] or choice.neutral[:1]
     return Choice(np.setdiff1d(choice.training, left_out), neutral, np.setdiff1d(choice.held_out, left_out))
@@ -253,7 +248,7 @@ def _observe(
     return observations, [b for b in boxes if b is not None]
 
 
-def box_relation(boxes: NDArray[np.float32], shape: F64) -> F64 | None:
+def box_relation(boxes: F32, shape: F64) -> F64 | None:
     """(3,) shape centre minus box centre and face width, in widths of the box that holds the nose."""
     nose, centre = shape[NOSE_TIP], shape.mean(0)
     for x0, y0, x1, y1 in boxes.astype(np.float64):

@@ -89,6 +89,6 @@ def enrol_file(
     components, facts = identity.appearance.components, identity.facts
     return EnrolReport(
         str(output), name, tuple(facts["clips"]), int(facts["frames"]), components.modes, round(components.retained, 4),
-        round(100 * float(facts["held_out_error"]), 3), identity.frame.resolution, size,
+        round(100 * float(facts["held_out_error"]), 3), identity.reference.resolution, size,
         round(time.perf_counter() - start, 2),
     )  # fmt: skip

@@ -20,12 +20,12 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION
 from guise.aam.training import LIMITS as TRAINING_LIMITS
 from guise.aam.training import Choice, Observation, TrainingOptions, choose_frames
-from guise.app.enrolment.enrol import EnrolError, Progress, box_relation, train
+from guise.app.enrolment.enrol import EnrolError, box_relation, train
 from guise.app.live.keyframes import FrameFeatures, KeyframeAlbum
 from guise.app.media import Frame
 from guise.common.arrays import F64, U8
 from guise.common.errors import Interrupted
-from guise.common.progress import silent
+from guise.common.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,8 @@ class OnScreenEnrolment:
         frames = self._album.frames()
         if len(frames) < TRAINING_LIMITS.min_frames:
             raise EnrolError(
-                f"a model needs at least {TRAINING_LIMITS.min_frames} good frames of the face, got {len(frames)}; stay in front of the "
-                "camera until the ring is full"
+                f"a model needs at least {TRAINING_LIMITS.min_frames} good frames of the face, got {len(frames)}; "
+                "stay in front of the camera until the ring is full"
             )
         watched("training", 0.0)
         choice = _choice(frames, self.options)

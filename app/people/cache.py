@@ -1,7 +1,7 @@
-"""Models of the people in front of the cameras, kept from one run to the next.
+"""Models of the people in front of the cameras, cached from run to run.
 
-A key is a camera's name, or what `file_key` makes of a file.  Models are kept in the user's own cache folder, which
-nobody else may read; forgetting one costs an enrolment.
+A key is a camera's name, or the `file_key` of a file.  Models are kept in the user's own cache folder, which nobody
+else may read; removing one costs an enrolment.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from platformdirs import user_cache_path
 from guise.aam.model import Identity, ModelError
 from guise.common.progress import mute
 
-LONGEST = 40  # characters of a file's name that are there to be read
+READABLE_CHARACTERS = 40  # of a key, in a file's name
 
 
 def cached(key: str, say: Callable[[str], None] = mute) -> Identity | None:
-    """The model kept under a key, or None; one that cannot be used is told to `say` and counts as none."""
+    """The model kept under a key, or None; one that can't be used is reported to `say` and counts as none."""
     path = _path(key)
     if not path.is_file():
         return None
     try:
         return Identity.load(path)
     except ModelError as error:
-        say(f"the model kept for {key} is left aside: {error}")
+        say(f"the model kept for {key} is not used: {error}")
         return None
 
 
@@ -41,7 +41,7 @@ def keep(key: str, identity: Identity) -> Path:
 
 
 def forget(key: str) -> bool:
-    """Remove the model kept under a key; whether there was one."""
+    """Remove the model kept under a key; returns whether there was one."""
     path = _path(key)
     known = path.is_file()
     path.unlink(missing_ok=True)
@@ -49,7 +49,7 @@ def forget(key: str) -> bool:
 
 
 def file_key(path: Path) -> str:
-    """The key of a file as it is now: another file under its name has another key."""
+    """The key of a file as it is now: a changed file under the same name has another key."""
     facts = os.stat(path)
     return f"{path.name} {facts.st_size} {facts.st_mtime_ns} {path.resolve()}"
 
@@ -60,7 +60,7 @@ def folder() -> Path:
 
 
 def _path(key: str) -> Path:
-    """A file name that any system takes: what of the key can be read, and a digest that tells keys apart."""
-    readable = re.sub(r"[^a-z0-9]+", "-", key.lower())[:LONGEST].strip("-") or "camera"
+    """A file name that is valid on any system: the readable part of the key, and a digest that tells keys apart."""
+    readable = re.sub(r"[^a-z0-9]+", "-", key.lower())[:READABLE_CHARACTERS].strip("-") or "camera"
     digest = hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()[:16]
     return folder() / f"{readable}-{digest}.guise"

@@ -1,4 +1,4 @@
-"""What is inside a model file, as a table, and as a picture (`guise.app.people.montage`)."""
+"""What is inside a model file, as a table; `guise.app.people.montage` shows it as a picture."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from guise.aam.model import VERSION, Identity
 
-# The file's tensors, by what they serve.
+# The file's tensors, by purpose.
 _PARTS = {
     "appearance": ("appearance.", "neutral", "mask"),
     "tracker": ("tracker.",),
@@ -41,7 +41,7 @@ class ModelInfo:
     facts: dict[str, Any]
 
     def as_rows(self) -> dict[str, str]:
-        """The facts for a person to read."""
+        """The facts for the user, row by row."""
         parts = ", ".join(f"{part} {size / 1e6:.2f}" for part, size in self.sizes.items())
         return {
             "name": self.name,
@@ -63,7 +63,7 @@ class ModelInfo:
 def describe(path: Path) -> tuple[Identity, ModelInfo]:
     """A model and the facts about its file.
 
-    Raises ModelError when it cannot be used.
+    Raises ModelError when it can't be used.
     """
     identity = Identity.load(path)
     components, tracker, facts = identity.appearance.components, identity.tracker, dict(identity.facts)

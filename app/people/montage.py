@@ -1,4 +1,4 @@
-"""A picture of what a model has learned: mean, neutral, still, and the first modes at two standard deviations.
+"""A picture of a model: mean, neutral, still, and the first modes at two standard deviations.
 
 Each face is drawn on its own shape, so that modes of shape show as well as modes of texture.
 """
@@ -14,13 +14,14 @@ from guise.app.media.pictures import SHEET, Picture, labelled, sheet
 from guise.common.arrays import F32
 from guise.render import feather, make_compositor
 
-DEVIATIONS = 2.0
-MODES = 6
-FACE = 150  # pixels across a face
-_BORDER = 0.12  # of the face's width, around it
+MODE_DEVIATIONS = 2.0
+DEFAULT_MODES = 6
+FACE_PIXELS = 150  # across a face
+BORDER_FACE_WIDTHS = 0.12
+FEATHER_FACE_WIDTHS = 0.01  # standard deviation
 
 
-def montage(identity: Identity, modes: int = MODES) -> Picture:
+def montage(identity: Identity, modes: int = DEFAULT_MODES) -> Picture:
     """Rows: mean, neutral and still; then modes at minus and plus two standard deviations (h, w, 3)."""
     look = identity.appearance
     components = look.components
@@ -30,22 +31,22 @@ def montage(identity: Identity, modes: int = MODES) -> Picture:
     for sign, name in ((-1, "-"), (1, "+")):
         row = []
         for k in range(shown):
-            step = np.float32(sign * DEVIATIONS) * components.deviations[k] * components.basis[:, k]
+            step = np.float32(sign * MODE_DEVIATIONS) * components.deviations[k] * components.basis[:, k]
             share = components.deviations[k] ** 2 / max(components.total_variance, 1e-12)
-            caption = f"mode {k + 1} {name}{DEVIATIONS:.0f} sd ({100 * share:.0f} %)"
+            caption = f"mode {k + 1} {name}{MODE_DEVIATIONS:.0f} sd ({100 * share:.0f} %)"
             row.append(labelled(draw(look, components.mean + step), caption))
         rows.append(row)
     return sheet(rows)
 
 
-def draw(look: AppearanceModel, vector: F32, face: int = FACE) -> Picture:
+def draw(look: AppearanceModel, vector: F32, face: int = FACE_PIXELS) -> Picture:
     """An appearance on its own shape, `face` pixels across, on dark paper (h, w, 3)."""
     reference = look.reference
     zoom = face / reference.resolution
-    border = _BORDER * reference.resolution
+    border = BORDER_FACE_WIDTHS * reference.resolution
     height, width = (round((side + 2 * border) * zoom) for side in reference.size)
     paper = np.full((height, width, 3), SHEET.background, np.uint8)
-    alpha = feather(look.mask, 0.01 * reference.resolution)
+    alpha = feather(look.mask, FEATHER_FACE_WIDTHS * reference.resolution)
     with make_compositor(
         "cpu", reference.triangles, reference.points.astype(np.float32), alpha
     ) as compositor:
@@ -57,7 +58,7 @@ def _still(identity: Identity) -> Picture:
     """The enrolment frame's face, as high as the drawn ones."""
     height, width = draw(identity.appearance, identity.appearance.neutral).shape[:2]
     shape, picture = identity.rest_frame.shape, identity.rest_frame.picture
-    centre, scale = (shape.min(0) + shape.max(0)) / 2, FACE / np.ptp(shape[:, 0])
+    centre, scale = (shape.min(0) + shape.max(0)) / 2, FACE_PIXELS / np.ptp(shape[:, 0])
     offset = np.array([width, height]) / 2 - centre * scale
     matrix = np.array([[scale, 0, offset[0]], [0, scale, offset[1]]])
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

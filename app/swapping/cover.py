@@ -1,31 +1,43 @@
-"""Covering a face: a region about it that hides it, drawn in the frame's own planes.
+"""Covering a face: a region that hides it, drawn in the frame's own planes.
 
-The region is a rounded rectangle about the box of the 68 iBUG points that takes in forehead, ears and chin.  "solid"
-leaves nothing of it; "mosaic" and "blur" leave a few cells' mean colours, too few for a face.  Pixels as shown.
+The region is a rounded rectangle around the box of the 68 iBUG points that includes forehead, ears and chin.  "solid"
+leaves nothing of it; "mosaic" and "blur" leave the mean colours of a few cells, too few to show a face.  Pixels as
+shown.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.app.media import Frame
-from guise.common.arrays import F64
+from guise.common.arrays import F64, U8, Floating
 
 CoverStyle = Literal["solid", "mosaic", "blur"]
 
-SIDE, ABOVE, BELOW = 0.30, 0.60, 0.25  # of the box's width and height by which the region is larger
-POWER = 4.0  # of the superellipse
-CELLS = 6  # across the region
-GREY = 112.0
-CORNERS = 64
 OPAQUE = 255
 
 
-def region(box: NDArray[np.floating], growth: float = 1.0) -> F64:
+@dataclass(frozen=True)
+class CoverShape:
+    """Size, form and filling of the covered region."""
+
+    side_box_widths: float = 0.30  # by which the region is larger than the box on either side
+    above_box_heights: float = 0.60
+    below_box_heights: float = 0.25
+    superellipse_power: float = 4.0
+    corners: int = 64  # of the polygon that is drawn
+    cells: int = 6  # across the region, of "mosaic" and "blur"
+    grey_level: float = 112.0  # of "solid"
+
+
+COVER = CoverShape()
+
+
+def region(box: Floating, growth: float = 1.0) -> F64:
     """The rectangle (4,) x0 y0 x1 y1 that is covered for a face's box (4,).
 
     >>> region(np.array([0, 0, 100, 100])).round(0).tolist()
@@ -33,23 +45,26 @@ def region(box: NDArray[np.floating], growth: float = 1.0) -> F64:
     """
     x0, y0, x1, y1 = (float(v) for v in box)
     w, h = x1 - x0, y1 - y0
-    side = np.array([x0 - SIDE * w, y0 - ABOVE * h, x1 + SIDE * w, y1 + BELOW * h])
-    centre, half = (side[:2] + side[2:]) / 2, growth * (side[2:] - side[:2]) / 2
+    side = COVER.side_box_widths * w
+    grown = np.array(
+        [x0 - side, y0 - COVER.above_box_heights * h, x1 + side, y1 + COVER.below_box_heights * h]
+    )
+    centre, half = (grown[:2] + grown[2:]) / 2, growth * (grown[2:] - grown[:2]) / 2
     return np.concatenate([centre - half, centre + half])
 
 
 def cover(frame: Frame, rectangle: F64, style: CoverStyle) -> tuple[int, int, int, int] | None:
-    """Cover a region in place; returns the changed rectangle x0 y0 x1 y1, or None when none of it is in the picture."""
+    """Cover a region in place; returns the rectangle changed, x0 y0 x1 y1, or None when none is in the picture."""
     x0, y0, w, h = frame.align_roi(*(rectangle[:2] - 1), *(rectangle[2:] + 2))
     if w < 2 or h < 2:
         return None
     roi = frame.read_roi(x0, y0, w, h)
-    hidden = _hidden(frame, roi, style)
-    shape = _shape(rectangle - (x0, y0, x0, y0), (h, w))
+    hidden = _filling(frame, roi, style)
+    shape = _coverage(rectangle - (x0, y0, x0, y0), (h, w))
     rim = (shape > 0) & (shape < OPAQUE)
     alpha = shape[rim][:, None].astype(np.float32) / np.float32(OPAQUE)
     softened = np.round(roi[rim] + alpha * (hidden[rim].astype(np.float32) - roi[rim]))
-    cv2.copyTo(hidden, shape, roi)  # wherever it covers at all; most of it is opaque
+    cv2.copyTo(hidden, shape, roi)  # wherever it covers at all, as most of it is opaque
     roi[rim] = softened
     frame.write_roi(x0, y0, roi)
     return x0, y0, x0 + w, y0 + h
@@ -58,27 +73,27 @@ def cover(frame: Frame, rectangle: F64, style: CoverStyle) -> tuple[int, int, in
 def cover_all(frame: Frame, style: CoverStyle) -> None:
     """Cover the whole picture in place."""
     roi = frame.read_roi(0, 0, frame.width, frame.height)
-    frame.write_roi(0, 0, np.ascontiguousarray(_hidden(frame, roi, style)))
+    frame.write_roi(0, 0, np.ascontiguousarray(_filling(frame, roi, style)))
 
 
-def _hidden(frame: Frame, roi: NDArray[np.uint8], style: CoverStyle) -> NDArray[np.uint8]:
-    """What is shown instead (h, w, 3), components."""
+def _filling(frame: Frame, roi: U8, style: CoverStyle) -> U8:
+    """What is shown instead (h, w, 3), in stored components."""
     if style == "solid":
         matrix = frame.colour.from_rgb
-        grey = matrix[:, :3].sum(1) * GREY + matrix[:, 3]
+        grey = matrix[:, :3].sum(1) * COVER.grey_level + matrix[:, 3]
         return np.broadcast_to(np.round(grey).astype(np.uint8), roi.shape)
     h, w = roi.shape[:2]
-    cells = max(1, round(CELLS * w / max(w, h))), max(1, round(CELLS * h / max(w, h)))
+    cells = [max(1, round(COVER.cells * side / max(w, h))) for side in (w, h)]
     few = cv2.resize(roi, cells, interpolation=cv2.INTER_AREA)
     how = cv2.INTER_NEAREST if style == "mosaic" else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(few, (w, h), interpolation=how), np.uint8)
 
 
-def _shape(rectangle: F64, size: tuple[int, int]) -> NDArray[np.uint8]:
+def _coverage(rectangle: F64, size: tuple[int, int]) -> U8:
     """Coverage (h, w) up to OPAQUE of the superellipse in a rectangle, in its pixels."""
-    turn = np.linspace(0, 2 * np.pi, CORNERS, endpoint=False)
+    turn = np.linspace(0, 2 * np.pi, COVER.corners, endpoint=False)
     unit = np.column_stack([np.cos(turn), np.sin(turn)])
-    unit = np.sign(unit) * np.abs(unit) ** (2 / POWER)
+    unit = np.sign(unit) * np.abs(unit) ** (2 / COVER.superellipse_power)
     centre, half = (rectangle[:2] + rectangle[2:]) / 2, (rectangle[2:] - rectangle[:2]) / 2
     points = np.round((centre + half * unit) * 16).astype(np.int32)
     alpha = np.zeros(size, np.uint8)

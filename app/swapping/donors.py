@@ -1,6 +1,6 @@
-"""Donors: whose face a person gets, chosen without a look at the person.
+"""Donors: whose face a person gets, chosen without looking at the person.
 
-A donor is told by its spec: ``p03``, a person of the gallery that ships with Guise; ``NAME.guise``, a model of the
+A donor is given by its spec: ``p03``, a person of the gallery that ships with Guise; ``NAME.guise``, a model of the
 user's own; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.
 
 A key file remembers people and their donors, so that a person keeps a donor from video to video.
@@ -23,33 +23,36 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.averaging import average
 from guise.aam.model import Identity, ModelError
-from guise.aam.recognition import DIRECTIONS, SAME, likeness, signature
+from guise.aam.recognition import DIRECTIONS, MIN_SAME_PERSON_SIMILARITY, cosine_similarity, signature
+from guise.common.arrays import F32
 from guise.common.files import write_whole
 
 MEAN = "mean:"
 SUFFIX = ".guise"
-COMMON = ("p01", "p06")  # faces that a recogniser finds like many others, which hide a person less well
+COMMON = (
+    "p01",
+    "p06",
+)  # faces that a recogniser finds similar to many others, so they hide a person less well
 KEY_FORMAT, KEY_VERSION = "guise-key", 1
 
 
 class DonorError(ModelError):
-    """Donors that cannot be used as asked; one sentence."""
+    """Donors that cannot be used as requested."""
 
 
 @lru_cache(maxsize=1)
 def gallery() -> tuple[str, ...]:
-    """Names of the donors that ship with Guise: rendered people who do not exist (docs/gallery.md)."""
+    """Names of the donors that ship with Guise: rendered, fictional people (docs/gallery.md)."""
     names = (entry.name for entry in resources.files("guise.app").joinpath("gallery").iterdir())
     return tuple(sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)))
 
 
 @lru_cache(maxsize=8)
 def open_donor(spec: str) -> Identity:
-    """The donor of a spec, kept for the next time.
+    """The donor of a spec, cached.
 
     Raises
     ------
@@ -84,7 +87,7 @@ def parts(spec: str) -> list[str]:
 
 
 def bare(spec: str) -> str:
-    """A spec without folders, which may tell who made a model.
+    """A spec without folders, which might reveal who made a model.
 
     >>> bare("/home/ann/mine.guise"), bare("mean:p01+b/c.guise")
     ('mine.guise', 'mean:p01+c.guise')
@@ -96,25 +99,25 @@ def assign(
     people: Sequence[int], donor: str, *, own: Sequence[Path] = (), seed: int, salt: str,
     known: Mapping[int, str] | None = None, taken: Collection[str] = (),
 ) -> dict[int, str]:  # fmt: skip
-    """The spec of each person's donor, which depends on the arguments alone, never on what a person looks like.
+    """The spec of each person's donor, which depends on the arguments only, never on what a person looks like.
 
     Parameters
     ----------
     people : numbers of the people of a video.
     donor : "auto", a donor for each: single ones, then averages of two, of three ..; "mean:K", an average of K for
-        each, as k-Same-M does (`guise.aam.averaging`), but the person's own face is in none of them; or a
-        spec, for all.
+        each, as in k-Same-M (`guise.aam.averaging`), but none of them includes the person's own face; or a spec, for
+        everybody.
     own : models that replace the gallery.
-    seed, salt : choose the order; the salt is the video's name, so that not every video begins with the same donor.
-    known : donors of some people, which go before the choice.
+    seed, salt : determine the order; the salt is the video's name, so that not every video starts with the same donor.
+    known : donors that some people already have.
     taken : donors that nobody else should get.
 
-    Donors are distinct as long as there are any; after that they are given again.
+    Donors are distinct as long as there are enough; then they repeat.
 
     Raises
     ------
     DonorError
-        When K is more than there are, or there are none.
+        When K is larger than the number of donors.
     """
     fixed = {person: spec for person, spec in (known or {}).items() if person in people}
     order = _endless(donor, _names(own), seed, salt, {*fixed.values(), *taken})
@@ -131,7 +134,7 @@ def _names(own: Sequence[Path]) -> tuple[str, ...]:
 def _endless(
     donor: str, names: Sequence[str], seed: int, salt: str, taken: Collection[str]
 ) -> Iterator[str]:  # fmt: skip
-    """Specs in the order in which they are given; from the first again when there is no other."""
+    """Specs in the order in which they are assigned, then again from the first."""
     sizes = _sizes(donor, len(names))
     if not sizes:
         yield from repeat(donor)
@@ -141,19 +144,19 @@ def _endless(
 
 
 def _sizes(donor: str, most: int) -> range:
-    """How many donors are averaged, in the order of trying; empty when the donor is a spec."""
+    """Numbers of donors that are averaged, in order; empty when the donor is a spec."""
     if donor == "auto":
         return range(1, most + 1)
     text = donor.removeprefix(MEAN)
     if text == donor or not text.isdigit():
         return range(0)
     if not 1 <= int(text) <= most:
-        raise DonorError(f"{donor} takes the average of {text} donors, there are {most}; choose 1 to {most}")
+        raise DonorError(f"{donor} averages {text} donors, but there are {most}; choose 1 to {most}")
     return range(int(text), int(text) + 1)
 
 
 def _subsets(names: Sequence[str], size: int, seed: int, salt: str) -> Iterator[str]:
-    """Every subset of a size once, as a spec, in an order drawn by SHA-256; of single donors COMMON last."""
+    """Every subset of a size once, as a spec, in an order given by SHA-256; of single donors COMMON come last."""
     if size == 1:
         yield from sorted(names, key=lambda name: (name in COMMON, _digest(seed, salt, Path(name).name)))
         return
@@ -173,7 +176,7 @@ def _digest(*values: object) -> bytes:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownPerson:
     """A person of a key file: name, spec of the donor, signature (64,) of the face."""
 
     name: str
@@ -184,12 +187,12 @@ class Known:
 class KeyFile:
     """People and their donors, so that a person gets the same donor in every video.
 
-    The file holds biometric data (by which a person can be looked for in other pictures), and it links outputs to
-    people: whoever has it can undo a part of what de-identification did.  It is readable by its owner only; keep it
-    apart from the outputs and delete it when it has served.  Its secret seed takes the place of a public one, so that
-    nobody without the file can tell who would have got which donor.
+    The file holds biometric data (by which a person can be found in other pictures), and it links outputs to people:
+    whoever has it can undo part of the de-identification.  It is readable by its owner only; keep it apart from the
+    outputs and delete it when it is no longer needed.  Its secret seed replaces a public one, so that nobody without
+    the file can tell who would have got which donor.
 
-    Every change reads the file anew and writes it whole, while no other process may.
+    Every change re-reads the file and rewrites it, under a lock.
     """
 
     def __init__(self, path: Path) -> None:
@@ -198,36 +201,36 @@ class KeyFile:
 
     @classmethod
     def open(cls, path: Path) -> KeyFile:
-        """Read a key file, which is made if there is none.
+        """Read a key file; a new one is made if it doesn't exist.
 
-        Raises DonorError when it is damaged or is something else.
+        Raises DonorError when it is damaged or isn't a key file.
         """
-        with _alone(path):
+        with _locked(path):
             if not path.exists():
                 _write_key(path, secrets.randbits(64), ())
             return cls(path)
 
-    def recognise(self, identity: Identity) -> Known | None:
-        """The person of the file who is most like an enrolled person, if they are one; see `guise.aam.recognition`."""
+    def recognise(self, identity: Identity) -> KnownPerson | None:
+        """Who of the file an enrolled person is, or None; see `guise.aam.recognition`."""
         return self._like(signature(identity))
 
-    def remember(self, name: str, donor: str, identity: Identity) -> Known:
-        """Add a person; if another process has done so in the meantime, what it has remembered stays.
+    def remember(self, name: str, donor: str, identity: Identity) -> KnownPerson:
+        """Add a person, unless another process has added them in the meantime.
 
         name : "" for the next number.
         """
-        with _alone(self.path):
+        with _locked(self.path):
             return self._remembered(name, donor, signature(identity))
 
     def assign(
         self, people: Mapping[int, Identity | None], donor: str, *, own: Sequence[Path] = (), salt: str
     ) -> dict[int, str]:  # fmt: skip
-        """As `assign`: known people keep their donors, the others get donors that nobody here has yet.
+        """As `assign`: known people keep their donors, the others get donors that nobody in the file has yet.
 
         people : the model of each person of a video, or None; those with a model are remembered.
         """
         faces = {person: signature(model) for person, model in people.items() if model is not None}
-        with _alone(self.path):
+        with _locked(self.path):
             self.seed, self.people = _read_key(self.path)
             found = {person: self._like(face) for person, face in faces.items()}
             known = {person: entry.donor for person, entry in found.items() if entry is not None}
@@ -237,28 +240,28 @@ class KeyFile:
                 self._remembered("", donors[person], faces[person])
         return donors
 
-    def _like(self, face: NDArray[np.float32]) -> Known | None:
-        best = max(self.people, key=lambda entry: _likeness(entry, face), default=None)
-        return best if best is not None and _likeness(best, face) >= SAME else None
+    def _like(self, face: F32) -> KnownPerson | None:
+        best = max(self.people, key=lambda entry: _similarity(entry, face), default=None)
+        return best if best is not None and _similarity(best, face) >= MIN_SAME_PERSON_SIMILARITY else None
 
-    def _remembered(self, name: str, donor: str, face: NDArray[np.float32]) -> Known:
+    def _remembered(self, name: str, donor: str, face: F32) -> KnownPerson:
         self.seed, self.people = _read_key(self.path)
         known = self._like(face)
         if known is None:
             values = tuple(round(float(v), 5) for v in face)
-            known = Known(name or f"person {len(self.people) + 1}", donor, values)
+            known = KnownPerson(name or f"person {len(self.people) + 1}", donor, values)
             self.people = (*self.people, known)
             _write_key(self.path, self.seed, self.people)
         return known
 
 
-def _likeness(entry: Known, face: NDArray[np.float32]) -> float:
-    return likeness(np.array(entry.signature, np.float32), face)
+def _similarity(entry: KnownPerson, face: F32) -> float:
+    return cosine_similarity(np.array(entry.signature, np.float32), face)
 
 
 @contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold the lock on the folder of a key file, which nothing else takes."""
+def _locked(path: Path) -> Iterator[None]:
+    """Hold the lock on the folder of a key file, so that one process at a time changes it."""
     import fcntl
 
     folder = os.open(path.absolute().parent, os.O_RDONLY)
@@ -269,7 +272,7 @@ def _alone(path: Path) -> Iterator[None]:
         os.close(folder)
 
 
-def _write_key(path: Path, seed: int, people: Sequence[Known]) -> None:
+def _write_key(path: Path, seed: int, people: Sequence[KnownPerson]) -> None:
     entries = [asdict(person) for person in people]
     text = json.dumps({"format": KEY_FORMAT, "version": KEY_VERSION, "seed": seed, "people": entries})
 
@@ -283,26 +286,26 @@ def _write_key(path: Path, seed: int, people: Sequence[Known]) -> None:
     write_whole(path, write)
 
 
-def _read_key(path: Path) -> tuple[int, tuple[Known, ...]]:
+def _read_key(path: Path) -> tuple[int, tuple[KnownPerson, ...]]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         form, version = content["format"], content["version"]
     except (ValueError, KeyError, TypeError) as error:
         raise DonorError(
-            f"{path} is no key file or is damaged: take a copy of it, or another name"
+            f"{path} isn't a key file or is damaged: use a backup of it, or another name"
         ) from error
     if (form, version) != (KEY_FORMAT, KEY_VERSION):
         raise DonorError(
             f"{path} is {form} of version {version}, expected {KEY_FORMAT} of version {KEY_VERSION}: use another name"
         )
     try:
-        return int(content["seed"]), tuple(_known(entry) for entry in content["people"])
+        return int(content["seed"]), tuple(_known_person(entry) for entry in content["people"])
     except (ValueError, KeyError, TypeError) as error:
-        raise DonorError(f"{path} is damaged ({error}): take a copy of it, or another name") from error
+        raise DonorError(f"{path} is damaged ({error}): use a backup of it, or another name") from error
 
 
-def _known(entry: dict[str, Any]) -> Known:
+def _known_person(entry: dict[str, Any]) -> KnownPerson:
     face = tuple(float(value) for value in entry["signature"])
     if len(face) != DIRECTIONS or not np.isfinite(face).all():
         raise ValueError(f"a signature of {len(face)} values instead of {DIRECTIONS}")
-    return Known(str(entry["name"]), str(entry["donor"]), face)
+    return KnownPerson(str(entry["name"]), str(entry["donor"]), face)

@@ -28,16 +28,16 @@ def swap_file(
     ----------
     video : a video file, an image or a folder of images.
     identity : whose face is shown.
-    output : its suffix says what is written; it appears only when it is complete.
+    output : its suffix decides what is written; it appears only when it is complete.
     source : the model of the person in the video, or where landmarks come from to enrol them first.
     settings : see `SwapSettings`.
 
     Raises
     ------
     SwapError
-        When no frame shows the source person; no output is left behind.
-    MediaError, EnrolError, ReferenceMismatchError, RendererError
-        For a user's mistake.
+        When no frame shows the source person; no output is left.
+    GuiseError
+        For a user's mistake: MediaError, EnrolError, ReferenceMismatchError, RendererError.
     """
     with open_input(video) as media:
         with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
@@ -45,10 +45,10 @@ def swap_file(
             tally = Tally(settings, media, "swapping")
             with one_thread(), Engine(person, identity, settings.face_finder(), settings.options) as engine:
 
-                def work(frame: Frame) -> None:
+                def swap(frame: Frame) -> None:
                     tally.add(engine.swap(frame).outcome)
 
-                stats = process(media, sink, work, progress=tally.progress)
+                stats = process(media, sink, swap, progress=tally.progress)
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
         return tally.report(output, stats)

@@ -20,9 +20,9 @@ class EngineOptions:
     palette : "symmetric" or "least-squares" scale of the colour similarity.
     outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
     jaw, forehead : face widths by which they are then drawn beyond it, the forehead most in its middle, to hide the
-        rim of the face too.
-    disguise : draw the features in other proportions, see `proportions`, and over all within the outline, so that what
-        the head in the picture still tells (hair, ears, neck) is recognised less.
+        rim of the face as well.
+    disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
+        the person is harder to recognise from what remains of the head (hair, ears, neck).
     """
 
     alpha: float = DEFAULT_ALPHA

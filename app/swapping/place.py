@@ -5,9 +5,10 @@ Points and masks on the reference grid, pixels, x right, y down.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import (
     BROW_TOPS,
@@ -27,31 +28,41 @@ from guise.aam.landmarks.schemes import (
     RIGHT_TEMPLE,
 )
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Bool
 
-RIM = 0.09  # face widths from the hull in which the source's hair stays
-REACH = 0.11  # face widths over which the inner points follow the outline
-
-APART = 0.09  # share of the way from the nose's root to the temple by which a disguise moves an eye and its brow out
-RAISED = 0.05  # share of the way from the nose's root to the hair by which it moves the brows up
-WIDER = 0.06  # share by which it enlarges the mouth
+HAIR_RIM_FACE_WIDTHS = 0.09  # inside the hull, where the source's hair is kept
+OUTLINE_REACH_FACE_WIDTHS = 0.11  # over which the inner points follow the outline
 
 
-def shown_mask(source: NDArray[np.bool_], reference: ReferenceFrame) -> NDArray[np.bool_]:
-    """Where a face is shown on the source's head (h, w): all of it, but not over hair at the forehead and at the rim.
+@dataclass(frozen=True)
+class DisguiseProportions:
+    """By which a disguise moves the features, as shares of distances in the face itself."""
 
-    Farther inside, below the brows, the source's mask does not count: what it leaves out there (stubble, shadow, a lock
-    of hair) would show the source's own face.  The target needs no mask: its neutral face is bare skin where hair was.
+    eyes_apart: float = 0.09  # of the way from the nose's root to the temple: each eye and its brow
+    brows_raised: float = 0.05  # of the way from the nose's root to the hairline
+    mouth_enlarged: float = 0.06  # of the lips' way from the mouth's middle
+
+
+DISGUISE = DisguiseProportions()
+
+
+def shown_mask(source: Bool, reference: ReferenceFrame) -> Bool:
+    """Where a face is shown on the source's head (h, w): everywhere but over hair at the forehead and at the rim.
+
+    Farther inside, below the brows, the source's mask doesn't count: what it leaves out there (stubble, shadow, a lock
+    of hair) would show the source's own face.  The target needs no mask: its neutral face has skin where hair was.
     """
     inside = cv2.distanceTransform(np.pad(reference.mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     below = np.arange(reference.size[0])[:, None] >= reference.points[BROW_TOPS, 1].mean()
-    return np.asarray(reference.mask & (source | (below & (inside > RIM * reference.resolution))))
+    return np.asarray(
+        reference.mask & (source | (below & (inside > HAIR_RIM_FACE_WIDTHS * reference.resolution)))
+    )
 
 
 def outward(reference: ReferenceFrame, jaw: float, forehead: float) -> F64:
-    """(81, 2) grid pixels: the ways out of the face for the points of its outline; 0 for the others.
+    """(81, 2) grid pixels: displacements of the outline's points out of the face; 0 for the others.
 
-    jaw, forehead : face widths; the latter from none at the temples to all in the middle.
+    jaw, forehead : face widths; the latter grows from zero at the temples to all of it in the middle.
     """
     away = reference.points[OUTLINE] - reference.points[NOSE].mean(0)
     height = np.sqrt(np.sin(np.linspace(0, np.pi, len(FOREHEAD))).clip(0))
@@ -64,8 +75,8 @@ def outward(reference: ReferenceFrame, jaw: float, forehead: float) -> F64:
 def outline_pull(reference: ReferenceFrame) -> F64:
     """(81, 81) weights by which each point follows the outline of the head in the picture.
 
-    Jaw and forehead follow in full, so that the face is as wide as the head and no second chin shows; inner points
-    follow the outline near them, less the farther they are, so that no brow reaches past a turned head.
+    Jaw and forehead follow fully, so that the face is as wide as the head and no second chin shows; inner points follow
+    the outline near them, less the farther away they are, so that no brow extends beyond a turned head.
     """
     near = np.exp(-((_to_outline(reference) * 1.5) ** 2))
     pull = np.zeros((POINTS, POINTS))
@@ -77,25 +88,25 @@ def outline_pull(reference: ReferenceFrame) -> F64:
 def proportions(reference: ReferenceFrame) -> F64:
     """(81, 81) weights that take a face's points to those of a face with other proportions and the same outline.
 
-    Eyes and brows lie farther apart, the brows higher, and the mouth is larger.  Every move is a share of a way along
-    the face itself, so that place, size and turn in the picture do not matter and the far side of a turned head moves
-    as little as it is wide.
+    Eyes and brows lie farther apart, the brows higher, and the mouth is larger.  Every displacement is a share of a
+    distance in the face itself, so that position, size and rotation in the picture don't matter and the far side of a
+    turned head moves only as much as it is wide.
     """
     points = np.eye(POINTS)
     moves = np.zeros_like(points)
     for brow, eye, temple in ((RIGHT_BROW, RIGHT_EYE, RIGHT_TEMPLE), (LEFT_BROW, LEFT_EYE, LEFT_TEMPLE)):
-        moves[np.r_[brow, eye]] = APART * (points[temple] - points[NOSE_ROOT])
-    moves[BROWS] += RAISED * (points[HAIRLINE] - points[NOSE_ROOT])
-    moves[LIPS] = WIDER * (points[LIPS] - points[LIPS].mean(0))
+        moves[np.r_[brow, eye]] = DISGUISE.eyes_apart * (points[temple] - points[NOSE_ROOT])
+    moves[BROWS] += DISGUISE.brows_raised * (points[HAIRLINE] - points[NOSE_ROOT])
+    moves[LIPS] = DISGUISE.mouth_enlarged * (points[LIPS] - points[LIPS].mean(0))
     return np.asarray(points + (1 - _bound(reference)) * moves)
 
 
 def _bound(reference: ReferenceFrame) -> F64:
-    """(81, 1) share in [0, 1] by which each point is bound to the outline: 1 on it, less the farther it is."""
+    """(81, 1) share in [0, 1] by which each point is bound to the outline: 1 on it, less the farther away."""
     return np.asarray(np.exp(-(_to_outline(reference).min(1) ** 2))[:, None])
 
 
 def _to_outline(reference: ReferenceFrame) -> F64:
-    """(81, 30) distances of the points from those of the outline, in REACH."""
+    """(81, 30) distances of the points from those of the outline, in OUTLINE_REACH_FACE_WIDTHS."""
     away = np.linalg.norm(reference.points[:, None] - reference.points[OUTLINE], axis=2)
-    return np.asarray(away / (REACH * reference.resolution))
+    return np.asarray(away / (OUTLINE_REACH_FACE_WIDTHS * reference.resolution))

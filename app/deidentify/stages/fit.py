@@ -1,4 +1,4 @@
-"""The fourth stage: a person's face in every frame in which it was followed, and how far it can be trusted."""
+"""The fourth stage: the place of a person's face in every frame in which it was tracked, with its confidence."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.swapping.trust import Placed
+from guise.app.swapping.trust import LocatedFace
 from guise.common.arrays import F32
 
 
@@ -21,7 +21,7 @@ class Fits:
     confidence: F32
 
     @classmethod
-    def of(cls, rows: list[tuple[int, int, Placed]]) -> Fits:
+    def of(cls, rows: list[tuple[int, int, LocatedFace]]) -> Fits:
         """From rows of track, frame and face."""
         rows = sorted(rows, key=lambda row: row[:2])
         return cls(

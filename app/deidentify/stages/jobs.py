@@ -1,6 +1,6 @@
-"""The jobs of a de-identification: each reads the manifest and earlier results, and writes its own, whole.
+"""The jobs of a de-identification: each reads the manifest and earlier results, and writes its own result whole.
 
-Any process may do a job, at any time after the stage before; a job whose result is there does nothing.
+Any process may do a job, at any time after the stage before; a job whose result exists does nothing.
 """
 
 from __future__ import annotations
@@ -15,24 +15,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.model import Identity
-from guise.app.deidentify.stages.case import Case, Linked
+from guise.app.deidentify.stages.case import Case, LinkedTrack
 from guise.app.deidentify.stages.detect import detect_faces
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
-from guise.app.deidentify.stages.render import AGAIN, Artist, Find, audit, entries_of, with_finds
-from guise.app.deidentify.stages.work import Work
+from guise.app.deidentify.stages.render import (
+    LIMITS,
+    AuditDetection,
+    SegmentRenderer,
+    audit,
+    entries_of,
+    with_detections,
+)
+from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.swapping.cover import region
-from guise.app.swapping.trust import Placed, place
+from guise.app.swapping.trust import LocatedFace, locate
 from guise.common.files import write_whole
 from guise.common.memory import given_back
 from guise.common.threads import one_thread
 
-THUMB = 160  # pixels, side of a track's pictures
-SHOWN = 4  # of each track, for the report
+PICTURE_PIXELS = 160  # side of a track's pictures
+MAX_REPORT_PICTURES = 4  # of each track
 
 
 @dataclass(frozen=True)
@@ -45,8 +52,8 @@ class Job:
 
 
 def perform(job: Job) -> None:
-    """Do a job; nothing is done when its result is there already."""
-    work = Work(Path(job.work))
+    """Do a job, unless its result exists."""
+    work = WorkFolder(Path(job.work))
     if not work.has(result_of(job.stage, job.index)):
         with one_thread(), given_back():
             _STAGES[job.stage](Case(work), job.index)
@@ -58,7 +65,7 @@ def result_of(stage: str, index: int) -> str:
 
 
 def detect(case: Case, segment: int) -> None:
-    """All faces of a segment."""
+    """Find all faces of a segment."""
     piece, problems = case.scan.segments[segment], ProblemLog()
     found = detect_faces(read_frames(case.input, case.scan, piece.first, piece.end, problems=problems))
     case.work.save_json(f"problems.{segment}.json", list(problems))
@@ -66,7 +73,7 @@ def detect(case: Case, segment: int) -> None:
 
 
 def person(case: Case, index: int) -> None:
-    """The model of a track's person."""
+    """Enrol the person of a track."""
     track = case.linked[index]
     model = enrol(case, track)
     if isinstance(model, Identity):
@@ -75,21 +82,21 @@ def person(case: Case, index: int) -> None:
 
 
 def fit(case: Case, segment: int) -> None:
-    """The place of each person in a segment, and pictures of the tracks."""
+    """Fit each person in a segment, and take pictures of the tracks."""
     found = case.found(segment)
-    wanted: dict[int, list[tuple[Linked, int]]] = {}
+    wanted: dict[int, list[tuple[LinkedTrack, int]]] = {}
     for track in case.linked:
         for number in (n for s, n in track.pieces if s == segment):
             for at in np.flatnonzero(found.tracklet == number).tolist():
                 wanted.setdefault(int(found.frame[at]), []).append((track, at))
-    rows: list[tuple[int, int, Placed]] = []
+    rows: list[tuple[int, int, LocatedFace]] = []
     pictures: dict[str, NDArray[np.uint8]] = {}
     if wanted:
         for frame in read_frames(case.input, case.scan, min(wanted), max(wanted) + 1):
             for track, row in wanted.get(frame.index, []):
                 model, points = case.model_of(track.number), found.points[row].astype(np.float64)
                 if model is not None and np.isfinite(points).all():
-                    placed = place(model.tracker, frame.luma, points, float(found.confidence[row]))
+                    placed = locate(model.tracker, frame.luma, points, float(found.confidence[row]))
                     rows.append((track.number, frame.index, placed))
                 if frame.index in track.shown:
                     pictures[f"{track.number}.{frame.index}"] = picture(frame, found.box[row])
@@ -98,7 +105,7 @@ def fit(case: Case, segment: int) -> None:
 
 
 def picture(frame: Frame, box: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """A square picture (THUMB, THUMB, 3) of a face and what is around it; black beyond the frame."""
+    """A square picture, PICTURE_PIXELS wide, of a face and its surroundings; black beyond the frame."""
     x0, y0, x1, y1 = region(box)
     half = max(x1 - x0, y1 - y0) / 2 + 1
     low = [int(np.floor((x0 + x1) / 2 - half)), int(np.floor((y0 + y1) / 2 - half))]
@@ -110,58 +117,64 @@ def picture(frame: Frame, box: NDArray[np.floating]) -> NDArray[np.uint8]:
         y, x = max(0, top - low[1]), max(0, left - low[0])
         rgb = rgb[: side - y, : side - x]
         canvas[y : y + rgb.shape[0], x : x + rgb.shape[1]] = rgb
-    return np.asarray(cv2.resize(canvas, (THUMB, THUMB), interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(canvas, (PICTURE_PIXELS, PICTURE_PIXELS), interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def render(case: Case, segment: int) -> None:
-    """Swap and cover, encode, look again; and pictures of the result."""
+    """Swap and cover, encode, audit; and pictures of the result."""
     (first, last), piece = case.span(segment), case.scan.segments[segment]
     entries = entries_of(case.plan, piece.first, last)
-    covered: list[Find] = []
-    with Artist(case, segment, entries) as artist, open_input(case.input) as source:
-        for attempt in range(1 + AGAIN):
-            artist.entries = with_finds(entries, covered, first, last)
-            _encode(case, source, segment, artist)
-            finds = list(audit(read_piece(case, segment), artist))
-            if not finds or attempt == AGAIN:
+    covered: list[AuditDetection] = []
+    with SegmentRenderer(case, segment, entries) as segment_renderer, open_input(case.input) as source:
+        for attempt in range(1 + LIMITS.max_repeats):
+            segment_renderer.entries = with_detections(entries, covered, first, last)
+            _encode(case, source, segment, segment_renderer)
+            finds = list(audit(read_piece(case, segment), segment_renderer))
+            if not finds or attempt == LIMITS.max_repeats:
                 break
             covered += finds
-        renderer, problems = artist.renderer, list(source.problems)
-        pictures = _output_pictures(case, segment, artist)
+        renderer, problems = segment_renderer.renderer, list(source.problems)
+        pictures = _output_pictures(case, segment, segment_renderer)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
-    told = [_told(find, True) for find in covered] + [_told(find, False) for find in finds]
-    case.work.save_json(f"render.{segment}.json", {"audit": told, "renderer": renderer, "problems": problems})
+    findings = [_finding(find, True) for find in covered] + [_finding(find, False) for find in finds]
+    case.work.save_json(
+        f"render.{segment}.json", {"audit": findings, "renderer": renderer, "problems": problems}
+    )
 
 
 @given_back()
-def _encode(case: Case, source: MediaInput, segment: int, artist: Artist) -> None:
-    """Write a segment as the artist draws it; the encoder, which is large, ends with this."""
+def _encode(case: Case, source: MediaInput, segment: int, segment_renderer: SegmentRenderer) -> None:
+    """Write a segment as it is drawn; the encoder, which is large, is released with this."""
     first, last = case.span(segment)
-    frames = _Frames(case, case.scan.segments[segment].first, last)
+    frames = _FrameRange(case, case.scan.segments[segment].first, last)
     with open_piece(case, source, segment) as sink:
-        process(frames, _From(sink, first), artist.draw)
+        process(frames, _SinkFromFrame(sink, first), segment_renderer.draw)
 
 
-def _told(find: Find, covered: bool) -> dict[str, Any]:
+def _finding(find: AuditDetection, covered: bool) -> dict[str, Any]:
     box = [round(float(v)) for v in find.box]
     return {"frame": find.frame, "box": box, "score": round(find.score, 3), "covered": covered}
 
 
-def _output_pictures(case: Case, segment: int, artist: Artist) -> dict[str, NDArray[np.uint8]]:
+def _output_pictures(
+    case: Case, segment: int, segment_renderer: SegmentRenderer
+) -> dict[str, NDArray[np.uint8]]:
     """Pictures of the tracks as they are in the output."""
-    wanted = {frame: track.number for track in case.linked for frame in track.shown[:SHOWN]}
+    wanted = {frame: track.number for track in case.linked for frame in track.shown[:MAX_REPORT_PICTURES]}
     first, last = case.span(segment)
     if not any(first <= frame < last for frame in wanted):
         return {}
     pictures = {}
     for frame in read_piece(case, segment):
-        for entry in artist.entries.get(frame.index, []):
+        for entry in segment_renderer.entries.get(frame.index, []):
             if wanted.get(frame.index) == entry.track:
                 pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box)
     return pictures
 
 
-class _Frames:
+class _FrameRange:
     """The frames [first, last) of a case as a source."""
 
     def __init__(self, case: Case, first: int, last: int) -> None:
@@ -172,14 +185,14 @@ class _Frames:
         return read_frames(self._case.input, self._case.scan, self._first, self._last, problems=self.problems)
 
 
-class _From:
-    """A sink that begins with a frame: those before it only warm up."""
+class _SinkFromFrame:
+    """A sink that takes the frames from `first` on: those before only warm up the renderer."""
 
     def __init__(self, sink: Sink, first: int) -> None:
         self._sink, self._first = sink, first
 
     def write(self, frame: Frame) -> None:
-        """Write the frame unless it comes too early."""
+        """Write the frame unless it comes before the first one."""
         if frame.index >= self._first:
             self._sink.write(frame)
 

@@ -1,12 +1,13 @@
 """The third stage: a model of a track's person, enrolled from the video itself.
 
-Frames in which the landmarks are sure, from at most SEGMENTS segments, evenly chosen, so that an hour of video costs
-no more than a minute.
+It is trained on frames in which the landmarks are confident, from a few segments, evenly chosen, so that an hour of
+video costs no more than a minute.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,35 +24,44 @@ from guise.aam.training import (
     observe,
     train_identity,
 )
-from guise.app.deidentify.stages.case import Case, Linked
+from guise.app.deidentify.stages.case import Case, LinkedTrack
 from guise.app.media.segments import read_frames
 from guise.common.arrays import F64
 from guise.common.threads import one_thread
 
-TRAINING = TrainingOptions(frames=48, even_light=True)
-SEGMENTS = 5
-CLEAR = 0.95  # confidence of landmarks to train on, where enough frames have it; else
-SURE = 0.5
-ENOUGH = 36  # frames
-FEWEST = 24  # frames without which nobody is enrolled
-NARROWEST = 36.0  # pixels, width of a face's box below which nobody is
+TRAINING = TrainingOptions(frames=48, equalise_light=True)
 
 
-def why_not(track: Linked) -> str:
+@dataclass(frozen=True)
+class EnrolmentLimits:
+    """From what a person is enrolled.  Widths are of the face's box; confidences are of its landmarks."""
+
+    max_segments: int = 5
+    clear_confidence: float = 0.95  # least, where so many frames have it:
+    min_clear_frames: int = 36
+    min_confidence: float = 0.5  # least, where fewer have
+    min_frames: int = 24
+    min_width_pixels: float = 36.0
+
+
+LIMITS = EnrolmentLimits()
+
+
+def why_not(track: LinkedTrack) -> str:
     """Why a track's person cannot be enrolled, or ""."""
-    if track.width < NARROWEST:
+    if track.width < LIMITS.min_width_pixels:
         return f"the face is only {track.width:.0f} pixels wide"
-    if track.sure < FEWEST:
+    if track.sure < LIMITS.min_frames:
         return f"the face is seen clearly in {track.sure} frames only"
     return ""
 
 
-def enrol(case: Case, track: Linked) -> Identity | str:
+def enrol(case: Case, track: LinkedTrack) -> Identity | str:
     """The model, or why there is none."""
     reason = why_not(track)
     if reason:
         return reason
-    frames, points = _sure_points(case, track)
+    frames, points = _confident_points(case, track)
     try:
         choice = choose_frames(points, TRAINING)
         observations = _observations(case, frames, points, choice)
@@ -61,8 +71,8 @@ def enrol(case: Case, track: Linked) -> Identity | str:
         return str(error)
 
 
-def _sure_points(case: Case, track: Linked) -> tuple[NDArray[np.int32], F64]:
-    """Frames (t,) and landmarks (t, 81, 2), NaN where they are not sure, of the chosen segments."""
+def _confident_points(case: Case, track: LinkedTrack) -> tuple[NDArray[np.int32], F64]:
+    """Frames (t,) and landmarks (t, 81, 2), NaN where their confidence is low, of the chosen segments."""
     frames, points, confidence = [], [], []
     for segment, number in _spread(track.pieces):
         found = case.found(segment)
@@ -72,15 +82,15 @@ def _sure_points(case: Case, track: Linked) -> tuple[NDArray[np.int32], F64]:
         confidence.append(found.confidence[rows])
     all_frames, all_points = np.concatenate(frames), np.concatenate(points).astype(np.float64)
     sure = np.concatenate(confidence)
-    least = CLEAR if (sure >= CLEAR).sum() >= ENOUGH else SURE
-    all_points[sure < least] = np.nan
+    is_clear = (sure >= LIMITS.clear_confidence).sum() >= LIMITS.min_clear_frames
+    all_points[sure < (LIMITS.clear_confidence if is_clear else LIMITS.min_confidence)] = np.nan
     return all_frames, all_points
 
 
 def _spread(pieces: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
-    """The pieces that lie in at most SEGMENTS segments, evenly chosen."""
+    """The tracklets of a few segments, evenly chosen."""
     segments = sorted({segment for segment, _ in pieces})
-    places = np.unique(np.linspace(0, len(segments) - 1, SEGMENTS).round().astype(int))
+    places = np.unique(np.linspace(0, len(segments) - 1, LIMITS.max_segments).round().astype(int))
     chosen = {segments[i] for i in places}
     return [piece for piece in pieces if piece[0] in chosen]
 

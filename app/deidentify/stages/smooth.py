@@ -1,4 +1,4 @@
-"""Tracked shapes without tremble and without lag: a whole track is known, so both directions of time count."""
+"""Tracked shapes without jitter and without lag: a whole track is known, so both directions of time count."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.follow import Steadier
+from guise.aam.shape_filter import ShapeFilter
 from guise.common.arrays import F64
 
-CONTEXT = 45  # frames on either side that still matter
+FILTER_CONTEXT_FRAMES = 45  # on either side, which still matter
 
 
 def smooth(frames: NDArray[np.integer], shapes: NDArray[np.floating], cuts: Sequence[int]) -> F64:
-    """Steadied shapes (n, 81, 2): the mean of a pass forward and a pass backward.
+    """Filtered shapes (n, 81, 2): the mean of a pass forward and a pass backward.
 
-    frames : (n,) ascending; where one is missing, or at a cut, a new start is made.
+    frames : (n,) ascending; the filter restarts where one is missing and at a cut.
     """
     out = np.empty(shapes.shape)
     for run in _runs(frames, cuts):
@@ -27,8 +27,8 @@ def smooth(frames: NDArray[np.integer], shapes: NDArray[np.floating], cuts: Sequ
 
 
 def _pass(shapes: F64) -> F64:
-    steady = Steadier()
-    return np.stack([steady(shape) for shape in shapes])
+    temporal_filter = ShapeFilter()
+    return np.stack([temporal_filter(shape) for shape in shapes])
 
 
 def _runs(frames: NDArray[np.integer], cuts: Sequence[int]) -> Iterator[slice]:
