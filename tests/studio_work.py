@@ -7,8 +7,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from guise.app.studio.jobs import Jobs, Progress
+from guise.app.studio.jobs import JobQueue
 from guise.app.studio.store import Store, StudioError
+from guise.common.progress import Progress
 
 
 def write(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
@@ -50,7 +51,7 @@ def crash(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, 
 
 def die(folder: Path) -> None:
     """A studio that is killed while a job runs."""
-    jobs = Jobs(Store(folder / "studio"))
+    jobs = JobQueue(Store(folder / "studio"))
     jobs.register("wait", wait)
     jobs.open()
     id = jobs.start("wait", {"until": str(folder / "never")})

@@ -12,12 +12,12 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 from benchmarks import run_all
 from benchmarks.live import clock, latency, soak, throughput
 from benchmarks.live.runs import SAMPLES
-from guise.app.live.pipeline import Stats
-from guise.app.media import Frame, open_source
+from guise.app.live.stats import PipelineStats
+from guise.app.media import Frame, open_input
 
 
 def first_frame() -> Frame:
-    with open_source(SAMPLES / "p01" / "talk.mp4") as source:
+    with open_input(SAMPLES / "p01" / "talk.mp4") as source:
         return next(iter(source))
 
 
@@ -72,7 +72,7 @@ def samples(memory: float = 0.0, late: float = 0.0, threads: float = 0.0) -> lis
 
 
 def met(*given: object) -> list[bool]:
-    return [criterion.met for criterion in soak.report(*given, Stats()).criteria]
+    return [criterion.met for criterion in soak.report(*given, PipelineStats()).criteria]
 
 
 def test_what_grows_is_told_and_what_does_not_is_not() -> None:
@@ -104,8 +104,8 @@ def test_median_and_tail_of_the_latency_are_judged() -> None:
 
 def test_what_was_seen_in_the_first_seconds_does_not_count_and_nothing_is_not_met() -> None:
     seen = np.array([[100.0, 90.0], [101.0, 80.0], [103.0, 12.0], [104.0, 14.0]])
-    assert latency.steady(seen) == [12.0, 14.0]
-    assert latency.steady(seen[:0]) == []
+    assert latency.after_warm_up(seen) == [12.0, 14.0]
+    assert latency.after_warm_up(seen[:0]) == []
     report = latency.report({"window": []}, {"window": 600})
     assert not any(c.met for c in report.criteria)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from guise.app.live.controls import KEYS, Controls, Settings
+from guise.app.live.controls import KEYS, Controls, LiveSettings
 
 
 @pytest.mark.parametrize(
@@ -14,7 +14,7 @@ def test_a_switch_turns_on_and_off(key: str, name: str) -> None:
     controls.press(key)
     assert getattr(controls.settings, name) is True
     controls.press(key)
-    assert controls.settings == Settings()
+    assert controls.settings == LiveSettings()
 
 
 def test_alpha_stays_in_its_range() -> None:
@@ -50,14 +50,14 @@ def test_a_key_that_means_nothing_changes_nothing() -> None:
     controls = Controls()
     for key in ("x", "", "f12", "0"):
         controls.press(key)
-    assert controls.settings == Settings()
+    assert controls.settings == LiveSettings()
     assert controls.requests.empty()
 
 
-def test_every_key_that_is_told_does_something() -> None:
+def test_every_listed_key_does_something() -> None:
     for key in KEYS:
         if len(key) == 1:
-            controls = Controls(settings=Settings(mode="puppet" if key in "so" else "swap"))
+            controls = Controls(settings=LiveSettings(mode="puppet" if key in "so" else "swap"))
             before = controls.settings
             controls.press(key)
             assert controls.settings != before or not controls.requests.empty(), key

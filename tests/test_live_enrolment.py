@@ -295,7 +295,9 @@ def test_the_album_stays_small_and_keeps_what_differs(features: FrameFeatures) -
     far = {at: features.descriptor + rng.normal(size=features.descriptor.shape) for at in (30, 200, 700, 999)}
     for at in range(1000):
         descriptor = far.get(at, features.descriptor + 0.001 * rng.normal(size=features.descriptor.shape))
-        album.offer(picture, replace(features, descriptor=descriptor, expression=float(rng.random())), at / 1000)
+        album.offer(
+            picture, replace(features, descriptor=descriptor, expression=float(rng.random())), at / 1000
+        )
     kept = {k.number for k in album._diverse.kept}
     assert {at + 1 for at in far} <= kept
     assert len(album.frames()) <= KEYFRAME_LIMITS.keyframes
@@ -319,7 +321,9 @@ def test_the_album_keeps_the_frames_at_rest_whole(features: FrameFeatures) -> No
     picture, album = clip("p01", 1)[0], KeyframeAlbum(ReferenceFrame.canonical(64))
     for at in range(60):
         album.offer(picture, replace(features, expression=float((at * 37) % 60)), at / 60)
-    assert sorted(k.features.expression for k in album._resting) == list(range(KEYFRAME_LIMITS.resting_frames))
+    assert sorted(k.features.expression for k in album._resting) == list(
+        range(KEYFRAME_LIMITS.resting_frames)
+    )
     whole = [frame for frame in album.frames() if frame.picture is not None]
     assert len(whole) == KEYFRAME_LIMITS.resting_frames
     assert all((frame.picture == picture).all() for frame in whole)

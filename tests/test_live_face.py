@@ -7,18 +7,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from made_up import SAMPLES
-from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.app.live.controls import LiveSettings
-from guise.app.live.face import AROUND, BYSTANDER, WHOLE, FaceResult, LiveFace
+from guise.app.live.face import LIMITS, FaceResult, LiveFace
 from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import region
+from guise.common.arrays import F64, U8, Bool
 from guise.common.threads import one_thread
-
-Picture = NDArray[np.uint8]
-Changed = NDArray[np.bool_]
 
 SOLID = LiveSettings(style="solid")
 FPS = 30
@@ -27,19 +24,19 @@ VISITOR = (slice(60, 240), slice(660, 900))  # rows and columns of a wide pictur
 
 
 @pytest.fixture(scope="module")
-def talk() -> list[Picture]:
+def talk() -> list[U8]:
     """The first second of a sample clip, RGB."""
     return pictures("p01", FPS)
 
 
 @pytest.fixture(scope="module")
-def visitor() -> list[Picture]:
+def visitor() -> list[U8]:
     """Somebody else, with a face some 80 pixels wide."""
     return [picture[:360:2, 80:560:2] for picture in pictures("p06", FPS)]
 
 
 @pytest.fixture(scope="module")
-def truth() -> NDArray[np.float64]:
+def truth() -> F64:
     """Where the face is in each picture of the clip, (t, 81, 2)."""
     return np.load(SAMPLES / "p01" / "talk.npz")["landmarks"].astype(float)
 
@@ -50,7 +47,7 @@ def face(p01: Identity) -> Iterator[LiveFace]:
         yield face
 
 
-def pictures(person: str, count: int) -> list[Picture]:
+def pictures(person: str, count: int) -> list[U8]:
     with open_input(SAMPLES / person / "talk.mp4") as source:
         return [frame.rgb() for frame, _ in zip(source, range(count), strict=False)]
 
@@ -63,20 +60,18 @@ def stiff(identity: Identity) -> Identity:
     return replace(identity, appearance=replace(identity.appearance, components=few), rest_frame=rest_frame)
 
 
-def empty(seed: int, width: int = WIDTH) -> Picture:
+def empty(seed: int, width: int = WIDTH) -> U8:
     """A picture in which there is nobody."""
     return np.random.default_rng(seed).integers(0, 256, (HEIGHT, width, 3), np.uint8)
 
 
-class Show:
-    """Plays pictures to a face at FPS and tells what became of them."""
+class Player:
+    """Plays pictures to a face at FPS and reports what became of them."""
 
     def __init__(self, face: LiveFace) -> None:
         self.face, self.count = face, 0
 
-    def __call__(
-        self, picture: Picture, settings: LiveSettings = SOLID
-    ) -> tuple[FaceResult, Changed, Picture]:
+    def __call__(self, picture: U8, settings: LiveSettings = SOLID) -> tuple[FaceResult, Bool, U8]:
         """What was done, which pixels (h, w) changed, and the picture that is shown."""
         frame = Frame.from_rgb(picture, self.count, Fraction(1, FPS), self.count)
         self.count += 1
@@ -85,18 +80,18 @@ class Show:
         return result, (after != picture).any(axis=2), after
 
 
-def box(points: NDArray[np.float64]) -> tuple[slice, slice]:
+def box(points: F64) -> tuple[slice, slice]:
     """Rows and columns of a face's 68 points (81, 2), the outermost pixel left out."""
     x0, y0, x1, y1 = *points[IBUG68].min(0), *points[IBUG68].max(0)
     return slice(int(y0) + 1, int(y1)), slice(int(x0) + 1, int(x1))
 
 
 def test_the_person_is_swapped_from_the_first_picture_and_the_background_stays(
-    face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
+    face: LiveFace, talk: list[U8], truth: F64
 ) -> None:
-    show = Show(face)
+    play = Player(face)
     for number, picture in enumerate(talk[:5]):
-        result, changed, _ = show(picture)
+        result, changed, _ = play(picture)
         assert (result.outcome, result.covered) == ("swapped", 0)
         assert result.mesh is not None
         assert np.linalg.norm(result.mesh[IBUG68] - truth[number][IBUG68], axis=1).mean() < 8
@@ -105,142 +100,142 @@ def test_the_person_is_swapped_from_the_first_picture_and_the_background_stays(
 
 
 def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
-    face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
+    face: LiveFace, talk: list[U8], truth: F64
 ) -> None:
-    show = Show(face)
+    play = Player(face)
     for picture in talk[:3]:
-        show(picture)
+        play(picture)
     last, areas, outcomes = box(truth[2]), [], []
-    for number in range(round(WHOLE * FPS) + 4):
-        result, changed, _ = show(empty(number))
+    for number in range(round(LIMITS.max_missing_seconds * FPS) + 4):
+        result, changed, _ = play(empty(number))
         outcomes.append(result.outcome)
         areas.append(changed.mean())
         assert changed[last].mean() > 0.9
     assert outcomes == sorted(outcomes)
     assert set(outcomes) == {"covered", "lost"}
-    assert outcomes.index("lost") in range(round(WHOLE * FPS) - 2, round(WHOLE * FPS) + 2)
+    assert outcomes.index("lost") in range(
+        round(LIMITS.max_missing_seconds * FPS) - 2, round(LIMITS.max_missing_seconds * FPS) + 2
+    )
     assert areas == sorted(areas)
     assert areas[0] < 0.6
     assert areas[-1] > 0.99
 
 
-def test_who_returns_is_covered_until_the_face_was_sure_for_a_while(
-    face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
+def test_who_returns_is_covered_until_the_face_was_confident_for_a_while(
+    face: LiveFace, talk: list[U8], truth: F64
 ) -> None:
-    show = Show(face)
+    play = Player(face)
     for picture in [*talk[:2], *(empty(n) for n in range(40))]:
-        show(picture)
+        play(picture)
     outcomes = []
     for number, picture in enumerate(talk[2:12]):
-        result, changed, _ = show(picture)
+        result, changed, _ = play(picture)
         outcomes.append(result.outcome)
         assert changed[box(truth[number + 2])].mean() > (0.7 if result.outcome == "swapped" else 0.99)
     first = outcomes.index("swapped")
-    assert first >= AROUND * FPS - 1
+    assert first >= LIMITS.min_confident_seconds * FPS - 1
     assert set(outcomes[first:]) == {"swapped"}
 
 
-def test_a_face_that_is_hidden_is_covered(
-    face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
-) -> None:
-    show = Show(face)
-    show(talk[0])
+def test_a_face_that_is_hidden_is_covered(face: LiveFace, talk: list[U8], truth: F64) -> None:
+    play = Player(face)
+    play(talk[0])
     rows, columns = box(truth[1])
     hand = talk[1].copy()
     hand[(rows.start + rows.stop) // 2 : rows.stop, columns] = (90, 60, 50)
-    result, changed, _ = show(hand)
+    result, changed, _ = play(hand)
     assert (result.outcome, result.mesh) == ("covered", None)
     assert changed[rows, columns].mean() > 0.99
 
 
 def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
-    face: LiveFace, talk: list[Picture], visitor: list[Picture]
+    face: LiveFace, talk: list[U8], visitor: list[U8]
 ) -> None:
-    show = Show(face)
-    show(wide(talk[0]))
+    play = Player(face)
+    play(wide(talk[0]))
     for number in range(1, 4):
-        result, changed, _ = show(wide(talk[number], visitor[number]))
+        result, changed, _ = play(wide(talk[number], visitor[number]))
         assert (result.outcome, result.covered) == ("swapped", 1)
         assert changed[VISITOR][30:130, 70:170].mean() > 0.99
     covered = []
-    for number in range(4, 4 + round(BYSTANDER * FPS) + 4):
-        result, changed, _ = show(wide(talk[number]))
+    for number in range(4, 4 + round(LIMITS.bystander_seconds * FPS) + 4):
+        result, changed, _ = play(wide(talk[number]))
         assert result.outcome == "swapped"
         covered.append(bool(changed[VISITOR].any()))
     assert covered == sorted(covered, reverse=True)
-    assert covered.count(True) in range(round(BYSTANDER * FPS) - 1, round(BYSTANDER * FPS) + 2)
+    assert covered.count(True) in range(
+        round(LIMITS.bystander_seconds * FPS) - 1, round(LIMITS.bystander_seconds * FPS) + 2
+    )
 
 
-def test_somebody_else_alone_is_never_shown(face: LiveFace, talk: list[Picture]) -> None:
-    show = Show(face)
-    show(talk[0])
+def test_somebody_else_alone_is_never_shown(face: LiveFace, talk: list[U8]) -> None:
+    play = Player(face)
+    play(talk[0])
     for picture in pictures("p06", 40):
-        result, changed, _ = show(picture)
+        result, changed, _ = play(picture)
         assert result.outcome in ("covered", "lost")
         assert changed[140:340, 240:400].mean() > 0.99
 
 
-def test_off_covers_who_is_there_and_all_when_nobody_is(
-    face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
-) -> None:
-    show, off = Show(face), replace(SOLID, mode="off", uncovered=True)
+def test_off_covers_who_is_there_and_all_when_nobody_is(face: LiveFace, talk: list[U8], truth: F64) -> None:
+    play, off = Player(face), replace(SOLID, mode="off", uncovered=True)
     for number, picture in enumerate(talk[:3]):
-        result, changed, after = show(picture, off)
+        result, changed, after = play(picture, off)
         assert (result.outcome, result.mesh, result.covered) == ("off", None, 1)
         assert np.ptp(after[box(truth[number])].reshape(-1, 3), axis=0).max() <= 1
         assert 0.05 < changed.mean() < 0.6
-    for number in range(round(WHOLE * FPS) + 2):
-        result, changed, _ = show(empty(number), off)
+    for number in range(round(LIMITS.max_missing_seconds * FPS) + 2):
+        result, changed, _ = play(empty(number), off)
     assert result.outcome == "off"
     assert changed.mean() > 0.99
 
 
-def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFace, talk: list[Picture]) -> None:
-    show, bare = Show(face), replace(SOLID, uncovered=True)
-    assert show(talk[0], bare)[0].outcome == "swapped"
-    result, changed, _ = show(empty(0), bare)
+def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFace, talk: list[U8]) -> None:
+    play, bare = Player(face), replace(SOLID, uncovered=True)
+    assert play(talk[0], bare)[0].outcome == "swapped"
+    result, changed, _ = play(empty(0), bare)
     assert result.outcome == "shown"
     assert not changed.any()
-    assert show(empty(1), SOLID)[1].any()
+    assert play(empty(1), SOLID)[1].any()
 
 
-def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[Picture]) -> None:
+def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[U8]) -> None:
     puppet = replace(SOLID, mode="puppet")
     shown = []
     for seed in (0, 1):
         with LiveFace(p01, [p01]) as face:
-            result, _, after = Show(face)(empty(seed), puppet)
+            result, _, after = Player(face)(empty(seed), puppet)
             assert result.outcome == "swapped"
             shown.append(after)
     assert (shown[0] == shown[1]).all()
     magenta = talk[0].copy()
     magenta[:, :100] = (255, 0, 255)
     with LiveFace(p01, [p01]) as face:
-        _, changed, after = Show(face)(magenta, puppet)
+        _, changed, after = Player(face)(magenta, puppet)
     assert changed[:, :100].all()
     assert (after[..., 1] > 0)[:, :100].mean() > 0.9
 
 
 @pytest.mark.parametrize("changes", [{"identity": 1, "mode": "puppet"}, {"identity": 1}])
 def test_the_chosen_face_takes_effect_at_once_and_back(
-    face: LiveFace, talk: list[Picture], changes: dict[str, object]
+    face: LiveFace, talk: list[U8], changes: dict[str, object]
 ) -> None:
     assert_effect(face, talk, replace(SOLID, mode=changes.get("mode", "swap")), replace(SOLID, **changes))
 
 
-def test_alpha_takes_effect_at_once_and_back(face: LiveFace, talk: list[Picture]) -> None:
+def test_alpha_takes_effect_at_once_and_back(face: LiveFace, talk: list[U8]) -> None:
     assert_effect(face, talk, replace(SOLID, identity=1, alpha=0.0), replace(SOLID, identity=1, alpha=1.0))
 
 
-def assert_effect(face: LiveFace, talk: list[Picture], one: LiveSettings, other: LiveSettings) -> None:
-    show = Show(face)
-    show(talk[-1], one)
-    first, second, again = (show(talk[-1], settings)[2].astype(int) for settings in (one, other, one))
+def assert_effect(face: LiveFace, talk: list[U8], one: LiveSettings, other: LiveSettings) -> None:
+    play = Player(face)
+    play(talk[-1], one)
+    first, second, again = (play(talk[-1], settings)[2].astype(int) for settings in (one, other, one))
     assert np.abs(first - second).max() > 10
     assert np.abs(first - again).mean() < 0.5 * np.abs(first - second).mean()
 
 
-def wide(picture: Picture, other: Picture | None = None) -> Picture:
+def wide(picture: U8, other: U8 | None = None) -> U8:
     """A picture with a bare wall to its right, and somebody there."""
     canvas = np.full((HEIGHT, 960, 3), 120, np.uint8)
     canvas[:, :WIDTH] = picture
@@ -249,10 +244,8 @@ def wide(picture: Picture, other: Picture | None = None) -> Picture:
     return canvas
 
 
-def test_the_region_of_a_cover_takes_in_the_whole_head(
-    face: LiveFace, talk: list[Picture], truth: NDArray[np.float64]
-) -> None:
-    _, changed, _ = Show(face)(talk[0], replace(SOLID, mode="off"))
+def test_the_region_of_a_cover_takes_in_the_whole_head(face: LiveFace, talk: list[U8], truth: F64) -> None:
+    _, changed, _ = Player(face)(talk[0], replace(SOLID, mode="off"))
     inner = truth[0][IBUG68]
     x0, y0, x1, y1 = region(np.concatenate([inner.min(0), inner.max(0)]), 0.85).astype(int)
     middle = (x0 + x1) // 2
@@ -261,7 +254,7 @@ def test_the_region_of_a_cover_takes_in_the_whole_head(
 
 
 def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
-    face: LiveFace, p01: Identity, talk: list[Picture]
+    face: LiveFace, p01: Identity, talk: list[U8]
 ) -> None:
     before = p01.appearance.neutral.copy()
     for number, picture in enumerate(talk[:5]):

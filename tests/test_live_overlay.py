@@ -11,7 +11,7 @@ from guise.aam.landmarks.schemes import JAW, NOSE_TIP
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.face import FaceResult, Outcome
 from guise.app.live.output import OutputFrame
-from guise.app.live.overlay import AMBER, CALM, GREEN, STAYS, Overlay, TextRenderer, draw_ring, mirrored
+from guise.app.live.overlay import AMBER, GREEN, STYLE, Overlay, TextRenderer, draw_ring, mirrored
 from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame, open_input
 
@@ -133,9 +133,9 @@ def test_mode_and_face_are_shown_for_a_while_after_a_change(talk: Frame) -> None
     first = overlay.draw(shown(talk), controls.settings)
     assert changed(talk, first)[: SIZE[1] // 3, SIZE[0] // 2 :].any()
     assert not changed(talk, first)[SIZE[1] // 2 :].any()
-    soon = overlay.draw(shown(talk, arrived=LATE + 0.9 * STAYS), controls.settings)
+    soon = overlay.draw(shown(talk, arrived=LATE + 0.9 * STYLE.change_seconds), controls.settings)
     assert not changed(first, soon).any()
-    later = overlay.draw(shown(talk, arrived=LATE + 1.1 * STAYS), controls.settings)
+    later = overlay.draw(shown(talk, arrived=LATE + 1.1 * STYLE.change_seconds), controls.settings)
     assert not changed(talk, later).any()
 
 
@@ -154,8 +154,8 @@ def test_figures_can_be_read_as_they_change_a_few_times_a_second(talk: Frame) ->
         return overlay.draw(replace(shown(talk, arrived=arrived), stats=PipelineStats(fps=fps)), settings)
 
     first = drawn(59, LATE)
-    assert not changed(first, drawn(61, LATE + 0.5 * CALM)).any()
-    assert changed(first, drawn(61, LATE + 1.5 * CALM)).any()
+    assert not changed(first, drawn(61, LATE + 0.5 * STYLE.readout_seconds)).any()
+    assert changed(first, drawn(61, LATE + 1.5 * STYLE.readout_seconds)).any()
 
 
 def test_a_long_message_is_wrapped_and_stays_in_the_picture() -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from guise.app.live.capture import Capture
-from guise.app.live.face import Look
-from guise.app.live.output import Output, Shown
-from guise.app.live.pipeline import Pipeline, Stats
+from guise.app.live.face import FaceResult
+from guise.app.live.output import Output, OutputFrame
+from guise.app.live.pipeline import Pipeline
+from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame, MediaError
 
 pytestmark = pytest.mark.usefixtures("no_thread_left")
@@ -48,11 +49,11 @@ class Pass:
     def __init__(self, delay: float = 0.0, fail_at: int | None = None) -> None:
         self._delay, self._fail_at = delay, fail_at
 
-    def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
+    def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
         if frame.index == self._fail_at:
             raise RuntimeError("broken")
         time.sleep(self._delay)
-        return Shown(frame, Look("swapped"), stats, arrived)
+        return OutputFrame(frame, FaceResult("swapped"), stats, arrived)
 
     def close(self) -> None:
         type(self).closed += 1
@@ -81,7 +82,7 @@ class Memory(Output):
         if self._fails == "open":
             raise MediaError("no device.")
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: OutputFrame) -> None:
         if self._fails == "show":
             raise MediaError("gone.")
         self.threads.add(threading.current_thread().name)

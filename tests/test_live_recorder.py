@@ -135,7 +135,9 @@ def test_a_file_that_does_not_begin_at_zero_keeps_step_with_its_sound(tmp_path: 
     capture = FileCapture(made(tmp_path / "in.mkv", at), paced=False)
     play(capture, VideoRecorder(tmp_path / "out.mkv", media=capture.media, encode=FAST))
     assert [1000 * t for t in times(tmp_path / "out.mkv")] == at
-    assert [s.digest for s in audio_tracks(tmp_path / "out.mkv")] == [s.digest for s in audio_tracks(tmp_path / "in.mkv")]
+    assert [s.digest for s in audio_tracks(tmp_path / "out.mkv")] == [
+        s.digest for s in audio_tracks(tmp_path / "in.mkv")
+    ]
 
 
 def test_a_recording_that_ends_before_its_file_has_the_sound_of_its_pictures(tmp_path: Path) -> None:
@@ -148,7 +150,9 @@ def test_a_recording_that_ends_before_its_file_has_the_sound_of_its_pictures(tmp
                 recorder.close()
             recorder.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), 0.0))
     assert len(times(out)) == 30
-    assert audio_tracks(out)[0].seconds == pytest.approx(1.0, abs=0.25)  # packets lie in the file ahead of pictures
+    assert audio_tracks(out)[0].seconds == pytest.approx(
+        1.0, abs=0.25
+    )  # packets lie in the file ahead of pictures
 
 
 @pytest.mark.parametrize("shown_of_it", [5, 8])
@@ -171,7 +175,9 @@ def test_a_file_that_was_read_before_is_recorded_with_its_sound(tmp_path: Path) 
     next(iter(capture.media))  # as to see who is in it
     play(capture, recorder)
     assert [1000 * t for t in times(tmp_path / "out.mkv")] == at
-    assert [s.digest for s in audio_tracks(tmp_path / "out.mkv")] == [s.digest for s in audio_tracks(tmp_path / "in.mkv")]
+    assert [s.digest for s in audio_tracks(tmp_path / "out.mkv")] == [
+        s.digest for s in audio_tracks(tmp_path / "in.mkv")
+    ]
 
 
 # -- a camera -----------------------------------------------------------------------------------------------

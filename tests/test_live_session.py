@@ -15,9 +15,9 @@ from guise.aam.model import Identity
 from guise.app.cli.main import main
 from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
-from guise.app.live.output import Shown
-from guise.app.live.pipeline import Stats
-from guise.app.live.session import LiveWork, Plan
+from guise.app.live.output import OutputFrame
+from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.stats import PipelineStats
 from guise.app.people import cache as models
 from guise.app.swapping.donors import open_donor
 from guise.common.threads import one_thread
@@ -35,35 +35,37 @@ def face() -> Identity:
     return open_donor("p03")
 
 
-def run(plan: Plan, clip: Path, *, loop: bool = False) -> Iterator[tuple[Shown, NDArray[np.uint8]]]:
+def run(
+    config: SessionConfig, clip: Path, *, loop: bool = False
+) -> Iterator[tuple[OutputFrame, NDArray[np.uint8]]]:
     """What is shown of each picture of a clip, with the picture before it was changed."""
-    work = LiveWork(plan, Controls(len(plan.identities)))
+    work = LiveSession(config, Controls(len(config.identities)))
     with one_thread(), FileCapture(clip, loop=loop, paced=False) as capture:
         try:
             for frame in capture:
                 before = frame.rgb()
-                yield work.step(frame, 0.0, Stats()), before
+                yield work.process(frame, 0.0, PipelineStats()), before
         finally:
             work.close()
 
 
-def changed(shown: Shown, before: NDArray[np.uint8]) -> float:
+def changed(shown: OutputFrame, before: NDArray[np.uint8]) -> float:
     """Share of the pixels that differ."""
     return float((np.abs(shown.frame.rgb().astype(int) - before).max(2) > 8).mean())
 
 
 def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Identity) -> None:
     kept: list[Identity] = []
-    plan = Plan([face], None, keep=kept.append)
+    config = SessionConfig([face], None, keep=kept.append)
     rings, sentences, first_swap, covered = [], [], None, 0
-    for number, (shown, before) in enumerate(run(plan, CLIP, loop=True)):
-        if shown.look.outcome == "enrolling":
+    for number, (shown, before) in enumerate(run(config, CLIP, loop=True)):
+        if shown.result.outcome == "enrolling":
             rings.append(shown.ring)
             sentences.append(shown.message)
             covered += changed(shown, before) > 0.5
             assert shown.original is not None
-            time.sleep(0.05 * ("Learning" in shown.message))  # the time is the training's
-        elif shown.look.outcome == "swapped":
+            time.sleep(0.05 * ("Training" in shown.message))  # the time is the training's
+        elif shown.result.outcome == "swapped":
             first_swap = number
             break
         assert number < 20_000
@@ -73,12 +75,12 @@ def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Ident
     assert rings == sorted(rings)
     assert rings[-1] == 1
     assert any("Speak" in text for text in sentences)
-    assert any("Learning" in text for text in sentences)
+    assert any("Training" in text for text in sentences)
 
 
-def test_a_session_that_ends_while_it_learns_leaves_nothing(face: Identity, no_thread_left: None) -> None:
-    for shown, _ in run(Plan([face], None), CLIP, loop=True):
-        if "Learning" in shown.message:
+def test_a_session_that_ends_while_it_trains_leaves_nothing(face: Identity, no_thread_left: None) -> None:
+    for shown, _ in run(SessionConfig([face], None), CLIP, loop=True):
+        if "Training" in shown.message:
             break
 
 
@@ -125,7 +127,7 @@ def test_the_model_of_a_file_is_made_once(
         (["--source", "missing.mp4"], "does not exist"),
         (["--size", "huge"], "like 1280x720"),
         (["--source", CLIP, "--identity", "missing.guise"], "missing.guise"),
-        (["--source", CLIP, "-o", "window", "-o", "window"], "given once"),
+        (["--source", CLIP, "-o", "window", "-o", "window"], "each only once"),
         (["--output", "studio", "--output", "window"], "give it alone"),
         (["--camera", "97"], "camera 97 cannot be opened"),
     ],

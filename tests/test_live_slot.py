@@ -2,11 +2,11 @@
 
 import threading
 
-from guise.app.live.slot import Slot
+from guise.app.live.slot import LatestSlot
 
 
 def test_the_latest_wins_and_the_others_are_counted() -> None:
-    slot: Slot[int] = Slot()
+    slot: LatestSlot[int] = LatestSlot()
     for number in range(5):
         slot.put(number)
     assert slot.get() == 4
@@ -15,7 +15,7 @@ def test_the_latest_wins_and_the_others_are_counted() -> None:
 
 
 def test_without_loss_every_item_arrives_in_order() -> None:
-    slot: Slot[int] = Slot(lossless=True)
+    slot: LatestSlot[int] = LatestSlot(lossless=True)
 
     def fill() -> None:
         for number in range(200):
@@ -33,10 +33,10 @@ def test_without_loss_every_item_arrives_in_order() -> None:
 
 
 def test_closing_wakes_who_waits_and_keeps_what_lies_there() -> None:
-    slot: Slot[int] = Slot()
+    slot: LatestSlot[int] = LatestSlot()
     threading.Timer(0.05, slot.close).start()
     assert slot.get() is None
-    other: Slot[int] = Slot(lossless=True)
+    other: LatestSlot[int] = LatestSlot(lossless=True)
     other.put(1)
     threading.Timer(0.05, other.close).start()
     other.put(2)  # waits for room that never comes

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from clips import cut
 
-from guise.app.live.face import Look
-from guise.app.live.output import Shown
-from guise.app.live.pipeline import Stats
-from guise.app.live.sound import RATE, Fill, Sound, SoundError, stretched
+from guise.app.live.face import FaceResult
+from guise.app.live.output import OutputFrame
+from guise.app.live.sound import SAMPLE_RATE, Fill, SoundError, SoundOutput, stretched
+from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
-from guise.app.media.beside import SoundReader
-from guise.app.media.source import VideoSource
+from guise.app.media.audio_reader import AudioReader
+from guise.app.media.input import VideoInput
 from guise.common.closing import Closing
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +65,7 @@ class Device(Closing):
     """A device that takes a block when its own clock, which is fast by a share, says so; heard `delay` later."""
 
     def __init__(self, clock: Clock, fast: float, delay: float) -> None:
-        self._clock, self._step, self._delay = clock, BLOCK / RATE / (1 + fast), delay
+        self._clock, self._step, self._delay = clock, BLOCK / SAMPLE_RATE / (1 + fast), delay
         self._next = clock.now
         self._fill: Fill | None = None
         self.heard: list[tuple[float, np.ndarray]] = []
@@ -102,15 +102,15 @@ def played(
 ) -> np.ndarray:
     """Show pictures for so long, at moments that vary; where the sound was ahead of them, seconds, by block."""
     rng = np.random.default_rng(0)
-    with VideoSource(path) as source:
-        sound = Sound(source, device=device, clock=clock)
+    with VideoInput(path) as source:
+        sound = SoundOutput(source, device=device, clock=clock)
         sound.open(32, 32, FPS)
         begun = clock.now
         for number in range(round(seconds * FPS)):
             device.run_until(begun + number / FPS / tempo + rng.uniform(0, 0.02))
             index, pts = place(number)
             frame = Frame.from_rgb(np.zeros((2, 2, 3), np.uint8), pts, Fraction(1, FPS), index)
-            sound.show(Shown(frame, Look("swapped"), Stats(), clock.now))
+            sound.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), clock.now))
         sound.close()
     assert device.closed
     moments = np.array([at for at, _ in device.heard]) - begun - 0.01  # in the middle of when they are shown
@@ -118,10 +118,10 @@ def played(
 
 
 def length_of(path: Path) -> float:
-    with VideoSource(path) as source, SoundReader(source) as reader:
+    with VideoInput(path) as source, AudioReader(source) as reader:
         last = 0.0
         while (read := reader.read()) is not None:
-            last = read[0] + len(read[1]) / RATE
+            last = read[0] + len(read[1]) / SAMPLE_RATE
     return last
 
 
@@ -140,7 +140,7 @@ def test_sound_begins_with_the_first_picture(tmp_path: Path) -> None:
     device = Device(clock, 0.0, 0.06)
     ahead = played(telling(tmp_path / "in.mkv", 10), device, clock, 5)
     silent = sum(not block.any() for _, block in device.heard)
-    assert silent <= 1 + 0.1 / (BLOCK / RATE)
+    assert silent <= 1 + 0.1 / (BLOCK / SAMPLE_RATE)
     assert np.abs(ahead[silent + 1 :]).max() < 0.03
 
 
@@ -175,13 +175,13 @@ def test_pictures_that_begin_late_in_the_file_have_their_own_sound(tmp_path: Pat
 def test_sound_stops_soon_after_the_pictures_do(tmp_path: Path) -> None:
     clock = Clock()
     device = Device(clock, 0.0, 0.05)
-    with VideoSource(telling(tmp_path / "in.mkv", 20)) as source:
-        sound = Sound(source, device=device, clock=clock)
+    with VideoInput(telling(tmp_path / "in.mkv", 20)) as source:
+        sound = SoundOutput(source, device=device, clock=clock)
         sound.open(32, 32, FPS)
         for number in range(50):
             device.run_until(1000 + number / FPS)
             frame = Frame.from_rgb(np.zeros((2, 2, 3), np.uint8), number, Fraction(1, FPS), number)
-            sound.show(Shown(frame, Look("swapped"), Stats(), clock.now))
+            sound.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), clock.now))
         device.run_until(1000 + 50 / FPS + 3)
         sound.close()
     late = [block.any() for at, block in device.heard if at > 1000 + 50 / FPS + 1.5]
@@ -201,17 +201,17 @@ def test_faster_and_slower_sound_has_the_same_tones() -> None:
 @pytest.mark.usefixtures("no_thread_left")
 def test_without_a_device_there_is_one_note_and_silence(tmp_path: Path) -> None:
     def none(fill: Fill) -> Closing:
-        raise SoundError("there is no device for it")
+        raise SoundError("there is no sound device")
 
     said: list[str] = []
-    with VideoSource(telling(tmp_path / "in.mkv", 2)) as source:
-        sound = Sound(source, said.append, none)
+    with VideoInput(telling(tmp_path / "in.mkv", 2)) as source:
+        sound = SoundOutput(source, said.append, none)
         sound.open(32, 32, FPS)
         for number in range(10):
             frame = Frame.from_rgb(np.zeros((2, 2, 3), np.uint8), number, Fraction(1, FPS), number)
-            sound.show(Shown(frame, Look("swapped"), Stats(), 0.0))
+            sound.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), 0.0))
         sound.close()
-    assert said == ["The sound is not played: there is no device for it."]
+    assert said == ["Sound is off: there is no sound device."]
 
 
 NULL = "</usr/share/alsa/alsa.conf>\npcm.!default {type null}\npcm.null_device {type null hint {show on}}\n"
@@ -219,24 +219,23 @@ PLAY = """
 import sys, time
 from pathlib import Path
 from guise.app.live.capture import FileCapture
-from guise.app.live.face import Look
-from guise.app.live.output import Shown
-from guise.app.live.pipeline import Stats
-from guise.app.live.sound import Sound
-from guise.app.media import open_source
+from guise.app.live.face import FaceResult
+from guise.app.live.output import OutputFrame
+from guise.app.live.sound import SoundOutput
+from guise.app.live.stats import PipelineStats
 
 with FileCapture(Path(sys.argv[1])) as capture:
-    sound = Sound(capture.source, print)
-    fill, played = sound._track.fill, [0.0]
+    sound = SoundOutput(capture.media, print)
+    fill, played = sound._sound.fill, [0.0]
 
     def heard(block, at):
         fill(block, at)
         played[0] += float(abs(block).max())
 
-    sound._track.fill = heard
+    sound._sound.fill = heard
     sound.open(32, 32, 25)
     for frame in capture:
-        sound.show(Shown(frame, Look("swapped"), Stats(), time.perf_counter()))
+        sound.show(OutputFrame(frame, FaceResult("swapped"), PipelineStats(), time.perf_counter()))
     sound.close()
     print("played" if played[0] else "silent")
 """
@@ -261,8 +260,8 @@ def test_the_real_library_plays_to_a_device_that_is_not_heard(tmp_path: Path) ->
 def test_a_missing_extra_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     said: list[str] = []
-    with VideoSource(telling(tmp_path / "in.mkv", 1)) as source:
-        sound = Sound(source, said.append)
+    with VideoInput(telling(tmp_path / "in.mkv", 1)) as source:
+        sound = SoundOutput(source, said.append)
         sound.open(32, 32, FPS)
         sound.close()
-    assert said == ['The sound is not played: install it with pip install "guise-video[window]".']
+    assert said == ['Sound is off: sounddevice is not installed; run pip install "guise-video[window]".']

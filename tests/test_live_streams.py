@@ -111,7 +111,7 @@ def pictures(numbers: Iterable[int], **how: Any) -> Any:
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pause between two tries is short."""
-    monkeypatch.setattr(streams, "AGAIN", 0.05)
+    monkeypatch.setattr(streams, "RECONNECT_SECONDS", 0.05)
 
 
 @pytest.fixture
@@ -139,7 +139,7 @@ def udp_camera(port: int, numbers: range) -> Iterator[None]:
 def test_a_stream_that_is_interrupted_is_waited_for_and_comes_back() -> None:
     said: list[str] = []
     answers = [pictures(range(0, 15)), 404, pictures(range(100, 115)), pictures(range(200, 500))]
-    with Server(*answers) as server, StreamCapture(server.url, said.append, patience=5) as capture:
+    with Server(*answers) as server, StreamCapture(server.url, said.append, timeout=5) as capture:
         assert (capture.width, capture.height, capture.name) == (*SIZE, server.url)
         seen, times = [], []
         for frame in capture:
@@ -147,7 +147,7 @@ def test_a_stream_that_is_interrupted_is_waited_for_and_comes_back() -> None:
             times.append(frame.pts * frame.time_base)
             if seen[-1] >= 205:
                 capture.stop()
-    assert said == [f"{server.url} gives no pictures; waiting for it", f"{server.url} is back"] * 2
+    assert said == [f"{server.url} has stopped sending pictures; waiting for it", f"{server.url} is back"] * 2
     assert seen == sorted(set(seen))
     assert {0, 14, 100, 114, 200} <= set(seen)
     assert all(a < b for a, b in itertools.pairwise(times))
@@ -165,7 +165,7 @@ def test_a_camera_that_sends_datagrams_is_unplugged_and_back(port: int) -> None:
             if "waiting" in sentence:
                 plugs.enter_context(udp_camera(port, range(500, 1000)))
 
-        with StreamCapture(f"udp://127.0.0.1:{port}", say, patience=1.5) as capture:
+        with StreamCapture(f"udp://127.0.0.1:{port}", say, timeout=1.5) as capture:
             seen = []
             for frame in capture:
                 seen.append(number_in(frame))
@@ -174,7 +174,7 @@ def test_a_camera_that_sends_datagrams_is_unplugged_and_back(port: int) -> None:
                 if seen[-1] >= 500:
                     capture.stop()
     name = f"udp://127.0.0.1:{port}"
-    assert said == [f"{name} gives no pictures; waiting for it", f"{name} is back"]
+    assert said == [f"{name} has stopped sending pictures; waiting for it", f"{name} is back"]
     assert seen == sorted(seen)
 
 
@@ -252,7 +252,7 @@ def test_waiting_for_a_stream_can_be_stopped() -> None:
 
 def refused(match: str, url: str) -> None:
     with pytest.raises(MediaError, match=match) as caught:
-        StreamCapture(url, patience=0.3)
+        StreamCapture(url, timeout=0.3)
     text = str(caught.value)
     assert text.endswith(".")
     assert "\n" not in text
@@ -269,7 +269,7 @@ def test_an_address_that_does_not_answer_is_one_sentence(port: int) -> None:
                 rf"{protocol}://{where}/door cannot be played \(Connection refused\): check the address",
                 f"{protocol}://me:secret@{where}/door?token=secret",
             )
-    refused(r"udp://127.0.0.1:\d+ cannot be played \(nothing comes\)", f"udp://127.0.0.1:{port}")
+    refused(r"udp://127.0.0.1:\d+ cannot be played \(no data arrives\)", f"udp://127.0.0.1:{port}")
 
 
 @pytest.mark.usefixtures("no_thread_left")
@@ -277,7 +277,7 @@ def test_a_server_that_is_silent_is_given_up() -> None:
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
-        refused(r"cannot be played \(nothing comes\)", f"http://127.0.0.1:{silent.getsockname()[1]}/")
+        refused(r"cannot be played \(no data arrives\)", f"http://127.0.0.1:{silent.getsockname()[1]}/")
 
 
 @pytest.mark.usefixtures("no_thread_left")
@@ -285,7 +285,7 @@ def test_what_is_no_stream_is_said() -> None:
     with Server(404, b"<html>Welcome</html>") as server:
         refused(r"cannot be played \(.*404", server.url)
         refused(r"cannot be played \(Invalid data", server.url)
-    refused("is no address of a stream: it begins with rtsp,", "gopher://example.org/1")
+    refused("is not the address of a stream: it must begin with rtsp,", "gopher://example.org/1")
 
 
 def test_a_playlist_on_the_network_cannot_open_files_of_this_computer(tmp_path: Path) -> None:

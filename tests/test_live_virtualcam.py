@@ -16,9 +16,9 @@ pyvirtualcam = pytest.importorskip("pyvirtualcam", reason="extra virtualcam")
 
 from pyvirtualcam.camera import BACKENDS  # noqa: E402
 
-from guise.app.live.face import Look  # noqa: E402
-from guise.app.live.output import Shown  # noqa: E402
-from guise.app.live.pipeline import Stats  # noqa: E402
+from guise.app.live.face import FaceResult  # noqa: E402
+from guise.app.live.output import OutputFrame  # noqa: E402
+from guise.app.live.stats import PipelineStats  # noqa: E402
 from guise.app.live.virtualcam import VirtualCamera  # noqa: E402
 from guise.app.media import Frame  # noqa: E402
 from guise.common.errors import OutputError  # noqa: E402
@@ -74,8 +74,8 @@ def backend() -> Iterator[type[Kept]]:
     BACKENDS.update(old)
 
 
-def shown(rgb: np.ndarray) -> Shown:
-    return Shown(Frame.from_rgb(rgb), Look("swapped"), Stats(), time.perf_counter())
+def shown(rgb: np.ndarray) -> OutputFrame:
+    return OutputFrame(Frame.from_rgb(rgb), FaceResult("swapped"), PipelineStats(), time.perf_counter())
 
 
 def plain(level: int, width: int = 64, height: int = 48) -> np.ndarray:
@@ -147,7 +147,7 @@ def test_a_device_that_goes_away_is_said_in_one_sentence(backend: type[Kept]) ->
     camera.open(64, 48, 200)
     camera.show(shown(plain(0)))
     camera._sender.join(30)
-    with pytest.raises(OutputError, match="virtual camera kept takes no more pictures: the cable is out"):
+    with pytest.raises(OutputError, match="virtual camera kept no longer accepts pictures: the cable is out"):
         camera.show(shown(plain(0)))
     camera.close()
 

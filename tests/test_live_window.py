@@ -18,12 +18,12 @@ import pytest
 from made_up import SAMPLES
 
 from guise.app.live.controls import Controls
-from guise.app.live.face import Look
-from guise.app.live.output import Shown
+from guise.app.live.face import FaceResult
+from guise.app.live.output import OutputFrame
 from guise.app.live.overlay import Overlay
-from guise.app.live.pipeline import Stats
+from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
-from guise.app.media import Frame, open_source
+from guise.app.media import Frame, open_input
 from guise.app.media.orientation import AS_STORED, Orientation
 from guise.common.errors import OutputError
 from guise.render import create_context, make_compositor
@@ -81,20 +81,20 @@ def window(display: str) -> Iterator[Window]:
 @pytest.fixture(scope="module")
 def talk() -> Frame:
     """The first picture of a sample clip, half as large."""
-    with open_source(SAMPLES / "p01" / "talk.mp4") as source:
+    with open_input(SAMPLES / "p01" / "talk.mp4") as source:
         video = next(iter(source)).video_frame
     return Frame(video.reformat(*SIZE), pts=0, time_base=Fraction(1, 30), index=0)
 
 
-def shown(frame: Frame, arrived: float = 0.0, **others: object) -> Shown:
+def shown(frame: Frame, arrived: float = 0.0, **others: object) -> OutputFrame:
     outcome = others.pop("outcome", "swapped")
-    return Shown(frame, Look(outcome), Stats(), arrived, **others)
+    return OutputFrame(frame, FaceResult(outcome), PipelineStats(), arrived, **others)
 
 
-def show(window: Window, picture: Shown) -> None:
+def show(window: Window, picture: OutputFrame) -> None:
     """Show it, long after the settings have changed, so that nothing is written on it."""
     for later in (0.0, 60.0):
-        window.show(Shown(**{**vars(picture), "arrived": picture.arrived + later}))
+        window.show(OutputFrame(**{**vars(picture), "arrived": picture.arrived + later}))
 
 
 def on_screen(display: str) -> np.ndarray:

@@ -13,7 +13,7 @@ from made_up import SAMPLES
 from studio_browser import StudioServer, browser, page, studio_server, visit  # noqa: F401
 
 from guise.analogy.formats.files import read_mesh, read_rig
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.media.images import read_deep
 from guise.app.media.pictures import save_picture
 
@@ -26,7 +26,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """s.png, s1.png with another expression, t.png of another person."""
     folder = tmp_path_factory.mktemp("photos")
     for name, person, index in (("s", "p01", 0), ("s1", "p01", 60), ("t", "p06", 0)):
-        with open_source(SAMPLES / person / "talk.mp4") as source:
+        with open_input(SAMPLES / person / "talk.mp4") as source:
             rgb = next(frame.rgb().copy() for frame in source if frame.index == index)
         save_picture(folder / f"{name}.png", rgb)
     return folder
@@ -55,7 +55,7 @@ def downloaded(desk: Any, words: str) -> bytes:
 def test_a_photo_gets_the_expression_of_another(desk: Any, photos: Path, tmp_path: Path) -> None:
     for slot, name in (("S", "s"), ("S'", "s1"), ("T", "t")):
         upload(desk, slot, photos / f"{name}.png")
-    desk.get_by_role("button", name="Make it").click()
+    desk.get_by_role("button", name="Create").click()
     desk.get_by_role("link", name="Download picture").wait_for(timeout=LONG)
     made = tmp_path / "made.png"
     made.write_bytes(downloaded(desk, "Download picture"))
@@ -73,13 +73,13 @@ def test_a_photo_gets_the_expression_of_another(desk: Any, photos: Path, tmp_pat
 def test_a_clip_moves_a_photo(desk: Any, photos: Path, tmp_path: Path) -> None:
     upload(desk, "S'", cut("p01", tmp_path / "talk.mp4", 12))
     upload(desk, "T", photos / "t.png")
-    desk.get_by_role("button", name="Make it").click()
-    desk.get_by_text("12 of 12 frames move.").wait_for(timeout=LONG)
+    desk.get_by_role("button", name="Create").click()
+    desk.get_by_text("12 of 12 frames animated.").wait_for(timeout=LONG)
     assert b"ftyp" in downloaded(desk, "Download video")[:16]
 
 
 def test_what_is_missing_is_said(desk: Any, photos: Path) -> None:
-    desk.get_by_role("button", name="Make it").click()
+    desk.get_by_role("button", name="Create").click()
     desk.get_by_text("choose S' and T first").wait_for()
 
 
@@ -96,7 +96,7 @@ def test_a_head_gets_the_expressions_of_another_and_both_can_be_turned(desk: Any
     upload(desk, "Source", HEADS / "mean.obj")
     upload(desk, "Expressions", HEADS / "mean_smile.obj", HEADS / "mean_surprise.obj")
     upload(desk, "Target", HEADS / "other.obj")
-    desk.get_by_role("button", name="Carry over").click()
+    desk.get_by_role("button", name="Transfer").click()
     desk.get_by_role("link", name="Download rig").wait_for(timeout=LONG)
     rig = tmp_path / "rig.glb"
     rig.write_bytes(downloaded(desk, "Download rig"))
@@ -142,7 +142,7 @@ def test_a_job_tells_of_files_by_the_names_that_the_user_gave_them(
     upload(desk, "S", photos / "s.png")
     upload(desk, "S'", photos / "s1.png")
     upload(desk, "T", empty)
-    desk.get_by_role("button", name="Make it").click()
+    desk.get_by_role("button", name="Create").click()
     told = desk.get_by_role("status").filter(has_text="wall")
     told.wait_for(timeout=LONG)
     assert "/" not in told.inner_text()

@@ -22,7 +22,7 @@ from studio_browser import (  # noqa: F401
 )
 
 from guise.aam.landmarks.detector import FaceDetector
-from guise.app.studio.deidentify_choices import timeline
+from guise.app.studio.deidentify_editor import timeline
 from guise.app.studio.deidentify_jobs import render, review
 from guise.app.studio.store import StudioError
 from guise.common.progress import silent
@@ -151,13 +151,13 @@ def test_leaving_a_face_is_asked_for_in_words(case: Any) -> None:
     choose(case, "Cover")
     choose(case, "Leave")
     question = case.get_by_role("alertdialog")
-    assert f"will be shown as it is in {FRAMES} frames, for all to recognise" in question.inner_text()
+    assert f"will be shown in {FRAMES} frames, recognisable to anyone" in question.inner_text()
     question.get_by_role("button", name="Keep it hidden").click()
     question.wait_for(state="detached")
     assert pressed(case, "Cover")
     choose(case, "Leave")
     question.get_by_role("button", name="Show this face").click()
-    case.get_by_text("1 track will show the real face, for all to recognise.").wait_for()
+    case.get_by_text("1 track will show the real face, recognisable to anyone.").wait_for()
     assert pressed(case, "Leave")
     choose(case, "Swap")
     case.get_by_text("1 track will show").wait_for(state="detached")
@@ -191,7 +191,7 @@ def test_a_video_without_faces_is_told_as_such(
 ) -> None:
     page.goto(studio_server.url("/deidentify"))
     upload(page, empty_scene(tmp_path / "room.mp4"))
-    page.get_by_text("No face could be followed.").wait_for()
+    page.get_by_text("No face could be tracked.").wait_for()
     make(page, "No face was found in 8 frames.")
     delete(page)
 
@@ -211,7 +211,7 @@ def test_a_video_deleted_at_work_does_not_hold_up_the_next(
 
 def test_what_is_no_reviewed_video_is_said(page: Any, studio_server: StudioServer) -> None:  # noqa: F811
     page.goto(studio_server.url("/deidentify/nothing"))
-    page.get_by_text("is no longer there").wait_for()
+    page.get_by_text("no longer exists").wait_for()
 
 
 def test_videos_and_what_was_made_of_them_are_there_after_a_restart(

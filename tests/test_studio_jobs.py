@@ -13,18 +13,18 @@ from pathlib import Path
 import pytest
 import studio_work
 
-from guise.app.studio.jobs import Jobs
+from guise.app.studio.jobs import JobQueue
 from guise.app.studio.store import JobRow, Store, StudioError
 
 KINDS = ("write", "wait", "mistake", "fault", "crash")
-PATIENCE = 60.0  # seconds, on a busy machine
+TIMEOUT_SECONDS = 60.0  # on a busy machine
 
 
 @contextmanager
-def running(folder: Path) -> Iterator[Jobs]:
-    """Jobs that are being done."""
+def running(folder: Path) -> Iterator[JobQueue]:
+    """A queue at work."""
     store = Store(folder)
-    jobs = Jobs(store)
+    jobs = JobQueue(store)
     for kind in KINDS:
         jobs.register(kind, getattr(studio_work, kind))
     jobs.open()
@@ -36,13 +36,13 @@ def running(folder: Path) -> Iterator[Jobs]:
 
 
 def until(holds: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + TIMEOUT_SECONDS
     while not holds():
         assert time.monotonic() < end, "nothing has happened"
         time.sleep(0.02)
 
 
-def ended(jobs: Jobs, id: str) -> JobRow:
+def ended(jobs: JobQueue, id: str) -> JobRow:
     until(lambda: jobs.store.job(id).ended)
     return jobs.store.job(id)
 
@@ -74,7 +74,7 @@ def test_jobs_run_one_after_the_other(tmp_path: Path) -> None:
     [
         ("mistake", "there is no face: use another clip"),
         ("fault", "Guise failed (KeyError: 'x'); GUISE_DEBUG=1 shows where"),
-        ("crash", "the work ended unexpectedly (exit code 7): start it again"),
+        ("crash", "the job ended unexpectedly (exit code 7): start it again"),
     ],
 )
 def test_a_failure_is_one_sentence_and_leaves_no_file(tmp_path: Path, kind: str, sentence: str) -> None:
@@ -134,13 +134,13 @@ def _is_free(file: int) -> bool:
     return True
 
 
-def test_unknown_work_is_refused(tmp_path: Path) -> None:
-    with running(tmp_path) as jobs, pytest.raises(StudioError, match="there is no work called dance"):
+def test_an_unknown_kind_is_refused(tmp_path: Path) -> None:
+    with running(tmp_path) as jobs, pytest.raises(StudioError, match="there are no jobs of kind dance"):
         jobs.start("dance", {})
 
 
 @pytest.mark.usefixtures("no_thread_left")
-def test_a_job_that_is_removed_at_work_does_not_hold_up_the_next(tmp_path: Path) -> None:
+def test_a_job_that_is_removed_while_it_runs_does_not_hold_up_the_next(tmp_path: Path) -> None:
     flag = tmp_path / "flag"
     with running(tmp_path / "studio") as jobs:
         first = jobs.start("wait", {"until": str(flag)})

@@ -7,7 +7,7 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.landmarks.schemes import RIGHT_EYE_OUTER
-from guise.app.studio.landmark_view import RING, ROOM, SCREEN, SMALLEST, FrameView, name_of
+from guise.app.studio.landmark_view import LIMITS, SCREEN, FrameView, name_of
 
 TRUTH = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"].astype(np.float32)
 WHOLE = FrameView.whole(640, 480)
@@ -45,7 +45,7 @@ def test_a_view_around_points_holds_them_with_room() -> None:
     places = view.to_screen(TRUTH[0])
     assert places.min() > 0
     assert places.max() < SCREEN
-    assert np.ptp(places, axis=0).max() == pytest.approx(SCREEN / ROOM, rel=0.02)
+    assert np.ptp(places, axis=0).max() == pytest.approx(SCREEN / LIMITS.face_margin, rel=0.02)
 
 
 def test_zooming_keeps_the_place_and_ends_at_the_whole_and_at_a_few_pixels() -> None:
@@ -54,7 +54,7 @@ def test_zooming_keeps_the_place_and_ends_at_the_whole_and_at_a_few_pixels() -> 
     near = view.zoomed(2, eye)
     assert near.size == pytest.approx(view.size / 2, abs=1)
     assert near.to_screen(eye) == pytest.approx(view.to_screen(eye), abs=near.scale)
-    assert view.zoomed(1000, eye).size == SMALLEST
+    assert view.zoomed(1000, eye).size == LIMITS.min_size_pixels
     assert view.zoomed(0.001, eye) == WHOLE
 
 
@@ -82,9 +82,10 @@ def test_the_drawing_has_every_point_where_it_is() -> None:
         assert found == pytest.approx(view.to_screen(TRUTH[0]), abs=0.01)
     assert drawn.count("h0M") == 2 * 80
     x, y = view.to_screen(TRUTH[0, RIGHT_EYE_OUTER])
-    assert f"M{x - RING:.2f},{y:.2f}a" in drawn
-    assert f"a{RING},{RING}" in drawn
-    assert f"a{RING},{RING}" not in view.drawing(TRUTH[0], None)
+    ring = LIMITS.ring_radius_units
+    assert f"M{x - ring:.2f},{y:.2f}a" in drawn
+    assert f"a{ring},{ring}" in drawn
+    assert f"a{ring},{ring}" not in view.drawing(TRUTH[0], None)
     assert view.drawing(np.full((81, 2), np.nan, np.float32), None) == ""
 
 

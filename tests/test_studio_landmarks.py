@@ -1,4 +1,4 @@
-"""The page Landmarks in a browser: points moved by mouse, touch and keys, carried on, saved, learned from."""
+"""The page Landmarks in a browser: points are moved by mouse, touch and keys, propagated, saved, trained on."""
 
 import re
 import shutil
@@ -71,7 +71,7 @@ class Desk:
 
 @pytest.fixture(scope="module")
 def people(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Person]:
-    """Ann, learned from a short clip, and Bob, whose clip is gone, in a studio's folder."""
+    """Ann, trained on a short clip, and Bob, whose clip is gone, in a studio's folder."""
     store = Store(tmp_path_factory.mktemp("landmarks") / "studio")
     clip = store.add_clip("talk", ".mp4")
     clips.cut("p01", clip.path, FRAMES)
@@ -180,12 +180,12 @@ def test_everything_is_done_by_keys(desk: Desk) -> None:
     assert np.abs(moved).max() == 0
 
 
-def test_a_correction_is_mirrored_carried_on_and_taken_back(desk: Desk) -> None:
+def test_a_correction_is_mirrored_carried_forward_and_undone(desk: Desk) -> None:
     before, row = desk.points(), desk.row()
     drag(desk, desk.dots()[JAW], (-40, 0))
     desk.button("Mirror").click()
-    desk.button("Fit from here").click()
-    desk.says("Carried to")
+    desk.button("Carry forward").click()
+    desk.says("Carried forward to")
     after = desk.save()
     there = desk.points()[row] - before[row]
     assert there[JAW][0] < -5
@@ -198,13 +198,13 @@ def test_a_correction_is_mirrored_carried_on_and_taken_back(desk: Desk) -> None:
     assert np.array_equal(desk.save(), before)
 
 
-def test_a_mistake_is_told_in_a_sentence(desk: Desk) -> None:
+def test_a_mistake_is_one_sentence(desk: Desk) -> None:
     drag(desk, desk.dots()[NOSE], (5, 5))
     desk.button("Mirror").click()
-    desk.says("this point is on the axis of the face")
+    desk.says("this point lies on the axis of the face")
 
 
-def test_an_empty_place_moves_the_picture_and_no_point(desk: Desk) -> None:
+def test_an_empty_place_moves_the_picture_and_not_a_point(desk: Desk) -> None:
     before = desk.dots()
     corner = desk.picture.bounding_box()
     drag(desk, np.array([corner["x"] + 20, corner["y"] + 20]), (0, 50))
@@ -231,10 +231,10 @@ def test_what_another_window_saved_is_not_lost_unasked(opened: Opened) -> None:
         assert moved[first.row(), 0] == pytest.approx((2, 0), abs=1e-3)
 
 
-def test_the_person_is_learned_anew_from_the_saved_points(desk: Desk, people: dict[str, Person]) -> None:
+def test_the_person_is_retrained_from_the_saved_points(desk: Desk, people: dict[str, Person]) -> None:
     before = {name: person.path.read_bytes() for name, person in people.items()}
-    desk.button("Save and learn anew").click()
-    desk.says("Learned anew:")
+    desk.button("Save and retrain").click()
+    desk.says("Retrained:")
     assert people["Ann"].path.read_bytes() != before["Ann"]
     assert people["Bob"].path.read_bytes() == before["Bob"]
 
@@ -249,4 +249,4 @@ def test_who_has_no_clip_is_not_offered(
         assert page.get_by_text("Bob").count() == 0
         for path in (people["Bob"].id, "nobody"):
             page.goto(studio_server.url(f"/landmarks/{path}"))
-            page.get_by_text("is no longer there").wait_for()
+            page.get_by_text("no longer exists").wait_for()

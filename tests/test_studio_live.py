@@ -20,10 +20,10 @@ pytest.importorskip("playwright")
 from studio_browser import StudioServer, browser, camera_file, studio, visit  # noqa: F401
 
 from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNER
+from guise.aam.model import Identity
 from guise.app.studio.store import Store
 
 PATIENCE = 60_000  # milliseconds
-GALLERY = Path(__file__).parents[1] / "app" / "gallery"
 OF_A_RUN = 8  # threads: capture, work, three outputs, what runs them, the decoder and the detector
 READ = """(label) => {
   const video = document.querySelector(`video[aria-label="${label}"]`);
@@ -54,11 +54,11 @@ def regions() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioServer]:
+def server(tmp_path_factory: pytest.TempPathFactory, p01: Identity) -> Iterator[StudioServer]:
     """A studio that knows the person at the camera."""
     folder = tmp_path_factory.mktemp("studio")
     store = Store(folder)
-    shutil.copy(GALLERY / "p01.guise", store.add_person("Robin", None).path)
+    p01.save(store.add_person("Robin", None).path)
     store.close()
     with studio(folder) as running:
         yield running
@@ -170,7 +170,7 @@ def test_recordings_and_snapshots_are_downloads_of_the_result(
         go_live(page)
         page.get_by_role("button", name="Record").click()
         with page.expect_download(timeout=PATIENCE) as film:
-            page.get_by_role("button", name="End recording").click()
+            page.get_by_role("button", name="Stop recording").click()
         film.value.save_as(tmp_path / "film.mp4")
         with page.expect_download(timeout=PATIENCE) as still:
             page.get_by_role("button", name="Snapshot").click()
@@ -211,7 +211,7 @@ def alike(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
     return float(np.corrcoef(*fine)[0, 1])
 
 
-def test_a_camera_that_may_not_be_used_is_one_sentence(chrome: Any, server: StudioServer) -> None:
+def test_a_camera_that_is_not_allowed_is_one_sentence(chrome: Any, server: StudioServer) -> None:
     with visit(chrome, server, "/") as page:
         page.evaluate(
             """() => {
@@ -219,7 +219,7 @@ def test_a_camera_that_may_not_be_used_is_one_sentence(chrome: Any, server: Stud
             }"""
         )
         page.get_by_role("button", name="Start").click()
-        page.get_by_text("allow it beside the address").wait_for(timeout=PATIENCE)
+        page.get_by_text("allow it next to the address bar").wait_for(timeout=PATIENCE)
         assert page.get_by_role("button", name="Start").is_enabled()
 
 
@@ -233,7 +233,7 @@ def test_a_browser_without_a_network_is_one_sentence(chrome: Any, server: Studio
             }"""
         )
         page.get_by_role("button", name="Start").click()
-        page.get_by_text("in no network: join one").wait_for(timeout=PATIENCE)
+        page.get_by_text("on no network: join one").wait_for(timeout=PATIENCE)
         assert page.evaluate("document.querySelector('video').srcObject") is None
 
 

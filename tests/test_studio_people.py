@@ -58,14 +58,14 @@ def remove(page: Any, name: str) -> None:
 def test_a_person_is_uploaded_learned_downloaded_and_deleted(
     page: Any, browser: Any, studio_server: StudioServer, clip: Path, tmp_path: Path
 ) -> None:  # fmt: skip
-    """The tab is closed while the job runs, and another one sees the person and takes them away."""
+    """The tab is closed while the job runs, and another one sees the person and deletes them."""
     page.get_by_label("Name").fill("Anna")
     upload(page, clip)
     page.get_by_role("progressbar", name="Progress").wait_for()
     with visit(browser, studio_server) as other:
         page.close()
         other.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
-        montage = other.get_by_role("img", name="What the model of Anna has learned").locator("img")
+        montage = other.get_by_role("img", name="The model of Anna").locator("img")
         picture = other.request.get(studio_server.url(montage.get_attribute("src"))).body()
         assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[0] > 300
         with other.expect_download() as download:
@@ -94,19 +94,19 @@ def test_a_clip_is_recorded_with_the_camera(page: Any, studio_server: StudioServ
     remove(page, "Delete the clip recording")
 
 
-def test_a_recording_that_is_thrown_away_is_nowhere(page: Any, studio_server: StudioServer) -> None:
+def test_a_discarded_recording_is_nowhere(page: Any, studio_server: StudioServer) -> None:
     page.get_by_role("button", name="Record with the camera").click()
-    page.get_by_role("button", name="Throw away").click()
+    page.get_by_role("button", name="Discard").click()
     page.get_by_label("Camera", exact=True).wait_for(state="hidden")
     page.wait_for_function("document.querySelector('video').srcObject === null")
     assert kept(studio_server) == set()
 
 
-def test_what_is_no_video_is_refused_with_a_sentence(page: Any, tmp_path: Path) -> None:
+def test_what_is_not_a_video_is_refused_with_a_sentence(page: Any, tmp_path: Path) -> None:
     upload(page, {"name": "a.mp4", "mimeType": "video/mp4", "buffer": b"this is text" * 99})
-    page.get_by_text("a is no video that can be read").wait_for()
+    page.get_by_text("a isn't a video that Guise reads").wait_for()
     upload(page, {"name": "a.html", "mimeType": "text/html", "buffer": b"<script>"})
-    page.get_by_text("This is no video: use an .mp4").wait_for()
+    page.get_by_text("This isn't a video: use an .mp4").wait_for()
     large = tmp_path / "large.mp4"
     with large.open("wb") as file:
         file.truncate((LIMIT + 1) * 10**6)
@@ -114,14 +114,14 @@ def test_what_is_no_video_is_refused_with_a_sentence(page: Any, tmp_path: Path) 
     page.get_by_text(f"The file is larger than {LIMIT} MB").wait_for()
 
 
-def test_a_failure_is_told_with_the_clips_own_name(page: Any, tmp_path: Path) -> None:
+def test_a_failure_is_reported_with_the_clips_own_name(page: Any, tmp_path: Path) -> None:
     upload(page, empty_scene(tmp_path / "wall.mp4"))
     page.get_by_text("no face found in wall; use a clip that shows the face from the front").wait_for()
     page.get_by_role("button", name="Remove").click()
     remove(page, "Delete the clip wall")
 
 
-def test_a_name_is_text_and_no_path(page: Any, studio_server: StudioServer) -> None:
+def test_a_name_is_text_and_not_a_path(page: Any, studio_server: StudioServer) -> None:
     upload(page, {"name": TRICK, "mimeType": "video/mp4", "buffer": LONG.read_bytes()})
     page.get_by_role("button", name="Cancel").click()
     page.get_by_role("button", name="Remove").click()
@@ -134,7 +134,7 @@ def test_a_name_is_text_and_no_path(page: Any, studio_server: StudioServer) -> N
 def test_a_broken_upload_leaves_nothing(page: Any, studio_server: StudioServer, clip: Path) -> None:
     page.route("**/upload/*", lambda route: route.abort())
     upload(page, clip)
-    page.get_by_text("The upload was broken off: try again.").wait_for()
+    page.get_by_text("The upload was interrupted: try again.").wait_for()
     page.complaints.clear()
     id = page.locator(".q-uploader").get_attribute("id").removeprefix("c")
     path = f"/_nicegui/client/{page.evaluate('window.clientId')}/upload/{id}"
@@ -182,7 +182,7 @@ def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: Studi
         page.get_by_text("Your clips").wait_for(state="detached")
 
 
-def test_ready_faces_are_shown(page: Any) -> None:
+def test_built_in_faces_are_shown(page: Any) -> None:
     page.wait_for_function("[...document.images].filter((i) => i.naturalWidth > 100).length >= 7")
 
 

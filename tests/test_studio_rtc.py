@@ -18,16 +18,18 @@ pytest.importorskip("aiortc")
 from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.mediastreams import MediaStreamError
 
+from guise.aam.model import Identity
 from guise.app.live.capture import Capture, FileCapture
 from guise.app.live.controls import Controls
-from guise.app.live.face import Look
-from guise.app.live.output import Output, Shown
-from guise.app.live.pipeline import Pipeline, Stats
-from guise.app.live.session import Plan
+from guise.app.live.face import FaceResult
+from guise.app.live.output import Output, OutputFrame
+from guise.app.live.pipeline import Pipeline
+from guise.app.live.session import SessionConfig
+from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame, MediaError
 from guise.app.media.frame import plane_arrays
+from guise.app.studio.live_run import LiveRun
 from guise.app.studio.rtc import BrowserCamera, Peer, PeerOutput, ResultTrack, picture
-from guise.app.studio.show import Show
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_donor
 
@@ -65,11 +67,11 @@ class Camera(MediaStreamTrack):
 class Brighter:
     """Work that can be told from its picture."""
 
-    def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
+    def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
         brighter = np.full((frame.height, frame.width, 3), 128, np.uint8)
         brighter[..., 0] = frame.luma + 60
         frame.write_roi(0, 0, brighter)
-        return Shown(frame, Look("off"), stats, arrived)
+        return OutputFrame(frame, FaceResult("off"), stats, arrived)
 
     def close(self) -> None:
         pass
@@ -106,7 +108,7 @@ def ran(test: Callable[[], Awaitable[None]]) -> None:
     asyncio.run(limited())
 
 
-def run_pipeline(peer: Peer) -> "asyncio.Task[Stats]":
+def run_pipeline(peer: Peer) -> "asyncio.Task[PipelineStats]":
     """The pipeline of a browser's camera, in threads."""
     outputs = [PeerOutput(peer, Controls())]
     return asyncio.create_task(asyncio.to_thread(Pipeline(peer.camera(), Brighter, outputs).run))
@@ -158,10 +160,12 @@ def test_a_camera_of_the_computer_is_sent_without_one_of_the_browser() -> None:
         async with connected(None) as (peer, _, track):
             frame = Frame.from_rgb(np.full((240, 320, 3), 200, np.uint8))
             sender = PeerOutput(peer, Controls())
-            sender.show(Shown(frame, Look("off"), Stats(), 1.0))
+            sender.show(OutputFrame(frame, FaceResult("off"), PipelineStats(), 1.0))
             received = asyncio.ensure_future(track.recv())
             while not received.done():  # a picture comes out at the other end when the next one goes in
-                sender.show(Shown(frame, Look("off"), Stats(), asyncio.get_running_loop().time()))
+                sender.show(
+                    OutputFrame(frame, FaceResult("off"), PipelineStats(), asyncio.get_running_loop().time())
+                )
                 await asyncio.sleep(0.05)
             rgb = received.result().to_ndarray(format="rgb24")
             assert np.allclose(rgb.mean((0, 1)), 200, atol=5)
@@ -198,7 +202,7 @@ def test_another_run_takes_the_camera_over() -> None:
 def test_what_is_no_offer_is_one_sentence_and_ends_the_peer(offer: dict[str, Any]) -> None:
     async def test() -> None:
         peer = Peer()
-        with pytest.raises(StudioError, match="offer was not understood: reload the page"):
+        with pytest.raises(StudioError, match="connection offer was not understood: reload the page"):
             await peer.answer(offer)
         assert not peer.alive()
 
@@ -222,16 +226,16 @@ def test_the_answer_names_no_address_elsewhere_and_a_rate_for_vp8() -> None:
 def test_overlays_are_drawn_on_a_copy_and_any_picture_suits_the_codec() -> None:
     mesh = np.stack([np.linspace(40, 200, 81), np.linspace(20, 100, 81) ** 1.1], 1)
     frame = Frame.from_rgb(np.full((121, 241, 3), 90, np.uint8))
-    shown = Shown(frame, Look("swapped", mesh), Stats(), 0.0)
+    shown = OutputFrame(frame, FaceResult("swapped", mesh), PipelineStats(), 0.0)
     plain, drawn = picture(shown, mask=False, mesh=False), picture(shown, mask=True, mesh=True)
     assert (plain.width, plain.height, plain.format.name) == (242, 122, "yuv420p")
     assert plain.to_ndarray().std() < drawn.to_ndarray().std()
     assert (frame.rgb() == 90).all()
 
 
-def test_what_is_sent_is_no_part_of_what_others_are_shown() -> None:
+def test_what_is_sent_is_a_copy_of_what_others_are_shown() -> None:
     frame = Frame(grey(50), pts=0, time_base=Fraction(1, 90_000), index=0)
-    sent = picture(Shown(frame, Look("off"), Stats(), 0.0), mask=False, mesh=False)
+    sent = picture(OutputFrame(frame, FaceResult("off"), PipelineStats(), 0.0), mask=False, mesh=False)
     np.frombuffer(sent.planes[0], np.uint8)[:] = 0
     assert (frame.luma == 50).all()
 
@@ -240,19 +244,19 @@ class Kept(Output):
     """Keeps what is shown."""
 
     def __init__(self) -> None:
-        self.shown: list[Shown] = []
+        self.shown: list[OutputFrame] = []
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: OutputFrame) -> None:
         self.shown.append(shown)
 
 
-def show_of(
-    folder: Path, output: Output, *, person: bool, open_capture: Callable[[], Capture] | None = None
-) -> Show:
+def run_of(
+    folder: Path, output: Output, person: Identity | None, open_capture: Callable[[], Capture] | None = None
+) -> LiveRun:
     faces = [open_donor("p02")]
-    plan = Plan(faces, open_donor("p01") if person else None)
+    config = SessionConfig(faces, person)
     capture = open_capture or (lambda: FileCapture(CLIP, loop=True))
-    return Show(capture, plan, Controls(len(faces)), output, folder)
+    return LiveRun(capture, config, Controls(len(faces)), output, folder)
 
 
 def wait(condition: Callable[[], bool]) -> None:
@@ -260,38 +264,38 @@ def wait(condition: Callable[[], bool]) -> None:
 
 
 @pytest.mark.usefixtures("no_thread_left")
-def test_a_show_swaps_records_and_takes_snapshots(tmp_path: Path) -> None:
+def test_a_run_swaps_records_and_takes_snapshots(tmp_path: Path, p01: Identity) -> None:
     kept = Kept()
-    show = show_of(tmp_path, kept, person=True)
+    run = run_of(tmp_path, kept, p01)
     try:
-        wait(lambda: show.latest is not None and show.latest.look.outcome == "swapped")
-        show.record()
+        wait(lambda: run.latest is not None and run.latest.result.outcome == "swapped")
+        run.toggle_recording()
         wait(lambda: kept.shown[-1].recording)
         count = len(kept.shown)
         wait(lambda: len(kept.shown) > count + 5)
-        still = show.snapshot()
-        show.record()
-        wait(lambda: bool(show.recorded()))
+        still = run.snapshot()
+        run.toggle_recording()
+        wait(lambda: bool(run.recorded()))
     finally:
-        show.stop()
-    assert not show.running
+        run.stop()
+    assert not run.running
     assert still is not None
     assert still.suffix == ".png"
-    with av.open(str(show.recorded()[0])) as film:
+    with av.open(str(run.recorded()[0])) as film:
         assert len(list(film.decode(video=0))) >= 2
-    notes = [show.notes.get() for _ in range(show.notes.qsize())]
+    notes = [run.notes.get() for _ in range(run.notes.qsize())]
     assert notes == ["Recording to guise-001.mp4.", "Recorded guise-001.mp4."]
 
 
 @pytest.mark.usefixtures("no_thread_left")
 def test_without_a_model_no_picture_is_sent_bare(tmp_path: Path) -> None:
     kept = Kept()
-    show = show_of(tmp_path, kept, person=False)
+    run = run_of(tmp_path, kept, None)
     try:
         wait(lambda: len(kept.shown) > 5)
     finally:
-        show.stop()
-    assert {shown.look.outcome for shown in kept.shown} == {"enrolling"}
+        run.stop()
+    assert {shown.result.outcome for shown in kept.shown} == {"enrolling"}
     with av.open(str(CLIP)) as clip:
         bare = [video.to_ndarray(format="gray") for video in clip.decode(video=0)]
     for shown in kept.shown:
@@ -313,19 +317,19 @@ def test_a_camera_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
     def missing() -> Capture:
         raise MediaError("there is no camera")
 
-    show = show_of(tmp_path, Kept(), person=True, open_capture=missing)
-    wait(lambda: not show.running)
-    assert show.notes.get_nowait() == "there is no camera"
-    show.stop()
+    run = run_of(tmp_path, Kept(), None, missing)
+    wait(lambda: not run.running)
+    assert run.notes.get_nowait() == "there is no camera"
+    run.stop()
 
 
 @pytest.mark.usefixtures("no_thread_left")
-def test_a_show_ends_when_it_is_not_wanted_any_more(tmp_path: Path) -> None:
+def test_a_run_ends_when_it_is_not_wanted_any_more(tmp_path: Path, p01: Identity) -> None:
     wanted = [True]
-    show = Show(
-        lambda: FileCapture(CLIP, loop=True), Plan([open_donor("p02")], open_donor("p01")), Controls(), Kept(),
-        tmp_path, lambda: wanted[0],
+    run = LiveRun(
+        lambda: FileCapture(CLIP, loop=True), SessionConfig([open_donor("p02")], p01), Controls(),
+        Kept(), tmp_path, lambda: wanted[0],
     )  # fmt: skip
-    wait(lambda: show.latest is not None)
+    wait(lambda: run.latest is not None)
     wanted[0] = False
-    wait(lambda: not show.running)
+    wait(lambda: not run.running)

@@ -15,7 +15,7 @@ from studio_browser import LIMIT, StudioServer, studio, studio_server  # noqa: F
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
-NO_TOKEN = "This page needs the address, with its token, that guise studio has printed in the terminal."
+NO_TOKEN = "Access needs a token: open the address that guise studio printed in the terminal."
 WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
 pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
 
@@ -134,7 +134,7 @@ def test_a_websocket_needs_token_and_origin(server: StudioServer) -> None:
 
 @pytest.mark.parametrize("path", ["/people", "/_nicegui/client/x/upload/1"])
 def test_what_is_too_large_is_refused(server: StudioServer, path: str) -> None:
-    sentence = f"The file is larger than {LIMIT} MB: use a shorter one, or a higher --limit of guise studio."
+    sentence = f"The file is larger than {LIMIT} MB: use a smaller one, or a higher --limit of guise studio."
     large = (LIMIT + 1) * 10**6
     answer = ask(server, path, "POST", Origin=own(server), Content_Length=str(large))
     assert answer[::2] == (413, sentence)
@@ -178,7 +178,7 @@ def test_a_port_that_is_taken_is_one_sentence(server: StudioServer, tmp_path: Pa
     command = [sys.executable, "-m", "guise", "studio", "--no-open", "--folder", str(tmp_path)]
     done = subprocess.run([*command, "--port", str(server.port)], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == f"error: port {server.port} is not free: choose another --port\n"
+    assert done.stderr == f"error: port {server.port} is in use: choose another --port\n"
 
 
 def test_a_missing_extra_is_one_sentence() -> None:

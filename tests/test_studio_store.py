@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from guise.app.studio.store import LONGEST_NAME, Store, StudioError
+from guise.app.studio.store import MAX_NAME_CHARACTERS, Store, StudioError
 
 TRICKS = [
     "../../evil",
@@ -52,7 +52,7 @@ def test_a_name_is_no_part_of_a_path(tmp_path: Path, name: str) -> None:
         assert row.path.stem == row.id
         assert row.name
         assert row.name.isprintable()
-        assert len(row.name) <= LONGEST_NAME
+        assert len(row.name) <= MAX_NAME_CHARACTERS
     assert {path.stem for path in files(tmp_path)} == {row.id for row in (*store.clips(), *store.people())}
     store.close()
 
@@ -105,7 +105,7 @@ def test_an_unknown_id_is_a_sentence(tmp_path: Path, id: str) -> None:
         store.remove_clip,
         store.remove_person,
     ):
-        with pytest.raises(StudioError, match="no longer there"):
+        with pytest.raises(StudioError, match="no longer exists"):
             look(id)
     store.close()
 

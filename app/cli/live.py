@@ -26,7 +26,7 @@ from guise.app.cli.studio import studio
 
 
 class ModeName(StrEnum):
-    """What is shown."""
+    """What is shown instead of the face."""
 
     swap = "swap"
     puppet = "puppet"
@@ -37,23 +37,23 @@ Source = Annotated[
     str | None,
     typer.Option(
         metavar="FILE|URL",
-        help="A video, played at its own pace, or a stream (rtsp, http ..); default: the camera.",
+        help="A video, played at its own pace, or a stream (rtsp, http ...); default: the camera.",
     ),
 ]
-Camera = Annotated[int, typer.Option(min=0, metavar="N", help="Which camera of this computer.")]
+Camera = Annotated[int, typer.Option(min=0, metavar="N", help="Number of the camera.")]
 Identities = Annotated[
     list[Path] | None,
     typer.Option(
         "--identity",
         metavar="NAME.guise",
-        help="Whose face is shown; may be repeated, the number keys choose; default: the fictional people.",
+        help="Whose face to show; repeat to choose among several with the number keys; default: the fictional people.",
     ),
 ]
 Person = Annotated[
     Path | None,
     typer.Option(
         metavar="SRC.guise",
-        help="Model of who is in the picture; default: the one kept for this camera or file, or a new one.",
+        help="Model of the person in the picture; default: the one kept for this camera or file, or a new one.",
     ),
 ]
 Outputs = Annotated[
@@ -62,13 +62,14 @@ Outputs = Annotated[
         "--output",
         "-o",
         metavar="window|studio|virtualcam|OUT.mp4",
-        help="Where it goes; may be repeated; default: window.",
+        help="Where the result goes; may be repeated; default: window.",
     ),
 ]
-Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Asked of the camera.")]
-Fps = Annotated[float, typer.Option(min=1, max=240, help="Asked of the camera.")]
+Size = Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Requested of the camera.")]
+Fps = Annotated[float, typer.Option(min=1, max=240, help="Requested of the camera.")]
 Headless = Annotated[
-    bool, typer.Option("--headless", help="No window; every frame of the file, as fast as it goes, to files.")
+    bool,
+    typer.Option("--headless", help="No window: write every frame of a file to files, as fast as possible."),
 ]
 
 
@@ -81,11 +82,13 @@ def live(
     headless: Headless = False,
     size: Size = "1280x720",
     fps: Fps = 30.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Play the file again and again.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat the file.")] = False,
     enrol: Annotated[
-        bool, typer.Option("--enrol", help="Make a new model of who is in the picture.")
+        bool, typer.Option("--enrol", help="Make a new model of the person in the picture.")
     ] = False,
-    mode: Annotated[ModeName, typer.Option(help="Swap, move a still of the face, or cover.")] = ModeName.swap,
+    mode: Annotated[
+        ModeName, typer.Option(help="Swap, animate a still of the face, or cover.")
+    ] = ModeName.swap,
     alpha: Alpha = 0.6,
     cover: Annotated[CoverName, typer.Option(help="How a face is covered.")] = CoverName.mosaic,
     uncovered: Annotated[
@@ -93,13 +96,13 @@ def live(
     ] = False,
     mirror: Annotated[
         bool | None,
-        typer.Option("--mirror/--no-mirror", help="The window as a mirror; default: with a camera."),
+        typer.Option("--mirror/--no-mirror", help="Mirror the window; default: with a camera."),
     ] = None,
     side_by_side: Annotated[
-        bool, typer.Option("--side-by-side", help="The window shows the real face beside the result.")
+        bool, typer.Option("--side-by-side", help="Show the real face beside the result, in the window only.")
     ] = False,
     readout: Annotated[
-        bool, typer.Option("--readout", help="Frame rate, latency and drops in the window.")
+        bool, typer.Option("--readout", help="Show frame rate, latency and dropped frames in the window.")
     ] = False,
     renderer: RendererChoice = RendererName.auto,
     encoder: Encoder = "libx264",
@@ -110,26 +113,26 @@ def live(
     json: Json = False,
 ) -> None:
     """Show another face live: from a camera, a file or a stream, in a window, a call or a file."""
-    from guise.app.live.controls import Settings
+    from guise.app.live.controls import LiveSettings
     from guise.app.live.run import LiveOptions, run_live
-    from guise.app.live.session import JAW
+    from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS
     from guise.app.media import EncodeOptions
-    from guise.app.swapping.options import Options
+    from guise.app.swapping.options import EngineOptions
 
     if output and "studio" in output:
         if output != ["studio"] or source or identity or person:
             raise typer.BadParameter(
-                "--output studio opens the browser, where all else is chosen: give it alone"
+                "--output studio opens the browser, where everything else is chosen: give it alone"
             )
         return studio(quiet=quiet, json=json)
     console = Console(quiet=quiet, json=json)
-    settings = Settings(
+    settings = LiveSettings(
         alpha=alpha, mode=mode.value, mirror=source is None if mirror is None else mirror,
         side_by_side=side_by_side, readout=readout, style=cover.value, uncovered=uncovered,
     )  # fmt: skip
     options = LiveOptions(
         source, camera, tuple(identity or ()), person, tuple(output or (() if headless else ("window",))), headless,
-        _size(size), fps, loop, enrol, settings, Options(jaw=JAW, renderer=renderer.value),
+        _size(size), fps, loop, enrol, settings, EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value),
         EncodeOptions(encoder, crf, preset), force,
     )  # fmt: skip
     with Stages(console) as stages:

@@ -14,16 +14,20 @@ from guise.app.cli.options import Json, Quiet
 
 
 def studio(
-    port: Annotated[int, typer.Option(min=0, max=65535, help="On this computer; 0 takes any.")] = 8080,
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65535, help="Port on this computer; 0: any free one."),
+    ] = 8080,
     folder: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="What the studio keeps; default: in your data folder.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Where the studio keeps its files; default: in your data folder."),
     ] = None,
-    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
-    limit: Annotated[int, typer.Option(min=1, metavar="MB", help="Largest file that is uploaded.")] = 1000,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Don't open the browser.")] = False,
+    limit: Annotated[int, typer.Option(min=1, metavar="MB", help="Largest upload.")] = 1000,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Open Guise in the browser: live, people, landmarks and de-identification."""
+    """Open Guise in the browser: live, people, landmarks, de-identification and analogies."""
     from platformdirs import user_data_path
 
     from guise.app.studio.store import StudioError
@@ -36,7 +40,7 @@ def studio(
     console = Console(quiet=quiet, json=json)
 
     def announce(address: str) -> None:
-        console.say(f"The studio is at {address} until Ctrl-C is pressed.")
+        console.say(f"The studio is at {address} until you press Ctrl-C.")
         console.result({"address": address})
         sys.stdout.flush()
         if not no_open:

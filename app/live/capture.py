@@ -1,12 +1,12 @@
-"""Where live pictures come from: a camera, or a file played at its own pace.  Streams are in `guise.app.live.streams`.
+"""Live sources: a camera, or a file played at its own pace.  Streams are in `guise.app.live.streams`.
 
-A capture gives `Frame`s whose times ascend; it closes by `with`.  Pictures are as shown.
+A capture yields frames with ascending times and closes by `with`.  Pictures are as displayed.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,21 +14,20 @@ import cv2
 
 from guise.app.media import Frame, MediaError, open_input
 from guise.common.closing import Closing
+from guise.common.progress import Say
 
-Say = Callable[[str], None]
-
-CAMERA_TIME = Fraction(1, 1_000_000)  # seconds, unit of a camera's times
-AGAIN = 1.0  # seconds between two tries to open a camera that went away
+CAMERA_TIME_BASE = Fraction(1, 1_000_000)  # seconds
+RECONNECT_SECONDS = 1.0  # between two attempts to reopen a camera or stream
 
 
 class Capture(Closing):
-    """Frames from somewhere, one iteration.
+    """A source of frames that is iterated once.
 
     Attributes
     ----------
-    name : of what is captured, for notes and for the cached model.
-    width, height : pixels.   fps : frames a second, nominal.
-    paced : frames come in real time, and one that is not taken is lost.
+    name : of the camera, file or stream, for messages and for the cached model.
+    width, height : pixels.   fps : nominal frames per second.
+    paced : frames come in real time, and those that are not taken are lost.
     """
 
     name = ""
@@ -49,9 +48,9 @@ class FileCapture(Capture):
 
     Parameters
     ----------
-    path : of it.
-    loop : begin again at its end; times go on.
-    paced : play it at its own pace, otherwise as fast as frames are taken.
+    path : of the file or folder.
+    loop : start over at the end; times continue to ascend.
+    paced : play at the file's own pace, otherwise as fast as frames are taken.
 
     Raises
     ------
@@ -60,18 +59,18 @@ class FileCapture(Capture):
     """
 
     def __init__(self, path: Path, *, loop: bool = False, paced: bool = True) -> None:
-        self.source = open_input(path)
-        self.name, self.paced = self.source.name, paced
-        self.width, self.height = self.source.width, self.source.height
-        self.fps = float(self.source.frame_rate)
-        self.begun: float | None = None  # perf_counter of time 0, known when paced and running
+        self.media = open_input(path)
+        self.name, self.paced = self.media.name, paced
+        self.width, self.height = self.media.width, self.media.height
+        self.fps = float(self.media.frame_rate)
+        self.begun: float | None = None  # perf_counter at time 0; known while a paced file plays
         self._loop, self._stopped = loop, False
 
     def __iter__(self) -> Iterator[Frame]:
-        base, step = 0, max(1, round(1 / self.source.frame_rate / self.source.time_base))
+        base, step = 0, max(1, round(1 / self.media.frame_rate / self.media.time_base))
         while not self._stopped:
             first = last = None
-            for frame in self.source:
+            for frame in self.media:
                 if self._stopped:
                     return
                 first = frame.pts if first is None else first
@@ -94,18 +93,18 @@ class FileCapture(Capture):
         self._stopped = True
 
     def close(self) -> None:
-        self.source.close()
+        self.media.close()
 
 
 class CameraCapture(Capture):
-    """A camera of this computer; when it is unplugged it is waited for, and that is said.
+    """A camera of this computer; when it is unplugged, the user is told and the capture waits for it.
 
     Parameters
     ----------
     index : of the camera, 0 for the first.
-    size : (width, height) asked for, pixels; the camera may give another.
-    fps : asked for.
-    say : called with notes for the user.
+    size : requested (width, height), pixels; the camera may choose another.
+    fps : requested.
+    say : called with messages for the user.
 
     Raises
     ------
@@ -121,7 +120,7 @@ class CameraCapture(Capture):
         device = self._opened()
         if device is None:
             raise MediaError(
-                f"camera {index} cannot be opened: plug one in, allow its use, choose another with --camera, "
+                f"camera {index} cannot be opened: connect it, allow access to it, choose another with --camera, "
                 "or use --source FILE"
             )
         self._device: cv2.VideoCapture | None = device
@@ -131,13 +130,13 @@ class CameraCapture(Capture):
     def __iter__(self) -> Iterator[Frame]:
         index, start = 0, time.perf_counter()
         while not self._stopped:
-            good, picture = self._device.read() if self._device is not None else (False, None)
-            if not good or picture is None:
+            ok, picture = self._device.read() if self._device is not None else (False, None)
+            if not ok or picture is None:
                 self._reopen()
                 continue
-            pts = round((time.perf_counter() - start) / CAMERA_TIME)
+            pts = round((time.perf_counter() - start) / CAMERA_TIME_BASE)
             rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-            yield Frame.from_rgb(rgb, pts, CAMERA_TIME, index)  # type: ignore[arg-type]
+            yield Frame.from_rgb(rgb, pts, CAMERA_TIME_BASE, index)  # type: ignore[arg-type]
             index += 1
 
     def stop(self) -> None:
@@ -148,12 +147,12 @@ class CameraCapture(Capture):
             self._device.release()
 
     def _reopen(self) -> None:
-        """Wait for the camera; the thread sleeps between tries."""
+        """Try once to reopen the camera, after a pause."""
         if self._device is not None:
-            self._say(f"{self.name} gives no pictures; waiting for it")
+            self._say(f"{self.name} has stopped sending pictures; waiting for it")
             self._device.release()
             self._device = None
-        time.sleep(AGAIN)
+        time.sleep(RECONNECT_SECONDS)
         if not self._stopped:
             self._device = self._opened()
             if self._device is not None:
@@ -172,6 +171,6 @@ class CameraCapture(Capture):
 
 
 def _camera_name(index: int) -> str:
-    """What the system calls a camera, where it says so in a file; otherwise its number."""
+    """The system's name for a camera, where a file holds it; otherwise its number."""
     name = Path(f"/sys/class/video4linux/video{index}/name")
     return name.read_text(errors="replace").strip() if name.is_file() else f"camera {index}"

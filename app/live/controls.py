@@ -1,4 +1,4 @@
-"""What the user chooses while it runs, by keys or by a page.  Safe to use from any thread."""
+"""Settings that the user changes during a live run, by keys or on a page.  Safe to use from any thread."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ ALPHA_STEP = 0.1
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How the next frame is shown.
+class LiveSettings:
+    """How the next frame is processed and shown.
 
     Parameters
     ----------
-    identity : index into the faces that were given.
-    alpha : share in [0, 1] of expression beyond the face's own that is let through.
-    mode : "swap", "puppet" (the face's own still moves) or "off": the face is covered.
-    mirror : left and right exchanged, as in a mirror.
-    side_by_side : the camera's picture beside the result; it shows the real face.
+    identity : index of the donor face.
+    alpha : share in [0, 1] of the expression beyond the donor's own range that is let through.
+    mode : "swap", "puppet" (the donor's own still is animated) or "off" (the face is covered).
+    mirror : flip left and right.
+    side_by_side : show the camera's picture beside the result; it contains the real face.
     mask, mesh : overlays that show where the face is drawn.
-    readout : frames per second, latency and drops in the picture.
-    help : the keys in the picture.
-    style : of what is covered.
-    uncovered : a frame in which the face cannot be swapped is shown as it is, not covered.
+    readout : show frames per second, latency and dropped frames.
+    help : show the keys.
+    style : of covers.
+    uncovered : a frame in which the face cannot be swapped is shown unchanged instead of covered.
     """
 
     identity: int = 0
@@ -68,45 +68,45 @@ KEYS = {
     "up, down": "alpha",
     "s": "swap",
     "p": "puppet",
-    "o": "off: covered",
+    "o": "off: face covered",
     "m": "mirror",
     "b": "side by side (shows the real face)",
     "k": "mask",
     "l": "mesh",
-    "f": "read-out",
+    "f": "readout",
     "r": "record",
     "c": "snapshot",
-    "e": "enrol anew",
+    "e": "enrol again",
     "h": "help",
     "q": "quit",
 }
 
 
 class Controls:
-    """The current settings, and what else was asked for.
+    """The current settings and the user's pending requests.
 
     Parameters
     ----------
-    identities : how many faces there are to choose from.
-    settings : to begin with.
+    identities : number of donor faces to choose from.
+    settings : initial settings.
 
     Attributes
     ----------
-    requests : SimpleQueue of Request, in the order of asking.
+    requests : SimpleQueue of Request, oldest first.
     """
 
-    def __init__(self, identities: int = 1, settings: Settings = Settings()) -> None:
+    def __init__(self, identities: int = 1, settings: LiveSettings = LiveSettings()) -> None:
         self.requests: SimpleQueue[Request] = SimpleQueue()
         self._identities, self._settings = identities, settings
         self._lock = threading.Lock()
 
     @property
-    def settings(self) -> Settings:
-        """As they are now."""
+    def settings(self) -> LiveSettings:
+        """The current settings."""
         return self._settings
 
     def change(self, **changes: Any) -> None:
-        """Change settings by name; alpha is kept in [0, 1], a face that is not there is ignored."""
+        """Change settings by name; alpha is clipped to [0, 1], an unknown identity is ignored."""
         with self._lock:
             if not 0 <= changes.get("identity", 0) < self._identities:
                 del changes["identity"]
@@ -114,7 +114,7 @@ class Controls:
             self._settings = replace(new, alpha=round(min(max(new.alpha, 0.0), 1.0), 3))
 
     def press(self, key: str) -> None:
-        """A key, by its name in lower case; one that means nothing is ignored."""
+        """Handle a key by its lower-case name; keys without a meaning are ignored."""
         now = self._settings
         if key.isdigit() and key != "0":
             self.change(identity=int(key) - 1)

@@ -1,16 +1,15 @@
-"""A picture of any size in a frame of another: whole, as large as it fits, with black around it."""
+"""Fit a picture of any size into a frame of another: whole, as large as possible, on black."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from guise.common.arrays import U8
 
 
-def letterboxed(rgb: Picture, width: int, height: int) -> Picture:
-    """The picture (h, w, 3) uint8 as (height, width, 3), its proportions kept.
+def letterboxed(rgb: U8, width: int, height: int) -> U8:
+    """The picture (h, w, 3) uint8 as (height, width, 3) with its aspect ratio kept.
 
     >>> letterboxed(np.full((10, 10, 3), 255, np.uint8), 20, 10)[0, :, 0].tolist() == [0] * 5 + [255] * 10 + [0] * 5
     True

@@ -1,38 +1,36 @@
-"""What every output of the live application is: a window, a file, a virtual camera, a browser.
+"""The contract of an output of the live application: a window, a file, a virtual camera, a browser.
 
-A frame that is shown is seen by several outputs at once, each in its own thread: they read it and draw on copies.
+Several outputs see the same frame at once, each in its own thread: they only read it, and draw on copies.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from guise.app.live.face import Look
-    from guise.app.live.pipeline import Stats
-    from guise.app.media import Frame
+from guise.app.live.face import FaceResult
+from guise.app.live.stats import PipelineStats
+from guise.app.media import Frame
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """A finished picture and what is known about it.
+class OutputFrame:
+    """A finished frame and what is known about it.
 
     Parameters
     ----------
     frame : the picture; outputs do not change it.
-    look : what was done to it.
+    result : what was done to it.
     stats : of the pipeline so far.
-    arrived : time.perf_counter() at which the camera gave it, seconds.
+    arrived : time.perf_counter() at capture, seconds.
     message : a sentence to show, "" for none.
-    ring : share in [0, 1] of the enrolment that is done; None when there is none.
-    recording : it goes into a file that the user asked for.
-    original : the picture as it came, with the real face; only while the user asks for it beside the result.
+    ring : share in [0, 1] of the enrolment that is complete; None when nobody is being enrolled.
+    recording : the frame goes into a file that the user asked for.
+    original : the unchanged picture, with the real face; only while the user asks for it beside the result.
     """
 
     frame: Frame
-    look: Look
-    stats: Stats
+    result: FaceResult
+    stats: PipelineStats
     arrived: float
     message: str = ""
     ring: float | None = None
@@ -41,25 +39,26 @@ class Shown:
 
 
 class Output:
-    """Where finished pictures go.  Opened once, shown to any number of times, closed once, all in one thread.
+    """Where finished frames go.  Opened once, shown any number of frames, closed once, all in one thread.
 
     main_thread : it is opened, shown to, pumped and closed by the main thread.
-    lossless : it gets every frame and may make the others wait; otherwise the latest, when it is ready for one.
+    lossless : it gets every frame and may hold up the other outputs; otherwise it gets the latest frame when it is
+        ready for one.
     """
 
     main_thread = False
     lossless = False
 
     def open(self, width: int, height: int, fps: float) -> None:
-        """Get ready for pictures of a size, pixels; raises what `guise.common.failures` knows as a user's mistake."""
+        """Prepare for frames of a size in pixels; raises GuiseError when that fails."""
 
-    def show(self, shown: Shown) -> None:
-        """Take a picture."""
+    def show(self, shown: OutputFrame) -> None:
+        """Take a frame."""
         raise NotImplementedError
 
     def pump(self) -> bool:
-        """Do what must be done between pictures, in the main thread; False when the user has closed it."""
+        """Do what is due between frames, in the main thread; False when the user has closed the output."""
         return True
 
     def close(self) -> None:
-        """Release what `open` took; also after a failed `open`."""
+        """Release what `open` acquired; also called after a failed `open`."""

@@ -1,111 +1,79 @@
-"""Capture, work and outputs, each in a thread of its own, with one place between them: the latest picture wins.
+"""Capture, processing and outputs, each in its own thread, with a one-frame slot between them: the latest frame wins.
 
-The main thread pumps the outputs that need it.  The first error of any thread ends all of them and is raised once.
+The main thread pumps the outputs that need it.  The first error in any thread ends all of them and is raised once.
 """
 
 from __future__ import annotations
 
-import statistics
 import threading
 import time
-from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 from guise.app.live.capture import Capture
-from guise.app.live.output import Output, Shown
-from guise.app.live.slot import Slot
+from guise.app.live.output import Output, OutputFrame
+from guise.app.live.slot import LatestSlot
+from guise.app.live.stats import PipelineMeter, PipelineStats
 from guise.app.media import Frame
 
-RECENT = 120  # pictures over which rate and latency are told
-IDLE = 0.02  # seconds that the main thread sleeps when it has nothing to pump
+IDLE_SECONDS = 0.02  # the main thread's sleep when no output needs it
 
 
-@dataclass(frozen=True)
-class Stats:
-    """What has happened so far.
+class FrameProcessor(Protocol):
+    """What is done with each frame; made, used and closed in the processing thread."""
 
-    Parameters
-    ----------
-    frames : pictures that were worked on.   presented : by the first output.
-    fps : of the first output, lately.
-    latency, latency_95 : milliseconds from capture to the end of presenting, lately: median, 95th percentile.
-    dropped : pictures of the capture that were not worked on, as newer ones came.
-    skipped : finished ones that an output had no time for, over all outputs.
-    seconds : since the start.
-    outcomes : how many pictures were swapped, covered, lost, off, shown.
-    """
-
-    frames: int = 0
-    presented: int = 0
-    fps: float = 0.0
-    latency: float = 0.0
-    latency_95: float = 0.0
-    dropped: int = 0
-    skipped: int = 0
-    seconds: float = 0.0
-    outcomes: dict[str, int] = field(default_factory=dict)
-
-    def as_json(self) -> dict[str, Any]:
-        """The figures as JSON holds them."""
-        return asdict(self)
-
-
-class Work(Protocol):
-    """What is done with a picture; made, used and closed in the work thread."""
-
-    def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
-        """Change the frame in place and say what was done."""
+    def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
+        """Change the frame in place and describe what was done."""
 
     def close(self) -> None:
-        """Release what is held."""
+        """Release resources."""
 
 
 class Pipeline:
-    """Runs a capture through work to outputs.
+    """Runs frames from a capture through a processor to outputs.
 
     Parameters
     ----------
-    capture : Capture.   make_work : makes the work, in its thread.   outputs : at least one.
-    pump : called in the main thread all the time; False ends the run.
+    capture : Capture.   make_processor : makes the processor, in its thread.   outputs : at least one.
+    pump : called repeatedly in the main thread; False ends the run.
     """
 
     def __init__(
-        self, capture: Capture, make_work: Callable[[], Work], outputs: Sequence[Output],
+        self, capture: Capture, make_processor: Callable[[], FrameProcessor], outputs: Sequence[Output],
         pump: Callable[[], bool] = lambda: True,
     ) -> None:  # fmt: skip
-        self._capture, self._make_work, self._pump = capture, make_work, pump
-        self._taps = [_Tap(output, self) for output in outputs]
-        self._caught: Slot[tuple[Frame, float]] = Slot(lossless=not capture.paced)
-        self._meter = Meter()
+        self._capture, self._make_processor, self._pump = capture, make_processor, pump
+        self._channels = [_OutputChannel(output, self) for output in outputs]
+        self._captured: LatestSlot[tuple[Frame, float]] = LatestSlot(lossless=not capture.paced)
+        self._meter = PipelineMeter()
         self._errors: list[BaseException] = []
         self._ended = threading.Event()
 
     @property
-    def stats(self) -> Stats:
-        """As they are now; from any thread."""
-        return self._meter.stats(self._caught.dropped, sum(tap.slot.dropped for tap in self._taps))
+    def stats(self) -> PipelineStats:
+        """The current figures; from any thread."""
+        skipped = sum(channel.slot.dropped for channel in self._channels)
+        return self._meter.stats(self._captured.dropped, skipped)
 
     def stop(self) -> None:
         """End the run soon; from any thread."""
         self._capture.stop()
-        self._caught.close()
+        self._captured.close()
 
-    def run(self) -> Stats:
-        """Until the capture ends, an output is closed by the user, `pump` says so, or an error."""
-        here = [tap for tap in self._taps if tap.output.main_thread]
+    def run(self) -> PipelineStats:
+        """Run until the capture ends, the user closes an output, `pump` returns False, or an error."""
+        here = [channel for channel in self._channels if channel.output.main_thread]
         threads = [
             threading.Thread(target=self._guarded, args=(target,), name=f"guise-live-{name}")
             for name, target in [
                 ("capture", self._run_capture),
-                ("work", self._run_work),
-                *((f"output{n}", tap.run) for n, tap in enumerate(self._taps) if tap not in here),
+                ("processor", self._run_processor),
+                *((f"output{n}", channel.run) for n, channel in enumerate(self._channels) if channel not in here),
             ]
-        ]
+        ]  # fmt: skip
         try:
-            for tap in here:
-                tap.output.open(self._capture.width, self._capture.height, self._capture.fps)
+            for channel in here:
+                channel.output.open(self._capture.width, self._capture.height, self._capture.fps)
             for thread in threads:
                 thread.start()
             self._pump_until_end(here)
@@ -115,60 +83,60 @@ class Pipeline:
             raise self._errors[0]
         return self.stats
 
-    def presented(self, shown: Shown, tap: _Tap) -> None:
-        """An output has shown a picture."""
-        if tap is self._taps[0]:
-            self._meter.presented(shown.arrived)
+    def presented(self, shown: OutputFrame, channel: _OutputChannel) -> None:
+        """An output has shown a frame."""
+        if channel is self._channels[0]:
+            self._meter.count_presented(shown.arrived)
 
-    def _pump_until_end(self, here: list[_Tap]) -> None:
+    def _pump_until_end(self, here: list[_OutputChannel]) -> None:
         while not self._ended.is_set():
             busy = False
-            for tap in here:
-                busy |= tap.show_one()
-                if not tap.output.pump():
+            for channel in here:
+                busy |= channel.show_waiting()
+                if not channel.output.pump():
                     self.stop()
             if not self._pump():
                 self.stop()
             if not here or not busy:
-                self._ended.wait(0.001 if here else IDLE)
-        for tap in here:
-            tap.show_one()
+                self._ended.wait(0.001 if here else IDLE_SECONDS)
+        for channel in here:
+            channel.show_waiting()
 
-    def _end(self, here: list[_Tap], threads: list[threading.Thread]) -> None:
+    def _end(self, here: list[_OutputChannel], threads: list[threading.Thread]) -> None:
         self.stop()
-        for tap in self._taps:
-            if tap.output.main_thread:
-                tap.slot.close()
+        for channel in self._channels:
+            if channel.output.main_thread:
+                channel.slot.close()
         for thread in threads:
             thread.join()
-        for tap in here:
-            tap.output.close()
+        for channel in here:
+            channel.output.close()
 
     def _run_capture(self) -> None:
         try:
             for frame in self._capture:
-                self._caught.put((frame, time.perf_counter()))
+                self._captured.put((frame, time.perf_counter()))
         finally:
-            self._caught.close()
+            self._captured.close()
 
-    def _run_work(self) -> None:
+    def _run_processor(self) -> None:
         try:
-            work = self._make_work()
+            processor = self._make_processor()
             try:
-                while (caught := self._caught.get()) is not None:
-                    self._work_on(work, *caught)
+                while (captured := self._captured.get()) is not None:
+                    self._process(processor, *captured)
             finally:
-                work.close()
+                processor.close()
         finally:
-            for tap in self._taps:
-                tap.slot.close()
+            for channel in self._channels:
+                channel.slot.close()
             self._ended.set()
 
-    def _work_on(self, work: Work, frame: Frame, arrived: float) -> None:
-        shown = work.step(frame, arrived, self.stats)
-        self._meter.worked(shown.look.outcome)
-        for tap in self._taps:
-            tap.slot.put(shown)
+    def _process(self, processor: FrameProcessor, frame: Frame, arrived: float) -> None:
+        shown = processor.process(frame, arrived, self.stats)
+        self._meter.count_processed(shown.result.outcome)
+        for channel in self._channels:
+            channel.slot.put(shown)
 
     def _guarded(self, target: Callable[[], None]) -> None:
         try:
@@ -179,15 +147,15 @@ class Pipeline:
             self._ended.set()
 
 
-class _Tap:
-    """An output with its place."""
+class _OutputChannel:
+    """An output and the slot from which it takes frames."""
 
     def __init__(self, output: Output, pipeline: Pipeline) -> None:
         self.output, self._pipeline = output, pipeline
-        self.slot: Slot[Shown] = Slot(lossless=output.lossless)
+        self.slot: LatestSlot[OutputFrame] = LatestSlot(lossless=output.lossless)
 
     def run(self) -> None:
-        """In a thread of its own, until nothing more comes."""
+        """Show frames in a thread of their own until no more come."""
         capture = self._pipeline._capture
         try:
             self.output.open(capture.width, capture.height, capture.fps)
@@ -197,51 +165,13 @@ class _Tap:
             self.slot.close()
             self.output.close()
 
-    def show_one(self) -> bool:
-        """Show what lies there, if anything does."""
+    def show_waiting(self) -> bool:
+        """Show the waiting frame; whether there was one."""
         shown = self.slot.get(timeout=0)
         if shown is not None:
             self._show(shown)
         return shown is not None
 
-    def _show(self, shown: Shown) -> None:
+    def _show(self, shown: OutputFrame) -> None:
         self.output.show(shown)
         self._pipeline.presented(shown, self)
-
-
-class Meter:
-    """Counts, and measures rate and latency; safe to use from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._start = time.perf_counter()
-        self._outcomes: Counter[str] = Counter()
-        self._presented = 0
-        self._times: deque[float] = deque(maxlen=RECENT)
-        self._latencies: deque[float] = deque(maxlen=RECENT)
-
-    def worked(self, outcome: str) -> None:
-        """A picture is finished."""
-        with self._lock:
-            self._outcomes[outcome] += 1
-
-    def presented(self, arrived: float) -> None:
-        """A picture that was captured at `arrived` is shown."""
-        now = time.perf_counter()
-        with self._lock:
-            self._presented += 1
-            self._times.append(now)
-            self._latencies.append(1000 * (now - arrived))
-
-    def stats(self, dropped: int, skipped: int) -> Stats:
-        """As they are now."""
-        with self._lock:
-            latencies, times = sorted(self._latencies), self._times
-            span = times[-1] - times[0] if len(times) > 1 else 0.0
-            return Stats(
-                self._outcomes.total(), self._presented,
-                (len(times) - 1) / span if span > 0 else 0.0,
-                statistics.median(latencies) if latencies else 0.0,
-                latencies[int(0.95 * (len(latencies) - 1))] if latencies else 0.0,
-                dropped, skipped, time.perf_counter() - self._start, dict(self._outcomes),
-            )  # fmt: skip

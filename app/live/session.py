@@ -1,176 +1,168 @@
-"""A live run: from a capture through enrolment, if need be, and the face to the outputs.
+"""A live session: enrols the person where needed, then swaps their face.
 
-What leaves for any output is covered until there is a model of the person; the picture as it came goes only to outputs
-that show it to the person themselves (`Shown.original`).
+Frames are covered for every output until there is a model of the person; the unchanged picture goes only to outputs
+that show it to the person themselves (`OutputFrame.original`).
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-
-import numpy as np
+from dataclasses import dataclass, field, replace
 
 from guise.aam.model import Identity
 from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.enrolment.enrol import EnrolError
-from guise.app.live.controls import Controls, Settings
-from guise.app.live.enrolment import OnScreenEnrolment
-from guise.app.live.face import LiveFace, Look
-from guise.app.live.output import Shown
+from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.enrolment import EnrolmentStatus, OnScreenEnrolment
+from guise.app.live.face import FaceResult, LiveFace
+from guise.app.live.output import OutputFrame
 from guise.app.live.overlay import draw_mesh
-from guise.app.live.pipeline import Stats
+from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
 from guise.app.swapping.cover import cover_all
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.common.errors import Interrupted
 
 Keep = Callable[[Identity], None]
 
-JAW = 0.035  # face widths by which the face is drawn beyond the jaw, so that nothing of the real one shows
-AGAIN = 0.05  # share of the ring up to which the reason of a new beginning is shown
+JAW_MARGIN_FACE_WIDTHS = (
+    0.035  # by which the face is drawn beyond the jaw, so that none of the real one shows
+)
+PROBLEM_RING_SHARE = 0.05  # of a new enrolment, up to which the problem with the previous one is shown
 
 
 def forget(identity: Identity) -> None:
-    """Keep no model."""
+    """Discard a model."""
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What a live run needs to know.
+class SessionConfig:
+    """Settings of a live session.
 
     Parameters
     ----------
-    identities : whose faces can be shown.
-    person : model of who is at the camera, or None: they are enrolled on the screen.
-    name : of the person, for a model that is made.
-    keep : takes a model that was made.
-    options : how the engine draws.
-    recording : says whether a file is being written that the user asked for.
-    notice : a sentence that the user should see now, or "".
+    identities : donors to choose from.
+    person : model of the person at the camera; None to enrol them on screen.
+    name : of the person, for a new model.
+    keep : called with a new model.
+    options : of the engine.
+    recording : returns whether the user is recording.
+    notice : returns a sentence that the user should see now, or "".
     """
 
     identities: Sequence[Identity]
     person: Identity | None = None
     name: str = "me"
     keep: Keep = forget
-    options: Options = field(default_factory=lambda: Options(jaw=JAW))
+    options: EngineOptions = field(default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS))
     recording: Callable[[], bool] = lambda: False
     notice: Callable[[], str] = str
 
 
-class LiveWork:
-    """Works on each picture, see `guise.app.live.pipeline.Work`: enrols, then swaps."""
+class LiveSession:
+    """Enrols, then swaps: a `guise.app.live.pipeline.FrameProcessor`."""
 
-    def __init__(self, plan: Plan, controls: Controls) -> None:
-        self._plan, self._controls = plan, controls
-        self._face = LiveFace(plan.person, plan.identities, plan.options) if plan.person else None
-        self._learner: Learner | None = None
-        self._again = threading.Event()
+    def __init__(self, config: SessionConfig, controls: Controls) -> None:
+        self._config, self._controls = config, controls
+        self._face = LiveFace(config.person, config.identities, config.options) if config.person else None
+        self._enrolment: BackgroundEnrolment | None = None
+        self._restart_requested = threading.Event()
 
-    def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
+    def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
         """Change a frame in place."""
         settings = self._controls.settings
-        if self._again.is_set():
-            self._again.clear()
+        if self._restart_requested.is_set():
+            self._restart_requested.clear()
             self.close()
         if self._face is None:
             return self._enrol(frame, arrived, stats, settings)
         original = frame.copy() if settings.side_by_side else None
-        look = self._face.step(frame, settings)
-        return self._shown(frame, look, stats, arrived, original=original)
+        result = self._face.process(frame, settings)
+        return self._shown(frame, result, stats, arrived, original=original)
 
     def enrol(self) -> None:
-        """Begin a new enrolment with the next picture; from any thread."""
-        self._again.set()
+        """Start a new enrolment with the next frame; from any thread."""
+        self._restart_requested.set()
 
     def close(self) -> None:
-        """Release the face and give up what is learned."""
+        """Release the face and cancel the enrolment."""
         if self._face is not None:
             self._face.close()
-        if self._learner is not None:
-            self._learner.cancel()
-        self._face = self._learner = None
+        if self._enrolment is not None:
+            self._enrolment.cancel()
+        self._face = self._enrolment = None
 
-    def _enrol(self, frame: Frame, arrived: float, stats: Stats, settings: Settings) -> Shown:
-        if self._learner is None:
-            size = self._plan.identities[0].frame.resolution
-            self._learner = Learner(self._plan.name, TrainingOptions(resolution=size))
-        seen = self._learner.see(frame)
-        if self._learner.made is not None:
-            self._plan.keep(self._learner.made)
-            self._face = LiveFace(self._learner.made, self._plan.identities, self._plan.options)
-            self._learner = None
+    def _enrol(
+        self, frame: Frame, arrived: float, stats: PipelineStats, settings: LiveSettings
+    ) -> OutputFrame:
+        if self._enrolment is None:
+            size = self._config.identities[0].reference.resolution
+            self._enrolment = BackgroundEnrolment(self._config.name, TrainingOptions(resolution=size))
+        status = self._enrolment.observe(frame)
+        if self._enrolment.model is not None:
+            self._config.keep(self._enrolment.model)
+            self._face = LiveFace(self._enrolment.model, self._config.identities, self._config.options)
+            self._enrolment = None
         original = frame.copy()
         cover_all(frame, settings.style)
-        if seen.mesh is not None:
-            draw_mesh(original, seen.mesh)
-            draw_mesh(frame, seen.mesh)
-        look = Look("enrolling", seen.mesh, 0.0, 1)
-        return self._shown(frame, look, stats, arrived, seen.sentence, seen.ring, original)
+        if status.mesh is not None:
+            draw_mesh(original, status.mesh)
+            draw_mesh(frame, status.mesh)
+        result = FaceResult("enrolling", status.mesh, 0.0, 1)
+        return self._shown(frame, result, stats, arrived, status.sentence, status.ring, original)
 
     def _shown(
-        self, frame: Frame, look: Look, stats: Stats, arrived: float, message: str = "",
+        self, frame: Frame, result: FaceResult, stats: PipelineStats, arrived: float, message: str = "",
         ring: float | None = None, original: Frame | None = None,
-    ) -> Shown:  # fmt: skip
-        message = message or self._plan.notice()
-        return Shown(frame, look, stats, arrived, message, ring, self._plan.recording(), original)
+    ) -> OutputFrame:  # fmt: skip
+        message = message or self._config.notice()
+        return OutputFrame(frame, result, stats, arrived, message, ring, self._config.recording(), original)
 
 
-@dataclass(frozen=True, eq=False)
-class Progress:
-    """What to show of an enrolment: a sentence, the share in [0, 1] of the ring, and the face's mesh or None."""
+class BackgroundEnrolment:
+    """An enrolment on screen: collects frames, then trains a model in a thread while frames go on.
 
-    sentence: str
-    ring: float
-    mesh: np.ndarray | None = None
-
-
-class Learner:
-    """An enrolment on the screen: frames are gathered, then a model is trained beside the pictures that go on.
-
-    made : the model, when there is one.
+    model : the trained model, when there is one.
     """
 
     def __init__(self, name: str, options: TrainingOptions) -> None:
-        self.made: Identity | None = None
+        self.model: Identity | None = None
         self._name, self._options = name, options
         self._problem, self._share = "", 0.0
         self._thread: threading.Thread | None = None
-        self._begin()
+        self._restart()
 
-    def _begin(self) -> None:
+    def _restart(self) -> None:
         self._enrolment = OnScreenEnrolment(self._name, options=self._options)
 
-    def see(self, frame: Frame) -> Progress:
+    def observe(self, frame: Frame) -> EnrolmentStatus:
         """Take the next frame, before it is covered."""
         if self._thread is not None and self._thread.is_alive():
-            return Progress(f"Learning your face: {100 * self._share:.0f} %", 1.0)
-        if self._thread is not None and self.made is None:  # it failed
+            return EnrolmentStatus(f"Training your model: {100 * self._share:.0f} %", 1.0, done=True)
+        if self._thread is not None and self.model is None:  # it failed
             self._thread = None
-            self._begin()
-        step = self._enrolment.add(frame)
-        if step.done and self._thread is None:
+            self._restart()
+        status = self._enrolment.observe(frame)
+        if status.done and self._thread is None:
             self._thread = threading.Thread(target=self._train, name="guise-live-enrol")
             self._thread.start()
-        points = None if step.face is None else step.face.points.astype(np.float64)
-        problem = f"{self._problem} " if step.ring < AGAIN else ""
-        return Progress(problem + step.sentence, step.ring, points)
+        problem = f"{self._problem} " if status.ring < PROBLEM_RING_SHARE else ""
+        return replace(status, sentence=problem + status.sentence)
 
     def cancel(self) -> None:
-        """Give up, and wait until the training has."""
+        """Cancel, and wait until the training has ended."""
         self._enrolment.cancel()
         if self._thread is not None:
             self._thread.join()
 
     def _train(self) -> None:
         try:
-            self.made = self._enrolment.train(self._progress)
+            self.model = self._enrolment.train(self._note_progress)
         except (EnrolError, TrainingError) as error:
             self._problem = f"That was not enough ({error})."
         except Interrupted:
             pass
 
-    def _progress(self, stage: str, share: float) -> None:
+    def _note_progress(self, stage: str, share: float) -> None:
         self._share = share

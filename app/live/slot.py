@@ -1,4 +1,4 @@
-"""A place for one item between two threads: the latest wins, what was not taken in time is dropped and counted."""
+"""A one-item slot between two threads: the latest item wins; items replaced before they are taken are counted."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Generic, TypeVar
 T = TypeVar("T")
 
 
-class Slot(Generic[T]):
-    """Holds one item.
+class LatestSlot(Generic[T]):
+    """Holds at most one item.
 
     Parameters
     ----------
-    lossless : `put` waits until the last item was taken instead of replacing it.
+    lossless : `put` waits until the previous item has been taken instead of replacing it.
 
     Attributes
     ----------
     dropped : number of items that were replaced before they were taken.
-    closed : nothing more comes.
+    closed : no more items come.
     """
 
     def __init__(self, *, lossless: bool = False) -> None:
@@ -29,7 +29,7 @@ class Slot(Generic[T]):
         self._changed = threading.Condition()
 
     def put(self, item: T) -> None:
-        """Offer an item; after `close` it is ignored."""
+        """Offer an item; ignored after `close`."""
         with self._changed:
             if self._lossless:
                 self._changed.wait_for(lambda: self._item is None or self.closed)
@@ -40,7 +40,7 @@ class Slot(Generic[T]):
             self._changed.notify_all()
 
     def get(self, timeout: float | None = None) -> T | None:
-        """Take the item, waiting for it; None when it is closed and empty, or `timeout` seconds have passed."""
+        """Wait for an item and take it; None when the slot is closed and empty, or after `timeout` seconds."""
         with self._changed:
             self._changed.wait_for(lambda: self._item is not None or self.closed, timeout)
             item, self._item = self._item, None
@@ -48,7 +48,7 @@ class Slot(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Nothing more comes; what lies there can still be taken."""
+        """Accept no more items; the one in the slot can still be taken."""
         with self._changed:
             self.closed = True
             self._changed.notify_all()

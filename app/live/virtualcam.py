@@ -1,6 +1,6 @@
-"""A virtual camera that other programs, such as a video call, see as a webcam.
+"""A virtual camera that other programs, such as video calls, see as a webcam.
 
-It gets a steady rate whatever the pictures' own is: the latest picture is sent again when no new one has come.
+It is fed at a fixed rate: the latest picture is sent again when no new one has come.
 """
 
 from __future__ import annotations
@@ -10,11 +10,9 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from guise.app.live.letterbox import letterboxed
-from guise.app.live.output import Output, Shown
+from guise.app.live.output import Output, OutputFrame
+from guise.common.arrays import U8
 from guise.common.errors import OutputError
 
 if TYPE_CHECKING:
@@ -25,7 +23,7 @@ _SETUP = {
     "Darwin": "install OBS, press Start Virtual Camera in it, allow it in the system settings, then close OBS",
     "Windows": "install OBS, press Start Virtual Camera and Stop Virtual Camera in it once, then close OBS",
 }
-_ELSEWHERE = "there is one for Linux, macOS and Windows only"
+_UNSUPPORTED = "virtual cameras are supported on Linux, macOS and Windows only"
 
 
 class VirtualCamera(Output):
@@ -33,54 +31,54 @@ class VirtualCamera(Output):
 
     Parameters
     ----------
-    device : its name, such as /dev/video9 or "OBS Virtual Camera"; None for the first that is free.
+    device : its name, such as /dev/video9 or "OBS Virtual Camera"; None for the first free one.
     """
 
     def __init__(self, device: str | None = None) -> None:
         self._device = device
         self._camera: pyvirtualcam.Camera | None = None
-        self._picture: NDArray[np.uint8] | None = None
+        self._picture: U8 | None = None
         self._error: Exception | None = None
         self._closing = threading.Event()
-        self._sender = threading.Thread(target=self._send_steadily, name="guise-live-virtualcam")
+        self._sender = threading.Thread(target=self._send_at_fixed_rate, name="guise-live-virtualcam")
 
     def open(self, width: int, height: int, fps: float) -> None:
-        """Take the device; sizes are made even, as the pixel formats of cameras want it."""
+        """Open the device; sizes are rounded down to even ones, as the pixel formats of cameras require."""
         self._camera = _open_camera(width - width % 2, height - height % 2, fps, self._device)
         self._sender.start()
 
-    def show(self, shown: Shown) -> None:
-        """Let this picture be the one that is sent from now on."""
+    def show(self, shown: OutputFrame) -> None:
+        """Send this picture from now on."""
         assert self._camera is not None
         if self._error is not None:
             raise OutputError(
-                f"the virtual camera {self._camera.device} takes no more pictures: {self._error}"
+                f"the virtual camera {self._camera.device} no longer accepts pictures: {self._error}"
             )
         self._picture = letterboxed(shown.frame.rgb(), self._camera.width, self._camera.height)
 
     def close(self) -> None:
-        """Let the device go."""
+        """Release the device."""
         self._closing.set()
         if self._camera is not None:
             self._sender.join()
             self._camera.close()
             self._camera = None
 
-    def _send_steadily(self) -> None:
+    def _send_at_fixed_rate(self) -> None:
         assert self._camera is not None
-        due, step = time.perf_counter(), 1 / self._camera.fps
+        due, interval = time.perf_counter(), 1 / self._camera.fps
         while not self._closing.wait(max(0.0, due - time.perf_counter())):
             try:
                 if self._picture is not None:
                     self._camera.send(self._picture)
-            except Exception as error:  # whatever the driver says
+            except Exception as error:  # drivers raise all kinds
                 self._error = error
                 return
-            due = max(due + step, time.perf_counter() - step)  # after a pause it does not hurry
+            due = max(due + interval, time.perf_counter() - interval)  # no burst after a pause
 
 
 def _open_camera(width: int, height: int, fps: float, device: str | None) -> pyvirtualcam.Camera:
-    """The device, or OutputError with the reasons and what to do."""
+    """The device; OutputError with the reasons and what to do when there is none."""
     try:
         import pyvirtualcam
     except ImportError as error:
@@ -92,5 +90,5 @@ def _open_camera(width: int, height: int, fps: float, device: str | None) -> pyv
     except RuntimeError as error:
         reasons = "; ".join(str(error).splitlines())
         asked = "there is no virtual camera" if device is None else f"there is no virtual camera {device}"
-        todo = _SETUP.get(platform.system(), _ELSEWHERE)
+        todo = _SETUP.get(platform.system(), _UNSUPPORTED)
         raise OutputError(f"{asked} ({reasons}): {todo}") from error

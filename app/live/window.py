@@ -1,7 +1,7 @@
-"""A window that shows the live picture; its planes are drawn by GL as they are and never read back.
+"""A window that shows the live picture; GL draws the stored planes directly and nothing is read back.
 
-Colour is converted, the picture turned and fitted into the window by the shader; what is written over it and the mirror
-are in the picture (`guise.app.live.overlay`), so that text stays readable.  Keys go to `Controls.press`.
+A shader converts colours, rotates the picture and fits it into the window.  Overlays and mirroring are part of the
+picture (`guise.app.live.overlay`), so that text stays readable.  Keys go to `Controls.press`.
 """
 
 from __future__ import annotations
@@ -13,23 +13,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.app.live.controls import Controls
-from guise.app.live.output import Output, Shown
+from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay, mirrored
 from guise.app.media import Frame
 from guise.app.media.frame import plane_arrays
 from guise.app.media.orientation import AS_STORED, Orientation
+from guise.common.arrays import U8
 from guise.common.errors import OutputError
 from guise.render import RendererError
 from guise.render.context import leave_thread, window_context
 
-Plane = NDArray[np.uint8]
-
 TITLE = "Guise (H shows the keys)"
-LARGEST = 0.9  # of the screen that a new window takes
-INSTEAD = "choose --output FILE, or --headless"
+MAX_SCREEN_SHARE = 0.9  # of the screen's width and height, taken by a new window
+ALTERNATIVES = "choose --output FILE, or --headless"
 NO_CHROMA = np.full((1, 1), 128, np.uint8)
 
 _VERTEX = """
@@ -58,12 +56,12 @@ void main() {
 
 
 class Window(Output):
-    """Shows pictures on the desktop; all in the main thread.
+    """Shows frames on the desktop; all in the main thread.
 
     Parameters
     ----------
-    controls : gets the keys, and tells what is drawn over the picture.
-    overlay : draws it.
+    controls : receive the keys and hold the settings.
+    overlay : draws over the frames.
     """
 
     main_thread = True
@@ -72,16 +70,16 @@ class Window(Output):
         self._controls, self._overlay = controls, overlay
         self._glfw: Any = None
         self._window: Any = None
-        self._pictures: list[Picture] = []
+        self._textures: list[FrameTexture] = []
         self._shown = 0
 
     def open(self, width: int, height: int, fps: float) -> None:
-        """Open it as large as the pictures, or as the screen lets it be.
+        """Open the window at the size of the frames, or as large as the screen allows.
 
         Raises
         ------
         OutputError
-            When the extra, a display or a new enough GL is missing.
+            When the optional packages, a display or a recent enough OpenGL are missing.
         """
         self._glfw, library = _libraries()
         self._glfw.ERROR_REPORTING = "raise"
@@ -93,31 +91,33 @@ class Window(Output):
                 context_creation_func=lambda: window_context(self._address),
             )  # fmt: skip
         except (self._glfw.GLFWError, RendererError) as error:
-            raise OutputError(f"no window can be opened ({error}): use a desktop, or {INSTEAD}") from error
-        self._glfw.ERROR_REPORTING = "log"  # such as what Wayland does not let a window know
-        self._pictures = [Picture(self._window.ctx) for _ in range(2)]
+            raise OutputError(
+                f"no window can be opened ({error}): use a desktop, or {ALTERNATIVES}"
+            ) from error
+        self._glfw.ERROR_REPORTING = "log"  # Wayland, for one, refuses some queries
+        self._textures = [FrameTexture(self._window.ctx) for _ in range(2)]
         self._listen()
 
-    def show(self, shown: Shown) -> None:
-        """Draw a picture; the camera's own beside it when the user asks for it, instead of it during enrolment."""
+    def show(self, shown: OutputFrame) -> None:
+        """Draw a frame; the original beside it when the user asks for it, or instead of it during enrolment."""
         settings = self._controls.settings
-        if shown.look.outcome == "enrolling" and shown.original is not None:
+        if shown.result.outcome == "enrolling" and shown.original is not None:
             shown = replace(shown, frame=shown.original, original=None)
-        frames = [self._overlay.over(shown, settings)]
+        frames = [self._overlay.draw(shown, settings)]
         if settings.side_by_side and shown.original is not None:
             frames.insert(0, mirrored(shown.original) if settings.mirror else shown.original)
-        for picture, frame in zip(self._pictures, frames, strict=False):
+        for picture, frame in zip(self._textures, frames, strict=False):
             picture.load(frame)
         self._shown = len(frames)
         self._draw()
 
     def pump(self) -> bool:
-        """Take keys and what else the desktop says; False when the window was closed."""
+        """Handle keys and other events; False when the window was closed."""
         self._glfw.poll_events()
         return not self._window.is_closing
 
     def close(self) -> None:
-        """Close it."""
+        """Close the window."""
         if self._glfw is not None:
             self._glfw.terminate()
         self._glfw = self._window = None
@@ -129,21 +129,21 @@ class Window(Output):
         self._glfw.set_window_refresh_callback(handle, lambda _: self._draw())
 
     def _draw(self) -> None:
-        """Draw what was loaded last, side by side, each as large as it fits, on black."""
+        """Draw the last frames side by side, each as large as it fits, on black."""
         context, (wide, high) = self._window.ctx, self._window.buffer_size
         context.screen.use()
         context.clear()
-        for number, picture in enumerate(self._pictures[: self._shown]):
+        for number, picture in enumerate(self._textures[: self._shown]):
             room = wide // self._shown
             picture.draw(fitted(picture.size, (number * room, 0, room, high)))
         context.viewport = (0, 0, wide, high)
         self._glfw.swap_buffers(self._glfw.get_current_context())
 
     def _key(self, key: int, action: int, modifiers: Any) -> None:
-        """A key went down, or repeats (only arrows may)."""
+        """Handle a key that was pressed, or that repeats (arrows only)."""
         name = self._name(key)
-        again = action == self._glfw.REPEAT and name in ("up", "down")
-        if (action != self._glfw.PRESS and not again) or modifiers.ctrl or modifiers.alt:
+        repeats = action == self._glfw.REPEAT and name in ("up", "down")
+        if (action != self._glfw.PRESS and not repeats) or modifiers.ctrl or modifiers.alt:
             return
         if name == "escape" and self._window.fullscreen:
             self._window.fullscreen = False
@@ -151,7 +151,7 @@ class Window(Output):
             self._controls.press(name)
 
     def _name(self, key: int) -> str:
-        """What `Controls.press` calls a key: what is written on it, on keyboards of other scripts its place."""
+        """A key's name for `Controls.press`: its label, or its position on keyboards of other scripts."""
         glfw = self._glfw
         others = {glfw.KEY_UP: "up", glfw.KEY_DOWN: "down", glfw.KEY_ESCAPE: "escape"}
         for first in (glfw.KEY_0, glfw.KEY_KP_0):
@@ -162,12 +162,12 @@ class Window(Output):
         return str(name.lower() if name.isascii() else chr(key).lower())
 
     def _address(self, name: str) -> int:
-        """Of a GL function, 0 when there is none."""
+        """Address of a GL function, 0 when there is none."""
         return ctypes.cast(self._glfw.get_proc_address(name), ctypes.c_void_p).value or 0
 
 
-class Picture:
-    """A frame in GL: three textures and what draws them into the viewport.   context : moderngl.Context."""
+class FrameTexture:
+    """A frame in GL: three textures and the program that draws them.   context : moderngl.Context."""
 
     def __init__(self, context: Any) -> None:
         self.size = (1, 1)
@@ -178,7 +178,7 @@ class Picture:
         self._textures = [context.texture((1, 1), 1) for _ in range(3)]
 
     def load(self, frame: Frame) -> None:
-        """Take a frame's planes, its colour matrix and how it is turned."""
+        """Upload a frame's planes, its colour matrix and its orientation."""
         self.size = frame.width, frame.height
         planes, orientation = _planes(frame)
         for number, plane in enumerate(planes):
@@ -191,14 +191,14 @@ class Picture:
     def draw(self, viewport: tuple[int, int, int, int]) -> None:
         """Fill a rectangle x, y, w, h of the window."""
         self._context.viewport = viewport
-        exact = viewport[2:] == self.size  # quicker where a processor does the work of GL
+        exact = viewport[2:] == self.size  # then NEAREST gives the same pixels and is faster in software GL
         how = self._context.NEAREST if exact else self._context.LINEAR
         for number, texture in enumerate(self._textures):
             texture.filter = (how, how)
             texture.use(number)
         self._quad.render(self._context.TRIANGLE_STRIP, vertices=4)
 
-    def _load(self, number: int, plane: Plane) -> None:
+    def _load(self, number: int, plane: U8) -> None:
         size = plane.shape[1], plane.shape[0]
         if self._textures[number].size != size:
             self._textures[number].release()
@@ -207,7 +207,7 @@ class Picture:
 
 
 def fitted(size: tuple[int, int], room: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-    """The largest rectangle x, y, w, h with the proportions of a size (w, h), in the middle of another.
+    """The largest centred rectangle x, y, w, h inside another with the aspect ratio of a size (w, h).
 
     >>> fitted((640, 480), (0, 0, 1000, 480))
     (180, 0, 640, 480)
@@ -218,8 +218,8 @@ def fitted(size: tuple[int, int], room: tuple[int, int, int, int]) -> tuple[int,
     return left + (wide - w) // 2, top + (high - h) // 2, w, h
 
 
-def _planes(frame: Frame) -> tuple[list[Plane], Orientation]:
-    """Three planes of components as stored, and how they are turned to be shown."""
+def _planes(frame: Frame) -> tuple[list[U8], Orientation]:
+    """Three planes of components as stored, and the orientation for display."""
     if frame.video_frame is None:
         red, green, blue = (np.asarray(part, np.uint8) for part in cv2.split(frame.rgb()))
         return [green, blue, red], AS_STORED
@@ -227,19 +227,19 @@ def _planes(frame: Frame) -> tuple[list[Plane], Orientation]:
 
 
 def _fitting(glfw: Any, width: int, height: int) -> tuple[int, int]:
-    """The size of a new window, at most a share of the screen."""
+    """The size of a new window, at most MAX_SCREEN_SHARE of the screen."""
     _, _, wide, high = glfw.get_monitor_workarea(glfw.get_primary_monitor())
-    factor = min(1.0, LARGEST * wide / width, LARGEST * high / height)
+    factor = min(1.0, MAX_SCREEN_SHARE * wide / width, MAX_SCREEN_SHARE * high / height)
     return max(1, round(width * factor)), max(1, round(height * factor))
 
 
 def _libraries() -> tuple[ModuleType, ModuleType]:
-    """The optional libraries, which may be missing."""
+    """The optional libraries; OutputError when they are missing."""
     try:
         import glfw
         from moderngl_window.context import glfw as library
     except ImportError as error:
         raise OutputError(
-            f'a window needs more packages: pip install "guise-video[window]", or {INSTEAD}'
+            f'a window needs more packages: pip install "guise-video[window]", or {ALTERNATIVES}'
         ) from error
     return glfw, library

@@ -1,6 +1,6 @@
-"""The page Analogy: the expression of one photo or clip on another photo, and of one head on another.
+"""The page Analogy: transfer the expression of a photo or clip to another photo, and of a head to another head.
 
-What is made are jobs "analogy-photo" and "analogy-head", listed under the form that starts them.
+Results are jobs "analogy-photo" and "analogy-head", listed under the form that starts them.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Any
 from nicegui import ui
 
 from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, TARGET, ZIP, head, photo
-from guise.app.studio.analogy_slots import Slot
-from guise.app.studio.analogy_view import HeadView
-from guise.app.studio.questions import agreed
-from guise.app.studio.site import Studio, heading, page, show_job
+from guise.app.studio.analogy_view import HeadScene
+from guise.app.studio.dialogs import confirm
+from guise.app.studio.file_picker import FilePicker
+from guise.app.studio.site import Studio, heading, page, script, show_job
 from guise.app.studio.store import Clip, JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
 from guise.app.studio.uploads import PICTURE as IMAGE
@@ -29,13 +29,11 @@ HEAD_METHODS = {
     "gradients": "Deformation gradients",
     "cloning": "Expression cloning",
 }
-MOUTHS = {"fill": "Filled", "none": "As the paper does"}
-PHOTO_INTRO = (
-    "S is to S' as T is to T': the expression that changes S into S' is put on T, with wrinkles and shading."
-)
+MOUTHS = {"fill": "Filled", "none": "As in the paper"}
+PHOTO_INTRO = "S is to S' as T is to T': the expression that turns S into S' is transferred to T, wrinkles and shading included."
 HEAD_INTRO = (
-    "The expressions of one head are carried over to another, of any number of vertices. No landmark has to be "
-    "set: faces are found."
+    "The expressions of one head are transferred to another, whatever their numbers of vertices. You need not set "
+    "landmarks: faces are found."
 )
 
 
@@ -47,17 +45,18 @@ def register(studio: Studio) -> None:
 
 
 def _page(studio: Studio) -> None:
+    script("heads.js")
     with ui.tabs().classes("w-full") as tabs:
         photos, heads = ui.tab("Photos"), ui.tab("Heads")
     with ui.tab_panels(tabs, value=photos).classes("w-full bg-transparent"):
         with ui.tab_panel(photos).classes("p-0"):
-            _Photos(studio).build()
+            _PhotoForm(studio).build()
         with ui.tab_panel(heads).classes("p-0"):
-            _Heads(studio).build()
+            _HeadForm(studio).build()
 
 
-class _Part:
-    """A form, and what was made with it.   kind : of its jobs."""
+class _AnalogyForm:
+    """A form and its results.   kind : of its jobs."""
 
     kind = ""
 
@@ -66,14 +65,14 @@ class _Part:
 
     def _start(self, about: Callable[[], dict[str, Any]]) -> None:
         self.studio.jobs.start(self.kind, about())
-        self._made.refresh()
+        self._results.refresh()
 
     @ui.refreshable_method
-    def _made(self) -> None:
-        """Newest first; not what was cancelled."""
+    def _results(self) -> None:
+        """Newest first, without cancelled ones."""
         jobs = [job for job in self.studio.store.jobs() if job.kind == self.kind and job.state != "cancelled"]
         if jobs:
-            heading("Made")
+            heading("Results")
         for job in jobs:
             with ui.card().classes("w-full"):
                 self._job(job)
@@ -87,7 +86,7 @@ class _Part:
                 button = ui.button("Delete", color=None, on_click=partial(self._delete, job)).props("flat")
                 button.props["aria-label"] = f"Delete {job.about['title']}"
         if not job.ended:
-            show_job(self.studio, job.id, lambda _: self._made.refresh())
+            show_job(self.studio, job.id, lambda _: self._results.refresh())
         elif job.state == "failed":
             ui.label(job.sentence).props('role="status"')
         else:
@@ -102,37 +101,33 @@ class _Part:
         ui.link(words, self.studio.url(path)).props["download"] = name + path.suffix
 
     async def _delete(self, job: JobRow) -> None:
-        if await agreed(
-            "What was made will be deleted. The files that were uploaded stay.", "Delete", "Keep"
-        ):
+        if await confirm("Delete this result? The uploaded files are kept.", "Delete", "Keep"):
             self.studio.store.remove_job(job.id)
-            self._made.refresh()
+            self._results.refresh()
 
 
-class _Photos(_Part):
+class _PhotoForm(_AnalogyForm):
     kind = PHOTO
 
     def build(self) -> None:
-        """The form, and what was made."""
+        """The form and its results."""
         ui.label(PHOTO_INTRO).classes("mb-2")
         with ui.card().classes("w-full"):
             with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
-                self._s = Slot(self.studio, "S", "S: a person at rest", (IMAGE,))
-                self._s1 = Slot(
-                    self.studio, "S'", "S': the same with an expression, or a clip", (IMAGE, CLIP)
-                )
-                self._t = Slot(self.studio, "T", "T: another person at rest", (IMAGE,))
-            ui.label("With a clip, S may be left out: the frame nearest to a face at rest is taken.").classes(
-                "opacity-70"
-            )
+                self._s = FilePicker(self.studio, "S", "S: a person at rest", (IMAGE,))
+                self._s1 = FilePicker(self.studio, "S'", "S': with an expression, or a clip", (IMAGE, CLIP))
+                self._t = FilePicker(self.studio, "T", "T: another person at rest", (IMAGE,))
+            ui.label(
+                "With a clip, S is optional: the frame closest to a face at rest is used instead."
+            ).classes("opacity-70")
             self._method = one_of("Method", PHOTO_METHODS)
             self._mouth = one_of("Open mouth", MOUTHS)
             with ui.row().classes("items-center w-full no-wrap pr-4"):
                 ui.label("Strength").classes("w-24")
                 self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
                 self._strength.props('label aria-label="Strength"')
-            ui.button("Make it", on_click=lambda: self._start(self._about))
-        self._made()
+            ui.button("Create", on_click=lambda: self._start(self._about))
+        self._results()
 
     def _about(self) -> dict[str, Any]:
         s, s1, t = self._s.chosen, self._s1.chosen, self._t.chosen
@@ -140,7 +135,7 @@ class _Photos(_Part):
             raise StudioError("choose S' and T first")
         moves = isinstance(s1[0], Clip)
         if not s and not moves:
-            raise StudioError("choose S first: only with a clip can it be left out")
+            raise StudioError("choose S first: it is optional only with a clip")
         files = {str(row.path): row.name for row in (*s, *s1, *t)}
         return {
             "files": files, "s": str(s[0].path) if s else None, "s1": str(s1[0].path), "t": str(t[0].path),
@@ -161,23 +156,23 @@ class _Photos(_Part):
             self._link("Download video", made, title)
 
 
-class _Heads(_Part):
+class _HeadForm(_AnalogyForm):
     kind = HEAD
 
     def build(self) -> None:
-        """The form, and what was made."""
+        """The form and its results."""
         ui.label(HEAD_INTRO).classes("mb-2")
         with ui.card().classes("w-full"):
             with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-3"):
-                self._source = Slot(self.studio, "Source", "Source: a head at rest, or a rig", (MESH,))
-                self._expressions = Slot(
+                self._source = FilePicker(self.studio, "Source", "Source: a head at rest, or a rig", (MESH,))
+                self._expressions = FilePicker(
                     self.studio, "Expressions", "Its expressions, unless it is a rig", (MESH,), several=True
                 )
-                self._target = Slot(self.studio, "Target", "Target: another head at rest", (MESH,))
+                self._target = FilePicker(self.studio, "Target", "Target: another head at rest", (MESH,))
             self._method = one_of("Method", HEAD_METHODS)
-            self._keep_rigid = ui.switch("Leave eyes and teeth where they are")
-            ui.button("Carry over", on_click=lambda: self._start(self._about))
-        self._made()
+            self._keep_rigid = ui.switch("Keep eyes and teeth in place")
+            ui.button("Transfer", on_click=lambda: self._start(self._about))
+        self._results()
 
     def _about(self) -> dict[str, Any]:
         source, expressions, target = self._source.chosen, self._expressions.chosen, self._target.chosen
@@ -191,14 +186,14 @@ class _Heads(_Part):
         }  # fmt: skip
 
     def _result(self, job: JobRow, folder: Path) -> None:
-        HeadView(self.studio, job, folder).build()
+        HeadScene(self.studio, job, folder).build()
         with ui.row():
             self._link("Download rig (GLB)", folder / TARGET, job.about["title"])
             self._link("Download a mesh for each expression (ZIP)", folder / ZIP, job.about["title"])
 
 
 def one_of(words: str, values: dict[str, str]) -> ui.toggle:
-    """A row of buttons, the first of which is chosen."""
+    """A row of buttons; the first one is chosen."""
     with ui.row().classes("items-center"):
         ui.label(words).classes("w-24")
         toggle = ui.toggle(values, value=next(iter(values)))

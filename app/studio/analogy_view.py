@@ -1,4 +1,4 @@
-"""Two heads side by side that can be turned, the source and what was made, with one of their expressions."""
+"""A scene with two heads that can be turned, the source and the result, showing one of their expressions."""
 
 from __future__ import annotations
 
@@ -12,42 +12,24 @@ from guise.app.studio.analogy_jobs import SOURCE, TARGET
 from guise.app.studio.site import Studio
 from guise.app.studio.store import JobRow
 
-APART = 0.62  # of the middle of the scene, in heights of a head
-UPRIGHT = np.array(
-    [[1, 0, 0], [0, 0, -1], [0, 1, 0]], float
-)  # from right, up, forward to the scene's axes: z is up
-PAPER = "#1b1d20"
-SHOW = """
-const show = (tries) => {
-  const heads = getElement(%d)?.objects, ids = %s;
-  heads?.get("scene").mesh.traverse((light) => {  // as in a studio: shapes are seen by their shadows
-    if (light.isAmbientLight) light.intensity = 0.6;
-    if (light.isDirectionalLight) { light.intensity = 2.2; light.position.set(-4, -6, 5); }
-  });
-  const there = ids.map((id) => heads?.get(id)?.mesh).filter(Boolean);
-  there.forEach((head) => head.traverse((part) => {
-    part.morphTargetInfluences?.fill(0);
-    if (part.morphTargetInfluences && %d >= 0) part.morphTargetInfluences[%d] = %f;
-  }));
-  if (there.length < ids.length && tries) setTimeout(() => show(tries - 1), 100);
-};
-show(100);
-"""
+HALF_DISTANCE_HEADS = 0.62  # of a head from the middle of the scene, in head heights
+Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)  # from (right, up, forward) to the scene's axes
+BACKGROUND = "#1b1d20"
 
 
-class HeadView:
-    """A result on the page.   job : it.   folder : where its files are."""
+class HeadScene:
+    """The heads of a finished job.   folder : of its files."""
 
     def __init__(self, studio: Studio, job: JobRow, folder: Path) -> None:
         self._studio, self._job, self._folder = studio, job, folder
         self._heads: list[str] = []
 
     def build(self) -> None:
-        """The scene, and what is shown in it."""
+        """The scene and its controls."""
         names = self._job.result["names"]
         with ui.element("div").classes("w-full rounded overflow-hidden"):
             self._scene = ui.scene(
-                grid=False, background_color=PAPER, camera=ui.scene.perspective_camera(fov=30)
+                grid=False, background_color=BACKGROUND, camera=ui.scene.perspective_camera(fov=30)
             )
         self._scene.classes("w-full h-96").props('role="img"')
         self._scene.props["aria-label"] = (
@@ -55,7 +37,12 @@ class HeadView:
         )
         self._scene.move_camera(0, -2.6, 0, 0, 0, 0, duration=0)
         self._scene.on("init", self._show)
-        places = zip((SOURCE, TARGET), self._job.result["stands"], (-APART, APART), strict=True)
+        places = zip(
+            (SOURCE, TARGET),
+            self._job.result["stands"],
+            (-HALF_DISTANCE_HEADS, HALF_DISTANCE_HEADS),
+            strict=True,
+        )
         with self._scene:
             for file, stand, x in places:
                 self._heads.append(self._head(self._studio.url(self._folder / file), stand, x))
@@ -66,19 +53,19 @@ class HeadView:
             )
             self._amount = ui.slider(min=0, max=1.5, step=0.05, value=1.0, on_change=self._show)
             self._amount.props('label aria-label="Amount"')
-        ui.label().bind_text_from(self._shape, "value", self._told).classes("opacity-70")
+        ui.label().bind_text_from(self._shape, "value", self._summary).classes("opacity-70")
 
     def _head(self, url: str, stand: dict[str, Any], x: float) -> str:
-        """The id of a head that stands upright, as high as the unit."""
-        turned, scale = UPRIGHT @ np.array(stand["turned"]), 1 / stand["height"]
-        middle = scale * UPRIGHT @ np.array(stand["centre"])
+        """Id of a head that is placed upright at unit height."""
+        turned, scale = Z_UP @ np.array(stand["turned"]), 1 / stand["height"]
+        middle = scale * Z_UP @ np.array(stand["centre"])
         made = self._scene.gltf(url).scale(scale).rotate_R(turned.tolist())
         made.move(x - middle[0], -middle[1], -middle[2])
         return made.id
 
     def _show(self) -> None:
         shape, amount = int(self._shape.value), float(self._amount.value)
-        ui.run_javascript(SHOW % (self._scene.id, self._heads, shape, shape, amount))
+        ui.run_javascript(f"guiseHeads.show({self._scene.id}, {self._heads}, {shape}, {amount})")
 
-    def _told(self, shape: int) -> str:
+    def _summary(self, shape: int) -> str:
         return "" if shape < 0 else f"{self._job.result['names'][shape]}: {self._job.result['told'][shape]}."

@@ -1,7 +1,7 @@
-"""The page De-identify: upload a video, look at who is in it, choose what is done with each face, and have it made.
+"""The page De-identify: upload a video, review the people in it, choose what happens to each face, and render it.
 
-All videos are at /deidentify, each of them at /deidentify/ID, where ID is that of its job "deidentify-review".  What is
-made of it are jobs "deidentify-render", which name it in `about`.
+All videos are at /deidentify, each one at /deidentify/ID, where ID is that of its job "deidentify-review".  Renderings
+are jobs "deidentify-render", which refer to the review in `about`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from datetime import datetime
 from nicegui import ui
 
 from guise.app.deidentify.report.page import COUNTS, HEADLINES
-from guise.app.studio.deidentify_choices import ACTIONS, COVERS, SOUNDS, Editor, title
+from guise.app.studio.deidentify_editor import ACTIONS, COVERS, SOUNDS, TrackEditor, title
 from guise.app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
-from guise.app.studio.questions import agreed
+from guise.app.studio.dialogs import confirm
 from guise.app.studio.site import Studio, heading, page, show_job
 from guise.app.studio.store import Clip, JobRow, StudioError
 from guise.app.studio.uploads import uploader
@@ -23,10 +23,10 @@ PATH = "/deidentify"
 REVIEW, RENDER = "deidentify-review", "deidentify-render"
 TONES = {"good": "positive", "fair": "warning", "bad": "negative"}
 INTRO = (
-    "Every face in a video becomes another person's, with the expression kept, or is covered. Nothing is changed "
-    "before you have seen what was found. All of it stays on this computer."
+    "Every face in a video is replaced by another person's, keeping the expression, or is covered. You review what was "
+    "found before anything is changed. Everything stays on this computer."
 )
-LIMITS = (
+CAVEATS = (
     "Hair, body, clothes, voice and surroundings stay as they are, and a detector can miss a face: watch the whole "
     "video before you share it."
 )
@@ -37,7 +37,7 @@ def register(studio: Studio) -> None:
     studio.jobs.register(REVIEW, review)
     studio.jobs.register(RENDER, render)
     page(studio, PATH, "De-identify", lambda: _list(studio))
-    page(studio, PATH + "/{id}", "De-identify", lambda id: _case(studio, id))
+    page(studio, PATH + "/{id}", "De-identify", lambda id: _review_page(studio, id))
 
 
 # -- all videos -----------------------------------------------------------------------------------------------
@@ -47,21 +47,21 @@ def _list(studio: Studio) -> None:
     with ui.column().classes("w-full"):
         ui.label(INTRO)
         uploader(studio, "Upload a video", lambda clip: _begin(studio, clip))
-        _present(studio)
-        _earlier(studio)
+        _existing_clips(studio)
+        _earlier_reviews(studio)
 
 
-def _present(studio: Studio) -> None:
-    """The choice of a video that is here already."""
+def _existing_clips(studio: Studio) -> None:
+    """The choice of a video that was uploaded before."""
     clips = {clip.id: clip.name for clip in studio.store.clips()}
     if clips:
         with ui.row().classes("w-full items-center no-wrap"):
-            chosen = ui.select(clips, label="or one that is here already").classes("grow")
+            chosen = ui.select(clips, label="or choose one uploaded earlier").classes("grow")
             start = ui.button("Find faces", on_click=lambda: _begin(studio, studio.store.clip(chosen.value)))
             start.bind_enabled_from(chosen, "value", bool)
 
 
-def _earlier(studio: Studio) -> None:
+def _earlier_reviews(studio: Studio) -> None:
     reviews = [job for job in studio.store.jobs() if job.kind == REVIEW]
     if reviews:
         heading("Earlier")
@@ -85,17 +85,17 @@ def _entry(studio: Studio, job: JobRow) -> None:
 
 
 def _state(studio: Studio, job: JobRow) -> str:
-    """How far a video is, in a few words."""
+    """The state of a video in a few words."""
     if job.state != "done":
-        return {"failed": job.sentence, "cancelled": "cancelled"}.get(job.state, "looking for faces")
-    made = _made(studio, job.id)
-    if not made:
-        return "ready to be reviewed"
-    return made[0].result.get("sentence") or made[0].sentence or "rendering"
+        return {"failed": job.sentence, "cancelled": "cancelled"}.get(job.state, "finding faces")
+    renderings = _renderings(studio, job.id)
+    if not renderings:
+        return "ready for review"
+    return renderings[0].result.get("sentence") or renderings[0].sentence or "rendering"
 
 
-def _made(studio: Studio, id: str) -> list[JobRow]:
-    """What was made of a video, newest first; not what was cancelled."""
+def _renderings(studio: Studio, id: str) -> list[JobRow]:
+    """The renderings of a video, newest first, without cancelled ones."""
     jobs = [job for job in studio.store.jobs() if job.kind == RENDER and job.about["id"] == id]
     return [job for job in jobs if job.state != "cancelled"]
 
@@ -107,23 +107,23 @@ def _when(job: JobRow) -> str:
 # -- a video --------------------------------------------------------------------------------------------------
 
 
-def _case(studio: Studio, id: str) -> None:
-    case = _Case(studio, id)
+def _review_page(studio: Studio, id: str) -> None:
+    review_page = _ReviewPage(studio, id)
     with ui.column().classes("w-full"):
-        case.build()
+        review_page.build()
 
 
-class _Case:
-    """A video on a page: its progress, its tracks, and what was made of it."""
+class _ReviewPage:
+    """A video: its progress, its tracks, and its renderings."""
 
     def __init__(self, studio: Studio, id: str) -> None:
         self._studio = studio
         self._job = studio.store.job(id)
         if self._job.kind != REVIEW:
-            raise StudioError("this video is no longer there: go back to all videos")
+            raise StudioError("this video no longer exists: go back to all videos")
 
     def build(self) -> None:
-        """All of it."""
+        """The whole page."""
         with ui.row().classes("w-full items-center"):
             ui.link("All videos", PATH)
             title(self._job.about["name"]).classes("grow break-all")
@@ -137,25 +137,25 @@ class _Case:
             ui.label("You may leave this page and come back.")
             show_job(self._studio, job.id, lambda _: self._content.refresh())
         elif job.state == "done":
-            new = not _made(self._studio, job.id)
+            new = not _renderings(self._studio, job.id)
             with (
                 ui.expansion("Faces", icon="groups", value=new)
                 .classes("w-full")
                 .props('header-class="text-h6"')
             ):
-                Editor(self._studio, job, self._render).build()
+                TrackEditor(self._studio, job, self._render).build()
             self._results()
         else:
-            _banner("bad", "Nothing was done", job.sentence or "You have cancelled it.")
+            _banner("bad", "Nothing was done", job.sentence or "You cancelled it.")
 
     @ui.refreshable_method
     def _results(self) -> None:
-        """What was made, newest first."""
-        for place, job in enumerate(_made(self._studio, self._job.id)):
+        """The renderings, newest first."""
+        for place, job in enumerate(_renderings(self._studio, self._job.id)):
             if not job.ended:
                 show_job(self._studio, job.id, lambda _: self._results.refresh())
             elif job.state == "failed":
-                _banner("bad", "Nothing was made", job.sentence)
+                _banner("bad", "The rendering failed", job.sentence)
             else:
                 with ui.expansion(_when(job), icon="movie", value=place == 0).classes("w-full"):
                     _result(self._studio, job)
@@ -166,15 +166,15 @@ class _Case:
             "review": str(self._studio.store.folder_of(self._job.id)), "output": self._job.result["output"],
             "choices": asdict(choices),
         }  # fmt: skip
-        at_work = [job.about for job in _made(self._studio, self._job.id) if not job.ended]
-        if about not in at_work:  # of a double click, or in another tab
+        pending = [job.about for job in _renderings(self._studio, self._job.id) if not job.ended]
+        if about not in pending:  # from a double click, or from another tab
             self._studio.jobs.start(RENDER, about)
         self._results.refresh()
 
     async def _delete(self) -> None:
-        words = "What was found in this video and all that was made of it will be deleted. The video itself stays."
-        if await agreed(words, "Delete", "Keep"):
-            for job in [*_made(self._studio, self._job.id), self._job]:
+        question = "Delete the review of this video and all its renderings? The video itself is kept."
+        if await confirm(question, "Delete", "Keep"):
+            for job in [*_renderings(self._studio, self._job.id), self._job]:
                 self._studio.jobs.cancel(job.id)
                 self._studio.store.remove_job(job.id)
             ui.navigate.to(PATH)
@@ -187,7 +187,7 @@ def _banner(tone: str, headline: str, words: str) -> None:
     banner.style(f"border-color: var(--q-{TONES[tone]})")
 
 
-# -- what was made --------------------------------------------------------------------------------------------
+# -- a rendering --------------------------------------------------------------------------------------------
 
 
 def _result(studio: Studio, job: JobRow) -> None:
@@ -196,7 +196,7 @@ def _result(studio: Studio, job: JobRow) -> None:
     folder, output = studio.store.folder_of(job.id), job.about["output"]
     with ui.row().classes("w-full"):
         video = ui.video(studio.url(folder / output)).classes("grow basis-80")
-        video.style("max-height: 70vh").props('aria-label="The video that was made"')
+        video.style("max-height: 70vh").props('aria-label="The rendered video"')
         with ui.column().classes("grow basis-60"):
             _counts(job.result["counts"])
             ui.label(_chosen(Choices(**job.about["choices"]))).classes("opacity-70")
@@ -207,7 +207,7 @@ def _result(studio: Studio, job: JobRow) -> None:
             link = ui.link(f"Download {words}", studio.url(folder / name))
             link.props["download"] = download_name(job.about["name"], name)
         ui.link("Open the report", studio.url(folder / REPORTS[0]), new_tab=True)
-    ui.label(LIMITS).classes("opacity-70")
+    ui.label(CAVEATS).classes("opacity-70")
 
 
 def _counts(counts: dict[str, int]) -> None:

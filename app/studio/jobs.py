@@ -1,16 +1,13 @@
-"""Long work of the studio: in a process of its own, one piece after the other.
+"""Long-running work of the studio: jobs run one after the other, each in a process of its own.
 
-A job outlives the page that started it.  One that was interrupted by the end of the studio runs again, from its
-beginning, when the studio is started the next time.
+A job outlives the page that started it.  A job that is interrupted by the end of the studio runs again from its
+beginning when the studio is started the next time.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
-import os
 import shutil
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -19,36 +16,37 @@ from pathlib import Path
 from typing import Any
 
 from guise.app.studio.store import JobRow, Store, StudioError
+from guise.common.processes import ChildProcess
+from guise.common.progress import Progress
 
-Progress = Callable[[str, float], None]
-Function = Callable[[dict[str, Any], Path, Progress], dict[str, Any]]
+JobFunction = Callable[[dict[str, Any], Path, Progress], dict[str, Any]]
 
-_SPAWN = multiprocessing.get_context("spawn")
-_EVERY = 0.1  # seconds, between two reports of progress within a stage
-_PATIENCE = 2.0  # seconds, until a process that was told to end is killed
+REPORT_SECONDS = 0.1  # between two reports of progress within a stage
+TERMINATE_SECONDS = 2.0  # that a process gets to end before it is killed
 
 
-class Jobs:
+class JobQueue:
     """Runs jobs in the order in which they were started, from `open` to `close`.
 
-    The kinds are registered first.  A job's function is at the top of a module; it is called in a new process as
-    run(about, folder, progress) and returns the result, both as JSON holds them.  What it raises becomes a sentence.
+    Kinds are registered first.  A job's function is at the top level of a module; it is called in a new process as
+    function(about, folder, progress) and returns the result; `about` and the result are JSON objects.  An exception
+    becomes a sentence.
     """
 
     def __init__(self, store: Store) -> None:
         self.store = store
-        self._functions: dict[str, Function] = {}
+        self._functions: dict[str, JobFunction] = {}
         self._change = threading.Condition()
         self._closed = False
-        self._current: tuple[str, Any] | None = None
+        self._current: tuple[str, ChildProcess] | None = None
         self._thread = threading.Thread(target=self._work, name="studio jobs", daemon=True)
 
-    def register(self, kind: str, function: Function) -> None:
-        """Say what runs a kind of jobs."""
+    def register(self, kind: str, function: JobFunction) -> None:
+        """Set the function that runs a kind of jobs."""
         self._functions[kind] = function
 
     def open(self) -> None:
-        """Begin, with what was left undone."""
+        """Start working, beginning with what was left undone."""
         for job in self.store.jobs():
             if job.state == "running":
                 self.store.change_job(job.id, state="waiting")
@@ -57,7 +55,7 @@ class Jobs:
     def start(self, kind: str, about: dict[str, Any]) -> str:
         """Queue a job and return its id."""
         if kind not in self._functions:
-            raise StudioError(f"there is no work called {kind}; there are {', '.join(self._functions)}")
+            raise StudioError(f"there are no jobs of kind {kind}, only of {', '.join(self._functions)}")
         job = self.store.add_job(kind, about)
         with self._change:
             self._change.notify_all()
@@ -70,15 +68,15 @@ class Jobs:
                 return
             self.store.change_job(id, state="cancelled")
             if self._current is not None and self._current[0] == id:
-                _end(self._current[1])
+                self._current[1].terminate(TERMINATE_SECONDS)
             shutil.rmtree(self.store.folder_of(id), ignore_errors=True)
 
     def close(self) -> None:
-        """Stop; what runs is begun again the next time."""
+        """Stop; the running job starts over the next time."""
         with self._change:
             self._closed = True
             if self._current is not None:
-                _end(self._current[1])
+                self._current[1].terminate(TERMINATE_SECONDS)
             self._change.notify_all()
         if self._thread.is_alive():
             self._thread.join()
@@ -89,7 +87,7 @@ class Jobs:
                 self._run(job)
 
     def _next(self) -> JobRow | None:
-        """The oldest job that waits; None at the end."""
+        """Wait for the oldest waiting job; None when the queue is closed."""
         with self._change:
             while not self._closed:
                 waiting = [job for job in self.store.jobs() if job.state == "waiting"]
@@ -102,64 +100,54 @@ class Jobs:
         """Run a job to its end."""
         folder = self.store.folder_of(job.id)
         shutil.rmtree(folder, ignore_errors=True)
-        ours, theirs = _SPAWN.Pipe(duplex=False)
-        arguments = (theirs, self._functions.get(job.kind), job.about, folder)
-        process = _SPAWN.Process(target=_child, args=arguments, name=f"studio {job.kind}")
         with self._change:
             if self._closed or self.store.job(job.id).state != "waiting":
                 return
             folder.mkdir(parents=True)
             self.store.change_job(job.id, state="running")
-            process.start()
+            function = self._functions.get(job.kind)
+            # not a daemon: de-identification starts processes of its own
+            process = ChildProcess(
+                _run_job, function, job.about, folder, name=f"studio {job.kind}", daemon=False
+            )
             self._current = job.id, process
-        theirs.close()
         try:
-            self._listen(job.id, ours)
+            self._listen(job.id, process)
         finally:
-            ours.close()  # so that one that was removed ends at its next word
-            process.join()
+            process.close()  # the process of a removed job ends at its next report
             with self._change:
                 self._current = None
         with self._change:
-            self._conclude(job.id, folder, process.exitcode)
+            self._conclude(job.id, folder, process.exit_code)
 
-    def _listen(self, id: str, ours: Connection) -> None:
-        """Write down what the process says, until it ends."""
+    def _listen(self, id: str, process: ChildProcess) -> None:
+        """Store what the process reports until it ends."""
         while True:
             try:
-                change = ours.recv()
-            except EOFError:
+                change = process.receive()
+            except (EOFError, OSError):
                 return
             with self._change:
                 if self.store.job(id).state == "running":
                     self.store.change_job(id, **change)
 
     def _conclude(self, id: str, folder: Path, code: int | None) -> None:
-        """A process that ended without a word has failed; one that was ended with the studio has not."""
+        """Mark a job as failed whose process ended without a result, unless the studio ended it."""
         state = self.store.job(id).state
         if state == "running" and not self._closed:
-            sentence = f"the work ended unexpectedly (exit code {code}): start it again"
+            sentence = f"the job ended unexpectedly (exit code {code}): start it again"
             self.store.change_job(id, state="failed", sentence=sentence)
         if state != "done":
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _end(process: Any) -> None:
-    process.terminate()
-    process.join(_PATIENCE)
-    if process.is_alive():
-        process.kill()
-
-
-def _child(pipe: Connection, function: Function | None, about: dict[str, Any], folder: Path) -> None:
-    """The process of a job; it says how far it is, and at last what came of it."""
+def _run_job(pipe: Connection, function: JobFunction | None, about: dict[str, Any], folder: Path) -> None:
+    """What the process of a job does: it reports progress and, at the end, the result or the error."""
     from guise.common.failures import explain, trace
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the studio decides
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         if function is None:
-            raise StudioError("this version has no such work: remove it")
+            raise StudioError("this version has no jobs of this kind: remove it")
         result = function(about, folder, _Reporter(pipe))
         pipe.send({"state": "done", "share": 1.0, "result": result})
     except Exception as error:
@@ -167,22 +155,15 @@ def _child(pipe: Connection, function: Function | None, about: dict[str, Any], f
         pipe.send({"state": "failed", "sentence": explain(error)[0]})
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
 class _Reporter:
-    """Progress through a pipe, not more often than somebody could see."""
+    """Reports progress through a pipe, no more often than REPORT_SECONDS within a stage."""
 
     def __init__(self, pipe: Connection) -> None:
-        self._pipe, self._stage, self._said = pipe, "", 0.0
+        self._pipe, self._stage, self._reported = pipe, "", 0.0
 
     def __call__(self, stage: str, share: float) -> None:
         now = time.monotonic()
-        if stage == self._stage and now - self._said < _EVERY:
+        if stage == self._stage and now - self._reported < REPORT_SECONDS:
             return
-        self._stage, self._said = stage, now
+        self._stage, self._reported = stage, now
         self._pipe.send({"state": "running", "stage": stage, "share": min(1.0, max(0.0, share))})

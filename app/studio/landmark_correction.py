@@ -26,13 +26,12 @@ from guise.aam.landmarks import (
     open_landmarker,
     tight_box,
 )
-from guise.aam.landmarks.face import Image
 from guise.aam.landmarks.plausible import is_plausible_motion
 from guise.aam.landmarks.schemes import mean_geometry
 from guise.aam.similarity import align_planar
 from guise.app.landmarks.formats import About, Found, open_landmark_file
 from guise.app.media import open_input
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.files import write_whole
 from guise.common.progress import Progress
 from guise.common.threads import one_thread
@@ -66,8 +65,8 @@ class LandmarkEdit:
     first: int
     before: F32
     after: F32
-    origins_before: NDArray[np.uint8]
-    origins_after: NDArray[np.uint8]
+    origins_before: U8
+    origins_after: U8
     label: str = ""
 
     @property
@@ -88,9 +87,7 @@ class Correction:
     pts : (t,) time stamps of the frames.
     """
 
-    def __init__(
-        self, points: F32, found: F32, origin: NDArray[np.uint8], confidence: F32, pts: NDArray[np.int64]
-    ) -> None:
+    def __init__(self, points: F32, found: F32, origin: U8, confidence: F32, pts: NDArray[np.int64]) -> None:
         self.points, self.origin, self.pts = points.copy(), origin.copy(), pts
         self.found, self.confidence = found, confidence
         with one_thread():
@@ -119,7 +116,7 @@ class Correction:
         return bool(self._undone)
 
     @property
-    def doubtful(self) -> NDArray[np.bool_]:
+    def doubtful(self) -> Bool:
         """(t,) rows to check: no face, a low confidence, or a shape unlike the person's others."""
         known = self.residual[np.isfinite(self.residual)]
         limit = LIMITS.max_relative_residual * float(np.median(known)) if len(known) else np.inf
@@ -260,7 +257,7 @@ def shape_residuals(points: F32) -> F64:
     return result
 
 
-def propagated(landmarker: Landmarker, pictures: Iterable[Image], start: F32) -> Iterator[F32]:
+def propagated(landmarker: Landmarker, pictures: Iterable[U8], start: F32) -> Iterator[F32]:
     """Points (81, 2) of the frames after a corrected one, until the face is lost.
 
     The landmarker tracks the face from the corrected points.  Their difference from its own points in the first frame

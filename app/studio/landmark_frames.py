@@ -1,8 +1,7 @@
-"""The frames of a clip by their rows, for a page: in full, and as thumbnails.  Pixels as in docs/conventions.md."""
+"""The frames of a clip by row, in full and as thumbnails.  Pixels as in docs/conventions.md."""
 
 from __future__ import annotations
 
-import base64
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,20 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import LandmarkError
-from guise.app.media import Frame, open_source
-from guise.app.media.images import encode_image
+from guise.app.media import Frame, open_input
 from guise.app.media.segments import read_frames, scan
-from guise.app.studio.landmark_view import View
+from guise.app.studio.landmark_view import FrameView
+from guise.app.studio.pictures import data_url
+from guise.common.arrays import F32, U8
 
-Picture = NDArray[np.uint8]
-Points = NDArray[np.float32]
-
-THUMB = 72  # pixels, the side of a thumbnail
-AROUND = 4  # frames before and after the one that is shown that are kept for quick steps
+THUMBNAIL_PIXELS = 72  # on each side
+NEIGHBOUR_FRAMES = 4  # kept in memory on either side of the current frame
 
 
-class Frames:
-    """The frames of a clip by their rows.
+class ClipFrames:
+    """The frames of a clip by row.
 
     pts : (t,) time stamps of the rows.
     """
@@ -32,15 +29,15 @@ class Frames:
     def __init__(self, path: Path, pts: NDArray[np.int64]) -> None:
         self._path, self._scan = path, scan(path)
         self._index = np.searchsorted(self._scan.pts, pts)
-        self._near: dict[int, Picture] = {}
+        self._near: dict[int, U8] = {}
         self._lock = threading.Lock()
 
-    def rgb(self, row: int) -> Picture:
+    def rgb(self, row: int) -> U8:
         """The picture (h, w, 3) of a row."""
         with self._lock:
             if row not in self._near:
-                first = max(row - AROUND, 0)
-                pictures = self.between(first, min(row + AROUND + 1, len(self._index)))
+                first = max(row - NEIGHBOUR_FRAMES, 0)
+                pictures = self.between(first, min(row + NEIGHBOUR_FRAMES + 1, len(self._index)))
                 self._near = {first + i: frame.rgb().copy() for i, frame in enumerate(pictures)}
             if row not in self._near:
                 raise LandmarkError(f"frame {row + 1} of the clip cannot be read: choose another one")
@@ -50,9 +47,9 @@ class Frames:
         """The frames of the rows [first, last)."""
         return read_frames(self._path, self._scan, int(self._index[first]), int(self._index[last - 1]) + 1)
 
-    def faces(self, rows: set[int], points: Points) -> dict[int, str]:
-        """Thumbnails of rows, as addresses; points : (t, 81, 2) of all rows."""
-        with open_source(self._path) as source:
+    def faces(self, rows: set[int], points: F32) -> dict[int, str]:
+        """Thumbnails of rows, as data URLs; points : (t, 81, 2) of all rows."""
+        with open_input(self._path) as source:
             return {
                 frame.index: thumbnail(frame.rgb(), points[frame.index])
                 for frame in source
@@ -60,14 +57,8 @@ class Frames:
             }
 
 
-def thumbnail(rgb: Picture, points: Points) -> str:
-    """A small picture of the face at points (81, 2), or of the whole frame, as an address."""
-    view = View.whole(rgb.shape[1], rgb.shape[0])
+def thumbnail(rgb: U8, points: F32) -> str:
+    """A small picture of the face at points (81, 2), or of the whole frame, as a data URL."""
+    view = FrameView.whole(rgb.shape[1], rgb.shape[0])
     view = view.around(points) if np.isfinite(points).all() else view
-    return address(view.picture(rgb, THUMB))
-
-
-def address(picture: Picture) -> str:
-    """A picture as an address that holds it."""
-    data = base64.b64encode(encode_image(picture, None, ".jpg", {})).decode()
-    return f"data:image/jpeg;base64,{data}"
+    return data_url(view.picture(rgb, THUMBNAIL_PIXELS))

@@ -1,7 +1,7 @@
-"""The square part of a frame in which landmarks are corrected: its picture, its drawing, what a pointer means.
+"""The square view of a frame in which landmarks are corrected: its picture, its drawing, and pointer positions.
 
-A screen has SCREEN x SCREEN units, x right, y down, from 0 at its upper left corner; the browser scales it.  A frame's
-pixels count from their centres, as everywhere.
+The screen has SCREEN x SCREEN units, x right, y down, from 0 at its upper left corner; the browser scales it.  Pixel
+centres of a frame are at integers, as everywhere.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from guise.aam.landmarks import (
     GROUPS,
@@ -22,16 +22,23 @@ from guise.aam.landmarks import (
     RIGHT_EYE,
 )
 from guise.aam.landmarks.schemes import NOSE_BRIDGE, NOSE_WINGS, SILHOUETTE
-from guise.common.arrays import F64
+from guise.common.arrays import F32, F64, U8
 
-Picture = NDArray[np.uint8]
+SCREEN = 720  # screen units on each side
 
-SCREEN = 720
-REACH = 36  # screen units from a pointer within which a point is taken
-RING = 12  # screen units, the radius of what marks the chosen point
-SMALLEST = 24  # frame pixels across the view
-ROOM = 1.5  # sides of the view to that of the face
-_PAPER = (32, 32, 32)
+
+@dataclass(frozen=True)
+class ViewLimits:
+    """Sizes of the view."""
+
+    pick_radius_units: float = 36  # screen units around a pointer within which a point is picked
+    ring_radius_units: int = 12  # of the ring around the chosen point
+    min_size_pixels: int = 24  # of the frame, across the view
+    face_margin: float = 1.5  # side of the view relative to the face's
+
+
+LIMITS = ViewLimits()
+_BACKGROUND = (32, 32, 32)
 _CLOSED = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
 _OPEN = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
 _LINES = tuple([*group, group[0]] for group in _CLOSED) + tuple(list(group) for group in _OPEN)
@@ -56,15 +63,15 @@ class FrameView:
         side = max(width, height)
         return cls((width - side) // 2, (height - side) // 2, side, width, height)
 
-    def around(self, points: NDArray[np.float32]) -> FrameView:
-        """The view of the same frame that shows points (n, 2) with some room."""
+    def around(self, points: F32) -> FrameView:
+        """The view of the same frame that shows points (n, 2) with a margin."""
         low, high = points.min(0), points.max(0)
-        size = self._size(ROOM * float((high - low).max()))
+        size = self._size(LIMITS.face_margin * float((high - low).max()))
         x, y = np.round((low + high) / 2 - size / 2).astype(int).tolist()
         return replace(self, x=x, y=y, size=size)._inside()
 
-    def zoomed(self, factor: float, about: F64 | NDArray[np.float32]) -> FrameView:
-        """The view in which everything is `factor` times as large; the place `about` (2,), frame pixels, stays."""
+    def zoomed(self, factor: float, about: F64 | F32) -> FrameView:
+        """The view enlarged `factor` times around `about` (2,), frame pixels."""
         size = self._size(self.size / factor)
         corner = np.array([self.x, self.y])
         x, y = np.round(about - (about - corner) * (size / self.size)).astype(int).tolist()
@@ -77,36 +84,36 @@ class FrameView:
 
     @property
     def scale(self) -> float:
-        """Screen units to a pixel."""
+        """Screen units per frame pixel."""
         return SCREEN / self.size
 
     def to_screen(self, points: ArrayLike) -> F64:
-        """Points (..., 2) of the frame on the screen."""
+        """Frame pixels (..., 2) as screen units."""
         return np.asarray((np.asarray(points, np.float64) - (self.x, self.y) + 0.5) * self.scale)
 
     def to_frame(self, places: ArrayLike) -> F64:
-        """Places (..., 2) on the screen in the frame."""
+        """Screen units (..., 2) as frame pixels."""
         return np.asarray(np.asarray(places, np.float64) / self.scale - 0.5 + (self.x, self.y))
 
-    def nearest(self, points: NDArray[np.float32], place: ArrayLike) -> int | None:
-        """The point (n, 2) of the frame that a pointer at `place` (2,) on the screen means; None when all are far."""
-        away = np.linalg.norm(self.to_screen(points) - np.asarray(place), axis=1)
-        point = int(np.nan_to_num(away, nan=np.inf).argmin())
-        return point if away[point] <= REACH else None
+    def nearest(self, points: F32, place: ArrayLike) -> int | None:
+        """Index of the point (n, 2) closest to a pointer at `place` (2,), screen units; None when all are too far."""
+        distances = np.linalg.norm(self.to_screen(points) - np.asarray(place), axis=1)
+        point = int(np.nan_to_num(distances, nan=np.inf).argmin())
+        return point if distances[point] <= LIMITS.pick_radius_units else None
 
-    def picture(self, rgb: Picture, side: int = SCREEN) -> Picture:
-        """What is seen of a frame (h, w, 3); (side, side, 3), dark beyond it."""
+    def picture(self, rgb: U8, side: int = SCREEN) -> U8:
+        """The view of a frame (h, w, 3) as (side, side, 3), dark beyond the frame."""
         x0, y0 = max(self.x, 0), max(self.y, 0)
         part = rgb[y0 : max(self.y + self.size, 0), x0 : max(self.x + self.size, 0)]
         right, down = self.size - (x0 - self.x) - part.shape[1], self.size - (y0 - self.y) - part.shape[0]
         padded = cv2.copyMakeBorder(
-            part, y0 - self.y, down, x0 - self.x, right, cv2.BORDER_CONSTANT, value=_PAPER
+            part, y0 - self.y, down, x0 - self.x, right, cv2.BORDER_CONSTANT, value=_BACKGROUND
         )
         way = cv2.INTER_AREA if side < self.size else cv2.INTER_CUBIC
         return np.asarray(cv2.resize(padded, (side, side), interpolation=way), np.uint8)
 
-    def drawing(self, points: NDArray[np.float32], chosen: int | None) -> str:
-        """SVG of points (81, 2) and the lines between them, one of them chosen; "" where there are none."""
+    def drawing(self, points: F32, chosen: int | None) -> str:
+        """SVG of points (81, 2), the lines between them, and a ring around the chosen one; "" without points."""
         if not np.isfinite(points).all():
             return ""
         places = self.to_screen(points)
@@ -119,17 +126,18 @@ class FrameView:
         )
 
     def _size(self, wanted: float) -> int:
-        return int(np.clip(round(wanted), SMALLEST, max(self.width, self.height, SMALLEST)))
+        smallest = LIMITS.min_size_pixels
+        return int(np.clip(round(wanted), smallest, max(self.width, self.height, smallest)))
 
     def _inside(self) -> FrameView:
-        """Moved so that it shows no more beyond the frame than it must."""
+        """The view moved so that it shows as little as possible beyond the frame."""
         return replace(
             self, x=_within(self.x, self.size, self.width), y=_within(self.y, self.size, self.height)
         )
 
 
 def name_of(point: int) -> str:
-    """What a point is called.
+    """The name of a point.
 
     >>> name_of(36)
     'right eye, point 36'
@@ -139,12 +147,13 @@ def name_of(point: int) -> str:
 
 
 def _path(way: str, colour: str, width: float) -> str:
-    """SVG of a path whose width, pixels of the browser, does not depend on the size of the picture there."""
+    """SVG of a path whose stroke width is in the browser's pixels, whatever the size of the picture."""
     return f'<path d="{way}" stroke="{colour}" stroke-width="{width}" vector-effect="non-scaling-stroke"/>'
 
 
 def _ring(x: float, y: float) -> str:
-    circle = f"M{x - RING:.2f},{y:.2f}a{RING},{RING} 0 1 0 {2 * RING},0a{RING},{RING} 0 1 0 {-2 * RING},0"
+    r = LIMITS.ring_radius_units
+    circle = f"M{x - r:.2f},{y:.2f}a{r},{r} 0 1 0 {2 * r},0a{r},{r} 0 1 0 {-2 * r},0"
     return _path(circle, "#000", 5) + _path(circle, "#ffd84d", 2.5)
 
 
@@ -153,7 +162,7 @@ def _listed(places: F64) -> str:
 
 
 def _within(start: int, size: int, length: int) -> int:
-    """The start of a span within a length, or about the middle of a length that is shorter.
+    """The start of a span moved into a length, or centred when the span is longer.
 
     >>> _within(-5, 10, 100), _within(95, 10, 100), _within(7, 100, 50)
     (0, 90, -25)

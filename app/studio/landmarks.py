@@ -1,4 +1,4 @@
-"""The page Landmarks: a person's clip frame by frame, where points are moved by hand, and the model learned anew."""
+"""The page Landmarks: correct the landmarks of a person's clip by hand, then retrain the model."""
 
 from __future__ import annotations
 
@@ -8,34 +8,40 @@ from pathlib import Path
 
 from nicegui import ui
 
-from guise.app.studio.correction import Correction, landmarks_job, load_correction
-from guise.app.studio.landmark_editor import Editor
-from guise.app.studio.landmark_frames import Frames
+from guise.app.studio.landmark_correction import Correction, landmarks_job, load_correction
+from guise.app.studio.landmark_editor import LandmarkEditor
+from guise.app.studio.landmark_frames import ClipFrames
 from guise.app.studio.site import Studio, heading, page, show_job
 from guise.app.studio.store import Clip, JobRow, Person
 
 PATH = "/landmarks"
-KIND = "landmarks"
-PATIENCE = 600  # seconds for which unsaved work outlives its connection
+LANDMARKS_JOB = "landmarks"
+UNSAVED_WORK_SECONDS = 600  # for which unsaved work outlives its connection
 
 
 def register(studio: Studio) -> None:
-    """Add the pages and what they need done."""
-    studio.jobs.register(KIND, landmarks_job)
+    """Add the pages and their job."""
+    studio.jobs.register(LANDMARKS_JOB, landmarks_job)
     page(studio, PATH, "Landmarks", lambda: _people(studio))
-    page(studio, PATH + "/{id}", "Landmarks", lambda id: _open(studio, id), patience=PATIENCE)
+    page(
+        studio,
+        PATH + "/{id}",
+        "Landmarks",
+        lambda id: _open(studio, id),
+        reconnect_seconds=UNSAVED_WORK_SECONDS,
+    )
 
 
 def _people(studio: Studio) -> None:
-    """Whom to correct."""
+    """The choice of a person."""
     ui.label(
-        "A model is learned from these points. Where they are wrong, move them, and have the model learned anew."
+        "A model is trained on the landmarks of a clip. Move those that are wrong, then retrain the model."
     )
     clips = {clip.id for clip in studio.store.clips()}
     people = [person for person in studio.store.people() if person.clip in clips]
     if not people:
-        ui.label("There is nobody whose clip is still here.")
-        ui.link("Learn a person from a clip", "/people")
+        ui.label("None of your people has a clip here any more.")
+        ui.link("Add a person from a clip", "/people")
     with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
         for person in people:
             with ui.link(target=f"{PATH}/{person.id}").classes("no-underline text-inherit"), ui.card():
@@ -44,47 +50,47 @@ def _people(studio: Studio) -> None:
 
 
 def _open(studio: Studio, id: str) -> None:
-    """A person's page: the landmarks are found first where that was not done yet."""
+    """A person's page; the landmarks are found first where that has not been done yet."""
     person = studio.store.person(id)
     clip = studio.store.clip(person.clip or "")
     heading(person.name)
-    with ui.column().classes("w-full") as desk:
+    with ui.column().classes("w-full") as content:
         if landmark_file(clip).exists():
-            ui.timer(0, partial(_begin, studio, person, clip), once=True)
+            ui.timer(0, partial(_edit, studio, person, clip), once=True)
         else:
-            _find(studio, person, clip, desk)
+            _find(studio, person, clip, content)
 
 
-def _find(studio: Studio, person: Person, clip: Clip, desk: ui.column) -> None:
-    """Find the landmarks, then begin."""
+def _find(studio: Studio, person: Person, clip: Clip, content: ui.column) -> None:
+    """Find the landmarks, then open the editor."""
 
     def ended(job: JobRow) -> None:
-        desk.clear()
-        with desk:
+        content.clear()
+        with content:
             if job.state == "done":
-                ui.timer(0, partial(_begin, studio, person, clip), once=True)
+                ui.timer(0, partial(_edit, studio, person, clip), once=True)
             else:
                 ui.label(job.sentence or "Cancelled.")
                 ui.link("Try again", f"{PATH}/{person.id}")
 
     about = {"clip": str(clip.path), "output": str(landmark_file(clip))}
-    running = [j for j in studio.store.jobs() if j.kind == KIND and j.about == about and not j.ended]
-    ui.label("The landmarks of the clip are being found.")
-    show_job(studio, running[0].id if running else studio.jobs.start(KIND, about), ended)
+    running = [j for j in studio.store.jobs() if j.kind == LANDMARKS_JOB and j.about == about and not j.ended]
+    ui.label("Finding the landmarks of the clip.")
+    show_job(studio, running[0].id if running else studio.jobs.start(LANDMARKS_JOB, about), ended)
 
 
-async def _begin(studio: Studio, person: Person, clip: Clip) -> None:
+async def _edit(studio: Studio, person: Person, clip: Clip) -> None:
     spinner = ui.spinner(size="lg")
     frames, correction = await asyncio.to_thread(_loaded, clip)
     spinner.delete()
-    await Editor(studio, person, landmark_file(clip), correction, frames).build()
+    await LandmarkEditor(studio, person, landmark_file(clip), correction, frames).build()
 
 
 def landmark_file(clip: Clip) -> Path:
-    """Where the landmarks of a clip lie; learning from the clip finds them there."""
+    """The landmark file of a clip; training on the clip uses it."""
     return clip.path.with_suffix(".landmarks.npz")
 
 
-def _loaded(clip: Clip) -> tuple[Frames, Correction]:
+def _loaded(clip: Clip) -> tuple[ClipFrames, Correction]:
     correction = load_correction(landmark_file(clip))
-    return Frames(clip.path, correction.pts), correction
+    return ClipFrames(clip.path, correction.pts), correction

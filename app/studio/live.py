@@ -16,87 +16,77 @@ from nicegui import ui
 
 from guise.aam.model import Identity
 from guise.app.live.capture import CameraCapture
-from guise.app.live.controls import Controls, Settings
-from guise.app.live.pipeline import Stats
-from guise.app.live.session import Plan
+from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.session import SessionConfig
+from guise.app.live.stats import PipelineStats
 from guise.app.media import MediaError
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
+from guise.app.studio.live_run import LiveRun
 from guise.app.studio.rtc import Peer, PeerOutput
-from guise.app.studio.show import Show
-from guise.app.studio.site import Studio, heading, page
+from guise.app.studio.site import Studio, camera_error, heading, page, script
 from guise.app.swapping.donors import SUFFIX, open_donor
 
-OWN, SERVER = "browser", "server"
-CAMERAS = {OWN: "This browser's camera", SERVER: "The computer's camera"}
+BROWSER, COMPUTER = "browser", "server"
+CAMERAS = {BROWSER: "This browser's camera", COMPUTER: "The computer's camera"}
 MODES = {"swap": "Swap", "puppet": "Puppet", "off": "Cover"}
 STYLES = {"mosaic": "Mosaic", "solid": "Solid", "blur": "Blur"}
 STATES = {
     "swapped": "",
     "covered": "Your face is covered: it cannot be seen well enough.",
-    "lost": "No face is seen: all is covered.",
+    "lost": "No face found: everything is covered.",
     "off": "Your face is covered, as you chose.",
 }
-MISTAKES = {
-    "NotAllowedError": "The browser may not use the camera: allow it beside the address, then start again.",
-    "NotFoundError": "The browser has found no camera: connect one, or choose the computer's camera.",
-    "NotReadableError": "Another program uses the camera: close it, then start again.",
-    "NetworkError": (
-        "The browser connects nothing while this computer is in no network: join one (no picture is sent there), "
-        "or use guise live in a terminal."
-    ),
-}
 NOBODY = ""  # instead of a person's id: enrol
-SIZE = (640, 480)  # pixels, of the computer's camera
-LOOK = 0.5  # seconds between two looks at what goes on
-PAST = 120  # looks that the graph shows
-PATIENCE = 120.0  # seconds in which the user may allow the camera
+CAMERA_SIZE = (640, 480)  # pixels, of the computer's camera
+UPDATE_SECONDS = 0.5  # between two updates of the page
+GRAPH_POINTS = 120  # of the latency graph, one for each update
+PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
 _PERSON = "live_person"  # the setting
 
 
 def register(studio: Studio) -> None:
-    """Add the page / and what it loads."""
-    shows: set[Show] = set()
-    nicegui_app.add_static_files("/static", Path(__file__).parent / "static")
-    nicegui_app.on_shutdown(lambda: _end(shows))
-    page(studio, "/", "Live", lambda: _Page(studio, shows).build())
+    """Add the page /."""
+    runs: set[LiveRun] = set()
+    nicegui_app.on_shutdown(lambda: _end(runs))
+    page(studio, "/", "Live", lambda: _LivePage(studio, runs).build())
 
 
-def _end(shows: set[Show]) -> None:
-    for show in shows:
-        show.stop()
+def _end(runs: set[LiveRun]) -> None:
+    for run in runs:
+        run.stop()
 
 
-class _Page:
+class _LivePage:
     """One visitor's page, with at most one run.
 
-    shows : all runs of the studio, which end with it.
+    runs : all runs of the studio, which end with it.
     """
 
-    def __init__(self, studio: Studio, shows: set[Show]) -> None:
-        self.studio, self._shows = studio, shows
+    def __init__(self, studio: Studio, runs: set[LiveRun]) -> None:
+        self.studio, self._runs = studio, runs
         self._faces = studio.faces()
-        self._controls = Controls(len(self._faces), Settings(identity=self._fictional(), mirror=True))
+        self._controls = Controls(len(self._faces), LiveSettings(identity=self._fictional(), mirror=True))
         self._folder = Path(tempfile.mkdtemp(prefix="guise-live-"))
         self._peer: Peer | None = None
-        self._show: Show | None = None
-        self._made = ""  # id of the person that was just learned
-        self._offered: set[Path] = set()
-        self._past: deque[float] = deque([0.0] * PAST, PAST)
+        self._run: LiveRun | None = None
+        self._enrolled = ""  # id of the person who has just been enrolled
+        self._downloaded: set[Path] = set()
+        self._latencies: deque[float] = deque([0.0] * GRAPH_POINTS, GRAPH_POINTS)
 
     def build(self) -> None:
         self._client = ui.context.client
         self._client.on_delete(self._leave)
-        ui.add_head_html('<script src="/static/live.js"></script>')
+        script("live.js")
         ui.on("live-camera-ended", self._camera_ended)
         with ui.column().classes("w-full gap-4"):
             self._stage()
             self._choices()
             self._readout()
-        self._show_state()
-        self._timer = ui.timer(LOOK, self._look, active=False)
+        self._update_state()
+        self._timer = ui.timer(UPDATE_SECONDS, self._poll, active=False)
 
-    # -- what is seen ---------------------------------------------------------------------------------------
+    # -- layout ---------------------------------------------------------------------------------------
 
     def _stage(self) -> None:
         with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
@@ -114,11 +104,11 @@ class _Page:
             self._snap = ui.button("Snapshot", icon="photo_camera", on_click=self._snapshot).props("outline")
 
     def _choices(self) -> None:
-        """Everything that can be chosen; most of it also while it runs."""
+        """All settings; most of them can be changed while a run goes on."""
         settings, people = self._controls.settings, self._people()
         remembered = self.studio.store.setting(_PERSON)
         with ui.card().classes("w-full"), ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
-            self._camera = _select("Camera", CAMERAS, OWN, lambda _: self._show_state())
+            self._camera = _select("Camera", CAMERAS, BROWSER, lambda _: self._update_state())
             person = remembered if remembered in people else next(iter(people))
             self._person = _select("Who is at the camera", people, person, self._choose_person)
             _select(
@@ -127,7 +117,7 @@ class _Page:
                 settings.identity,
                 self._changer("identity"),
             )
-            _select("What is covered", STYLES, settings.style, self._changer("style"))
+            _select("Cover style", STYLES, settings.style, self._changer("style"))
             with ui.column().classes("gap-0"):
                 ui.label("Mode").props("id=live-mode")
                 mode = ui.toggle(MODES, value=settings.mode, on_change=self._changer("mode"))
@@ -144,46 +134,45 @@ class _Page:
 
     def _readout(self) -> None:
         with ui.card().classes("w-full"):
-            heading("How fast it is")
+            heading("Performance")
             self._figures = ui.label().classes("tabular-nums")
-            self._graph = ui.echart(_graph(list(self._past))).classes("w-full h-40")
-            self._graph.props('role=img aria-label="Latency on the server, lately"')
+            self._graph = ui.echart(_graph(list(self._latencies))).classes("w-full h-40")
+            self._graph.props('role=img aria-label="Recent latency on the server"')
 
-    def _show_state(self) -> None:
-        """Make buttons, pictures and words fit what goes on."""
-        live = self._show is not None
+    def _update_state(self) -> None:
+        """Update buttons, pictures and texts to the state of the run."""
+        live = self._run is not None
         self._start_button.set_visibility(not live)
         self._stop_button.set_visibility(live)
         for element in (self._record, self._snap):
             element.set_enabled(live)
         self._camera.set_enabled(not live)
-        self._own.set_visibility(self._camera.value == OWN)
+        self._own.set_visibility(self._camera.value == BROWSER)
         if not live:
             self._ring.set_visibility(False)
-            self._message.text = "Start, and you are asked for the camera; no picture leaves this computer."
-            self._figures.text = figures(Stats())
+            self._message.text = "Start asks for your camera; no picture leaves this computer."
+            self._figures.text = figures(PipelineStats())
         for video in (self._own, self._result):
             video.classes(**{"add" if self._controls.settings.mirror else "remove": "-scale-x-100"})
 
-    # -- what happens ---------------------------------------------------------------------------------------
+    # -- actions ---------------------------------------------------------------------------------------
 
     async def _start(self) -> None:
-        """Connect the browser and begin; the camera may have to be allowed first."""
+        """Connect the browser and begin; the user may have to allow the camera first."""
         self._start_button.disable()
-        self._message.text = "Allow the camera …" if self._camera.value == OWN else "Connecting …"
+        self._message.text = "Allow the camera …" if self._camera.value == BROWSER else "Connecting …"
         try:
             await self._connect()
         finally:
             self._start_button.enable()
-            self._show_state()
+            self._update_state()
 
     async def _connect(self) -> None:
-        own = f"getHtmlElement({self._own.id})" if self._camera.value == OWN else "null"
+        own = f"getHtmlElement({self._own.id})" if self._camera.value == BROWSER else "null"
         code = f"return await guiseLive.begin({own}, getHtmlElement({self._result.id}))"
-        offer: dict[str, str] = await ui.run_javascript(code, timeout=PATIENCE)
+        offer: dict[str, str] = await ui.run_javascript(code, timeout=PERMISSION_SECONDS)
         if "error" in offer:
-            why = offer["error"]
-            ui.notify(MISTAKES.get(why, f"The camera cannot be used ({why})."), type="negative")
+            ui.notify(camera_error(offer["error"]), type="negative")
             return
         self._peer = Peer()
         answer = await self._peer.answer(offer)
@@ -191,146 +180,146 @@ class _Page:
         await self._begin()
 
     async def _begin(self) -> None:
-        """Run with the person that is chosen."""
+        """Start a run with the chosen person."""
         assert self._peer is not None
-        plan = await asyncio.to_thread(self._plan, self._person.value)
-        camera = self._peer.camera if self._camera.value == OWN else _computers_camera
+        config = await asyncio.to_thread(self._session_config, self._person.value)
+        camera = self._peer.camera if self._camera.value == BROWSER else _computers_camera
         output, alive = PeerOutput(self._peer, self._controls), self._peer.alive
-        self._show = Show(camera, plan, self._controls, output, self._folder, alive)
-        self._shows.add(self._show)
+        self._run = LiveRun(camera, config, self._controls, output, self._folder, alive)
+        self._runs.add(self._run)
         self._timer.activate()
 
-    def _plan(self, person: str) -> Plan:
+    def _session_config(self, person: str) -> SessionConfig:
         """Load the models.  ModelError when one cannot be used."""
         faces = [Identity.load(face) if face.endswith(SUFFIX) else open_donor(face) for face in self._faces]
         known = Identity.load(self.studio.store.person(person).path) if person else None
-        return Plan(faces, known, name="Me", keep=self._keep)
+        return SessionConfig(faces, known, name="Me", keep=self._keep)
 
     def _keep(self, made: Identity) -> None:
-        """Add the person who was learned to the studio's people, in the thread of the work."""
+        """Add a newly enrolled person to the studio's people; called in the run's processing thread."""
         person = self.studio.store.add_person(made.name, None)
         save_picture(person.montage, montage(made))
         made.save(person.path)
-        self._made = person.id
+        self._enrolled = person.id
 
     async def _stop(self) -> None:
         """End the run and the connection."""
         self._timer.deactivate()
-        await self._end_show()
+        await self._end_run()
         if self._peer is not None:
             await self._peer.close()
         self._peer = None
         ui.run_javascript("guiseLive.end()")
-        self._show_state()
+        self._update_state()
 
-    async def _end_show(self) -> None:
-        if (show := self._show) is not None:
-            self._show = None
-            await asyncio.to_thread(show.stop)
-            self._shows.discard(show)
-            self._tell(show)
+    async def _end_run(self) -> None:
+        if (run := self._run) is not None:
+            self._run = None
+            await asyncio.to_thread(run.stop)
+            self._runs.discard(run)
+            self._report(run)
 
     async def _leave(self) -> None:
         """The tab was closed."""
-        await self._end_show()
+        await self._end_run()
         if self._peer is not None:
             await self._peer.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     async def _camera_ended(self) -> None:
         await self._stop()
-        ui.notify("The camera is gone: connect it, then start again.", type="warning")
+        ui.notify("The camera was disconnected: connect it and start again.", type="warning")
 
     async def _choose_person(self, event: Any) -> None:
-        """Go on with another person, or enrol."""
+        """Continue with another person, or enrol."""
         person: str = event.value
-        if person == self._made:
+        if person == self._enrolled:
             return
         self.studio.store.remember(_PERSON, person)
-        if self._show is not None:
-            await self._end_show()
+        if self._run is not None:
+            await self._end_run()
             await self._begin()
 
     def _changer(self, name: str) -> Callable[[Any], None]:
-        """What takes a new value of a setting."""
+        """A handler that changes a setting."""
 
         def change(event: Any) -> None:
             self._controls.change(**{name: event.value})
-            self._show_state()
+            self._update_state()
 
         return change
 
     def _toggle_recording(self) -> None:
-        if self._show is not None:
-            self._show.record()
+        if self._run is not None:
+            self._run.toggle_recording()
 
     async def _snapshot(self) -> None:
-        if self._show is not None and (path := await asyncio.to_thread(self._show.snapshot)) is not None:
+        if self._run is not None and (path := await asyncio.to_thread(self._run.snapshot)) is not None:
             ui.download.file(path)
 
-    async def _look(self) -> None:
-        """Show what has happened since the last look."""
-        show, peer = self._show, self._peer
-        if show is None or peer is None:
+    async def _poll(self) -> None:
+        """Update the page."""
+        run, peer = self._run, self._peer
+        if run is None or peer is None:
             return
-        if not peer.alive() or not show.running:
+        if not peer.alive() or not run.running:
             await self._stop()
             return
-        self._tell(show)
-        self._show_latest(show)
-        if self._made and self._person.value != self._made:
-            self._person.set_options(self._people(), value=self._made)
-            self.studio.store.remember(_PERSON, self._made)
+        self._report(run)
+        self._show_latest(run)
+        if self._enrolled and self._person.value != self._enrolled:
+            self._person.set_options(self._people(), value=self._enrolled)
+            self.studio.store.remember(_PERSON, self._enrolled)
 
-    def _show_latest(self, show: Show) -> None:
-        if (shown := show.latest) is not None:
-            self._message.text = shown.message or STATES.get(shown.look.outcome, "")
+    def _show_latest(self, run: LiveRun) -> None:
+        if (shown := run.latest) is not None:
+            self._message.text = shown.message or STATES.get(shown.result.outcome, "")
             self._ring.set_visibility(shown.ring is not None)
             self._ring.value = shown.ring or 0.0
-        self._record.text = "End recording" if show.recording else "Record"
-        stats = show.stats
-        self._past.append(round(stats.latency, 1))
+        self._record.text = "Stop recording" if run.recording else "Record"
+        stats = run.stats
+        self._latencies.append(round(stats.latency, 1))
         self._figures.text = figures(stats)
-        self._graph.options["series"][0]["data"] = list(self._past)
+        self._graph.options["series"][0]["data"] = list(self._latencies)
         self._graph.update()
 
-    def _tell(self, show: Show) -> None:
-        """Say what is to be said, and hand over recordings that are complete."""
-        while not show.notes.empty():
-            ui.notify(show.notes.get())
-        for path in show.recorded():
-            if path not in self._offered:
-                self._offered.add(path)
+    def _report(self, run: LiveRun) -> None:
+        """Show messages, and download recordings that are complete."""
+        while not run.notes.empty():
+            ui.notify(run.notes.get())
+        for path in run.recorded():
+            if path not in self._downloaded:
+                self._downloaded.add(path)
                 ui.download.file(path)
 
     def _fictional(self) -> int:
-        """Which of the faces is the first of the gallery's."""
+        """Index of the first face of the gallery."""
         return next(i for i, face in enumerate(self._faces) if not face.endswith(SUFFIX))
 
     def _people(self) -> dict[str, str]:
-        """Ids and names of those who can be at the camera."""
+        """Ids and names of the people who can be at the camera."""
         return {person.id: person.name for person in self.studio.store.people()} | {NOBODY: "Enrol me (20 s)"}
 
 
 def _computers_camera() -> CameraCapture:
     try:
-        return CameraCapture(size=SIZE)
+        return CameraCapture(size=CAMERA_SIZE)
     except MediaError as error:
         raise MediaError(
-            "the computer's camera cannot be opened: connect one, or use this browser's"
+            "the computer's camera cannot be opened: connect one, or use this browser's camera"
         ) from error
 
 
-def figures(stats: Stats) -> str:
-    """The read-out in words."""
+def figures(stats: PipelineStats) -> str:
+    """The readout in words."""
     return (
-        f"{stats.fps:.0f} frames a second · latency {stats.latency:.0f} ms, 95 % {stats.latency_95:.0f} ms · "
-        f"{stats.dropped + stats.skipped} dropped"
+        f"{stats.fps:.0f} frames per second · median latency {stats.latency:.0f} ms, 95th percentile "
+        f"{stats.latency_95:.0f} ms · {stats.dropped + stats.skipped} dropped"
     )
 
 
 def _video(name: str) -> ui.element:
-    """A place for moving pictures."""
+    """A video element."""
     video = ui.element("video").props("autoplay muted playsinline")
     video.props["aria-label"] = name
     return video.classes("w-full rounded bg-black aspect-[4/3] object-contain")
@@ -344,13 +333,13 @@ def _select(label: str, options: dict[Any, str], value: Any, change: Callable[[A
     )
 
 
-def _graph(past: list[float]) -> dict[str, Any]:
-    """Options of a line through latencies, milliseconds."""
+def _graph(latencies: list[float]) -> dict[str, Any]:
+    """Options of a line graph of latencies, milliseconds."""
     return {
         "animation": False,
         "grid": {"left": 45, "right": 10, "top": 30, "bottom": 10},
         "xAxis": {"type": "category", "show": False},
         "yAxis": {"type": "value", "name": "ms", "min": 0, "splitNumber": 3},
         "textStyle": {"color": "#888"},
-        "series": [{"type": "line", "data": past, "showSymbol": False}],
+        "series": [{"type": "line", "data": latencies, "showSymbol": False}],
     }

@@ -1,4 +1,4 @@
-"""Errors of a job in the user's own words for the files."""
+"""Error messages of jobs with the user's own names for files."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from guise.common.errors import GuiseError
 
 
 @contextmanager
-def called(names: Mapping[Path, str]) -> Iterator[None]:
-    """A user's mistake is raised as StudioError that tells of the files by these names."""
+def user_names(names: Mapping[Path, str]) -> Iterator[None]:
+    """Raise a user's mistake again as StudioError that calls the files by these names."""
     try:
         yield
     except GuiseError as error:
-        told = str(error)
-        for path, name in names.items():
-            told = told.replace(str(path), name).replace(path.name, name)
-        raise StudioError(told) from error
+        raise StudioError(with_user_names(str(error), names)) from error
+
+
+def with_user_names(text: str, names: Mapping[Path, str]) -> str:
+    """The text with the user's names in place of paths."""
+    for path, name in names.items():
+        text = text.replace(str(path), name).replace(path.name, name)
+    return text

@@ -1,7 +1,7 @@
-"""The video connection of one browser tab: the pictures of its camera come in, finished pictures go out.
+"""The WebRTC connection of one browser tab: its camera's frames come in, finished frames go out.
 
-Neither way queues: whoever is late loses the picture, not the time.  No server outside is asked for addresses (STUN),
-as browser and server are on one machine.  Pictures stay in the planes of the codec.
+Neither direction queues: a frame that is late is dropped.  No STUN server is asked for addresses, because browser and
+server are on one machine.  Frames stay in the planes of the codec.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ from aiortc.mediastreams import MediaStreamError
 
 from guise.app.live.capture import Capture
 from guise.app.live.controls import Controls
-from guise.app.live.output import Output, Shown
+from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import draw_mask, draw_mesh
-from guise.app.live.slot import Slot
+from guise.app.live.slot import LatestSlot
 from guise.app.media import Frame
 from guise.app.media.colour import BT470BG
 from guise.app.media.frame import clone_video_frame
-from guise.app.media.target import Target
+from guise.app.media.picture_format import PictureFormat
 from guise.app.studio.store import StudioError
 
-TICK = Fraction(1, 90_000)  # seconds; the clock of video in RTP
-CODECS = ("video/VP8", "video/rtx", "video/H264")  # aiortc encodes VP8 in a third of the time
-BITRATE = 2_500_000  # bits a second, both ways; the machine's own loopback is never congested
+RTP_TIME_BASE = Fraction(1, 90_000)  # seconds
+CODECS = ("video/VP8", "video/rtx", "video/H264")  # aiortc encodes VP8 in a third of the time of H.264
+BITS_PER_SECOND = 2_500_000  # in both directions; the loopback interface is never congested
 
-vpx.DEFAULT_BITRATE = vpx.MIN_BITRATE = vpx.MAX_BITRATE = BITRATE  # aiortc has no other way
+vpx.DEFAULT_BITRATE = vpx.MIN_BITRATE = vpx.MAX_BITRATE = BITS_PER_SECOND  # aiortc has no other way
 
 
 class BrowserCamera(Capture):
-    """Frames of a browser's camera, the latest each time; ends when the connection does."""
+    """Always the latest frame of a browser's camera; ends when the connection does."""
 
     name = "the browser's camera"
 
     def __init__(self) -> None:
-        self._slot: Slot[Frame] = Slot()
+        self._slot: LatestSlot[Frame] = LatestSlot()
         self._count = 0
 
     def put(self, video: Any) -> None:
-        """Offer a decoder's picture."""
+        """Offer a decoded video frame."""
         self.width, self.height = video.width, video.height
-        self._slot.put(Frame(video, pts=video.pts, time_base=TICK, index=self._count))
+        self._slot.put(Frame(video, pts=video.pts, time_base=RTP_TIME_BASE, index=self._count))
         self._count += 1
 
     def __iter__(self) -> Iterator[Frame]:
@@ -69,7 +69,7 @@ class BrowserCamera(Capture):
 
 
 class ResultTrack(MediaStreamTrack):
-    """What the browser is sent: the latest picture each time that the encoder is ready for one."""
+    """What the browser receives: the latest frame whenever the encoder is ready for one."""
 
     kind = "video"
 
@@ -79,14 +79,14 @@ class ResultTrack(MediaStreamTrack):
         self._latest: asyncio.Queue[Any] = asyncio.Queue(1)
 
     def offer(self, video: Any) -> None:
-        """Offer a picture, or None for the end; it replaces one that was not sent yet.  In the event loop."""
+        """Offer a video frame, or None for the end; it replaces one not yet sent.  Called in the event loop."""
         if self._latest.full():
             self._latest.get_nowait()
             self.dropped += 1
         self._latest.put_nowait(video)
 
     async def recv(self) -> Any:
-        """The latest picture, as soon as there is one."""
+        """The latest video frame, as soon as there is one."""
         video = None if self.readyState == "ended" else await self._latest.get()
         if video is None:
             self.stop()
@@ -95,44 +95,44 @@ class ResultTrack(MediaStreamTrack):
 
 
 class PeerOutput(Output):
-    """Sends finished pictures to the browser; the page shows what is to be read, mirrored or not.
+    """Sends finished frames to the browser; mirroring and messages are left to the page.
 
     Parameters
     ----------
-    peer : of the browser.   controls : say whether mask and mesh are drawn.
+    peer : of the browser.   controls : hold the settings, such as mask and mesh.
     """
 
     def __init__(self, peer: Peer, controls: Controls) -> None:
         self._peer, self._controls = peer, controls
 
-    def show(self, shown: Shown) -> None:
-        """Offer a copy of a picture, stamped with the time at which it came."""
+    def show(self, shown: OutputFrame) -> None:
+        """Offer a copy of a frame, stamped with its time of arrival."""
         video = picture(shown, mask=self._controls.settings.mask, mesh=self._controls.settings.mesh)
-        video.pts, video.time_base = int(shown.arrived / TICK), TICK
+        video.pts, video.time_base = int(shown.arrived / RTP_TIME_BASE), RTP_TIME_BASE
         self._peer.send(video)
 
 
-def picture(shown: Shown, *, mask: bool, mesh: bool) -> Any:
-    """A copy of a shown picture as the codec wants it, with the overlays that are wanted."""
+def picture(shown: OutputFrame, *, mask: bool, mesh: bool) -> Any:
+    """A copy of a frame in the codec's format, with the requested overlays."""
     frame = shown.frame
-    if shown.look.mesh is not None and (mask or mesh):
+    if shown.result.mesh is not None and (mask or mesh):
         frame = frame.copy()
         if mask:
-            draw_mask(frame, shown.look.mesh)
+            draw_mask(frame, shown.result.mesh)
         if mesh:
-            draw_mesh(frame, shown.look.mesh)
+            draw_mesh(frame, shown.result.mesh)
     size = (frame.width, frame.height)
     even = (size[0] + size[0] % 2, size[1] + size[1] % 2)
-    video = Target(size, even, "yuv420p", BT470BG).picture(frame)
+    video = PictureFormat(size, even, "yuv420p", BT470BG).picture(frame)
     return clone_video_frame(video) if video is shown.frame.video_frame else video
 
 
 class Peer:
-    """The server's end of a connection; made and used in an event loop.
+    """The server's end of a connection; constructed and used in an event loop.
 
     Attributes
     ----------
-    track : what the browser is sent.
+    track : what the browser receives.
     """
 
     def __init__(self) -> None:
@@ -146,12 +146,12 @@ class Peer:
         self._reading: asyncio.Task[None] | None = None
 
     async def answer(self, offer: Mapping[str, str]) -> dict[str, str]:
-        """Take the browser's offer {"type", "sdp"} and give the answer of the same form.
+        """Accept the browser's offer {"type", "sdp"} and return the answer in the same form.
 
         Raises
         ------
         StudioError
-            When it is no offer of a video connection; the connection is over then.
+            When it is not an offer of a video connection; the connection is closed then.
         """
         connection = self._connection
         try:
@@ -159,18 +159,18 @@ class Peer:
             connection.addTransceiver(self.track).setCodecPreferences(_codecs())
             await connection.setRemoteDescription(described)
             await connection.setLocalDescription(await connection.createAnswer())
-        except _MISUNDERSTOOD as error:
+        except _OFFER_ERRORS as error:
             await self.close()
-            raise StudioError("the browser's offer was not understood: reload the page") from error
+            raise StudioError("the browser's connection offer was not understood: reload the page") from error
         answer = connection.localDescription
         return {"type": answer.type, "sdp": _with_bitrate(answer.sdp)}
 
     def alive(self) -> bool:
-        """Whether it is not over yet, whoever would end it."""
+        """Whether neither side has closed the connection."""
         return not self._closed
 
     def camera(self) -> BrowserCamera:
-        """The browser's camera anew; the frames of the one before end.  From any thread."""
+        """A new capture of the browser's camera, which ends the previous one.  From any thread."""
         before, self._camera = self._camera, BrowserCamera()
         before.stop()
         if self._closed:
@@ -178,12 +178,12 @@ class Peer:
         return self._camera
 
     def send(self, video: Any) -> None:
-        """Offer a finished picture to the browser; from any thread."""
+        """Offer a finished video frame to the browser; from any thread."""
         with contextlib.suppress(RuntimeError):  # the loop is closed
             self._loop.call_soon_threadsafe(self.track.offer, video)
 
     async def close(self) -> None:
-        """End the connection, the camera's frames and the track; may be called again."""
+        """End the connection, the capture and the track; can be called repeatedly."""
         self._closed = True
         self._camera.stop()
         self.track.offer(None)
@@ -204,18 +204,18 @@ class Peer:
             await self.close()
 
 
-_MISUNDERSTOOD = (
+_OFFER_ERRORS = (
     KeyError, IndexError, TypeError, ValueError, AssertionError, AttributeError, InvalidStateError, OperationError,
 )  # fmt: skip
 
 
 def _with_bitrate(sdp: str) -> str:
-    """An answer that tells Chromium how much to send, which otherwise begins with little."""
-    rate = ";".join(f"x-google-{word}-bitrate={BITRATE // 1000}" for word in ("min", "start", "max"))
+    """An answer that sets Chromium's bit rate, which otherwise starts low."""
+    rate = ";".join(f"x-google-{word}-bitrate={BITS_PER_SECOND // 1000}" for word in ("min", "start", "max"))
     return re.sub(r"(a=rtpmap:(\d+) VP8/90000\r\n)", rf"\1a=fmtp:\2 {rate}\r\n", sdp)
 
 
 def _codecs() -> list[Any]:
-    """What aiortc can do, in the order of preference."""
+    """aiortc's codecs in the order of preference."""
     known = RTCRtpSender.getCapabilities("video").codecs
     return [codec for name in CODECS for codec in known if codec.mimeType == name]

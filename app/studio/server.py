@@ -1,4 +1,4 @@
-"""The studio's server: on this computer only, for the browser that has the token."""
+"""The studio's server: reachable from this computer only, by the browser that has the token."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 
 from guise.app.studio import analogy, deidentify, landmarks, live, people
-from guise.app.studio.guard import Guard
-from guise.app.studio.jobs import Jobs
+from guise.app.studio.jobs import JobQueue
+from guise.app.studio.request_guard import RequestGuard
 from guise.app.studio.site import Studio, StudioOptions, serve_files
 from guise.app.studio.store import Store, StudioError
 from guise.common.errors import GuiseError
 
 HOST = "127.0.0.1"
-PATIENCE = (
-    15.0  # seconds for which a page that does not answer is kept; the processor may be busy with other work
+PAGE_LIFETIME_SECONDS = (
+    15.0  # for which the page of an unresponsive browser is kept; the processor may be busy
 )
 PAGES = (live, people, landmarks, deidentify, analogy)
 
@@ -31,16 +31,16 @@ PAGES = (live, people, landmarks, deidentify, analogy)
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
     """Run the studio until it is interrupted.
 
-    folder : what it keeps.   port : 0 for any.   limit : bytes of an upload.
-    announce : called with the address when browsers may come.
-    Raises StudioError when the folder or the port is not free.
+    folder : for everything it keeps.   port : 0 for any.   limit : bytes of an upload.
+    announce : called with the address once the server answers.
+    Raises StudioError when the folder or the port is in use.
     """
     with _listen(port) as listener:
         store = Store(folder)
         tempfile.tempdir = str(store.incoming)
-        jobs = Jobs(store)
+        jobs = JobQueue(store)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
-        guard = Guard(_site(Studio(store, jobs, StudioOptions(limit))), token, f"guise_{port}", limit)
+        guard = RequestGuard(_site(Studio(store, jobs, StudioOptions(limit))), token, f"guise_{port}", limit)
         nicegui_app.on_startup(lambda: announce(f"http://{HOST}:{port}/?token={token}"))
         try:
             jobs.open()
@@ -56,25 +56,31 @@ def _listen(port: int) -> socket.socket:
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
-        raise StudioError(f"port {port} is not free: choose another --port") from error
+        raise StudioError(f"port {port} is in use: choose another --port") from error
 
 
 def _site(studio: Studio) -> FastAPI:
-    """All pages in one application, which fetches nothing from elsewhere."""
+    """All pages in one application that loads nothing from other hosts."""
     site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    logging.getLogger("nicegui").addFilter(_is_fault)
+    logging.getLogger("nicegui").addFilter(_is_unexpected)
     serve_files(studio)
     for module in PAGES:
         module.register(studio)
-    ui.run_with(site, title="Guise", show_welcome_message=False, language="en-US", reconnect_timeout=PATIENCE)
+    ui.run_with(
+        site,
+        title="Guise",
+        show_welcome_message=False,
+        language="en-US",
+        reconnect_timeout=PAGE_LIFETIME_SECONDS,
+    )
     return site
 
 
-def _run(site: Guard, listener: socket.socket) -> None:
+def _run(site: RequestGuard, listener: socket.socket) -> None:
     config = uvicorn.Config(site, log_level="warning", access_log=False, timeout_graceful_shutdown=1)
     uvicorn.Server(config).run(sockets=[listener])
 
 
-def _is_fault(record: logging.LogRecord) -> bool:
-    """Whether a log record is none about a user's mistake, which the page itself tells."""
+def _is_unexpected(record: logging.LogRecord) -> bool:
+    """Whether a log record is about something other than a user's mistake, which the page itself shows."""
     return not (record.exc_info and isinstance(record.exc_info[1], GuiseError))

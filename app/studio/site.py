@@ -1,4 +1,4 @@
-"""What the studio's pages share: layout, progress of jobs, files to show and the faces to choose from."""
+"""What the studio's pages share: layout, job progress, addresses of files and the faces to choose from."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import Request
 
-from guise.app.studio.jobs import Jobs
+from guise.app.studio.jobs import JobQueue
 from guise.app.studio.store import FOLDERS, JobRow, Store, StudioError
 from guise.app.swapping.donors import gallery
 from guise.common.errors import GuiseError
@@ -27,62 +27,68 @@ LINKS = {
     "De-identify": "/deidentify",
     "Analogy": "/analogy",
 }
-REFRESH = 0.3  # seconds between two looks at a job
-_COLOUR = "#0b7a70"  # readable under white and on both backgrounds
-_STYLE = """
-:focus-visible { outline: 3px solid #f59e0b; outline-offset: 2px; }
-.q-focusable:focus-visible { box-shadow: 0 0 0 3px #f59e0b !important; }
-.bar { background: #fff; color: #000; border-bottom: 1px solid rgb(128 128 128 / 40%);
-       align-items: center; flex-wrap: nowrap; }
-.body--dark .bar { background: #1d1d1d; color: #fff; }
-.body--dark .q-btn--outline, .body--dark .q-btn--flat { --q-primary: #5eead4; }
-.body--dark main .nicegui-link { color: #7cc4ff; }
-.bar a { color: inherit; text-decoration: none; padding: 0.25rem 0; border-bottom: 3px solid transparent; }
-.bar a[aria-current] { border-color: var(--q-primary); font-weight: 600; }
-"""
+JOB_POLL_SECONDS = 0.3
+_STATIC = Path(__file__).parent / "static"
+_PRIMARY_COLOUR = "#0b7a70"  # legible below white text and on both backgrounds
+_CAMERA_ERRORS = {
+    "NotAllowedError": "The browser isn't allowed to use the camera: allow it next to the address bar and try again.",
+    "NotFoundError": "The browser found no camera: connect one and try again.",
+    "NotReadableError": "Another program is using the camera: close it and try again.",
+    "NetworkError": (
+        "The browser cannot connect while this computer is on no network: join one (no picture is sent there), or use "
+        "guise live in a terminal."
+    ),
+}
 Build = Callable[..., Awaitable[None] | None]
 
 
 @dataclass(frozen=True)
 class StudioOptions:
-    """limit : bytes of an upload."""
+    """limit : largest upload, bytes."""
 
     limit: int
 
 
 @dataclass(frozen=True)
 class Studio:
-    """What a page works with."""
+    """What every page needs."""
 
     store: Store
-    jobs: Jobs
+    jobs: JobQueue
     options: StudioOptions
 
     def url(self, path: Path) -> str:
-        """The address of a file in the studio's folder, for pictures, videos and downloads."""
+        """Address of a file in the studio's folder, for pictures, videos and downloads."""
         return "/files/" + quote(path.relative_to(self.store.folder).as_posix())
 
     def faces(self) -> dict[str, str]:
-        """Who can be shown: spec for `guise.app.swapping.donors.open_donor` -> name; own people first, then
-        the gallery."""
+        """Donors: spec for `guise.app.swapping.donors.open_donor` -> name; the user's own people come first."""
         own = {str(person.path): person.name for person in self.store.people()}
         return own | {name: f"{name} (fictional)" for name in gallery()}
 
 
 def serve_files(studio: Studio) -> None:
-    """Let the pages show what lies in the studio's folder; the base is not among it."""
+    """Serve scripts and styles, and the studio's folders except for the database."""
+    nicegui_app.add_static_files("/static", _STATIC)
     for name in FOLDERS:
         nicegui_app.add_static_files(f"/files/{name}", studio.store.folder / name, max_cache_age=0)
 
 
-def page(studio: Studio, path: str, title: str, build: Build, *, patience: float | None = None) -> None:
+def script(name: str) -> None:
+    """Load one of the studio's scripts in the page."""
+    ui.add_head_html(f'<script src="/static/{name}"></script>')
+
+
+def page(
+    studio: Studio, path: str, title: str, build: Build, *, reconnect_seconds: float | None = None
+) -> None:
     """Register a page; `build` fills it and gets the parameters of the path ("/landmarks/{clip}") by name.
 
-    patience : seconds without a connection for which what a visitor did on the page is kept; default: a few.
+    reconnect_seconds : for which a visitor's page is kept without a connection; default: the server's.
     """
 
     async def shown(request: Request) -> None:
-        ui.on_exception(tell)
+        ui.on_exception(show_error)
         with _layout(studio, title, path):
             try:
                 done = build(**request.path_params)
@@ -91,20 +97,20 @@ def page(studio: Studio, path: str, title: str, build: Build, *, patience: float
             except GuiseError as error:
                 ui.label(explain(error)[0])
 
-    ui.page(path, title=f"{title} · Guise", reconnect_timeout=patience)(shown)
+    ui.page(path, title=f"{title} · Guise", reconnect_timeout=reconnect_seconds)(shown)
 
 
 def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
-    """A bar that follows a job, with a button that cancels it; `ended` is called once, with the last state."""
+    """A progress bar for a job, with a button that cancels it; `ended` is called once, with the job's last state."""
 
-    def look() -> None:
+    def poll() -> None:
         try:
             job = studio.store.job(id)
         except StudioError:  # removed in another tab
             timer.cancel()
             return
         bar.value = job.share
-        stage.text = "waiting for other work" if job.state == "waiting" else f"{job.stage or 'starting'} …"
+        stage.text = "waiting for other jobs" if job.state == "waiting" else f"{job.stage or 'starting'} …"
         if job.ended:
             timer.cancel()
             ended(job)
@@ -114,20 +120,20 @@ def show_job(studio: Studio, id: str, ended: Callable[[JobRow], Any]) -> None:
         bar = ui.linear_progress(show_value=False).props('aria-label="Progress" rounded')
         cancel = ui.button(icon="close", color=None, on_click=lambda: studio.jobs.cancel(id))
         cancel.props('flat round aria-label="Cancel"')
-    timer = ui.timer(REFRESH, look)
+    timer = ui.timer(JOB_POLL_SECONDS, poll)
 
 
 def heading(text: str, level: int = 2) -> ui.label:
-    """A heading that screen readers know as one."""
-    look = "text-h5 mb-4" if level == 1 else "text-h6 mt-4"
-    return ui.label(text).props(f"role=heading aria-level={level}").classes(look)
+    """A heading that screen readers recognise."""
+    classes = "text-h5 mb-4" if level == 1 else "text-h6 mt-4"
+    return ui.label(text).props(f"role=heading aria-level={level}").classes(classes)
 
 
 @contextmanager
 def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
-    """The header with links and the choice of colours; what follows is the page's own."""
-    ui.colors(primary=_COLOUR)
-    ui.add_css(_STYLE)
+    """The header with links and the choice of colours; the page's own content goes inside."""
+    ui.colors(primary=_PRIMARY_COLOUR)
+    ui.add_head_html('<link rel="stylesheet" href="/static/studio.css">')
     ui.button.default_props("no-caps")
     with ui.header().classes("bar"):
         ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
@@ -143,7 +149,7 @@ def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
 
 
 def _colour_choice(studio: Studio) -> None:
-    """Dark or light, as the system has it or as the user wants it; kept for the next time."""
+    """Dark or light, following the system or the user's choice, which is remembered."""
     dark = ui.dark_mode(studio.store.setting("dark"))
 
     def choose(value: bool | None) -> None:
@@ -154,10 +160,15 @@ def _colour_choice(studio: Studio) -> None:
         ui.button(icon="contrast", color=None).props('flat round aria-label="Colours"'),
         ui.menu().classes("text-no-wrap"),
     ):
-        for name, value in (("As the system", None), ("Light", False), ("Dark", True)):
+        for name, value in (("System", None), ("Light", False), ("Dark", True)):
             ui.menu_item(name, partial(choose, value)).props("role=menuitem")
 
 
-def tell(error: Exception) -> None:
-    """Show what went wrong, in a sentence that goes away."""
+def camera_error(name: str) -> str:
+    """What to do about an error of the browser's camera, by the error's JavaScript name."""
+    return _CAMERA_ERRORS.get(name, f"The camera cannot be used ({name}).")
+
+
+def show_error(error: Exception) -> None:
+    """Show what went wrong in a notification."""
     ui.notify(explain(error)[0], type="negative", multi_line=True)

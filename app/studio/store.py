@@ -1,8 +1,8 @@
-"""What the studio keeps: clips, people, pictures, meshes and jobs, in one folder.
+"""The studio's storage: clips, people, pictures, meshes and jobs, in one folder.
 
-FOLDER/studio.sqlite holds the rows; files lie at FOLDER/clips/ID.mp4, FOLDER/people/ID.guise, FOLDER/uploads/ID.png
-and FOLDER/jobs/ID/.
-Ids are drawn here; names are the user's own text and never part of a path.  Times are UTC in ISO 8601.
+FOLDER/studio.sqlite holds the rows; files are at FOLDER/clips/ID.mp4, FOLDER/people/ID.guise, FOLDER/uploads/ID.png
+and FOLDER/jobs/ID/.  Ids are generated here; names are the user's own text and never part of a path.  Times are UTC in
+ISO 8601.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from guise.common.errors import GuiseError
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
 FOLDERS = ("clips", "people", "uploads", "jobs")
-LONGEST_NAME = 80  # characters
+MAX_NAME_CHARACTERS = 80
 _TABLES = """
 CREATE TABLE IF NOT EXISTS clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT);
 CREATE TABLE IF NOT EXISTS people (id TEXT PRIMARY KEY, name TEXT, created TEXT, clip TEXT);
@@ -35,12 +35,12 @@ CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT);
 
 
 class StudioError(GuiseError):
-    """What the studio cannot do; one sentence."""
+    """Something the studio cannot do; one sentence."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A video; it is complete when the file at `path` exists."""
+    """A video; complete when the file at `path` exists."""
 
     id: str
     name: str
@@ -50,7 +50,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class Person:
-    """A person's model at `path`, and the id of the clip that they were learned from."""
+    """A person; their model is at `path`, `clip` is the id of the clip it was trained on."""
 
     id: str
     name: str
@@ -66,7 +66,7 @@ class Person:
 
 @dataclass(frozen=True)
 class Upload:
-    """A picture or a mesh, as `kind` says; it is complete when the file at `path` exists."""
+    """A picture or a mesh, as `kind` says; complete when the file at `path` exists."""
 
     id: str
     name: str
@@ -82,12 +82,12 @@ class Upload:
 
 @dataclass(frozen=True)
 class JobRow:
-    """A piece of work.
+    """A job.
 
     Parameters
     ----------
-    about : what it was started with.   result : what it gave; both as JSON holds them.
-    share : of the stage, in [0, 1].
+    about : what it was started with.   result : what it returned; both are JSON objects.
+    share : completed share of the stage, in [0, 1].
     sentence : why it failed, "" otherwise.
     """
 
@@ -103,33 +103,33 @@ class JobRow:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more will happen."""
+        """Whether it is done, failed or cancelled."""
         return self.state in ("done", "failed", "cancelled")
 
 
 class Store:
-    """The studio's folder, which is made if there is none.  Safe to use from any thread.
+    """The studio's folder, created if there is none.  Safe to use from any thread.
 
-    Raises StudioError when another studio uses the folder, or it cannot be used.
+    Raises StudioError when another studio uses the folder, or when it cannot be used.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._lock = threading.Lock()
-        self._base = _open(folder)
+        self._database = _open(folder)
         shutil.rmtree(self.incoming, ignore_errors=True)
         self.incoming.mkdir()
 
     @property
     def incoming(self) -> Path:
-        """Where uploads are written until they are complete; empty at the start."""
+        """Where uploads are written until they are complete; emptied at the start."""
         return self.folder / "incoming"
 
     def add_clip(self, name: str, suffix: str) -> Clip:
-        """A place for a clip; the caller writes its file.  StudioError when the suffix is not a video's."""
+        """Add a clip whose file the caller writes.  StudioError when the suffix is not a video's."""
         if suffix.lower() not in VIDEO_SUFFIXES:
             raise StudioError(
-                f"{_clean(name)} is no video that can be read here: use .mp4, .webm, .mov or .mkv"
+                f"{_clean(name)} isn't a video file that Guise reads: use .mp4, .webm, .mov or .mkv"
             )
         row = (_new_id(), _clean(name), _now(), suffix.lower())
         self._run("INSERT INTO clips VALUES (?, ?, ?, ?)", row)
@@ -145,13 +145,13 @@ class Store:
         return self._clip(self._one("clips", id, "clip"))
 
     def remove_clip(self, id: str) -> None:
-        """Forget a clip and delete its file, and what lies beside it, such as landmarks."""
+        """Delete a clip, its file and the files beside it, such as landmarks."""
         for file in (self.folder / "clips").glob(f"{self.clip(id).id}.*"):
             file.unlink()
         self._run("DELETE FROM clips WHERE id = ?", (id,))
 
     def add_person(self, name: str, clip: str | None) -> Person:
-        """A place for a person; the caller writes the model."""
+        """Add a person whose model the caller writes."""
         row = (_new_id(), _clean(name), _now(), clip)
         self._run("INSERT INTO people VALUES (?, ?, ?, ?)", row)
         return self._person(row)
@@ -166,14 +166,14 @@ class Store:
         return self._person(self._one("people", id, "person"))
 
     def remove_person(self, id: str) -> None:
-        """Forget a person and delete their model."""
+        """Delete a person and their model."""
         person = self.person(id)
         person.path.unlink(missing_ok=True)
         person.montage.unlink(missing_ok=True)
         self._run("DELETE FROM people WHERE id = ?", (id,))
 
     def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
-        """A place for a picture or a mesh; the caller writes its file."""
+        """Add a picture or a mesh whose file the caller writes."""
         row = (_new_id(), _clean(name), _now(), kind, suffix.lower())
         self._run("INSERT INTO uploads VALUES (?, ?, ?, ?, ?)", row)
         return self._upload(row)
@@ -188,14 +188,14 @@ class Store:
         return self._upload(self._one("uploads", id, "file"))
 
     def remove_upload(self, id: str) -> None:
-        """Forget an upload and delete its file and its preview."""
+        """Delete an upload, its file and its preview."""
         upload = self.upload(id)
         for path in (upload.path, upload.preview):
             path.unlink(missing_ok=True)
         self._run("DELETE FROM uploads WHERE id = ?", (id,))
 
     def add_job(self, kind: str, about: dict[str, Any]) -> JobRow:
-        """A job that waits, and its empty folder."""
+        """Add a waiting job."""
         row = (_new_id(), kind, json.dumps(about), "waiting", "", 0.0, "", "{}", _now())
         self._run("INSERT INTO jobs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
         return _job(row)
@@ -212,43 +212,43 @@ class Store:
         self, id: str, *, state: State, stage: str = "", share: float = 0.0, sentence: str = "",
         result: dict[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        """Say how far a job is."""
+        """Update the state of a job."""
         self._run(
             "UPDATE jobs SET state = ?, stage = ?, share = ?, sentence = ?, result = ? WHERE id = ?",
             (state, stage, share, sentence, json.dumps(result or {}), id),
         )
 
     def remove_job(self, id: str) -> None:
-        """Forget a job and delete its folder."""
+        """Delete a job and its folder."""
         shutil.rmtree(self.folder_of(id), ignore_errors=True)
         self._run("DELETE FROM jobs WHERE id = ?", (id,))
 
     def folder_of(self, id: str) -> Path:
-        """Where a job puts its files.  StudioError when there is no such job."""
+        """The folder for a job's files.  StudioError when there is no such job."""
         return self.folder / "jobs" / self.job(id).id
 
     def setting(self, name: str) -> Any:
-        """What was remembered, or None."""
+        """A remembered setting, or None."""
         rows = self._run("SELECT value FROM settings WHERE name = ?", (name,))
         return json.loads(rows[0][0]) if rows else None
 
     def remember(self, name: str, value: Any) -> None:
-        """Keep a setting, a JSON value, for the next time."""
+        """Remember a setting, a JSON value."""
         self._run("INSERT OR REPLACE INTO settings VALUES (?, ?)", (name, json.dumps(value)))
 
     def close(self) -> None:
-        """Let others use the folder."""
+        """Release the folder."""
         with self._lock:
-            self._base.close()
+            self._database.close()
 
     def _run(self, statement: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-        with self._lock, self._base:
-            return self._base.execute(statement, values).fetchall()
+        with self._lock, self._database:
+            return self._database.execute(statement, values).fetchall()
 
     def _one(self, table: str, id: str, word: str) -> tuple[Any, ...]:
         rows = self._run(f"SELECT * FROM {table} WHERE id = ?", (id,))
         if not rows:
-            raise StudioError(f"this {word} is no longer there: reload the page")
+            raise StudioError(f"this {word} no longer exists: reload the page")
         return rows[0]
 
     def _clip(self, row: tuple[Any, ...]) -> Clip:
@@ -265,16 +265,16 @@ class Store:
 
 
 def _open(folder: Path) -> sqlite3.Connection:
-    """The base, which no other process can open until it is closed."""
+    """The database, which no other process can open until it is closed."""
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)  # faces are nobody else's business
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)  # biometric data
         for name in FOLDERS:
             (folder / name).mkdir(exist_ok=True)
-        base = sqlite3.connect(folder / "studio.sqlite", timeout=0.5, check_same_thread=False)
-        base.executescript(
+        database = sqlite3.connect(folder / "studio.sqlite", timeout=0.5, check_same_thread=False)
+        database.executescript(
             f"PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; {_TABLES}"
         )
-        return base
+        return database
     except sqlite3.OperationalError as error:
         raise StudioError(
             f"{folder} is used by another studio: close it, or choose another --folder"
@@ -297,10 +297,10 @@ def _now() -> str:
 
 
 def _clean(name: str) -> str:
-    """A name on one line, without what cannot be seen, not too long.
+    """A name on one line, without unprintable characters, not too long.
 
     >>> _clean("a\\nb"), _clean("  ")
     ('a b', 'unnamed')
     """
-    seen = "".join(c if c.isprintable() else " " for c in name)
-    return " ".join(seen.split())[:LONGEST_NAME] or "unnamed"
+    printable = "".join(c if c.isprintable() else " " for c in name)
+    return " ".join(printable.split())[:MAX_NAME_CHARACTERS] or "unnamed"

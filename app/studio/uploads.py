@@ -1,4 +1,4 @@
-"""Files that a visitor uploads: videos, pictures and meshes, looked at before they are kept."""
+"""Uploads of videos, pictures and meshes, checked before they are kept."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ import numpy as np
 from nicegui import events, run, ui
 
 from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
-from guise.app.media import open_source
+from guise.app.media import open_input
 from guise.app.media.images import IMAGE_SUFFIXES, read_deep
 from guise.app.media.pictures import save_picture
-from guise.app.studio.guard import too_large
-from guise.app.studio.site import Studio, tell
+from guise.app.studio.request_guard import too_large
+from guise.app.studio.site import Studio, show_error
 from guise.app.studio.store import Clip, StudioError, Upload
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
 
-PREVIEW = 320  # pixels, height of a picture's preview
-SIDE = -25.0  # degrees, from which a mesh is seen in its preview
+PREVIEW_HEIGHT_PIXELS = 320
+MESH_PREVIEW_YAW_DEGREES = -25.0
 
 
 @dataclass(frozen=True)
-class Kind:
-    """What may be uploaded.
+class UploadKind:
+    """A kind of file that can be uploaded.
 
     Parameters
     ----------
-    name : in the store.   noun : for the user.   media : for the browser's choice of files.
-    advice : which files can be read.   look : raises a user's mistake for one that cannot, and draws the preview.
+    name : in the store.   noun : for the user, with an article.   media : media type for the browser's file dialog.
+    advice : which files can be read.
+    check : check(path, preview) raises GuiseError for a file that cannot be read, and draws its preview.
     """
 
     name: str
@@ -40,52 +41,54 @@ class Kind:
     media: str
     suffixes: frozenset[str]
     advice: str
-    look: Callable[[Path, Path], None]
+    check: Callable[[Path, Path], None]
 
 
-def _look_at_video(path: Path, preview: Path) -> None:
-    open_source(path).close()
+def _check_video(path: Path, preview: Path) -> None:
+    open_input(path).close()
 
 
-def _look_at_picture(path: Path, preview: Path) -> None:
+def _check_picture(path: Path, preview: Path) -> None:
     rgb = read_deep(path).rgb8()
-    width = max(1, round(rgb.shape[1] * PREVIEW / rgb.shape[0]))
-    small = cv2.resize(rgb, (width, PREVIEW), interpolation=cv2.INTER_AREA)
+    width = max(1, round(rgb.shape[1] * PREVIEW_HEIGHT_PIXELS / rgb.shape[0]))
+    small = cv2.resize(rgb, (width, PREVIEW_HEIGHT_PIXELS), interpolation=cv2.INTER_AREA)
     save_picture(preview, np.asarray(small, np.uint8))
 
 
-def _look_at_mesh(path: Path, preview: Path) -> None:
+def _check_mesh(path: Path, preview: Path) -> None:
     from guise.aam.similarity import Failed
-    from guise.analogy.feature_points import find
+    from guise.analogy.feature_points import find_feature_points
     from guise.analogy.formats.files import read_mesh
-    from guise.app.meshes.pictures import Head, Stand
+    from guise.app.meshes.pictures import DrawnHead, HeadView
 
     mesh = read_mesh(path).mesh
-    points = find(mesh)
-    stand = Stand.of(mesh.vertices, None if isinstance(points, Failed) else points.positions)
-    save_picture(preview, stand.draw(Head(mesh.vertices, mesh.faces, "", stand), SIDE))
+    points = find_feature_points(mesh)
+    view = HeadView.of(mesh.vertices, None if isinstance(points, Failed) else points.positions)
+    save_picture(preview, view.draw(DrawnHead(mesh.vertices, mesh.faces, "", view), MESH_PREVIEW_YAW_DEGREES))
 
 
-CLIP = Kind("clip", "video", "video/*", VIDEO_SUFFIXES, "use an .mp4, .webm, .mov or .mkv.", _look_at_video)
-PICTURE = Kind(
-    "picture", "picture", "image/*", IMAGE_SUFFIXES, "use a .png, .jpg, .tif or .webp.", _look_at_picture
+CLIP = UploadKind(
+    "clip", "a video", "video/*", VIDEO_SUFFIXES, "use an .mp4, .webm, .mov or .mkv.", _check_video
 )
-MESH = Kind(
-    "mesh", "mesh", "", frozenset({".obj", ".ply", ".glb"}), "use an .obj, .ply or .glb.", _look_at_mesh
+PICTURE = UploadKind(
+    "picture", "a picture", "image/*", IMAGE_SUFFIXES, "use a .png, .jpg, .tif or .webp.", _check_picture
+)
+MESH = UploadKind(
+    "mesh", "a mesh", "", frozenset({".obj", ".ply", ".glb"}), "use an .obj, .ply or .glb.", _check_mesh
 )
 
 
 async def read_upload(
-    studio: Studio, event: events.UploadEventArguments, kinds: Sequence[Kind]
+    studio: Studio, event: events.UploadEventArguments, kinds: Sequence[UploadKind]
 ) -> Clip | Upload:
-    """What was uploaded, which is on the disk by now.
+    """Store an uploaded file.
 
-    Raises StudioError when it is none of the kinds; nothing of it is kept then.
+    Raises StudioError when it is of none of the kinds or cannot be read; nothing is kept then.
     """
     file = Path(event.file.name)
     kind = next((kind for kind in kinds if file.suffix.lower() in kind.suffixes), None)
     if kind is None:
-        raise StudioError(f"{file.name} is {_none_of(kinds)}")
+        raise StudioError(f"{file.name} {_none_of(kinds)}")
     row = _place(studio, kind, file)
     part = row.path.with_name(f"{row.path.stem}.part{row.path.suffix}")
     try:
@@ -100,17 +103,17 @@ async def read_upload(
 
 
 def forget(studio: Studio, row: Clip | Upload) -> None:
-    """Delete what was uploaded."""
+    """Delete an uploaded file."""
     (studio.store.remove_clip if isinstance(row, Clip) else studio.store.remove_upload)(row.id)
 
 
 def uploader(
-    studio: Studio, label: str, done: Callable[[Any], Awaitable[None] | None], kinds: Sequence[Kind] = (CLIP,),
+    studio: Studio, label: str, done: Callable[[Any], Awaitable[None] | None], kinds: Sequence[UploadKind] = (CLIP,),
     *, several: bool = False,
 ) -> ui.upload:  # fmt: skip
-    """A button that uploads a file as soon as it is chosen, and says why when it cannot be taken.
+    """A button that uploads a file as soon as it is chosen, and says why when it is refused.
 
-    done : called with the clip or the upload.   several : files may be chosen at once.
+    done : called with the clip or the upload.   several : more than one file can be chosen at once.
     """
 
     async def uploaded(event: events.UploadEventArguments) -> None:
@@ -123,11 +126,11 @@ def uploader(
 
     def refuse(reason: str) -> None:
         large = reason == "max-file-size"
-        tell(StudioError(too_large(studio.options.limit) if large else f"This is {_none_of(kinds)}"))
+        show_error(StudioError(too_large(studio.options.limit) if large else f"This {_none_of(kinds)}"))
 
     def failed() -> None:
         button.props(remove="loading")
-        tell(StudioError("The upload was broken off: try again."))
+        show_error(StudioError("The upload was interrupted: try again."))
 
     field = ui.upload(
         auto_upload=True, multiple=several, max_file_size=studio.options.limit, on_upload=uploaded
@@ -138,26 +141,26 @@ def uploader(
     button = ui.button(label, icon="upload")
     button.on("click", js_handler=f"() => getElement({field.id}).$refs.qRef.pickFiles()")
     field.on("uploading", lambda: button.props("loading"))
-    field.on("finish", field.reset, args=[])  # not before: it would break off the others
+    field.on("finish", field.reset, args=[])  # not earlier: it would interrupt the others
     field.on("failed", failed, args=[])
     why = "(entries) => emit(entries[0].failedPropValidation)"
     field.on("rejected", lambda event: refuse(event.args), js_handler=why)
     return field
 
 
-def _place(studio: Studio, kind: Kind, file: Path) -> Clip | Upload:
+def _place(studio: Studio, kind: UploadKind, file: Path) -> Clip | Upload:
     if kind is CLIP:
         return studio.store.add_clip(file.stem, file.suffix)
     return studio.store.add_upload(kind.name, file.stem, file.suffix)
 
 
-def _require(kind: Kind, part: Path, row: Clip | Upload) -> None:
+def _require(kind: UploadKind, part: Path, row: Clip | Upload) -> None:
     try:
-        kind.look(part, row.path.with_suffix(".png") if isinstance(row, Clip) else row.preview)
+        kind.check(part, row.path.with_suffix(".png") if isinstance(row, Clip) else row.preview)
     except GuiseError as error:
-        why = f"{row.name} is no {kind.noun} that can be read: {kind.advice}"
+        why = f"{row.name} isn't {kind.noun} that Guise reads: {kind.advice}"
         raise StudioError(why if kind is CLIP else explain(error)[0].replace(str(part), row.name)) from error
 
 
-def _none_of(kinds: Sequence[Kind]) -> str:
-    return f"no {' and no '.join(kind.noun for kind in kinds)}: {' Or '.join(kind.advice for kind in kinds)}"
+def _none_of(kinds: Sequence[UploadKind]) -> str:
+    return f"isn't {' or '.join(kind.noun for kind in kinds)}: {' Or '.join(kind.advice for kind in kinds)}"

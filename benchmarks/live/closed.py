@@ -1,6 +1,6 @@
-"""Leaked frames of `guise live`: true faces of the hard synthetic clips that are neither swapped nor covered.
+"""Leaked frames of `guise live`: true faces in the hard synthetic clips that are neither swapped nor covered.
 
-The person is enrolled from the clip itself, as the command does with --source.  Every frame is worked on, and then
+The person is enrolled from the clip itself, as the command does with --source.  Every frame is processed, and then
 only every third, as on a slow computer.  Leaked is a frame in which less than 90 % of the box of a face's points that
 can be seen was changed (`benchmarks.deidentify.changes`).
 """
@@ -23,28 +23,29 @@ from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
-from guise.app.live.pipeline import Stats
-from guise.app.live.session import LiveWork, Plan
+from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.stats import PipelineStats
 from guise.app.swapping.donors import open_donor
-from guise.app.swapping.run import Settings, person_in
+from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.source_person import source_person
 from guise.common.threads import one_thread
 
-STEPS = (1, 3)  # every frame, every third
+FRAME_INTERVALS = (1, 3)  # every frame, every third
 OUTCOMES = ("swapped", "covered", "lost")
 
 
 def shares(
-    video: Path, truths: list[Truth], plan: Plan, step: int, outcomes: Counter[str]
+    video: Path, truths: list[Truth], config: SessionConfig, interval: int, outcomes: Counter[str]
 ) -> Iterator[float]:
-    """For each frame that is worked on and each true face in it, how much of it was changed; outcomes are counted."""
-    work = LiveWork(plan, Controls())
+    """For each processed frame and each true face in it, the share that was changed; outcomes are counted."""
+    work = LiveSession(config, Controls())
     try:
         with FileCapture(video, paced=False) as capture:
             for frame in capture:
-                if frame.index % step:
+                if frame.index % interval:
                     continue
                 before = frame.rgb().astype(np.int16)
-                outcomes[work.step(frame, 0.0, Stats()).look.outcome] += 1
+                outcomes[work.process(frame, 0.0, PipelineStats()).result.outcome] += 1
                 changed = np.abs(frame.rgb() - before).max(2) > 0
                 for truth in truths:
                     points, visible = truth.points[frame.index], truth.visible[frame.index]
@@ -57,7 +58,7 @@ def shares(
 def enrolled_from(video: Path, like: Identity) -> Identity:
     """The person in a video, as the command makes their model."""
     with FileCapture(video) as capture:
-        return person_in(capture.source, LandmarkSource(), like, Settings())
+        return source_person(capture.media, LandmarkSource(), like, SwapSettings())
 
 
 def measure(options: argparse.Namespace) -> Report:
@@ -67,13 +68,13 @@ def measure(options: argparse.Namespace) -> Report:
         if options.quick and video.stem not in ("leave_reenter", "two_people"):
             continue
         with one_thread():
-            plan = Plan([donor], enrolled_from(video, donor))
-            for step in STEPS:
+            config = SessionConfig([donor], enrolled_from(video, donor))
+            for interval in FRAME_INTERVALS:
                 outcomes: Counter[str] = Counter()
-                found = np.array(list(shares(video, truths, plan, step, outcomes)))
+                found = np.array(list(shares(video, truths, config, interval, outcomes)))
                 leaked, least = int((found < ENOUGH).sum()), round(100 * float(found.min()), 1)
                 counts = [outcomes[name] for name in OUTCOMES]
-                rows.append((video.stem, step, *counts, len(found), leaked, least))
+                rows.append((video.stem, interval, *counts, len(found), leaked, least))
                 leaks += leaked
                 common.say(f"{rows[-1]}")
     columns = ("clip", "every", *OUTCOMES, "faces seen", "leaked", "least, %")

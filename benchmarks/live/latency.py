@@ -1,8 +1,8 @@
-"""From capture to presentation: a clock burnt into the frames of a file at its own pace, read when they are shown.
+"""Latency from capture to presentation: a clock burnt into the frames of a file is read when they are shown.
 
 640 x 480, 30 frames a second.  The time is written into a frame when it is captured.  Without a window it is read from
 the frame that the output is given; with one, by another process from the pixels of the virtual display, which is what
-an eye would see.  Rounds alternate; the first seconds of each are left out.
+an eye would see.  Rounds alternate; the first seconds of each are ignored.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live import clock
 from benchmarks.live.runs import Noted, Scene, display, played, small, window
 from guise.app.live.capture import FileCapture
-from guise.app.live.output import Shown
+from guise.app.live.output import OutputFrame
 from guise.app.media import Frame
 from guise.common.threads import one_thread
 
 ROUNDS = 3
-SECONDS = 20.0  # of a round
-WARM_UP = 2.0  # seconds that are not counted
-MEDIAN, NINETY_FIFTH = 20.0, 33.0  # milliseconds, targets
+ROUND_SECONDS = 20.0
+WARM_UP_SECONDS = 2.0  # that are not counted
+TARGETS_MS = (("median", 0.5, 20.0), ("95th percentile", 0.95, 33.0))  # name, quantile, milliseconds
 
 
 class Clocked(FileCapture):
@@ -49,7 +49,7 @@ def to_nowhere(scene: Scene, seconds: float) -> tuple[F64, int]:
     """Times in seconds and delays in milliseconds (n, 2) of what an output got, and how many frames it did not get."""
     seen: list[tuple[float, float]] = []
 
-    def after(shown: Shown, at: float) -> None:
+    def after(shown: OutputFrame, at: float) -> None:
         code = clock.read(shown.frame.luma)
         if code is not None:
             seen.append((at, clock.passed(code, clock.now())))
@@ -69,14 +69,14 @@ def to_window(scene: Scene, seconds: float, screen: Path) -> tuple[F64, int]:
     return np.reshape([float(word) for word in seen.split()], (-1, 2)), stats.dropped + stats.skipped
 
 
-def steady(seen: F64) -> list[float]:
+def after_warm_up(seen: F64) -> list[float]:
     """The delays that were not seen in the first seconds."""
-    return [] if len(seen) == 0 else seen[seen[:, 0] > seen[0, 0] + WARM_UP, 1].tolist()
+    return [] if len(seen) == 0 else seen[seen[:, 0] > seen[0, 0] + WARM_UP_SECONDS, 1].tolist()
 
 
 def measure(options: argparse.Namespace) -> Report:
     """Both ways, in turns."""
-    scene, seconds = small(), 5.0 if options.quick else SECONDS
+    scene, seconds = small(), 5.0 if options.quick else ROUND_SECONDS
     found: dict[str, list[float]] = {"nowhere": [], "window": []}
     lost = dict.fromkeys(found, 0)
     with display() as screen:
@@ -84,7 +84,7 @@ def measure(options: argparse.Namespace) -> Report:
             for way, (seen, missed) in {
                 "nowhere": to_nowhere(scene, seconds), "window": to_window(scene, seconds, screen),
             }.items():  # fmt: skip
-                found[way] += steady(seen)
+                found[way] += after_warm_up(seen)
                 lost[way] += missed
                 common.say(f"{way}: {share_of(found[way], 0.5):.1f} ms, {missed} dropped")
     return report(found, lost)
@@ -107,7 +107,7 @@ def report(found: dict[str, list[float]], lost: dict[str, int]) -> Report:
         [
             Criterion(f"to {way}, {what}", share_of(ms, share), "<=", target, "ms")
             for way, ms in found.items()
-            for what, share, target in (("median", 0.5, MEDIAN), ("95th percentile", 0.95, NINETY_FIFTH))
+            for what, share, target in TARGETS_MS
         ],
         [Table("By a clock in the pictures", columns, rows)],
     )  # fmt: skip

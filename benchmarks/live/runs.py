@@ -1,4 +1,4 @@
-"""What the live benchmarks share: who is in the clips, an output that notes what it is shown, and a display.
+"""What the live benchmarks share: the people in the clips, an output that times frames, and a display.
 
 Times are those of `time.perf_counter`, seconds, which on Linux are the same for all processes.
 """
@@ -19,10 +19,11 @@ from benchmarks.common import Clip
 from guise.aam.model import Identity
 from guise.app.live.capture import Capture
 from guise.app.live.controls import Controls
-from guise.app.live.output import Output, Shown
+from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay
-from guise.app.live.pipeline import Pipeline, Stats
-from guise.app.live.session import LiveWork, Plan
+from guise.app.live.pipeline import Pipeline
+from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.swapping.donors import open_donor
 
@@ -68,7 +69,7 @@ class Noted(Output):
     """
 
     def __init__(
-        self, inner: Output | None = None, after: Callable[[Shown, float], None] | None = None
+        self, inner: Output | None = None, after: Callable[[OutputFrame, float], None] | None = None
     ) -> None:
         self.main_thread = inner is not None and inner.main_thread
         self.times: list[float] = []
@@ -78,7 +79,7 @@ class Noted(Output):
         if self._inner is not None:
             self._inner.open(width, height, fps)
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown: OutputFrame) -> None:
         if self._inner is not None:
             self._inner.show(shown)
         self.times.append(time.perf_counter())
@@ -98,10 +99,10 @@ def window() -> Window:
     return Window(Controls(), Overlay([DONOR]))
 
 
-def played(scene: Scene, capture: Capture, outputs: Sequence[Output]) -> Stats:
+def played(scene: Scene, capture: Capture, outputs: Sequence[Output]) -> PipelineStats:
     """Swap what a capture gives until it ends."""
-    plan, controls = Plan([scene.donor], scene.person), Controls()
-    return Pipeline(capture, lambda: LiveWork(plan, controls), outputs).run()
+    config, controls = SessionConfig([scene.donor], scene.person), Controls()
+    return Pipeline(capture, lambda: LiveSession(config, controls), outputs).run()
 
 
 @contextlib.contextmanager

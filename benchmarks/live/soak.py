@@ -1,10 +1,9 @@
-"""A long run at the pace of a camera: a clip played again and again, swapped, recorded; nothing may grow.
+"""A long run at the pace of a camera: a looping clip is swapped and recorded, and nothing may grow.
 
-Once a second it is noted how much memory the process holds, how many threads it has, and how far the frames' own times
-and the clock have come apart when they are presented.  Memory is flat when the median over the last fifth of the run is
-no more than 5 % over that of the second.  Drift is that of the delays' medians over the same fifths.  The recording's
-length, by its own times, is compared with the clock.  Encoder and allocator fill their pools for some
-minutes, so that short runs still grow.
+Memory, threads and the offset between the frames' times and the clock at presentation are sampled once a second.
+Memory is flat when the median over the last fifth of the run is at most 5 % above that of the second fifth.  Drift is
+the change of the median offset between the same fifths.  The recording's length, by its own times, is compared with
+the clock.  Encoder and allocator fill their pools for some minutes, so that memory still grows in short runs.
 """
 
 from __future__ import annotations
@@ -24,21 +23,23 @@ from benchmarks.children import PAGE_MB
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live.runs import Noted, played, small
 from guise.app.live.capture import FileCapture
-from guise.app.live.output import Shown
-from guise.app.live.pipeline import Stats
-from guise.app.live.recorder import Recorder
+from guise.app.live.output import OutputFrame
+from guise.app.live.recorder import VideoRecorder
+from guise.app.live.stats import PipelineStats
 from guise.app.media import EncodeOptions
 from guise.common.threads import one_thread
 
-EVERY = 1.0  # seconds
-GROWTH = 1.05
-DRIFT = 10.0  # milliseconds
-RECORDED = 100.0  # milliseconds; the first picture and the last may lie a frame apart from what was presented
+SAMPLE_SECONDS = 1.0  # between two samples
+MAX_MEMORY_GROWTH = 1.05
+MAX_DRIFT_MS = 10.0
+MAX_LENGTH_ERROR_MS = (
+    100.0  # of the recording; its first and last frame may differ by one from what was presented
+)
 
 
 @dataclass(frozen=True)
 class Sample:
-    """At a time, seconds from the start: MB held, threads, milliseconds by which frames were later than their times."""
+    """At a time, seconds from the start: memory (MB), threads, and lateness of the frames (milliseconds)."""
 
     at: float
     memory: float
@@ -60,14 +61,14 @@ class Soak:
         self._capture, self._seconds = capture, seconds
         self._lates: list[float] = []
 
-    def after(self, shown: Shown, now: float) -> None:
+    def after(self, shown: OutputFrame, now: float) -> None:
         """A picture was shown."""
         self.arrived = [*self.arrived[:1], shown.arrived]
         begun = self._capture.begun
         assert begun is not None
         at = now - begun
         self._lates.append(1e3 * (at - float(shown.frame.pts * shown.frame.time_base)))
-        if at >= EVERY * (len(self.samples) + 1):
+        if at >= SAMPLE_SECONDS * (len(self.samples) + 1):
             memory = int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MB
             self.samples.append(Sample(at, memory, threading.active_count(), float(np.median(self._lates))))
             self._lates.clear()
@@ -78,8 +79,8 @@ class Soak:
 def length(video: Path) -> float:
     """Seconds that a video lasts by its own times."""
     entries = ("-select_streams", "v", "-show_entries", "stream=duration", "-of", "csv=p=0")
-    told = subprocess.run(["ffprobe", "-v", "error", *entries, video], capture_output=True, check=True)
-    return float(told.stdout)
+    probe = subprocess.run(["ffprobe", "-v", "error", *entries, video], capture_output=True, check=True)
+    return float(probe.stdout)
 
 
 def fifth(values: F64, number: int) -> float:
@@ -92,7 +93,9 @@ def measure(options: argparse.Namespace) -> Report:
     scene, seconds = small(), 15.0 if options.quick else 60 * options.minutes
     before = threading.active_count()
     with tempfile.TemporaryDirectory() as name:
-        recorder = Recorder(Path(name) / "out.mp4", encode=EncodeOptions(preset="ultrafast"), say=common.say)
+        recorder = VideoRecorder(
+            Path(name) / "out.mp4", encode=EncodeOptions(preset="ultrafast"), say=common.say
+        )
         with one_thread(), FileCapture(scene.clip.video, loop=True) as capture:
             soak = Soak(capture, seconds)
             stats = played(scene, capture, [Noted(after=soak.after), recorder])
@@ -100,7 +103,7 @@ def measure(options: argparse.Namespace) -> Report:
     return report(soak.samples, threading.active_count() - before, short, stats)
 
 
-def report(samples: Sequence[Sample], left: int, short: float, stats: Stats) -> Report:
+def report(samples: Sequence[Sample], left: int, short: float, stats: PipelineStats) -> Report:
     """From the samples, the threads that were left, and the seconds by which the recording is too short."""
     columns = {
         "memory, MB": np.array([s.memory for s in samples]),
@@ -108,13 +111,13 @@ def report(samples: Sequence[Sample], left: int, short: float, stats: Stats) -> 
         "later than its time, ms": np.array([s.late for s in samples]),
     }
     memory, threads, late = columns.values()
-    minutes = samples[-1].at / 60
+    minutes, growth = samples[-1].at / 60, fifth(memory, 4) / fifth(memory, 1)
     return Report(
         "live.soak", f"Live: {minutes:.3g} minutes from a looping clip, recorded",
         [
-            Criterion("memory, last fifth over the second", fifth(memory, 4) / fifth(memory, 1), "<=", GROWTH),
-            Criterion("drift of the pictures' times", abs(fifth(late, 4) - fifth(late, 1)), "<=", DRIFT, "ms"),
-            Criterion("the recording's length beside the clock", 1e3 * abs(short), "<=", RECORDED, "ms"),
+            Criterion("memory, last fifth over the second", growth, "<=", MAX_MEMORY_GROWTH),
+            Criterion("drift of the pictures' times", abs(fifth(late, 4) - fifth(late, 1)), "<=", MAX_DRIFT_MS, "ms"),
+            Criterion("the recording's length beside the clock", 1e3 * abs(short), "<=", MAX_LENGTH_ERROR_MS, "ms"),
             Criterion("threads, last fifth over the second", fifth(threads, 4) - fifth(threads, 1), "<=", 0.0),
             Criterion("threads left", float(left), "<=", 0.0),
         ],

@@ -1,7 +1,7 @@
-"""From the beginning of the process `guise live` to its first swapped frame, with the model of the person kept.
+"""Time from the start of the process `guise live` to its first swapped frame, with a cached model of the person.
 
-The command runs as a user starts it, on a clip whose person it knows from a run before; timed from outside: it writes
-a line when an output has been shown the first frame with another face, and is ended.  The first round is thrown away.
+The command runs as a user starts it, on a clip whose person is cached from an earlier run, and is timed from outside:
+it prints a line when an output has shown the first swapped frame, and is ended.  The first round is discarded.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from benchmarks.live.runs import SAMPLES, display
 
 CLIP = SAMPLES / "p01" / "talk.mp4"
 ROUNDS = 5
-TARGET = 3.0  # seconds
+TARGET_SECONDS = 3.0
 CHILD = """
 from guise.app.cli.main import main
 from guise.app.live.pipeline import Pipeline
 
-told = Pipeline.presented
+original = Pipeline.presented
 
-def presented(self, shown, tap):
-    told(self, shown, tap)
-    if shown.look.outcome == "swapped":
+def presented(self, shown, channel):
+    original(self, shown, channel)
+    if shown.result.outcome == "swapped":
         print("swapped", flush=True)
         self.stop()
 
@@ -77,7 +77,7 @@ def report(taken: dict[str, list[float]]) -> Report:
     rounds = len(next(iter(taken.values())))
     return Report(
         "live.start", "Live: from the start of the command to the first swapped frame",
-        [Criterion(f"to {way}", statistics.median(s), "<=", TARGET, "s") for way, s in taken.items()],
+        [Criterion(f"to {way}", statistics.median(s), "<=", TARGET_SECONDS, "s") for way, s in taken.items()],
         [Table(f"{rounds} rounds", ("to", "median, s", "least, s", "most, s"), rows)],
     )  # fmt: skip
 

@@ -1,8 +1,8 @@
 """The studio's round trip: a clock burnt into the pictures of a camera, over WebRTC to the studio and back.
 
 640 x 480, 30 frames a second, aiortc at both ends on loopback, the browser's end and the studio's each in a process of
-its own.  The time is written into a picture before it is encoded, and read when the one that came back is decoded; the
-studio tracks and swaps between.  Runs that send back what came, in turns with it, tell what WebRTC alone takes.
+its own.  The time is written into a frame before it is encoded, and read when the returned one is decoded; the studio
+tracks and swaps in between.  Alternating runs that send frames back unchanged measure WebRTC alone.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.live import clock
 from benchmarks.live.runs import Scene, small
 from guise.app.live.controls import Controls
-from guise.app.live.face import Look
-from guise.app.live.output import Shown
-from guise.app.live.pipeline import Pipeline, Stats
-from guise.app.live.session import Plan
+from guise.app.live.face import FaceResult
+from guise.app.live.output import OutputFrame
+from guise.app.live.pipeline import Pipeline
+from guise.app.live.session import SessionConfig
+from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
+from guise.app.studio.live_run import LiveRun
 from guise.app.studio.rtc import Peer, PeerOutput
-from guise.app.studio.show import Show
 
 ROUNDS = 3
-SECONDS = 15.0  # of a round
-WARM_UP = 3.0  # seconds that are not counted
-AHEAD = 150  # frames of the clip, decoded beforehand
-TICKS = 3000  # from frame to frame, of 90,000 a second
-FPS, MEDIAN = 25.0, 150.0  # targets: frames a second, milliseconds
+ROUND_SECONDS = 15.0
+WARM_UP_SECONDS = 3.0  # that are not counted
+DECODED_FRAMES = 150  # of the clip, decoded beforehand
+FRAME_TICKS = 3000  # of a 90 kHz clock, from frame to frame
+FPS_TARGET, MEDIAN_TARGET_MS = 25.0, 150.0
 WAYS = ("swapped", "sent back as it came")
 
 
@@ -64,23 +65,23 @@ class Camera(MediaStreamTrack):
         clock.burn(frame, clock.now())
         video = frame.video_frame
         assert video is not None
-        video.pts, video.time_base = TICKS * self._count, Fraction(1, 90_000)
+        video.pts, video.time_base = FRAME_TICKS * self._count, Fraction(1, 90_000)
         return video
 
 
 class Echo:
-    """Work that leaves pictures as they are."""
+    """A processor that leaves frames unchanged."""
 
-    def step(self, frame: Frame, arrived: float, stats: Stats) -> Shown:
-        """Pass a picture on."""
-        return Shown(frame, Look("shown"), stats, arrived)
+    def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
+        """Pass a frame on."""
+        return OutputFrame(frame, FaceResult("shown"), stats, arrived)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Nothing to release."""
 
 
 def serve(pipe: Connection, scene: Scene | None) -> None:
-    """The studio's process: answer an offer, run until told to end, and give the pipeline's figures."""
+    """The studio's process: answer an offer, run until asked to end, and send the pipeline's figures."""
     asyncio.run(_serve(pipe, scene))
 
 
@@ -90,8 +91,10 @@ async def _serve(pipe: Connection, scene: Scene | None) -> None:
     controls = Controls()
     with tempfile.TemporaryDirectory() as folder:
         if scene is not None:
-            plan = Plan([scene.donor], scene.person)
-            show = Show(peer.camera, plan, controls, PeerOutput(peer, controls), Path(folder), peer.alive)
+            config = SessionConfig([scene.donor], scene.person)
+            show = LiveRun(
+                peer.camera, config, controls, PeerOutput(peer, controls), Path(folder), peer.alive
+            )
             await asyncio.to_thread(pipe.recv)
             stats = show.stats
             await asyncio.to_thread(show.stop)
@@ -132,14 +135,16 @@ async def browse(pipe: Connection, frames: list[Frame], seconds: float) -> tuple
     pipe.send({"type": browser.localDescription.type, "sdp": browser.localDescription.sdp})
     answer = await asyncio.to_thread(pipe.recv)
     await browser.setRemoteDescription(RTCSessionDescription(**answer))
-    await asyncio.sleep(WARM_UP + seconds)
+    await asyncio.sleep(WARM_UP_SECONDS + seconds)
     await browser.close()
     await asyncio.gather(*looking)
     counted = [(at, delay) for at, delay in found if at > found[-1][0] - seconds]
     return [delay for _, delay in counted], (len(counted) - 1) / (counted[-1][0] - counted[0][0])
 
 
-def round_trip(frames: list[Frame], scene: Scene | None, seconds: float) -> tuple[list[float], float, Stats]:
+def round_trip(
+    frames: list[Frame], scene: Scene | None, seconds: float
+) -> tuple[list[float], float, PipelineStats]:
     """One round: delays, frames a second, and the pipeline's figures."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
@@ -156,9 +161,11 @@ def round_trip(frames: list[Frame], scene: Scene | None, seconds: float) -> tupl
 
 def measure(options: argparse.Namespace) -> Report:
     """Both ways, in turns."""
-    scene, seconds = small(), 4.0 if options.quick else SECONDS
-    frames = [frame.copy() for frame, _ in zip(common.frames(scene.clip), range(AHEAD), strict=False)]
-    found: dict[str, list[tuple[list[float], float, Stats]]] = {way: [] for way in WAYS}
+    scene, seconds = small(), 4.0 if options.quick else ROUND_SECONDS
+    frames = [
+        frame.copy() for frame, _ in zip(common.frames(scene.clip), range(DECODED_FRAMES), strict=False)
+    ]
+    found: dict[str, list[tuple[list[float], float, PipelineStats]]] = {way: [] for way in WAYS}
     for _ in range(1 if options.quick else ROUNDS):
         for way, work in zip(WAYS, (scene, None), strict=True):
             found[way].append(round_trip(frames, work, seconds))
@@ -166,7 +173,7 @@ def measure(options: argparse.Namespace) -> Report:
     return report(found)
 
 
-def report(found: dict[str, list[tuple[list[float], float, Stats]]]) -> Report:
+def report(found: dict[str, list[tuple[list[float], float, PipelineStats]]]) -> Report:
     """From the rounds of each way."""
     rows = []
     for way, rounds in found.items():
@@ -182,8 +189,8 @@ def report(found: dict[str, list[tuple[list[float], float, Stats]]]) -> Report:
     return Report(
         "live.studio", "Live: the studio's round trip over WebRTC, 640x480",
         [
-            Criterion("frames a second that come back", fps, ">=", FPS),
-            Criterion("round trip, median", median, "<=", MEDIAN, "ms"),
+            Criterion("frames a second that come back", fps, ">=", FPS_TARGET),
+            Criterion("round trip, median", median, "<=", MEDIAN_TARGET_MS, "ms"),
         ],
         [Table("By a clock in the pictures", columns, rows)],
         [f"Of the median, {plain / median:.0%} is WebRTC's own: encoding, decoding and sending, both ways."],

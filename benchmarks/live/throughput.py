@@ -1,9 +1,9 @@
-"""How many frames a second the live pipeline sustains: a file as fast as it goes, to nowhere and to a window.
+"""Sustained frames per second of the live pipeline: a file as fast as possible, to nowhere and to a window.
 
-The window is on a virtual display and drawn by software GL.  Counted are the frames that were presented.  Rounds of
-all ways alternate, each with a pass in which the clip is only decoded.  One thread for matrix work, as in the command.
-The parts of a frame are timed one after the other in a pass of their own; in the pipeline the detector looks while the
-tracker works and the next frame is decoded.
+The window is on a virtual display and drawn by software GL.  Presented frames are counted.  Rounds of all ways
+alternate, each with a pass that only decodes the clip.  One thread for matrix work, as in the command.  The parts of a
+frame are timed one after the other in a pass of their own; in the pipeline the detector runs while the tracker works
+and the next frame is decoded.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
-from guise.aam.follow import PersonFollower
+from guise.aam.person_tracker import PersonTracker
 from guise.aam.tracker import Fit
+from guise.app.live.background_detector import BackgroundDetector
 from guise.app.live.capture import FileCapture
 from guise.app.live.output import Output
-from guise.app.live.session import JAW
-from guise.app.live.watch import Watch
+from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import Options
+from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.trust import trust
 from guise.common.threads import one_thread
 
 ROUNDS = 5
-FRAMES = 300  # in a round
-WARM_UP = 30  # frames that are not counted
-TARGETS = {"640x480": 60.0, "1280x720": 40.0}
+ROUND_FRAMES = 300
+WARM_UP_FRAMES = 30  # that are not counted
+FPS_TARGETS = {"640x480": 60.0, "1280x720": 40.0}
 PARTS = ("decode", "detector", "tracker", "trust", "draw")
 WAYS: dict[str, Callable[[], Output | None]] = {"nowhere": lambda: None, "window": window}
 
@@ -54,7 +54,7 @@ def sustained(scene: Scene, output: Output | None, frames: int) -> Rate:
 
         def after(*_: object) -> None:
             used.append(time.process_time())
-            if len(used) == WARM_UP + frames:
+            if len(used) == WARM_UP_FRAMES + frames:
                 capture.stop()
 
         noted = Noted(output, after)
@@ -66,30 +66,34 @@ def decoded(scene: Scene, frames: int) -> Rate:
     """The same frames, only decoded."""
     times, used = [], []
     with FileCapture(scene.clip.video, loop=True, paced=False) as capture:
-        for _ in islice(capture, WARM_UP + frames):
+        for _ in islice(capture, WARM_UP_FRAMES + frames):
             times.append(time.perf_counter())
             used.append(time.process_time())
     return _rate(times, used)
 
 
 def _rate(times: list[float], used: list[float]) -> Rate:
-    count = len(times) - 1 - WARM_UP
-    return Rate(count / (times[-1] - times[WARM_UP]), 1e3 * (used[-1] - used[WARM_UP]) / count)
+    count = len(times) - 1 - WARM_UP_FRAMES
+    return Rate(count / (times[-1] - times[WARM_UP_FRAMES]), 1e3 * (used[-1] - used[WARM_UP_FRAMES]) / count)
 
 
 def parts(scene: Scene, frames: int) -> F64:
     """Milliseconds (n, 5) of the PARTS of the frames in which the person was found, one after the other."""
     rows = []
-    with one_thread(), FileCapture(scene.clip.video, paced=False) as capture, Watch() as watch:
-        follower = PersonFollower(scene.person.tracker, watch)
-        with Engine(scene.person, scene.donor, None, Options(jaw=JAW)) as engine:
+    with (
+        one_thread(),
+        FileCapture(scene.clip.video, paced=False) as capture,
+        BackgroundDetector() as detector,
+    ):
+        person_tracker = PersonTracker(scene.person.tracker, detector)
+        with Engine(scene.person, scene.donor, None, EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS)) as engine:
             marks = [time.perf_counter()]
             for frame in islice(capture, frames):
                 marks.append(time.perf_counter())
-                watch.look(frame)
-                _ = watch.boxes
+                detector.submit(frame)
+                _ = detector.boxes
                 marks.append(time.perf_counter())
-                fit = follower.step(frame.luma)
+                fit = person_tracker.update(frame.luma)
                 if isinstance(fit, Fit):
                     marks.append(time.perf_counter())
                     trust(scene.person.tracker, frame.luma, fit.shape)
@@ -97,13 +101,13 @@ def parts(scene: Scene, frames: int) -> F64:
                     engine.draw(frame, fit.shape)
                     rows.append(np.diff([*marks, time.perf_counter()]))
                 marks = [time.perf_counter()]
-    return 1e3 * np.array(rows[WARM_UP:])
+    return 1e3 * np.array(rows[WARM_UP_FRAMES:])
 
 
 def measure(options: argparse.Namespace) -> Report:
     """All ways, in turns."""
     scenes = [small(), large(options.shared)]
-    frames = 60 if options.quick else FRAMES
+    frames = 60 if options.quick else ROUND_FRAMES
     found: dict[tuple[str, str], list[Rate]] = {}
     with display():
         for turn in range(1 if options.quick else ROUNDS):
@@ -128,7 +132,7 @@ def report(found: dict[tuple[str, str], list[Rate]], taken: dict[str, F64]) -> R
     return Report(
         "live.throughput", "Live: sustained rate",
         [
-            Criterion(f"{size}, to {way}", fps[size, way], ">=", TARGETS[size], "fps")
+            Criterion(f"{size}, to {way}", fps[size, way], ">=", FPS_TARGETS[size], "fps")
             for size, way in fps if way in WAYS
         ],
         [

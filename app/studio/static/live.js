@@ -2,7 +2,7 @@
 "use strict";
 
 const guiseLive = {
-  // Offers a connection: own and result are video elements; without own, the camera is the server's.
+  // Offers a connection; own and result are video elements.  Without own, the server's camera is used.
   async begin(own, result) {
     this.end();
     this.videos = [own, result];
@@ -16,7 +16,7 @@ const guiseLive = {
       await new Promise((done) => {
         connection.onicegatheringstatechange = () => connection.iceGatheringState === "complete" && done();
         if (connection.iceGatheringState === "complete") done();
-        setTimeout(done, 5000); // without any network it never completes
+        setTimeout(done, 5000); // without a network it never completes
       });
       if (!connection.localDescription.sdp.includes("a=candidate")) throw new DOMException("", "NetworkError");
       return connection.localDescription.toJSON();

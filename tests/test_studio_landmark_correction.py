@@ -1,4 +1,4 @@
-"""Correcting landmarks by hand: steps and their undoing, symmetry, carrying on, doubtful frames, the saved file."""
+"""Correcting landmarks by hand: edits and undo, symmetry, propagation, doubtful frames, the saved file."""
 
 from pathlib import Path
 
@@ -9,15 +9,16 @@ from made_up import SAMPLES
 
 from guise.aam.landmarks import LandmarkError, interocular, load_annotations, open_landmarker
 from guise.aam.landmarks import mirror as mirrored
-from guise.app.media import open_source
-from guise.app.studio.correction import (
-    CARRIED,
+from guise.aam.landmarks.schemes import OUTER_LIPS
+from guise.app.media import open_input
+from guise.app.studio.landmark_correction import (
     CORRECTED,
-    FOUND,
+    DETECTED,
+    PROPAGATED,
     Correction,
-    carried,
     find_landmarks,
     load_correction,
+    propagated,
     reflection,
     save_correction,
 )
@@ -28,7 +29,7 @@ EYE, OTHER_EYE, NOSE = 36, 45, 30
 
 def made(points: np.ndarray = TRUTH[:40]) -> Correction:
     count = len(points)
-    origin = np.full(count, FOUND, np.uint8)
+    origin = np.full(count, DETECTED, np.uint8)
     confidence = np.where(np.isfinite(points).all((1, 2)), 0.99, np.nan).astype(np.float32)
     return Correction(points.copy(), points.copy(), origin, confidence, 512 * np.arange(count))
 
@@ -45,10 +46,10 @@ def test_a_move_touches_one_point_of_one_frame_and_is_undone_and_redone() -> Non
     expected[3, EYE] = 10.25, 20.5
     assert np.array_equal(correction.points, expected)
     assert correction.origin[3] == CORRECTED
-    assert (np.delete(correction.origin, 3) == FOUND).all()
+    assert (np.delete(correction.origin, 3) == DETECTED).all()
     assert correction.undo() == 3
     assert np.array_equal(correction.points, TRUTH[:40])
-    assert correction.origin[3] == FOUND
+    assert correction.origin[3] == DETECTED
     assert correction.undo() is None
     assert correction.redo() == 3
     assert np.array_equal(correction.points, expected)
@@ -76,7 +77,7 @@ def test_it_knows_what_is_not_saved() -> None:
     assert not correction.unsaved
     correction.nudge(0, EYE, (1, 0))
     assert correction.unsaved
-    correction.saved()
+    correction.mark_saved()
     assert not correction.unsaved
     correction.nudge(0, EYE, (1, 0))
     assert correction.unsaved
@@ -150,7 +151,7 @@ def test_a_row_is_reset_left_out_and_filled_from_the_nearest() -> None:
     correction.nudge(0, EYE, (5, 5))
     correction.reset(0)
     assert np.array_equal(correction.points[0], TRUTH[0])
-    assert correction.origin[0] == FOUND
+    assert correction.origin[0] == DETECTED
     for _ in range(4):
         correction.undo()
     assert np.array_equal(correction.points, points, equal_nan=True)
@@ -163,17 +164,17 @@ def test_no_points_to_borrow_is_said() -> None:
         made(points).borrow(0)
 
 
-def test_carrying_stops_at_a_corrected_frame() -> None:
+def test_propagation_stops_at_a_corrected_frame() -> None:
     correction = made()
-    assert correction.carried_until(0) == 40
+    assert correction.propagation_end(0) == 40
     correction.nudge(9, EYE, (1, 0))
     correction.nudge(3, EYE, (1, 0))
-    assert correction.carried_until(0) == 3
-    assert correction.carried_until(3) == 9
-    assert correction.carried_until(9) == 40
-    correction.carry(4, TRUTH[4:9] + 1)
-    assert (correction.origin[4:9] == CARRIED).all()
-    assert correction.carried_until(3) == 9
+    assert correction.propagation_end(0) == 3
+    assert correction.propagation_end(3) == 9
+    assert correction.propagation_end(9) == 40
+    correction.propagate(4, TRUTH[4:9] + 1)
+    assert (correction.origin[4:9] == PROPAGATED).all()
+    assert correction.propagation_end(3) == 9
     assert correction.undo() == 4
     assert np.array_equal(correction.points[4:9], TRUTH[4:9])
 
@@ -181,7 +182,7 @@ def test_carrying_stops_at_a_corrected_frame() -> None:
 def test_doubtful_are_slips_unsure_frames_and_those_without_a_face_until_they_are_corrected() -> None:
     points = TRUTH[:120].copy()
     eyes = float(interocular(points[0]))
-    points[30, 48:60] += (0.08 * eyes, 0)
+    points[30, OUTER_LIPS] += (0.08 * eyes, 0)
     points[70:75, 0:8] -= (0.1 * eyes, 0)
     points[100] = np.nan
     correction = made(points)
@@ -191,27 +192,27 @@ def test_doubtful_are_slips_unsure_frames_and_those_without_a_face_until_they_ar
     assert wrong <= doubtful
     assert len(doubtful - wrong) <= 5
     correction.move(30, EYE, points[30, EYE])
-    correction.carry(70, TRUTH[70:75])
+    correction.propagate(70, TRUTH[70:75])
     assert not correction.doubtful[[30, 70, 71, 72, 73, 74]].any()
 
 
-def test_carried_points_follow_the_face_with_the_correction() -> None:
+def test_propagated_points_follow_the_face_with_the_correction() -> None:
     """One corrected frame makes the following ones better than they were found, up to where the face is lost."""
-    with open_source(SAMPLES / "p01" / "talk2.mp4") as source:
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as source:
         pictures = [frame.rgb().copy() for frame, _ in zip(source, range(20), strict=False)]
     landmarker = open_landmarker("builtin")
     found = np.array([landmarker.detect(picture)[0].points for picture in pictures])
     blank = np.zeros_like(pictures[0])
-    points = np.array(list(carried(landmarker, [*pictures, blank, pictures[0]], TRUTH[0])))
+    points = np.array(list(propagated(landmarker, [*pictures, blank, pictures[0]], TRUTH[0])))
     assert points.shape == (19, 81, 2)
     before = np.linalg.norm(found[1:] - TRUTH[1:20], axis=2).mean(1)
     after = np.linalg.norm(points - TRUTH[1:20], axis=2).mean(1)
     assert (after < before / 2).all()
 
 
-def test_points_beyond_all_faces_are_carried_nowhere() -> None:
+def test_points_beyond_all_faces_are_not_propagated() -> None:
     picture = np.zeros((240, 320, 3), np.uint8)
-    assert list(carried(open_landmarker("builtin"), [picture, picture], TRUTH[0] / 4)) == []
+    assert list(propagated(open_landmarker("builtin"), [picture, picture], TRUTH[0] / 4)) == []
 
 
 def test_landmarks_are_found_corrected_saved_and_read(tmp_path: Path) -> None:

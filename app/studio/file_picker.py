@@ -1,4 +1,4 @@
-"""A place for a file on the page Analogy: one that is here already is chosen, or one is uploaded."""
+"""Choose a file that was uploaded before, or upload one."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from collections.abc import Sequence
 
 from nicegui import ui
 
-from guise.app.studio.questions import agreed
+from guise.app.studio.dialogs import confirm
 from guise.app.studio.site import Studio
 from guise.app.studio.store import Clip, Upload
-from guise.app.studio.uploads import CLIP, Kind, forget, uploader
+from guise.app.studio.uploads import CLIP, UploadKind, forget, uploader
 
 
-class Slot:
-    """A choice among the files of some kinds, with previews and an upload.
+class FilePicker:
+    """A choice among the files of some kinds, with previews and an upload button.
 
-    name, label : short, and what is to be chosen.   several : more than one may be chosen.
+    name : short.   label : what to choose.   several : more than one file can be chosen.
     """
 
     def __init__(
-        self, studio: Studio, name: str, label: str, kinds: Sequence[Kind], *, several: bool = False
+        self, studio: Studio, name: str, label: str, kinds: Sequence[UploadKind], *, several: bool = False
     ) -> None:
         self._studio, self._kinds, self._several = studio, kinds, several
         with ui.column().classes("w-full min-w-0").props("role=group") as group:
@@ -34,14 +34,14 @@ class Slot:
             with ui.row().classes("items-center"):
                 uploader(studio, "Upload", lambda row: self._offer(row.id), kinds, several=several)
                 remove = ui.button(icon="delete", color=None, on_click=self._remove).props("flat round")
-                remove.props["aria-label"] = f"Delete what is chosen for {name}"
+                remove.props["aria-label"] = f"Delete the files chosen for {name}"
                 remove.bind_visibility_from(self._select, "value", bool)
             self._offer()
             self._previews()
 
     @property
     def chosen(self) -> list[Clip | Upload]:
-        """What is chosen and still there."""
+        """The chosen files that still exist."""
         rows = self._rows()
         ids = self._select.value if self._several else [self._select.value]
         return [rows[id] for id in ids or [] if id in rows]
@@ -54,7 +54,7 @@ class Slot:
         return {row.id: row for row in found}
 
     def _offer(self, *added: str) -> None:
-        """Whatever is there by now, uploaded here or elsewhere; what was added is chosen."""
+        """Offer all files there are now, uploaded here or elsewhere, and choose those that were added."""
         rows = self._rows()
         chosen = [row.id for row in self.chosen]
         chosen = [*chosen, *added] if self._several else [*added, *chosen]
@@ -76,7 +76,7 @@ class Slot:
     async def _remove(self) -> None:
         rows = self.chosen
         names = ", ".join(row.name for row in rows)
-        if await agreed(f"Delete {names}? This cannot be undone.", "Delete", "Keep"):
+        if await confirm(f"Delete {names}? This cannot be undone.", "Delete", "Keep"):
             for row in rows:
                 forget(self._studio, row)
             self._offer()

@@ -1,9 +1,8 @@
-"""What is done with the faces of a reviewed video: tracks with pictures, donors, covers and sound, on a page."""
+"""The editor of a reviewed video: what is done with each track, with donors, covers and sound."""
 
 from __future__ import annotations
 
 import asyncio
-import base64
 import json
 from collections.abc import Callable
 from dataclasses import asdict
@@ -12,34 +11,34 @@ from typing import Any
 
 from nicegui import ui
 
-from guise.app.deidentify.report.html import Html, tag
 from guise.app.deidentify.report.report import clock
-from guise.app.deidentify.report.sheet import COLOURS
-from guise.app.media.images import encode_image
+from guise.app.deidentify.report.sheet import ACTION_COLOURS
+from guise.app.deidentify.report.timeline import confidence_svg
 from guise.app.people.montage import draw
 from guise.app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
-from guise.app.studio.questions import agreed, answer
+from guise.app.studio.dialogs import confirm, submitted
+from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio
 from guise.app.studio.store import JobRow
 from guise.app.swapping.donors import open_donor
 from guise.common.files import write_whole
 
 CHOICES = "choices.json"
-SHOWN = 20  # tracks on a page
-ANY = "any fictional person"
+TRACKS_PER_PAGE = 20
+ANY_DONOR = "any fictional person"
 ACTIONS = {"swap": "Swap", "cover": "Cover", "leave": "Leave"}
 COVERS = {"solid": "Solid", "mosaic": "Mosaic", "blur": "Blur"}
 SOUNDS = {"keep": "Keep", "drop": "Drop", "mask": "Disguise voices"}
 HINT = (
-    "The bar shows when a face is seen in the video, and its height how sure Guise is of it. Faces that are not listed "
-    "here are covered."
+    "The bar shows when a face is seen in the video; its height is the confidence of the detection. Faces that are "
+    "not listed here are covered."
 )
 
 
-class Editor:
-    """The tracks of a video and what is to be done with each; every change is kept.
+class TrackEditor:
+    """The tracks of a video and what to do with each; every change is saved.
 
-    job : the review.   render : called with the choices when the user wants the video made.
+    job : the review.   render : called with the choices when the user starts the rendering.
     """
 
     def __init__(self, studio: Studio, job: JobRow, render: Callable[[Choices], None]) -> None:
@@ -48,24 +47,24 @@ class Editor:
         value = json.loads((self._folder / TRACKS).read_text(encoding="utf-8"))
         self._frames: int = value["frames"]
         self._tracks: list[dict[str, Any]] = value["tracks"]
-        self._faces = {"": ANY} | studio.faces()
-        self._choices = self._kept()
+        self._faces = {"": ANY_DONOR} | studio.faces()
+        self._choices = self._load()
         self._page = 1
 
     def build(self) -> None:
-        """Tracks, settings, and the button that begins."""
+        """Tracks, settings, and the button that starts the rendering."""
         ui.label(
-            HINT if self._tracks else "No face could be followed. What may be a face somewhere is covered."
+            HINT if self._tracks else "No face could be tracked. Anything that may be a face is covered."
         )
         self._people()
-        pages = -(-len(self._tracks) // SHOWN)
+        pages = -(-len(self._tracks) // TRACKS_PER_PAGE)
         if pages > 1:
             ui.pagination(1, pages, direction_links=True, on_change=lambda event: self._turn(event.value))
         self._settings()
-        self._begin()
+        self._render_button()
 
-    def _kept(self) -> Choices:
-        """What was chosen before; for a donor who is no longer there, any."""
+    def _load(self) -> Choices:
+        """The saved choices, or the proposed ones; a donor who no longer exists becomes any."""
         path = self._folder / CHOICES
         if not path.exists():
             return Choices.proposed(self._tracks)
@@ -73,9 +72,9 @@ class Editor:
         choices.donors = {k: spec if spec in self._faces else "" for k, spec in choices.donors.items()}
         return choices
 
-    def _keep(self) -> None:
+    def _save(self) -> None:
         text = json.dumps(asdict(self._choices))
-        write_whole(self._folder / CHOICES, lambda part: part.write_text(text, encoding="utf-8"))
+        write_whole(self._folder / CHOICES, text)
 
     def _turn(self, page: int) -> None:
         self._page = page
@@ -84,25 +83,25 @@ class Editor:
     @ui.refreshable_method
     def _people(self) -> None:
         people: dict[int, list[dict[str, Any]]] = {}
-        for track in self._tracks[(self._page - 1) * SHOWN : self._page * SHOWN]:
+        for track in self._tracks[(self._page - 1) * TRACKS_PER_PAGE : self._page * TRACKS_PER_PAGE]:
             people.setdefault(track["person"], []).append(track)
         for person, tracks in people.items():
             with ui.card().classes("w-full"):
                 with ui.row().classes("w-full items-center"):
                     title(f"Person {person}").classes("grow")
                     if any(track["can_swap"] for track in tracks):
-                        _Donor(self._faces, self._choices.donors[str(person)], self._with(str(person)))
+                        _DonorButton(self._faces, self._choices.donors[str(person)], self._with(str(person)))
                 for track in tracks:
                     self._track(track)
 
     def _with(self, person: str) -> Callable[[str], None]:
-        """What remembers the donor of a person."""
+        """A handler that saves the donor of a person."""
 
-        def chosen(spec: str) -> None:
+        def choose(spec: str) -> None:
             self._choices.donors[person] = spec
-            self._keep()
+            self._save()
 
-        return chosen
+        return choose
 
     def _track(self, track: dict[str, Any]) -> None:
         number = str(track["track"])
@@ -112,7 +111,7 @@ class Editor:
                 title(f"Track {number}", 3)
                 ui.label(_about(track)).classes("opacity-70")
                 if track["reason"]:
-                    ui.label(f"Guise would cover it: {track['reason']}.")
+                    ui.label(f"Guise proposes to cover it: {track['reason']}.")
             self._action(track, lambda: line.set_content(self._line(track)))
         with ui.row().classes("gap-1"):
             for place in range(self._job.result["pictures"][number]):
@@ -131,16 +130,16 @@ class Editor:
             action = toggle.value
             if action == actions[number]:
                 return
-            if action == "leave" and not await agreed(_warning(track), "Show this face", "Keep it hidden"):
+            if action == "leave" and not await confirm(_warning(track), "Show this face", "Keep it hidden"):
                 toggle.value = actions[number]
                 return
             actions[number] = action
-            self._keep()
+            self._save()
             changed()
-            self._begin.refresh()
+            self._render_button.refresh()
 
-        able = {k: word for k, word in ACTIONS.items() if k != "swap" or track["can_swap"]}
-        toggle = ui.toggle(able, value=actions[number], on_change=choose)
+        possible = {k: word for k, word in ACTIONS.items() if k != "swap" or track["can_swap"]}
+        toggle = ui.toggle(possible, value=actions[number], on_change=choose)
         toggle.props(f'no-caps role="group" aria-label="What is done with track {number}"')
 
     def _line(self, track: dict[str, Any]) -> str:
@@ -155,7 +154,7 @@ class Editor:
                 slider = ui.slider(min=0, max=1, step=0.1, value=self._choices.alpha)
                 slider.on_value_change(lambda event: self._set("alpha", event.value))
                 slider.props('label aria-label="Expression"')
-            ui.label("0: only what the donor's own face has done; 1: all of it.").classes("opacity-70")
+            ui.label("0: only expressions in the donor's own range; 1: all of it.").classes("opacity-70")
 
     def _one_of(self, words: str, name: str, values: dict[str, str]) -> None:
         with ui.row().classes("items-center"):
@@ -166,42 +165,32 @@ class Editor:
 
     def _set(self, name: str, value: Any) -> None:
         setattr(self._choices, name, value)
-        self._keep()
+        self._save()
 
     @ui.refreshable_method
-    def _begin(self) -> None:
+    def _render_button(self) -> None:
         if left := list(self._choices.actions.values()).count("leave"):
             words = (
                 "1 track will show the real face" if left == 1 else f"{left} tracks will show the real faces"
             )
-            ui.label(f"{words}, for all to recognise.").classes("text-negative text-bold").props(
+            ui.label(f"{words}, recognisable to anyone.").classes("text-negative text-bold").props(
                 'role="status"'
             )
         ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
 
 def title(text: str, level: int = 2) -> ui.label:
-    """A heading inside of something."""
-    look = "text-h6" if level == 2 else "text-bold"
-    return ui.label(text).props(f"role=heading aria-level={level}").classes(look)
+    """A heading within a card or a row."""
+    classes = "text-h6" if level == 2 else "text-bold"
+    return ui.label(text).props(f"role=heading aria-level={level}").classes(classes)
 
 
-def timeline(track: dict[str, Any], frames: int, action: str) -> Html:
-    """When a track is seen in a video of so many frames, and how sure Guise is of it; as SVG in the action's colour."""
+def timeline(track: dict[str, Any], frames: int, action: str) -> str:
+    """When a track is seen in a video of so many frames, with its confidence; as SVG in the action's colour."""
     first, last = track["frames"]
-    curve, colour = track["confidence"], f"rgb{COLOURS[action]}"
-    x0, step = 1000 * first / frames, 1000 * (last + 1 - first) / frames / len(curve)
-    tops = "".join(f"V{38 - 34 * c:.1f}h{step:.2f}" for c in curve)
-    words = f"Track {track['track']}: {_about(track)}; mean confidence {sum(curve) / len(curve):.2f}"
-    return tag(
-        "svg",
-        tag("title", words),
-        tag("rect", width=1000, height=40, fill="currentColor", fill_opacity=0.08),
-        tag("path", d=f"M{x0:.1f} 38{tops}V38Z", fill=colour, fill_opacity=0.75),
-        tag("rect", x=f"{x0:.1f}", y=38, width=f"{step * len(curve):.1f}", height=2, fill=colour),
-        viewBox="0 0 1000 40", preserveAspectRatio="none", role="img",
-        style="width: 100%; height: 2.5rem; display: block",
-    )  # fmt: skip
+    curve = track["confidence"]
+    title = f"Track {track['track']}: {_about(track)}; mean confidence {sum(curve) / len(curve):.2f}"
+    return confidence_svg(curve, (first / frames, (last + 1) / frames), f"rgb{ACTION_COLOURS[action]}", title)
 
 
 def _about(track: dict[str, Any]) -> str:
@@ -211,13 +200,13 @@ def _about(track: dict[str, Any]) -> str:
 
 def _warning(track: dict[str, Any]) -> str:
     return (
-        f"The face of track {track['track']} will be shown as it is in {track['seen']:,} frames, for all to recognise. "
-        "Do this only when the person has agreed."
+        f"The real face of track {track['track']} will be shown in {track['seen']:,} frames, recognisable to anyone. "
+        "Do this only with the person's consent."
     )
 
 
-class _Donor:
-    """A button that says whose face is shown, and opens a choice of faces."""
+class _DonorButton:
+    """A button that shows the donor and opens the choice of donors."""
 
     def __init__(self, faces: dict[str, str], spec: str, chosen: Callable[[str], None]) -> None:
         self._faces, self._spec, self._chosen = faces, spec, chosen
@@ -239,7 +228,7 @@ class _Donor:
             with ui.row().classes("w-full justify-center"):
                 for spec, name in self._faces.items():
                     await _offer(spec, name, dialog)
-        spec = await answer(dialog)
+        spec = await submitted(dialog)
         if spec is not None:
             self._spec = spec
             self._show()
@@ -260,7 +249,6 @@ async def _offer(spec: str, name: str, dialog: ui.dialog) -> None:
 
 @lru_cache(maxsize=64)
 def _portrait(spec: str) -> str:
-    """The neutral face of a donor, as a data URI."""
-    look = open_donor(spec).appearance
-    data = encode_image(draw(look, look.neutral, face=96), None, ".jpg", {})
-    return f"data:image/jpeg;base64,{base64.b64encode(data).decode()}"
+    """The neutral face of a donor, as a data URL."""
+    appearance = open_donor(spec).appearance
+    return data_url(draw(appearance, appearance.neutral, face=96))

@@ -1,6 +1,6 @@
-"""Who may talk to the studio: the browser that has the token, from the studio's own pages.
+"""Access control: only the browser that has the token, from the studio's own pages, may talk to the studio.
 
-Plain ASGI around everything else, so that no request, upload or websocket goes past it.
+Plain ASGI around everything else, so that no request, upload or websocket bypasses it.
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 HOSTS = ("127.0.0.1", "localhost")
-NO_TOKEN = "This page needs the address, with its token, that guise studio has printed in the terminal."
-WRONG_HOST = (
-    "The studio answers only at 127.0.0.1 and localhost: use the address that guise studio has printed."
-)
+NO_TOKEN = "Access needs a token: open the address that guise studio printed in the terminal."
+WRONG_HOST = "The studio answers only at 127.0.0.1 and localhost: open the address that guise studio printed."
 WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
-_OVERHEAD = 1 << 16  # bytes that a form adds to a file
+FORM_OVERHEAD_BYTES = 1 << 16  # that a form adds to a file
 _HEADERS = {
     "Content-Security-Policy": (
         "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -36,15 +34,15 @@ _HEADERS = {
 }
 
 
-class Guard:
-    """Lets through what has the token, comes from the studio's own pages and is not too large.
+class RequestGuard:
+    """Passes requests that have the token, come from the studio's own pages and are not too large.
 
     Parameters
     ----------
-    app : what is guarded.
+    app : the guarded application.
     token : as in the printed address; it becomes a cookie that no script and no other site can use.
-    cookie : its name, another one for each port, since browsers share cookies between ports.
-    limit : bytes of an upload.
+    cookie : its name, different for each port, because browsers share cookies between ports.
+    limit : largest upload, bytes.
     """
 
     def __init__(self, app: ASGIApp, token: str, cookie: str, limit: int) -> None:
@@ -61,20 +59,20 @@ class Guard:
         await self._pass(scope, receive, _with_headers(send))
 
     def _refusal(self, scope: Scope) -> Response | None:
-        """What is answered instead of the studio."""
+        """The response to a request that is not passed on, or None."""
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
         if host.rsplit(":", 1)[0] not in HOSTS:
             return PlainTextResponse(WRONG_HOST, 403)
-        harmless = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
-        if origin != f"http://{host}" and not (harmless and origin is None):
+        safe = scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
+        if origin != f"http://{host}" and not (safe and origin is None):
             return PlainTextResponse(WRONG_ORIGIN, 403)
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if harmless and self._is_token(given):
+        if safe and self._is_token(given):
             return self._welcome(scope["path"])
         if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self._cookie, "")):
             return PlainTextResponse(NO_TOKEN, 403)
-        if int(headers.get("content-length") or 0) > self._limit + _OVERHEAD:
+        if int(headers.get("content-length") or 0) > self._limit + FORM_OVERHEAD_BYTES:
             return PlainTextResponse(too_large(self._limit), 413)
         return None
 
@@ -82,14 +80,14 @@ class Guard:
         return secrets.compare_digest(given.encode(), self._token.encode())
 
     def _welcome(self, path: str) -> Response:
-        """The cookie, and the same page without the token in its address."""
+        """Set the cookie and redirect to the same page without the token in its address."""
         response = RedirectResponse("/" + path.lstrip("/"), 303)
         response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
         return response
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let the studio answer, unless more is coming than was said; to it that is a lost connection."""
-        count, most = 0, self._limit + _OVERHEAD
+        """Pass a request on; one that turns out larger than allowed looks to the studio like a lost connection."""
+        count, most = 0, self._limit + FORM_OVERHEAD_BYTES
 
         async def counted() -> Message:
             nonlocal count
@@ -108,12 +106,12 @@ class Guard:
 
 
 def too_large(limit: int) -> str:
-    """The sentence about a file above the limit in bytes."""
-    return f"The file is larger than {limit / 1e6:.0f} MB: use a shorter one, or a higher --limit of guise studio."
+    """The message about a file above the limit in bytes."""
+    return f"The file is larger than {limit / 1e6:.0f} MB: use a smaller one, or a higher --limit of guise studio."
 
 
 def _with_headers(send: Send) -> Send:
-    """Answers with the headers that keep other sites out."""
+    """`send` with the headers that keep other sites out."""
 
     async def sending(message: Message) -> None:
         if message["type"] in ("http.response.start", "websocket.http.response.start"):

@@ -1,0 +1,27 @@
+"""Dialogs in which a page asks the user."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+
+async def confirm(question: str, yes: str, no: str) -> bool:
+    """Whether the user agrees; a dialog closed without an answer counts as no."""
+    with ui.context.client.content:  # outside of what may be redrawn meanwhile, which would delete the dialog
+        dialog = ui.dialog()
+    with dialog, ui.card().props('role="alertdialog"'):
+        ui.label(question)
+        with ui.row().classes("w-full justify-end"):
+            ui.button(no, color=None, on_click=lambda: dialog.submit(False)).props("flat autofocus")
+            ui.button(yes, on_click=lambda: dialog.submit(True)).props("color=negative")
+    return bool(await submitted(dialog))
+
+
+async def submitted(dialog: ui.dialog) -> Any:
+    """What the dialog submits; None when it, or the whole page, is closed."""
+    value = await dialog
+    if not dialog.is_deleted:
+        dialog.delete()
+    return value

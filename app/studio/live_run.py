@@ -1,0 +1,120 @@
+"""A live run behind a page: from a camera to the browser, with recordings and snapshots."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from queue import SimpleQueue
+
+from guise.app.live.capture import Capture
+from guise.app.live.controls import Controls
+from guise.app.live.output import Output, OutputFrame
+from guise.app.live.pipeline import Pipeline
+from guise.app.live.recorder import Recordings, snapshot
+from guise.app.live.session import LiveSession, SessionConfig
+from guise.app.live.stats import PipelineStats
+from guise.common.failures import explain, trace
+from guise.common.threads import one_thread
+
+
+class LiveRun:
+    """A live session that runs in threads of its own from construction until `stop`, the capture's end or an error.
+
+    Parameters
+    ----------
+    open_capture : opens the capture, in the run's thread.
+    config, controls : see `guise.app.live.session`.
+    output : where the frames go.
+    folder : for recordings and snapshots.
+    wanted : called repeatedly; False ends the run.
+
+    Attributes
+    ----------
+    notes : sentences for the user, oldest first.
+    """
+
+    def __init__(
+        self, open_capture: Callable[[], Capture], config: SessionConfig, controls: Controls,
+        output: Output, folder: Path, wanted: Callable[[], bool] = lambda: True,
+    ) -> None:  # fmt: skip
+        self.notes: SimpleQueue[str] = SimpleQueue()
+        self._open, self._folder, self._wanted = open_capture, folder, wanted
+        self._recordings, self._latest = Recordings(folder, say=self._say), _LatestFrame()
+        self._config = replace(config, recording=lambda: self._recordings.recording)
+        self._controls, self._outputs = controls, [output, self._recordings, self._latest]
+        self._pipeline: Pipeline | None = None
+        self._stopped = False
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name="guise-studio-live")
+        self._thread.start()
+
+    @property
+    def stats(self) -> PipelineStats:
+        """The pipeline's current figures."""
+        return self._pipeline.stats if self._pipeline is not None else PipelineStats()
+
+    @property
+    def latest(self) -> OutputFrame | None:
+        """The last frame that was shown, or None."""
+        return self._latest.shown
+
+    @property
+    def recording(self) -> bool:
+        """Whether the user is recording."""
+        return self._recordings.recording
+
+    @property
+    def running(self) -> bool:
+        """Whether the run has not ended yet."""
+        return self._thread.is_alive()
+
+    def toggle_recording(self) -> None:
+        """Start or stop a recording."""
+        self._recordings.toggle()
+
+    def snapshot(self) -> Path | None:
+        """Write the last frame to a file; None before the first frame."""
+        return snapshot(self.latest.frame, self._folder) if self.latest is not None else None
+
+    def recorded(self) -> list[Path]:
+        """The complete recordings, oldest first."""
+        return sorted(self._folder.glob("*.mp4"))
+
+    def stop(self) -> None:
+        """End the run and wait until it has ended; from another thread."""
+        with self._lock:
+            self._stopped = True
+            if self._pipeline is not None:
+                self._pipeline.stop()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with closing(self._open()) as capture, one_thread():
+                with self._lock:
+                    if self._stopped:
+                        return
+                    self._pipeline = Pipeline(capture, self._make_session, self._outputs, self._wanted)
+                self._pipeline.run()
+        except Exception as error:
+            trace(error)
+            self._say(explain(error)[0])
+
+    def _make_session(self) -> LiveSession:
+        return LiveSession(self._config, self._controls)
+
+    def _say(self, sentence: str) -> None:
+        """Add a sentence for the user, without the folder, which is temporary."""
+        self.notes.put(sentence.replace(f"{self._folder}/", ""))
+
+
+class _LatestFrame(Output):
+    """Keeps the last frame."""
+
+    shown: OutputFrame | None = None
+
+    def show(self, shown: OutputFrame) -> None:
+        self.shown = shown

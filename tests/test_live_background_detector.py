@@ -1,0 +1,89 @@
+"""The background detector: boxes lie where the faces are, however the frame is stored."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from made_up import SAMPLES
+
+from guise.aam.landmarks import iou
+from guise.aam.landmarks.schemes import IBUG68
+from guise.app.live.background_detector import LIMITS, BackgroundDetector, downscaled
+from guise.app.media import Frame, open_input
+
+HAND = Path(__file__).parents[2] / "shared/data/synthetic/hard/occlusion_hand.mp4"
+
+
+@pytest.fixture
+def detector() -> Iterator[BackgroundDetector]:
+    with BackgroundDetector() as detector:
+        yield detector
+
+
+@pytest.fixture(scope="module")
+def talk() -> Frame:
+    with open_input(SAMPLES / "p01" / "talk.mp4") as source:
+        return next(iter(source)).copy()
+
+
+@pytest.fixture(scope="module")
+def truth() -> np.ndarray:
+    """Box (4,) of the 68 points in that frame."""
+    inner = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0, IBUG68]
+    return np.concatenate([inner.min(0), inner.max(0)]).astype(np.float32)
+
+
+def test_planes_and_rgb_give_the_true_box_and_points(
+    detector: BackgroundDetector, talk: Frame, truth: np.ndarray
+) -> None:
+    for frame in (talk, Frame.from_rgb(talk.rgb())):
+        detector.submit(frame)
+        boxes, scores = detector.boxes
+        assert len(boxes) == 1
+        assert scores[0] > 0.9
+        assert iou(boxes[0], truth) > 0.8
+        (face,) = detector.detect(np.zeros((1, 1, 3), np.uint8))
+        inner = face.points[IBUG68]
+        assert iou(np.concatenate([inner.min(0), inner.max(0)]), truth) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("factor", "size"), [(1.5, (1280, 720)), (0.75, (480, 853)), (0.5, (320, 240)), (0.4, (700, 192))]
+)
+def test_boxes_are_those_of_the_picture_whatever_its_size(
+    detector: BackgroundDetector, talk: Frame, truth: np.ndarray, factor: float, size: tuple[int, int]
+) -> None:
+    picture = np.full((*size[::-1], 3), 120, np.uint8)
+    scaled = cv2.resize(talk.rgb(), None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    picture[: scaled.shape[0], : scaled.shape[1]] = scaled
+    frame = Frame.from_rgb(picture)
+    detector.submit(frame)
+    assert iou(detector.boxes[0][0], ((truth + 0.5) * factor - 0.5).astype(np.float32)) > 0.8
+    assert downscaled(frame).shape[0] == min(LIMITS.picture_height_pixels, size[1])
+
+
+def test_drawing_into_a_submitted_frame_does_not_matter(detector: BackgroundDetector, talk: Frame) -> None:
+    found = []
+    for drawn in (False, True):
+        frame = talk.copy()
+        detector.submit(frame)
+        if drawn:
+            frame.write_roi(0, 0, np.zeros((frame.height, frame.width, 3), np.uint8))
+        found.append(detector.boxes[0])
+    np.testing.assert_array_equal(*found)
+
+
+def test_before_the_first_frame_there_is_nobody(detector: BackgroundDetector) -> None:
+    assert len(detector.boxes[0]) == 0
+    assert detector.detect(np.zeros((1, 1, 3), np.uint8)) == []
+
+
+@pytest.mark.skipif(not HAND.is_file(), reason=f"{HAND.name} is not there")
+def test_fingertips_are_not_faces(detector: BackgroundDetector) -> None:
+    with open_input(HAND) as source:
+        for frame in source:
+            if frame.index in (30, 55, 90):
+                detector.submit(frame)
+                assert len(detector.boxes[0]) == 1
