@@ -1,42 +1,45 @@
-"""Parts of a head beside its skin: eyes, teeth, tongue, lashes, and how the skin takes them along.
+"""Parts of a head beside the skin (eyes, teeth, tongue, lashes) and how the skin moves them.
 
-The skin are the large components (`guise.analogy.register.skin_of`).  Of the other parts, those that are
-mostly open border
-(cards: lashes, brows) follow the skin under them vertex by vertex.  The others keep their form, and move with the skin
-close to them as far as that moves as one body: the lower teeth go with the jaw, but no teeth with a smile, which
-stretches the lips, and no eye with its lid.
+The skin consists of the large components (`guise.analogy.registration.skin_mask`).  Other parts that are mostly open
+border (cards: lashes, brows) follow the skin under them vertex by vertex.  The rest keep their shape and follow the
+skin close to them as far as it moves rigidly: the lower teeth move with the jaw, but teeth do not move with a smile,
+which stretches the lips, nor eyes with their lids.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import cKDTree
 
+from guise.aam.similarity import align_rigid
 from guise.analogy.geometry import Surface
-from guise.analogy.geometry import border as borders
+from guise.analogy.geometry import border_mask as borders
 from guise.analogy.mesh import Mesh
-from guise.analogy.rigid import fit, fit_most, moved
+from guise.analogy.rigid import align_rigid_robust, apply_rigid
 from guise.common.arrays import F64, Bool, Int
 
-OPEN = 1 / 3  # of a part's vertices on an open border, from which it is cards
-AROUND = 64  # skin vertices that say how a part moves
-FEWEST = 8  # of them that are different ones
-CLOSE = 0.25  # of a part's radius: skin from which it takes its motion
-AS_ONE, APART = (
-    0.1,
-    0.25,
-)  # of the skin's way, what is no motion of one body: a part goes all the way, or stays
+
+@dataclass(frozen=True)
+class PartLimits:
+    """Thresholds of parts beside the skin."""
+
+    min_border_share: float = 1 / 3  # of a part's vertices on an open border, from which it consists of cards
+    skin_samples: int = 64  # skin vertices that say how a part moves
+    min_skin_vertices: int = 8  # distinct ones among them
+    max_skin_distance_radii: float = 0.25  # of the skin that moves a part, in the part's radii
+    rigid_residual: float = (
+        0.1  # share of the skin's motion that is not rigid, up to which a part moves fully
+    )
+    loose_residual: float = 0.25  # and from which it stays
 
 
-def areas(mesh: Mesh) -> F64:
-    """(N,) a third of the area of the faces at each vertex."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    face = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
-    return np.asarray(mesh.rings.around @ face)
+PART_LIMITS = PartLimits()
 
 
-def restricted(mesh: Mesh, kept: Bool) -> Mesh:
-    """The mesh of whole components only: vertices in their order, those `kept` (N,) is False for left out."""
+def submesh(mesh: Mesh, kept: Bool) -> Mesh:
+    """The mesh of the vertices in `kept` (N,), in their order; components must be kept or dropped as a whole."""
     if kept.all():
         return mesh
     number = np.cumsum(kept) - 1
@@ -44,12 +47,12 @@ def restricted(mesh: Mesh, kept: Bool) -> Mesh:
     return Mesh(mesh.vertices[kept], *faces)
 
 
-class Parts:
-    """Moves what is not skin with the skin.
+class PartMotion:
+    """Moves the other parts with the skin.
 
     Parameters
     ----------
-    mesh : neutral.   skin : (N,) bool.   still : what is not skin stays where it is instead.
+    mesh : neutral.   skin : (N,) bool.   still : the other parts stay where they are.
     """
 
     def __init__(self, mesh: Mesh, skin: Bool, still: bool) -> None:
@@ -60,14 +63,14 @@ class Parts:
             return
         border = borders(mesh.faces, len(mesh.vertices))
         labels = [np.flatnonzero(mesh.components == label) for label in np.unique(mesh.components[~skin])]
-        cards = [part for part in labels if border[part].mean() >= OPEN]
-        self._solid = [part for part in labels if border[part].mean() < OPEN]
+        cards = [part for part in labels if border[part].mean() >= PART_LIMITS.min_border_share]
+        self._solid = [part for part in labels if border[part].mean() < PART_LIMITS.min_border_share]
         self._cards = np.concatenate([np.empty(0, np.intp), *cards])
         self._under, self._shares = self._beneath(mesh.faces[skin[mesh.faces[:, 0]]])
         self._around = np.array([self._surroundings(part) for part in self._solid], np.intp)
 
     def __call__(self, skin: F64) -> F64:
-        """All vertices (N, 3) for those of the skin (n, 3)."""
+        """All vertices (N, 3), given those of the skin (n, 3)."""
         if len(skin) == len(self._vertices):
             return skin
         out = self._vertices.copy()
@@ -81,31 +84,43 @@ class Parts:
             out[self._cards] = self._vertices[self._cards] + shift
         if self._solid:
             for part, turn, shift in zip(self._solid, *self._motions(out), strict=True):
-                out[part] = moved(self._vertices[part], turn, shift)
+                out[part] = apply_rigid(self._vertices[part], turn, shift)
         return out
 
     def _motions(self, made: F64) -> tuple[F64, F64]:
-        """R (c, 3, 3), t (c, 3) of each solid part, when the vertices of the skin are at `made` (N, 3)."""
+        """R (c, 3, 3), t (c, 3) of each solid part when the skin vertices are at `made` (N, 3)."""
         before, after = self._vertices[self._around], made[self._around]
         alike = np.ones(before.shape[:2])
-        rigid = moved(before, *fit_most(before, after, alike))
+        rigid = apply_rigid(before, *align_rigid_robust(before, after, alike))
         off = np.linalg.norm(after - rigid, axis=2).sum(1)
         way = np.linalg.norm(after - before, axis=2).sum(1)
-        share = np.clip((APART - off / np.maximum(way, 1e-300)) / (APART - AS_ONE), 0, 1)[:, None, None]
-        return fit(before, before + share * (rigid - before), alike)
+        share = np.clip(
+            (PART_LIMITS.loose_residual - off / np.maximum(way, 1e-300))
+            / (PART_LIMITS.loose_residual - PART_LIMITS.rigid_residual),
+            0,
+            1,
+        )[:, None, None]
+        return align_rigid(before, before + share * (rigid - before), alike)
 
     def _beneath(self, faces: Int) -> tuple[Int, F64]:
-        """For each vertex of the cards the corners of the skin's place closest to it and their shares, (n, 3) each."""
+        """Corners and barycentric weights (n, 3) of the skin point closest to each vertex of the cards."""
         points = self._vertices[self._cards]
         if not len(points):
             return np.empty((0, 3), np.intp), np.empty((0, 3))
-        places = Surface(self._vertices, faces, 0.0).closest(points, np.zeros_like(points))
+        places = Surface(self._vertices, faces, 0.0).closest_points(points, np.zeros_like(points))
         return faces[places.faces], places.weights
 
     def _surroundings(self, part: Int) -> Int:
-        """AROUND of the skin vertices that are close to a part, evenly taken, or its nearest."""
+        """An even sample of the skin vertices close to a part, or its nearest ones."""
         points = self._vertices[part]
         radius = np.linalg.norm(points - points.mean(0), axis=1).max()
         away, _ = cKDTree(points).query(self._vertices[self._skin])
-        near = np.argsort(away, kind="stable")[: max(FEWEST, int((away <= CLOSE * radius).sum()))]
-        return np.asarray(self._skin[near[np.linspace(0, len(near) - 1, AROUND).round().astype(int)]])
+        near = np.argsort(away, kind="stable")[
+            : max(
+                PART_LIMITS.min_skin_vertices,
+                int((away <= PART_LIMITS.max_skin_distance_radii * radius).sum()),
+            )
+        ]
+        return np.asarray(
+            self._skin[near[np.linspace(0, len(near) - 1, PART_LIMITS.skin_samples).round().astype(int)]]
+        )

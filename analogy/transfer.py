@@ -1,54 +1,65 @@
-"""Expressions of one head carried to another of any topology, scale and pose.
+"""Transfers expressions of one head to another of any topology, scale and pose.
 
-The source is brought to the target's topology by a dense correspondence and into its frame by the similarity of the
-two neutral heads; vertices for which the source has nothing, or a place out of order with those around it, continue
-their surroundings.  A rigid motion of the whole expression is taken off before and put on again after, so that a nod
-is a nod and nothing more.  Any units; the results are in the target's.
+A dense correspondence resamples the source on the target's topology, and the similarity of the two neutral heads brings
+it into the target's frame.  Vertices without a counterpart on the source, or with one that is out of order with its
+neighbours, continue their surroundings.  A rigid motion of the whole expression is removed first and applied again at
+the end, so that a nod stays a nod.  Any unit; results are in that of the target.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from guise.aam.similarity import Failed, Similarity, align
-from guise.analogy.baselines import Cloning, GradientTransfer
+from guise.analogy.baselines import ExpressionCloning, GradientTransfer
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.feature_points import FeaturePointsError, find
-from guise.analogy.filling import Filling
+from guise.analogy.feature_points import FeaturePointsError, find_feature_points
+from guise.analogy.filling import BiharmonicFill
+from guise.analogy.geometry import vertex_areas
 from guise.analogy.mesh import Mesh, MeshError
-from guise.analogy.parts import Parts, areas, restricted
-from guise.analogy.register import register, skin_of
-from guise.analogy.rigid import fit_most
-from guise.analogy.tents import Tents, TentTransfer
+from guise.analogy.parts import PartMotion, submesh
+from guise.analogy.registration import register, skin_mask
+from guise.analogy.rigid import align_rigid_robust
+from guise.analogy.tents import TentTransfer, VertexTents
 from guise.common.arrays import F64, Bool, Int
 
 Method = Literal["tents", "gradients", "cloning"]
-Core = Callable[[F64], F64]
+TransferMethod = Callable[[F64], F64]
 
-REACH = 0.15  # of the head's radius: the length over which tents rule
-FADE = 0.3  # of the head's radius: how far an expression goes on where the source has nothing
-STRETCHED, SQUEEZED = 3.0, 0.2  # of a ring on the source, from which its places are not believed
-SAMPLE = 400  # vertices that say how the head as a whole moves
+
+@dataclass(frozen=True)
+class TransferSettings:
+    """Settings of the transfer; radii are the head's."""
+
+    tent_reach_radii: float = 0.15  # length over which tents rule
+    fade_length_radii: float = 0.3  # over which an expression fades where the source has nothing
+    max_ring_stretch: float = 3.0  # of a ring on the source, beyond which its correspondence is rejected
+    min_ring_stretch: float = 0.2
+    pose_samples: int = 400  # vertices that give the motion of the whole head
+
+
+TRANSFER = TransferSettings()
 
 
 class Transfer:
-    """Carries expressions of a source to a target; all that depends on the two neutral heads is done once.
+    """Transfers expressions of a source to a target; everything that depends on the neutral heads is computed once.
 
     Parameters
     ----------
-    source, target : neutral heads.   correspondence : for each target vertex its place on the source.
+    source, target : neutral heads.   correspondence : for each target vertex its point on the source.
     method : tents (Song et al. 2007), gradients (Sumner and Popovic 2004) or cloning (Noh and Neumann 2001).
-    keep_rigid : parts other than the skin (eyes, teeth) stay where they are in the head, instead of moving with it.
+    keep_rigid : parts other than the skin (eyes, teeth) keep their place in the head instead of following the skin.
 
     Raises
     ------
     MeshError
-        When the correspondence is not of these heads or finds next to nothing.
+        When the correspondence does not fit these heads or matches almost nothing.
     SolverError
-        When the target cannot be solved for.
+        When the system of the target has no unique solution.
 
     Examples
     --------
@@ -68,57 +79,59 @@ class Transfer:
         keep_rigid: bool = False,
     ) -> None:
         self.source, self.target = source, target
-        on_skin = skin_of(target)
-        found = _found(source, target, correspondence, on_skin)
-        skin = restricted(target, on_skin)
+        on_skin = skin_mask(target)
+        found = _matched_skin(source, target, correspondence, on_skin)
+        skin = submesh(target, on_skin)
         self._carry = correspondence.matrix(len(source.vertices))[np.flatnonzero(on_skin)]
-        size = areas(skin) * found
-        self.pose = _aligned(self._carry @ source.vertices, skin.vertices, size)
+        size = vertex_areas(skin.vertices, skin.faces) * found
+        self.pose = _align(self._carry @ source.vertices, skin.vertices, size)
         apart = self.pose.apply(self._carry @ source.vertices) - skin.vertices
-        radius = _radius(skin.vertices, size)
-        continued = Filling(skin.vertices, skin.rings, found, FADE * radius)(apart)
-        found &= _in_order(skin.vertices + continued, skin)
-        self._fill = Filling(skin.vertices, skin.rings, found, FADE * radius)
+        radius = _rms_radius(skin.vertices, size)
+        continued = BiharmonicFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)(
+            apart
+        )
+        found &= _keeps_ring_shape(skin.vertices + continued, skin)
+        self._fill = BiharmonicFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)
         self._neutral = skin.vertices + self._fill(apart)
-        self._core = _core(method, self._neutral, skin, REACH * radius)
-        self._parts = Parts(target, on_skin, keep_rigid)
-        self._sample = _sampled(np.flatnonzero(skin_of(source)))
+        self._core = _make_method(method, self._neutral, skin, TRANSFER.tent_reach_radii * radius)
+        self._parts = PartMotion(target, on_skin, keep_rigid)
+        self._sample = _subsample(np.flatnonzero(skin_mask(source)))
 
     def __call__(self, expressive: F64) -> F64:
-        """The target (N_t, 3) with the expression that the source has in `expressive` (N_s, 3).
+        """The target (N_t, 3) with the expression of the source `expressive` (N_s, 3).
 
         Raises
         ------
         MeshError
-            When the expression has another number of vertices than the source, or one is not finite.
+            When the number of vertices differs from the source, or a vertex is not finite.
         """
-        _check(expressive, self.source)
+        _require_expression(expressive, self.source)
         motion = self._motion(expressive)
         way = (motion.inverse().apply(expressive) - self.source.vertices) @ self.pose.linear.T
         made = self._parts(self._core(self._neutral + self._fill(self._carry @ way)))
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
 
     def _motion(self, expressive: F64) -> Similarity:
-        """How the source's head as a whole moved."""
+        """Rigid motion of the source head."""
         before, after = self.source.vertices[self._sample], expressive[self._sample]
-        return Similarity(1.0, *fit_most(before, after, np.ones(len(before))))
+        return Similarity(1.0, *align_rigid_robust(before, after, np.ones(len(before))))
 
 
-def prepare(
+def prepare_transfer(
     source: Mesh,
     target: Mesh,
     points: tuple[F64, F64] | None = None,
     method: Method = "tents",
     keep_rigid: bool = False,
 ) -> Transfer:
-    """A transfer between two heads that are registered first.
+    """Register two heads and prepare a transfer between them.
 
-    points : (k, 3) on the source and (k, 3) on the target that belong together; None: the feature points are found.
+    points : corresponding points (k, 3) on the source and (k, 3) on the target; None: feature points are detected.
 
     Raises
     ------
     FeaturePointsError, RegistrationError, MeshError, SolverError
-        When there is no face to be found, and as the steps do.
+        When no face is found, or a step fails.
     """
     if points is None:
         points = _feature_points(source, "source"), _feature_points(target, "target")
@@ -127,24 +140,24 @@ def prepare(
 
 
 def _feature_points(mesh: Mesh, name: str) -> F64:
-    found = find(mesh)
+    found = find_feature_points(mesh)
     if isinstance(found, Failed):
         raise FeaturePointsError(f"no face was found on the {name}: {found.reason}")
     return found.positions
 
 
-def _core(method: Method, source: F64, target: Mesh, reach: float) -> Core:
+def _make_method(method: Method, source: F64, target: Mesh, reach: float) -> TransferMethod:
     if method == "tents":
         return TentTransfer(source, target.vertices, target.rings, reach)
     if method == "gradients":
         return GradientTransfer(source, target.vertices, target.rings)
     if method == "cloning":
-        return Cloning(source, target.vertices, target.rings)
+        return ExpressionCloning(source, target.vertices, target.rings)
     raise MeshError(f"the method must be tents, gradients or cloning, got {method}")
 
 
-def _found(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Bool) -> Bool:
-    """Of each skin vertex of the target, whether it has a place on the source's skin."""
+def _matched_skin(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Bool) -> Bool:
+    """Whether each skin vertex of the target has a counterpart on the skin of the source."""
     corners = correspondence.corners
     if len(corners) != len(target.vertices):
         raise MeshError(
@@ -154,7 +167,7 @@ def _found(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Boo
         raise MeshError(
             f"the correspondence names vertex {corners.max()}, the source has {len(source.vertices)}"
         )
-    found = (correspondence.found & skin_of(source)[corners].all(1))[skin]
+    found = (correspondence.found & skin_mask(source)[corners].all(1))[skin]
     if found.sum() < 3:
         raise MeshError(
             f"the source has a place for {found.sum()} of {len(found)} skin vertices of the target: "
@@ -163,32 +176,34 @@ def _found(source: Mesh, target: Mesh, correspondence: Correspondence, skin: Boo
     return np.asarray(found)
 
 
-def _aligned(source: F64, target: F64, weights: F64) -> Similarity:
+def _align(source: F64, target: F64, weights: F64) -> Similarity:
     pose = align(source, target, weights)
     if isinstance(pose, Failed):
         raise MeshError(f"the source cannot be aligned with the target: {pose.reason}")
     return pose
 
 
-def _in_order(carried: F64, target: Mesh) -> Bool:
-    """Of each vertex, whether its ring keeps about its form on the source: a place on the other lip tears it."""
-    change = Tents(target.vertices, target.rings).transformations(carried)
+def _keeps_ring_shape(carried: F64, target: Mesh) -> Bool:
+    """Whether the ring of each vertex keeps its shape on the source; a match on the other lip tears it."""
+    change = VertexTents(target.vertices, target.rings).transformations(carried)
     stretch = np.linalg.svd(change, compute_uv=False)
     flipped = np.linalg.det(change) <= 0
-    return np.asarray((stretch[:, 0] < STRETCHED) & (stretch[:, 2] > SQUEEZED) & ~flipped)
+    return np.asarray(
+        (stretch[:, 0] < TRANSFER.max_ring_stretch) & (stretch[:, 2] > TRANSFER.min_ring_stretch) & ~flipped
+    )
 
 
-def _radius(vertices: F64, weights: F64) -> float:
-    """Root mean square distance from the middle."""
+def _rms_radius(vertices: F64, weights: F64) -> float:
+    """Root mean square distance from the centroid."""
     share = weights / weights.sum()
     return float(np.sqrt(share @ np.square(vertices - share @ vertices).sum(1)))
 
 
-def _sampled(vertices: Int) -> Int:
-    return vertices[:: -(-len(vertices) // SAMPLE)]
+def _subsample(vertices: Int) -> Int:
+    return vertices[:: -(-len(vertices) // TRANSFER.pose_samples)]
 
 
-def _check(expressive: F64, source: Mesh) -> None:
+def _require_expression(expressive: F64, source: Mesh) -> None:
     if expressive.shape != source.vertices.shape:
         raise MeshError(
             f"the expression has {len(expressive)} vertices, its neutral {len(source.vertices)}: "

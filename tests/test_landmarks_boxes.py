@@ -15,7 +15,7 @@ from guise.aam.landmarks import (
     iou,
     open_detector,
 )
-from guise.aam.landmarks.boxes import _finish
+from guise.aam.landmarks.boxes import strongest
 from guise.aam.landmarks.schemes import IBUG68
 
 ROOT = Path(__file__).parents[1]
@@ -113,10 +113,10 @@ def test_grey_pictures_work(spec: str) -> None:
 
 def test_nested_boxes_are_merged() -> None:
     boxes = np.array([[0, 0, 100, 100], [30, 30, 70, 70], [200, 0, 260, 60], [10, 0, 110, 100]], float)
-    kept, scores = _finish(boxes, np.array([0.9, 0.8, 0.5, 0.7]), 0.4)
+    kept, scores = strongest(boxes, np.array([0.9, 0.8, 0.5, 0.7]), 0.4)
     np.testing.assert_array_equal(kept, boxes[[0, 2]])
     np.testing.assert_allclose(scores, [0.9, 0.5])
-    assert len(_finish(boxes, np.array([0.9, 0.8, 0.5, 0.7]), 0.6)[0]) == 1
+    assert len(strongest(boxes, np.array([0.9, 0.8, 0.5, 0.7]), 0.6)[0]) == 1
 
 
 def test_box_fit_moves_and_scales() -> None:

@@ -23,7 +23,7 @@ from guise.aam.landmarks import (
     read_card,
     register_landmarker,
 )
-from guise.aam.landmarks.onnx import _crop_to_picture
+from guise.aam.landmarks.crops import crop_to_picture
 from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, mean_geometry
 from guise.aam.onnx_weights import without_tiny_weights
 
@@ -241,7 +241,7 @@ def test_crop_keeps_pixel_centres(tmp_path: Path) -> None:
 
 
 def test_crop_corners_are_the_squares_corners() -> None:
-    inverse = _crop_to_picture(np.array([10, 20, 30, 60]), 1.5, 0.0, 12, 24)
+    inverse = crop_to_picture(np.array([20.0, 40.0]), 60.0, 0.0, (12, 24))
     corners = np.array([[-0.5, -0.5], [11.5, 23.5]]) @ inverse[:, :2].T + inverse[:, 2]
     np.testing.assert_allclose(corners, [[-10, 10], [50, 70]])
 

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from guise.aam.similarity import Failed, Similarity
+from guise.aam.similarity import Failed, Similarity, align_rigid
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FeaturePointsError
-from guise.analogy.filling import Filling
+from guise.analogy.filling import BiharmonicFill
 from guise.analogy.mesh import Mesh, MeshError
-from guise.analogy.rigid import fit, fit_most, moved
+from guise.analogy.rigid import align_rigid_robust, apply_rigid
 from guise.analogy.tents import vertex_error
-from guise.analogy.transfer import Method, Transfer, prepare
+from guise.analogy.transfer import Method, Transfer, prepare_transfer
 from guise.common.arrays import F64, Bool, Int
 
 METHODS: tuple[Method, ...] = ("tents", "gradients", "cloning")
@@ -77,7 +77,7 @@ def motion(turn: tuple[float, ...], shift: tuple[float, ...], scale: float = 1.0
 
 
 def placed(mesh: Mesh, by: Similarity) -> Mesh:
-    return mesh.moved(by.apply(mesh.vertices))
+    return mesh.with_vertices(by.apply(mesh.vertices))
 
 
 @pytest.fixture(scope="module", params=METHODS)
@@ -125,7 +125,7 @@ def test_a_source_that_is_turned_and_scaled_gives_the_same(
 @settings(max_examples=15)
 def test_a_mesh_transferred_onto_itself_returns_itself(amount: float, seed: int) -> None:
     rough = np.random.default_rng(seed).normal(0, 0.01, SOURCE.vertices.shape)
-    source = SOURCE.moved(SOURCE.vertices + rough)
+    source = SOURCE.with_vertices(SOURCE.vertices + rough)
     expressive = source.vertices + amount * (smiling(source.vertices) - source.vertices)
     made = Transfer(source, source, Correspondence.identity(len(source.vertices)))(expressive)
     assert np.nanmax(vertex_error(source.vertices, expressive, made)) < 1e-6
@@ -144,7 +144,7 @@ def test_quads_and_their_triangulation_agree() -> None:
 def test_what_is_made_is_the_expression_of_the_other_head() -> None:
     """The truth: the target's sheet is the source's stretched, its expression the source's stretched alike."""
     stretch = (1.1, 0.9, 1.0)
-    target = SOURCE.moved(SOURCE.vertices * stretch)
+    target = SOURCE.with_vertices(SOURCE.vertices * stretch)
     link = Correspondence.identity(len(target.vertices))
     wanted = smiling(SOURCE.vertices) * stretch
     made = Transfer(SOURCE, target, link)(smiling(SOURCE.vertices))
@@ -340,15 +340,19 @@ def test_another_method_is_refused() -> None:
 
 
 def test_without_a_face_there_is_nothing_to_prepare(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guise.analogy.transfer.find", lambda mesh: Failed("nothing looks like a face"))
+    monkeypatch.setattr(
+        "guise.analogy.transfer.find_feature_points", lambda mesh: Failed("nothing looks like a face")
+    )
     with pytest.raises(FeaturePointsError, match="no face was found on the source: nothing looks"):
-        prepare(SOURCE, TARGET)
+        prepare_transfer(SOURCE, TARGET)
 
 
 def test_with_points_the_heads_are_registered() -> None:
     at = [0, 6, 13, 98, 104, 111, 196, 202, 209]
-    target = SOURCE.moved(SOURCE.vertices * (1.05, 0.95, 1.0))
-    made = prepare(SOURCE, target, (SOURCE.vertices[at], target.vertices[at]))(smiling(SOURCE.vertices))
+    target = SOURCE.with_vertices(SOURCE.vertices * (1.05, 0.95, 1.0))
+    made = prepare_transfer(SOURCE, target, (SOURCE.vertices[at], target.vertices[at]))(
+        smiling(SOURCE.vertices)
+    )
     wanted = smiling(SOURCE.vertices) * (1.05, 0.95, 1.0)
     still = np.linalg.norm(wanted - target.vertices, axis=1).mean()
     assert np.linalg.norm(made - wanted, axis=1).mean() < 0.35 * still
@@ -364,13 +368,13 @@ def noisy(seed: int = 0) -> tuple[F64, F64]:
 
 
 def residual(source: F64, target: F64, weights: F64, turn: F64, shift: F64) -> float:
-    return float(weights @ np.square(moved(source, turn, shift) - target).sum(1))
+    return float(weights @ np.square(apply_rigid(source, turn, shift) - target).sum(1))
 
 
 def test_no_other_motion_fits_better() -> None:
     source, target = noisy()
     weights = np.random.default_rng(1).uniform(0.1, 2, len(source))
-    turn, shift = fit(source, target, weights)
+    turn, shift = align_rigid(source, target, weights)
     best = residual(source, target, weights, turn, shift)
     assert np.linalg.det(turn) == pytest.approx(1)
     for seed in range(30):
@@ -384,17 +388,21 @@ def test_a_point_of_weight_two_counts_as_two_and_one_of_next_to_none_as_none() -
     weights = np.ones(40)
     weights[0] = 2
     twice = [np.concatenate([points, points[:1]]) for points in (source, target)]
-    assert_allclose(fit(source, target, weights)[0], fit(*twice, np.ones(41))[0], atol=1e-12)
+    assert_allclose(align_rigid(source, target, weights)[0], align_rigid(*twice, np.ones(41))[0], atol=1e-12)
     weights[0] = 1e-12
-    assert_allclose(fit(source, target, weights)[1], fit(source[1:], target[1:], np.ones(39))[1], atol=1e-9)
+    assert_allclose(
+        align_rigid(source, target, weights)[1],
+        align_rigid(source[1:], target[1:], np.ones(39))[1],
+        atol=1e-9,
+    )
 
 
 def test_sets_are_fitted_each_on_its_own() -> None:
     pairs = [noisy(seed) for seed in range(3)]
-    turns, shifts = fit(*(np.stack(points) for points in zip(*pairs, strict=True)), np.ones((3, 40)))
+    turns, shifts = align_rigid(*(np.stack(points) for points in zip(*pairs, strict=True)), np.ones((3, 40)))
     for (source, target), turn, shift in zip(pairs, turns, shifts, strict=True):
-        assert_allclose(fit(source, target, np.ones(40))[0], turn, atol=1e-12)
-        assert_allclose(fit(source, target, np.ones(40))[1], shift, atol=1e-12)
+        assert_allclose(align_rigid(source, target, np.ones(40))[0], turn, atol=1e-12)
+        assert_allclose(align_rigid(source, target, np.ones(40))[1], shift, atol=1e-12)
 
 
 def test_the_motion_of_most_is_found_though_others_move() -> None:
@@ -402,7 +410,7 @@ def test_the_motion_of_most_is_found_though_others_move() -> None:
     by = motion((5, -10, 3), (0.5, 0, 0))
     target = by.apply(source)
     target[:16] += (0.3, 0.2, 0.0)
-    turn, shift = fit_most(source, target, np.ones(40))
+    turn, shift = align_rigid_robust(source, target, np.ones(40))
     assert_allclose(turn, by.rotation, atol=1e-3)
     assert_allclose(shift, by.translation, atol=2e-3)
 
@@ -410,7 +418,9 @@ def test_the_motion_of_most_is_found_though_others_move() -> None:
 def test_known_values_are_kept_and_unknown_ones_lie_between_or_fall_off() -> None:
     known = np.abs(places(*COARSE)[:, 0]) > 0.3
     values = np.where(known[:, None], 1.0, np.nan)
-    near, far = (Filling(SOURCE.vertices, SOURCE.rings, known, reach)(values) for reach in (10.0, 0.05))
+    near, far = (
+        BiharmonicFill(SOURCE.vertices, SOURCE.rings, known, reach)(values) for reach in (10.0, 0.05)
+    )
     assert_allclose(near[known], 1)
     assert_allclose(near, 1, atol=0.02)
     assert np.abs(far[~known]).min() < 0.3
@@ -420,7 +430,7 @@ def test_values_go_on_without_a_crease() -> None:
     at = places(20, 20)
     known = at[:, 1] > -0.5
     flat = np.column_stack([at, np.zeros(len(at))])
-    made = Filling(flat, Mesh(flat, NO_TRIANGLES, quads_of(20, 20)).rings, known, 1.0)(at[:, 1:])
+    made = BiharmonicFill(flat, Mesh(flat, NO_TRIANGLES, quads_of(20, 20)).rings, known, 1.0)(at[:, 1:])
     slope = np.diff(made.reshape(20, 20)[:, 10]) / np.diff(at[:, 1].reshape(20, 20)[:, 10])
     first = np.flatnonzero(known.reshape(20, 20)[:, 10])[0]
     assert_allclose(slope[first - 1], 1, atol=0.3)

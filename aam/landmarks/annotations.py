@@ -37,8 +37,9 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.face import Float32, LandmarkError, frozen
+from guise.aam.landmarks.face import LandmarkError, frozen
 from guise.aam.landmarks.schemes import COUNT, scheme_named, scheme_of_count, to_face81
+from guise.common.arrays import F32, F64, Bool
 from guise.common.files import natural_key, write_whole
 
 _NPZ_KEYS = ("face81", "landmarks", "points")
@@ -46,7 +47,7 @@ _JSON_KEYS = ("scheme", "frames", "count", "about")
 
 TRACKED_FORMAT, TRACKED_VERSION = "guise-landmarks", 1  # JSON with all faces of all frames
 
-_Faces = list[tuple[int | None, NDArray[np.float64]]]  # of a frame: the track and the points (n, 2)
+_Faces = list[tuple[int | None, F64]]  # of a frame: the track and the points (n, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class Annotations:
         Which one was taken, for messages.
     """
 
-    points: Float32
+    points: F32
     source: str = "landmarks"
     scheme: str = "face81"
     several: int = 0
@@ -91,7 +92,7 @@ class Annotations:
         return len(self.points)
 
     @property
-    def present(self) -> NDArray[np.bool_]:
+    def present(self) -> Bool:
         """Whether a frame has a face (T,)."""
         return np.asarray(np.isfinite(self.points).all(axis=(1, 2)))
 
@@ -242,11 +243,11 @@ def _load_json(path: Path) -> Annotations:
     return _annotations(path, *_stacked(path, _indexed(path, stored), scheme))
 
 
-def _indexed(path: Path, stored: dict[str, Any]) -> list[list[NDArray[np.float64]]]:
+def _indexed(path: Path, stored: dict[str, Any]) -> list[list[F64]]:
     """The faces of each frame, from entries with an index."""
     entries = stored["frames"]
     count = _frame_count(path, stored)
-    frames: list[list[NDArray[np.float64]]] = [[] for _ in range(count)]
+    frames: list[list[F64]] = [[] for _ in range(count)]
     for entry in entries:
         if entry["points"] is not None:
             frames[entry["index"]].append(_points(path, entry["index"], entry["points"]))
@@ -306,7 +307,7 @@ def _is_index(value: Any, limit: int) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < limit
 
 
-def _points(path: Path, index: int, value: Any) -> NDArray[np.float64]:
+def _points(path: Path, index: int, value: Any) -> F64:
     """Points (n, 2) of one frame of a JSON file; null is NaN."""
     try:
         points = np.array(value, dtype=np.float64)
@@ -343,7 +344,7 @@ def _load_folder(path: Path, images: Sequence[str | Path] | None) -> Annotations
     return _annotations(path, *_stacked(path, [[points] if len(points) else [] for points in read], None))
 
 
-def _read_pts(path: Path) -> NDArray[np.float64]:
+def _read_pts(path: Path) -> F64:
     """Points (n, 2) of a .pts file, pixels counted from 0."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -365,9 +366,7 @@ def _read_pts(path: Path) -> NDArray[np.float64]:
     return np.array(rows, dtype=np.float64).reshape(-1, 2) - 1
 
 
-def _stacked(
-    path: Path, frames: list[list[NDArray[np.float64]]], scheme: str | None
-) -> tuple[NDArray[np.float64], str]:
+def _stacked(path: Path, frames: list[list[F64]], scheme: str | None) -> tuple[F64, str]:
     """Faces (T, F, n, 2), NaN-padded, and their scheme, from lists of (n, 2)."""
     counts = {len(points) for faces in frames for points in faces}
     expected = {scheme_named(scheme).count} if scheme else counts
@@ -395,9 +394,7 @@ def _scheme_for(path: Path, count: int) -> str:
         raise LandmarkError(f"{path}: {error}") from error
 
 
-def _annotations(
-    path: Path, faces: NDArray[np.float64], scheme: str, track: NDArray[Any] | None = None
-) -> Annotations:
+def _annotations(path: Path, faces: F64, scheme: str, track: NDArray[Any] | None = None) -> Annotations:
     """One face of each frame, of faces (T, F, n, 2): the main track's, or the largest where there are no tracks.
 
     track : (T, F) numbers, below 0 for none.
@@ -418,7 +415,7 @@ def _annotations(
     return Annotations(to_face81(chosen, scheme), str(path), scheme, several, taken)
 
 
-def _main_track(track: NDArray[Any], area: NDArray[np.float64]) -> int | None:
+def _main_track(track: NDArray[Any], area: F64) -> int | None:
     """The track with the largest sum of sizes, of numbers and areas (T, F); None without tracks."""
     numbers = np.unique(track[track >= 0])
     if not len(numbers):
@@ -426,7 +423,7 @@ def _main_track(track: NDArray[Any], area: NDArray[np.float64]) -> int | None:
     return int(max(numbers, key=lambda number: float(np.sqrt(area[track == number]).sum())))
 
 
-def _npz_bytes(points: Float32, scheme: str) -> bytes:
+def _npz_bytes(points: F32, scheme: str) -> bytes:
     buffer = io.BytesIO()
     if scheme == "face81":
         np.savez_compressed(buffer, face81=points)
@@ -435,22 +432,22 @@ def _npz_bytes(points: Float32, scheme: str) -> bytes:
     return buffer.getvalue()
 
 
-def _json_bytes(points: Float32, scheme: str) -> bytes:
+def _json_bytes(points: F32, scheme: str) -> bytes:
     frames = [{"index": i, "points": _listed(frame)} for i, frame in enumerate(points)]
     return json.dumps({"scheme": scheme, "count": len(frames), "frames": frames}, allow_nan=False).encode()
 
 
-def _listed(frame: Float32) -> Any:
+def _listed(frame: F32) -> Any:
     """Points (n, 2) as lists; None without a face."""
     return shortest(frame) if np.isfinite(frame).all() else None
 
 
-def shortest(values: Float32) -> Any:
+def shortest(values: F32) -> Any:
     """Nested lists of the shortest decimals that give the same float32 back."""
     return values.astype(str).astype(np.float64).tolist()
 
 
-def _pts_bytes(points: Float32, scheme: str) -> bytes:
+def _pts_bytes(points: F32, scheme: str) -> bytes:
     del scheme  # a .pts file does not name it
     if len(points) != 1:
         raise LandmarkError(
@@ -459,7 +456,7 @@ def _pts_bytes(points: Float32, scheme: str) -> bytes:
     return pts_bytes(points[0] if np.isfinite(points[0]).all() else points[0, :0])
 
 
-def pts_bytes(points: Float32) -> bytes:
+def pts_bytes(points: F32) -> bytes:
     """The text of a .pts file, in which the first pixel is 1, for points (n, 2)."""
     rows = [f"{x!r} {y!r}" for x, y in (points.astype(np.float64) + 1).tolist()]
     return "\n".join(["version: 1", f"n_points: {len(rows)}", "{", *rows, "}", ""]).encode()

@@ -17,15 +17,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.face import BoxFit, Float32, Image, LandmarkError, iou
+from guise.aam.landmarks.face import BoxFit, LandmarkError, iou
+from guise.common.arrays import F32, F64, U8
 
-_WINDOW = 24  # pixels, the side of the cascade's window
-_STEP, _FINE_STEP = 1.15, 1.05  # from one size of face to the next
-_YUNET_FACE = 16  # pixels, the smallest face that YuNet sees reliably
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Settings of both detectors."""
+
+    lbp_window_pixels: int = 24  # the side of the cascade's window
+    lbp_size_step: float = 1.15  # from one size of face to the next
+    lbp_fine_size_step: float = 1.05
+    lbp_score_scale: float = (
+        1.2  # of the last stage's sum: real faces have about 0.9 (1 in 100) to 4, others under 0.5
+    )
+    yunet_face_pixels: int = 16  # the smallest face that YuNet sees reliably
+    max_distinct_iou: float = 0.3  # of boxes, above which they are one face
+
+
+SETTINGS = DetectorSettings()
 # The landmark box of the iBUG 68 points from a box: medians over the sample clips and real ones.
 _LBP_FIT = BoxFit(0.84, (0.0, 0.18))
 _YUNET_FIT = BoxFit(0.76, (0.0, 0.145))
-_TAG_SHIPPED, _TAG_MEANT = "featuhreParams", "featureParams"
+_SHIPPED_TAG, _CORRECT_TAG = "featuhreParams", "featureParams"
 
 
 @dataclass(eq=False)
@@ -60,29 +74,36 @@ class LbpDetector:
 
     def __post_init__(self) -> None:
         """Check the options and load the cascade."""
-        _check_smallest(self.smallest)
+        check_smallest(self.smallest)
         self._cascade = _lbp_cascade()
 
-    def detect(self, image: Image) -> Float32:
+    def detect(self, image: U8) -> F32:
         """Boxes (n, 4)."""
         return self.detect_scored(image)[0]
 
-    def detect_scored(self, image: Image) -> tuple[Float32, Float32]:
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
         """Boxes (n, 4) and scores (n,) in [0, 1]."""
         grey = _grey(image)
-        small, scale = _scaled(grey, _WINDOW, _smallest_pixels(self.smallest, grey))
-        boxes, scores = self._search(small, scale, _STEP)
-        return self._search(small, scale, _FINE_STEP) if self.thorough and not len(boxes) else (boxes, scores)
+        small, scale = _scaled(grey, SETTINGS.lbp_window_pixels, smallest_pixels(self.smallest, grey))
+        boxes, scores = self._search(small, scale, SETTINGS.lbp_size_step)
+        if self.thorough and not len(boxes):
+            return self._search(small, scale, SETTINGS.lbp_fine_size_step)
+        return boxes, scores
 
-    def _search(self, small: Image, scale: NDArray[np.float64], step: float) -> tuple[Float32, Float32]:
+    def _search(self, small: U8, scale: F64, step: float) -> tuple[F32, F32]:
         found, _, weights = self._cascade.detectMultiScale3(
-            small, scaleFactor=step, minNeighbors=2, minSize=(_WINDOW, _WINDOW), outputRejectLevels=True
+            small,
+            scaleFactor=step,
+            minNeighbors=2,
+            minSize=(SETTINGS.lbp_window_pixels, SETTINGS.lbp_window_pixels),
+            outputRejectLevels=True,
         )
         if len(found) == 0:
-            return _no_boxes()
-        # The last stage's sum: real faces have about 0.9 (1 in 100) to 4, chance finds mostly under 0.5.
-        scores = 1 - np.exp(-np.maximum(np.asarray(weights, dtype=np.float64).ravel(), 0) / 1.2)
-        return _finish(_corners(np.asarray(found), scale), scores, self.min_score)
+            return no_boxes()
+        scores = 1 - np.exp(
+            -np.maximum(np.asarray(weights, dtype=np.float64).ravel(), 0) / SETTINGS.lbp_score_scale
+        )
+        return strongest(_corners(np.asarray(found), scale), scores, self.min_score)
 
 
 @dataclass(eq=False)
@@ -109,7 +130,7 @@ class YunetDetector:
 
     def __post_init__(self) -> None:
         """Check the options and load the network."""
-        _check_smallest(self.smallest)
+        check_smallest(self.smallest)
         path = Path(self.model)
         if not path.is_file():
             raise LandmarkError(
@@ -117,19 +138,19 @@ class YunetDetector:
             )
         self._network = _yunet(path, self.min_score)
 
-    def detect(self, image: Image) -> Float32:
+    def detect(self, image: U8) -> F32:
         """Boxes (n, 4)."""
         return self.detect_scored(image)[0]
 
-    def detect_scored(self, image: Image) -> tuple[Float32, Float32]:
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
         """Boxes (n, 4) and scores (n,) in [0, 1]."""
         bgr = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR if image.ndim == 2 else cv2.COLOR_RGB2BGR)
-        small, scale = _scaled(bgr, _YUNET_FACE, _smallest_pixels(self.smallest, image))
+        small, scale = _scaled(bgr, SETTINGS.yunet_face_pixels, smallest_pixels(self.smallest, image))
         self._network.setInputSize((small.shape[1], small.shape[0]))
         found = self._network.detect(small)[1]
         if found is None or len(found) == 0:
-            return _no_boxes()
-        return _finish(_corners(found[:, :4], scale), np.asarray(found[:, -1], float), self.min_score)
+            return no_boxes()
+        return strongest(_corners(found[:, :4], scale), np.asarray(found[:, -1], float), self.min_score)
 
 
 def _lbp_cascade() -> cv2.CascadeClassifier:
@@ -137,7 +158,7 @@ def _lbp_cascade() -> cv2.CascadeClassifier:
 
     name: str = lbp_frontal_face_cascade_filename()  # type: ignore[no-untyped-call]
     text = Path(name).read_text(encoding="utf-8")
-    text = text.replace(_TAG_SHIPPED, _TAG_MEANT)
+    text = text.replace(_SHIPPED_TAG, _CORRECT_TAG)
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     cascade = cv2.CascadeClassifier()
     if not cascade.read(storage.getFirstTopLevelNode()) or cascade.empty():
@@ -150,7 +171,7 @@ def _lbp_cascade() -> cv2.CascadeClassifier:
 def _yunet(path: Path, min_score: float) -> cv2.FaceDetectorYN:
     logging = cv2.utils.logging
     level = logging.getLogLevel()
-    logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # it warns about targets nobody asked for
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # it warns about unused targets
     try:
         network = cv2.FaceDetectorYN.create(str(path), "", (64, 64), min_score, 0.3, 500)
         network.detect(np.zeros((64, 64, 3), np.uint8))
@@ -163,21 +184,21 @@ def _yunet(path: Path, min_score: float) -> cv2.FaceDetectorYN:
     return network
 
 
-def _check_smallest(smallest: float) -> None:
+def check_smallest(smallest: float) -> None:
     if not smallest > 0:
         raise LandmarkError(f"smallest face must be a share of the height or pixels above 0, got {smallest}")
 
 
-def _smallest_pixels(smallest: float, image: NDArray[Any]) -> float:
+def smallest_pixels(smallest: float, image: NDArray[Any]) -> float:
     return smallest * image.shape[0] if smallest <= 1 else smallest
 
 
-def _grey(image: Image) -> Image:
+def _grey(image: U8) -> U8:
     return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
 
 
-def _scaled(image: Any, seen: float, smallest: float) -> tuple[Any, NDArray[np.float64]]:
-    """Image scaled so that a face of ``smallest`` pixels gets ``seen`` (never larger); its scale (x, y)."""
+def _scaled(image: Any, seen: float, smallest: float) -> tuple[Any, F64]:
+    """U8 scaled so that a face of ``smallest`` pixels gets ``seen`` (never larger); its scale (x, y)."""
     height, width = image.shape[:2]
     factor = min(1.0, seen / max(smallest, 1.0))
     size = (max(1, round(width * factor)), max(1, round(height * factor)))
@@ -188,29 +209,29 @@ def _scaled(image: Any, seen: float, smallest: float) -> tuple[Any, NDArray[np.f
     )
 
 
-def _corners(boxes: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corners(boxes: NDArray[Any], scale: F64) -> F64:
     """Corners in the full picture of boxes x, y, w, h (n, 4) in the scaled one; pixel centres at integers."""
     boxes = np.asarray(boxes, dtype=np.float64)
     corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
     return np.asarray(corners / np.tile(scale, 2) - 0.5)
 
 
-def _finish(boxes: NDArray[Any], scores: NDArray[Any], min_score: float) -> tuple[Float32, Float32]:
+def strongest(boxes: NDArray[Any], scores: NDArray[Any], min_score: float) -> tuple[F32, F32]:
     """Drop weak boxes, and boxes mostly over or inside a stronger one; largest first."""
     kept: list[int] = []
     for i in np.argsort(-scores, kind="stable"):
-        if scores[i] >= min_score and not any(_same(boxes[i], boxes[j]) for j in kept):
+        if scores[i] >= min_score and not any(_is_same(boxes[i], boxes[j]) for j in kept):
             kept.append(int(i))
     areas = np.prod(boxes[kept, 2:] - boxes[kept, :2], axis=1)
     order = np.array(kept, dtype=int)[np.argsort(-areas, kind="stable")]
     return boxes[order].astype(np.float32), np.clip(scores[order], 0, 1).astype(np.float32)
 
 
-def _same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+def _is_same(a: NDArray[Any], b: NDArray[Any]) -> bool:
     centre_a, centre_b = (a[:2] + a[2:]) / 2, (b[:2] + b[2:]) / 2
     smaller = min(a[2] - a[0], b[2] - b[0])
-    return iou(a, b) > 0.3 or bool(np.abs(centre_a - centre_b).max() < smaller / 2)
+    return iou(a, b) > SETTINGS.max_distinct_iou or bool(np.abs(centre_a - centre_b).max() < smaller / 2)
 
 
-def _no_boxes() -> tuple[Float32, Float32]:
+def no_boxes() -> tuple[F32, F32]:
     return np.zeros((0, 4), np.float32), np.zeros(0, np.float32)

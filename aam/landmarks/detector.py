@@ -1,7 +1,7 @@
 """The built-in face detector: a small network that ships with the package.
 
-`aam/data/detector.onnx` is made by `training/train_detector.py` (`aam/data/detector.md` tells data, licence and
-figures). It gives, in cells of 8, 16 and 32 pixels, how much a face's centre looks to be there and the box.
+`aam/data/detector.onnx` is made by `training/train_detector.py` (`aam/data/detector.md` has data, licence and
+figures). For cells of 8, 16 and 32 pixels it gives how likely the centre of a face is there, and the box.
 
 Boxes are ``x0 y0 x1 y1`` float32 pixels of the given picture, pixel centres at integers, largest first: the tight box
 of the 68 iBUG points, also where it reaches beyond the picture's edge. Images are RGB (h, w, 3) or grey (h, w), uint8.
@@ -15,16 +15,16 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from guise.aam.landmarks.boxes import _check_smallest, _finish, _no_boxes, _smallest_pixels
-from guise.aam.landmarks.face import BoxFit, Float32, Image
+from guise.aam.landmarks.boxes import check_smallest, no_boxes, smallest_pixels, strongest
+from guise.aam.landmarks.face import BoxFit
 from guise.aam.onnx_model import open_session
+from guise.common.arrays import F32, F64, U8
 
 MODEL = Path(__file__).parents[1] / "data" / "detector.onnx"
-_SEEN = 12  # pixels, the smallest face that the network sees reliably
+MIN_FACE_PIXELS = 12  # that the network sees reliably
 _STRIDES = (8, 16, 32)
-_UNIT = 2  # strides, the unit of the network's distances
+UNIT_STRIDES = 2  # of the network's distances
 _FIT = BoxFit()
 
 
@@ -60,14 +60,14 @@ class FaceDetector:
 
     def __post_init__(self) -> None:
         """Check the options and load the network."""
-        _check_smallest(self.smallest)
+        check_smallest(self.smallest)
         self._session = open_session(MODEL.read_bytes(), self.threads)
 
-    def detect(self, image: Image) -> Float32:
+    def detect(self, image: U8) -> F32:
         """Boxes (n, 4)."""
         return self.detect_scored(image)[0]
 
-    def detect_scored(self, image: Image) -> tuple[Float32, Float32]:
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
         """Boxes (n, 4) and scores (n,) in [0, 1]."""
         small = self._scaled(image)
         rgb = cv2.cvtColor(small, cv2.COLOR_GRAY2RGB) if small.ndim == 2 else small
@@ -77,21 +77,19 @@ class FaceDetector:
         ]
         boxes, scores = (np.concatenate(parts) for parts in zip(*found, strict=True))
         if len(boxes) == 0:
-            return _no_boxes()
+            return no_boxes()
         scale = np.array(image.shape[1::-1]) / small.shape[1::-1]
-        return _finish((boxes + 0.5) * np.tile(scale, 2) - 0.5, scores, self.min_score)
+        return strongest((boxes + 0.5) * np.tile(scale, 2) - 0.5, scores, self.min_score)
 
-    def _scaled(self, image: Image) -> Any:
+    def _scaled(self, image: U8) -> Any:
         height, width = image.shape[:2]
-        smallest = _smallest_pixels(self.smallest, image)
-        factor = min(1.0, _SEEN / smallest, self.longest / max(height, width))
+        smallest = smallest_pixels(self.smallest, image)
+        factor = min(1.0, MIN_FACE_PIXELS / smallest, self.longest / max(height, width))
         size = (max(1, round(width * factor)), max(1, round(height * factor)))
         return image if size == (width, height) else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def _peaks(
-    maps: NDArray[np.float32], stride: int, least: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _peaks(maps: F32, stride: int, least: float) -> tuple[F64, F64]:
     """Boxes (n, 4) and scores (n,) of the cells that look most like a centre among their neighbours.
 
     maps : (5, h, w) of one level: logit, and left, top, right, bottom of the box in units of 2 strides from the cell.
@@ -99,7 +97,7 @@ def _peaks(
     logit = maps[0]
     highest = cv2.dilate(logit, np.ones((3, 3), np.uint8))
     rows, columns = np.nonzero((logit == highest) & (logit >= _logit(least)))
-    reach = maps[1:, rows, columns].T.astype(np.float64) * (_UNIT * stride)
+    reach = maps[1:, rows, columns].T.astype(np.float64) * (UNIT_STRIDES * stride)
     centre = np.column_stack([columns, rows]) * float(stride) + (stride - 1) / 2
     scores = 1 / (1 + np.exp(-logit[rows, columns].astype(np.float64)))
     return np.concatenate([centre - reach[:, :2], centre + reach[:, 2:]], axis=1), scores

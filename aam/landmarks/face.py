@@ -12,17 +12,15 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.common.arrays import F32, U8
 from guise.common.errors import GuiseError
-
-Float32 = NDArray[np.float32]
-Image = NDArray[np.uint8]
 
 
 class LandmarkError(GuiseError):
     """A user's mistake about landmarks, in one sentence: what was expected, what was got, what to do."""
 
 
-def frozen(array: Any) -> Float32:
+def frozen(array: Any) -> F32:
     """Read-only float32 copy of an array-like; the caller's array stays writable."""
     copy = np.array(array, dtype=np.float32)
     copy.setflags(write=False)
@@ -51,10 +49,10 @@ class Face:
     (dtype('float32'), (4,))
     """
 
-    points: Float32
+    points: F32
     confidence: float
-    box: Float32
-    point_confidence: Float32 | None = None
+    box: F32
+    point_confidence: F32 | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and take read-only copies."""
@@ -67,7 +65,7 @@ class Face:
             raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
 
     @classmethod
-    def around(cls, points: Any, confidence: float, point_confidence: Float32 | None = None) -> Face:
+    def around(cls, points: Any, confidence: float, point_confidence: F32 | None = None) -> Face:
         """Face whose box is the tight box of ``points`` (81, 2)."""
         return cls(points, confidence, tight_box(np.asarray(points)), point_confidence)
 
@@ -86,11 +84,11 @@ class Landmarker(Protocol):
         """Short name for reports."""
         ...
 
-    def detect(self, rgb: Image) -> list[Face]:
+    def detect(self, rgb: U8) -> list[Face]:
         """All faces, largest box first; an empty list when there are none."""
         ...
 
-    def refine(self, rgb: Image, previous: Face) -> Face | None:
+    def refine(self, rgb: U8, previous: Face) -> Face | None:
         """The face of the frame before, found again from its points without detection; None when lost."""
         ...
 
@@ -109,11 +107,11 @@ class BoxDetector(Protocol):
         """How a landmark box (of the iBUG 68 points) follows from this detector's boxes."""
         ...
 
-    def detect(self, image: Image) -> Float32:
+    def detect(self, image: U8) -> F32:
         """Boxes (n, 4), ``x0 y0 x1 y1`` pixels, largest first; image RGB (h, w, 3) or grey (h, w)."""
         ...
 
-    def detect_scored(self, image: Image) -> tuple[Float32, Float32]:
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
         """Boxes (n, 4) as in :meth:`detect` and their scores (n,) in [0, 1]."""
         ...
 
@@ -134,7 +132,7 @@ class BoxFit:
     scale: float = 1.0
     shift: tuple[float, float] = (0.0, 0.0)
 
-    def apply(self, box: NDArray[Any]) -> Float32:
+    def apply(self, box: NDArray[Any]) -> F32:
         """Square box (4,) ``x0 y0 x1 y1`` from a detector's box (4,)."""
         corners = np.asarray(box, dtype=np.float64)
         side = float(max(corners[2] - corners[0], corners[3] - corners[1]))
@@ -143,7 +141,7 @@ class BoxFit:
         return np.concatenate([centre - half, centre + half]).astype(np.float32)
 
 
-def tight_box(points: NDArray[Any]) -> Float32:
+def tight_box(points: NDArray[Any]) -> F32:
     """Smallest box (4,) ``x0 y0 x1 y1`` that holds points (n, 2), pixels."""
     return np.concatenate([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
 
@@ -164,7 +162,7 @@ def iou(a: NDArray[Any], b: NDArray[Any]) -> float:
     return shared / (float((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1])) - shared)
 
 
-def _checked(name: str, value: Any, shape: tuple[int, ...]) -> Float32:
+def _checked(name: str, value: Any, shape: tuple[int, ...]) -> F32:
     array = frozen(value)
     if array.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {array.shape}")

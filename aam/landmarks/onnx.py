@@ -6,6 +6,7 @@ The user brings the model and its card; :mod:`guise.aam.landmarks.card` describe
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.card import LandmarkCard, read_card
-from guise.aam.landmarks.face import BoxDetector, Face, Image, LandmarkError, iou, tight_box
+from guise.aam.landmarks.crops import crop_to_picture, roll
+from guise.aam.landmarks.face import BoxDetector, Face, LandmarkError, iou, tight_box
 from guise.aam.landmarks.plausible import pass_shift, settled_confidence, shape_confidence, visible_share
-from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
 from guise.aam.onnx_model import OnnxModel
+from guise.common.arrays import F64, U8
 
-_LEAST_VISIBLE = 0.5  # share of the points inside the picture, below which a face counts as lost
-_LEAST_CONFIDENCE = 0.1
-_STILL = 0.03  # mean shift in inter-ocular distances, below which a pass has settled
-_MOST_PASSES = 3  # to follow a face
+
+@dataclass(frozen=True)
+class LandmarkerLimits:
+    """Thresholds of landmarkers with a card."""
+
+    min_visible_share: float = 0.5  # of the points inside the picture, below which a face is lost
+    min_confidence: float = 0.1
+    max_distinct_iou: float = 0.4  # of the points' boxes, from which two faces are one
+    settled_shift_interocular: float = (
+        0.03  # mean, from one pass to the next, up to which the points have settled
+    )
+    max_refine_passes: int = 3
+
+
+LIMITS = LandmarkerLimits()
 
 
 class OnnxLandmarker:
@@ -54,7 +67,7 @@ class OnnxLandmarker:
         """The card's name and the detector's."""
         return f"{self.card.name}@{self.detector.name}"
 
-    def detect(self, rgb: Image) -> list[Face]:
+    def detect(self, rgb: U8) -> list[Face]:
         """Faces of the picture RGB (h, w, 3), largest box first.
 
         A face that lies mostly beyond the picture, or has the points of no face, is left out; of two that
@@ -67,34 +80,39 @@ class OnnxLandmarker:
                 faces.append(face)
         kept: list[Face] = []
         for face in sorted(faces, key=lambda f: -f.confidence):
-            if all(iou(face.box, other.box) < 0.4 for other in kept):
+            if all(iou(face.box, other.box) < LIMITS.max_distinct_iou for other in kept):
                 kept.append(face)
         return sorted(kept, key=lambda f: -f.area)
 
-    def refine(self, rgb: Image, previous: Face) -> Face | None:
+    def refine(self, rgb: U8, previous: Face) -> Face | None:
         """The face again, from a crop around its previous points; None when they lead to no face.
 
         One pass when it moved little, up to three otherwise: on a face they settle, elsewhere they wander.
         """
         points, shift = previous.points, np.inf
-        for _ in range(_MOST_PASSES):
+        for _ in range(LIMITS.max_refine_passes):
             before, points = points, self._once(rgb, points)
             shift = pass_shift(before, points)
-            if not shift > _STILL:
+            if not shift > LIMITS.settled_shift_interocular:
                 break
         return self._judge(rgb, points, settled_confidence(shift))
 
-    def points_in(self, rgb: Image, box: NDArray[Any], turn: float = 0.0) -> NDArray[np.float64]:
+    def points_in(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> F64:
         """The model's own points (n, 2), pixels of the picture, from one crop.
 
         box : (4,), the landmarks' box; turn : radians, by which the face is rolled clockwise.
         """
         width, height = self.card.size
-        inverse = _crop_to_picture(box, self.card.enlarge, turn, width, height)
+        corners = np.asarray(box, np.float64)
+        centre, side = (
+            (corners[:2] + corners[2:]) / 2,
+            float(self.card.enlarge * (corners[2:] - corners[:2]).max()),
+        )
+        inverse = crop_to_picture(centre, side, turn, (width, height))
         crop = cv2.warpAffine(rgb, inverse, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
         return np.asarray(self._predict(np.asarray(crop, np.uint8)) @ inverse[:, :2].T + inverse[:, 2])
 
-    def _from_box(self, rgb: Image, box: NDArray[Any], score: float) -> Face | None:
+    def _from_box(self, rgb: U8, box: NDArray[Any], score: float) -> Face | None:
         points = self.card.scheme.complete(self.points_in(rgb, box))
         shift = 0.0
         for _ in range(self.card.passes - 1):
@@ -102,24 +120,22 @@ class OnnxLandmarker:
             shift = pass_shift(before, points)
         return self._judge(rgb, points, min(score, settled_confidence(shift)))
 
-    def _once(self, rgb: Image, points: NDArray[Any]) -> NDArray[Any]:
+    def _once(self, rgb: U8, points: NDArray[Any]) -> NDArray[Any]:
         if not np.isfinite(points).all():
             return points
-        own = self.points_in(
-            rgb, tight_box(points[self._within]), _roll(points) if self.card.upright else 0.0
-        )
+        own = self.points_in(rgb, tight_box(points[self._within]), roll(points) if self.card.upright else 0.0)
         return self.card.scheme.complete(own)
 
-    def _judge(self, rgb: Image, points: NDArray[Any], score: float) -> Face | None:
+    def _judge(self, rgb: U8, points: NDArray[Any], score: float) -> Face | None:
         if (
             not np.isfinite(points).all()
-            or visible_share(points, rgb.shape[1], rgb.shape[0]) < _LEAST_VISIBLE
+            or visible_share(points, rgb.shape[1], rgb.shape[0]) < LIMITS.min_visible_share
         ):
             return None
         confidence = min(score, shape_confidence(points))
-        return Face.around(points, confidence) if confidence >= _LEAST_CONFIDENCE else None
+        return Face.around(points, confidence) if confidence >= LIMITS.min_confidence else None
 
-    def _predict(self, crop: Image) -> NDArray[np.float64]:
+    def _predict(self, crop: U8) -> F64:
         """Points (n, 2) in pixels of the crop, from the crop RGB (height, width, 3)."""
         card, output = self.card, self._model(crop)
         points = _arranged(card, output.astype(np.float64))
@@ -132,7 +148,7 @@ def _default_detector() -> BoxDetector:
     return LbpDetector()
 
 
-def _arranged(card: LandmarkCard, output: NDArray[np.float64]) -> NDArray[np.float64]:
+def _arranged(card: LandmarkCard, output: F64) -> F64:
     count = card.scheme.count
     if output.size != 2 * count:
         raise LandmarkError(
@@ -140,23 +156,3 @@ def _arranged(card: LandmarkCard, output: NDArray[np.float64]) -> NDArray[np.flo
             f"got {output.shape}"
         )
     return output.reshape(count, 2) if card.order == "interleaved" else output.reshape(2, count).T
-
-
-def _roll(points: NDArray[Any]) -> float:
-    right, left = (points[i] for i in OUTER_EYE_CORNERS)
-    return float(np.arctan2(left[1] - right[1], left[0] - right[0]))
-
-
-def _crop_to_picture(
-    box: NDArray[Any], enlarge: float, turn: float, width: int, height: int
-) -> NDArray[np.float64]:
-    """Affine (2, 3) from pixels of the crop to pixels of the picture, pixel centres at integers.
-
-    The crop covers a square of ``enlarge`` times the box's longer side about the box's centre, turned.
-    """
-    corners = np.asarray(box, dtype=np.float64)
-    side = max(float(enlarge * (corners[2:] - corners[:2]).max()), 1e-3)
-    cos, sin = np.cos(turn), np.sin(turn)
-    linear = np.array([[cos, -sin], [sin, cos]]) @ np.diag([side / width, side / height])
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    return np.column_stack([linear, (corners[:2] + corners[2:]) / 2 - linear @ middle])

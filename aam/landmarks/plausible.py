@@ -1,27 +1,40 @@
 """Is this still a face? Checks on points alone, for confidence and for losing a track.
 
-Points (81, 2), pixels, scheme ``face81``. Nothing here looks at the picture: the checks tell a landmarker
-that went astray, not one that is a little wrong.
+Points (81, 2), pixels, scheme ``face81``. Nothing here looks at the picture: the checks catch a landmarker
+that went astray, not one that is slightly wrong.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import interocular, mean_geometry
+from guise.aam.similarity import align_complex
 
-# Residual to the mean face (inter-ocular distances) where confidence is one half, and how fast it falls.
-# Faces in real clips: median 0.08, extreme expressions 0.17, a head turned by about 45 degrees 0.26.
-_RESIDUAL_HALF, _RESIDUAL_WIDTH = 0.36, 0.025
-# Mean shift between the last two of three passes: on faces under 0.03, elsewhere over 0.055 (99 in 100).
-_SHIFT_HALF, _SHIFT_WIDTH = 0.06, 0.009
-_MIN_INTEROCULAR = 6.0  # pixels
-_GROWTH = 1.35  # of the inter-ocular distance from one frame to the next
-_STEP = 0.9  # inter-ocular distances that a head may move from one frame to the next
-_BEND = 0.20  # root mean square change of shape from one frame to the next, inter-ocular distances
+
+@dataclass(frozen=True)
+class PlausibilityLimits:
+    """Thresholds of what is a face and how it moves; lengths in inter-ocular distances.
+
+    Residuals to the mean face in real clips: median 0.08, extreme expressions 0.17, a head turned by about 45 degrees
+    0.26.  Mean shifts between the last two of three passes: on faces under 0.03, elsewhere over 0.055 (99 in 100).
+    """
+
+    half_confidence_residual: float = 0.36  # to the mean face, at which the confidence is one half
+    residual_width: float = 0.025  # over which it falls
+    half_confidence_shift: float = 0.06  # of the last pass, at which the confidence is one half
+    shift_width: float = 0.009
+    min_interocular_pixels: float = 6.0
+    max_growth: float = 1.35  # of the inter-ocular distance, from one frame to the next
+    max_motion: float = 0.9  # of the head, from one frame to the next
+    max_bend: float = 0.20  # root mean square change of shape, from one frame to the next
+
+
+LIMITS = PlausibilityLimits()
 
 
 def shape_confidence(points: NDArray[Any]) -> float:
@@ -35,10 +48,12 @@ def shape_confidence(points: NDArray[Any]) -> float:
     >>> shape_confidence(np.random.default_rng(0).random((81, 2)) * 100) < 0.01
     True
     """
-    if not np.isfinite(points).all() or interocular(points) < _MIN_INTEROCULAR:
+    if not np.isfinite(points).all() or interocular(points) < LIMITS.min_interocular_pixels:
         return 0.0
     residual = float(mean_geometry().residual(points))
-    return float(1 / (1 + np.exp(min((residual - _RESIDUAL_HALF) / _RESIDUAL_WIDTH, 500.0))))
+    return float(
+        1 / (1 + np.exp(min((residual - LIMITS.half_confidence_residual) / LIMITS.residual_width, 500.0)))
+    )
 
 
 def visible_share(points: NDArray[Any], width: int, height: int) -> float:
@@ -50,19 +65,22 @@ def visible_share(points: NDArray[Any], width: int, height: int) -> float:
 def is_plausible_motion(previous: NDArray[Any], current: NDArray[Any]) -> bool:
     """Whether a face can have got from ``previous`` to ``current`` (81, 2) within one frame."""
     before, after = float(interocular(previous)), float(interocular(current))
-    if not (before > 0 and after >= _MIN_INTEROCULAR and 1 / _GROWTH < after / before < _GROWTH):
+    if not (
+        before > 0
+        and after >= LIMITS.min_interocular_pixels
+        and 1 / LIMITS.max_growth < after / before < LIMITS.max_growth
+    ):
         return False
-    step = np.linalg.norm(current.mean(axis=0) - previous.mean(axis=0)) / before
-    return bool(step < _STEP) and bend(previous, current) < _BEND
+    moved = np.linalg.norm(current.mean(axis=0) - previous.mean(axis=0)) / before
+    return bool(moved < LIMITS.max_motion) and bend(previous, current) < LIMITS.max_bend
 
 
 def bend(previous: NDArray[Any], current: NDArray[Any]) -> float:
     """Root mean square change of shape after the best similarity, inter-ocular distances of ``previous``."""
-    source = previous[:, 0] + 1j * previous[:, 1]
-    target = current[:, 0] + 1j * current[:, 1]
-    source, target = source - source.mean(), target - target.mean()
-    factor = np.vdot(target, source) / np.vdot(target, target)
-    return float(np.sqrt(np.mean(np.abs(factor * target - source) ** 2)) / interocular(previous))
+    source = previous[:, 0].astype(np.float64) + 1j * previous[:, 1]
+    target = current[:, 0].astype(np.float64) + 1j * current[:, 1]
+    scale, shift = align_complex(target, source)
+    return float(np.sqrt(np.mean(np.abs(scale * target + shift - source) ** 2)) / interocular(previous))
 
 
 def settled_confidence(shift: float) -> float:
@@ -73,7 +91,9 @@ def settled_confidence(shift: float) -> float:
     >>> settled_confidence(0.02) > 0.98, settled_confidence(0.12) < 0.02
     (True, True)
     """
-    return float(1 / (1 + np.exp(np.clip((shift - _SHIFT_HALF) / _SHIFT_WIDTH, -500, 500))))
+    return float(
+        1 / (1 + np.exp(np.clip((shift - LIMITS.half_confidence_shift) / LIMITS.shift_width, -500, 500)))
+    )
 
 
 def pass_shift(previous: NDArray[Any], current: NDArray[Any]) -> float:

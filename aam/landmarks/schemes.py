@@ -24,9 +24,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.face import Float32, LandmarkError
+from guise.aam.landmarks.face import LandmarkError
+from guise.aam.similarity import Complex, align_complex
+from guise.common.arrays import F32, F64, Int
 
-Group = NDArray[np.intp]
+Group = Int
 
 
 def _group(*points: int) -> Group:
@@ -108,7 +110,7 @@ NEAR_TEMPLES = _group(0, 1, 2, 14, 15, 16)
 COUNT = 81
 
 # How rigidly each landmark moves with the skull: eye corners, upper nose and temples; lips, lids and jaw not at all.
-RIGID_WEIGHTS: NDArray[np.float64] = np.zeros(COUNT)
+RIGID_WEIGHTS: F64 = np.zeros(COUNT)
 RIGID_WEIGHTS[EYE_CORNERS] = 1.0
 RIGID_WEIGHTS[NOSE_BRIDGE[:2]] = 1.0
 RIGID_WEIGHTS[[*NOSE_BRIDGE[2:], RIGHT_NOSTRIL, NOSE_BASE, LEFT_NOSTRIL]] = 0.5
@@ -167,26 +169,26 @@ class Geometry:
     turn : (2, 26) float; nose displacement (x, y) -> displacement of the 13 forehead points (x..., y...).
     """
 
-    mean: NDArray[np.complex128]
-    turn: NDArray[np.float64]
+    mean: Complex
+    turn: F64
 
-    def forehead(self, points: NDArray[Any]) -> NDArray[np.float64]:
+    def forehead(self, points: NDArray[Any]) -> F64:
         """The 13 forehead points (..., 13, 2) of iBUG 68 points (..., 68, 2), pixels."""
         shape = _complex(points)
-        scale, shift = _similarity(self.mean[_STEADY], shape[..., _STEADY])
+        scale, shift = align_complex(self.mean[_STEADY], shape[..., _STEADY])
         inside = _undone(shape, scale, shift)
         moved = _nose_displacement(inside, self.mean) @ self.turn
         forehead = (self.mean[68:] + moved[..., :13] + 1j * moved[..., 13:]) * scale + shift
         return np.stack([forehead.real, forehead.imag], axis=-1)
 
-    def residual(self, points: NDArray[Any]) -> NDArray[np.float64]:
+    def residual(self, points: NDArray[Any]) -> F64:
         """How unlike the mean face points (..., n, 2), n = 68 or 81, are.
 
         Root mean square distance (...) of points 0-47 after the best similarity, inter-ocular distances.
         """
         shape = _complex(points)[..., _STEADY]
         mean = self.mean[_STEADY]
-        scale, shift = _similarity(mean, shape)
+        scale, shift = align_complex(mean, shape)
         distance = np.abs(_undone(shape, scale, shift) - mean)
         return np.asarray(np.sqrt(np.mean(distance**2, axis=-1)))
 
@@ -200,7 +202,7 @@ def fit_geometry(people: Sequence[NDArray[Any]], ridge: float = 1e-5) -> Geometr
     mean = np.mean([s.mean(axis=0) for s in shapes], axis=0)
     sources, targets = [], []
     for shape in shapes:
-        scale, shift = _similarity(mean[_STEADY], shape[:, _STEADY])
+        scale, shift = align_complex(mean[_STEADY], shape[:, _STEADY])
         inside = _undone(shape, scale, shift)
         offset = (inside - mean)[:, 68:]
         weight = 1 / np.sqrt(len(shape))
@@ -266,7 +268,7 @@ def scheme_of_count(count: int) -> Scheme:
     raise LandmarkError(f"landmarks must have one of these numbers of points: {known}; got {count}")
 
 
-def to_face81(points: NDArray[Any], scheme: str) -> Float32:
+def to_face81(points: NDArray[Any], scheme: str) -> F32:
     """Points of a scheme as ``face81``.
 
     Parameters
@@ -298,38 +300,24 @@ def _complete_ibug68(points: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([points, mean_geometry().forehead(points)], axis=-2)
 
 
-def _complex(points: NDArray[Any]) -> NDArray[np.complex128]:
+def _complex(points: NDArray[Any]) -> Complex:
     array = np.asarray(points, dtype=np.float64)
     return np.asarray(array[..., 0] + 1j * array[..., 1])
 
 
-def _eye_frame(points: NDArray[Any]) -> NDArray[np.complex128]:
+def _eye_frame(points: NDArray[Any]) -> Complex:
     shape = _complex(points)
     right, left = shape[..., OUTER_EYE_CORNERS[:1]], shape[..., OUTER_EYE_CORNERS[1:]]
     return np.asarray((shape - (right + left) / 2) / (left - right))
 
 
-def _similarity(
-    source: NDArray[np.complex128], target: NDArray[np.complex128]
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Least-squares scale-rotation and shift (..., 1) with target = scale * source + shift, complex plane."""
-    centre, middle = source.mean(), target.mean(axis=-1, keepdims=True)
-    centred = source - centre
-    scale = np.sum(np.conj(centred) * (target - middle), axis=-1, keepdims=True) / np.sum(
-        np.abs(centred) ** 2
-    )
-    return scale, middle - scale * centre
-
-
-def _undone(
-    shape: NDArray[np.complex128], scale: NDArray[np.complex128], shift: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def _undone(shape: Complex, scale: Complex, shift: Complex) -> Complex:
     """Points in the frame before the similarity; of coincident points (scale 0) the shift only is undone."""
     with np.errstate(invalid="ignore"):  # NaN, a missing face, stays NaN
         return np.asarray((shape - shift) / np.where(scale == 0, 1, scale))
 
 
-def _nose_displacement(inside: NDArray[np.complex128], mean: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _nose_displacement(inside: Complex, mean: Complex) -> F64:
     """Nose against the middle of the temples, relative to the mean face (..., 2), inter-ocular distances."""
     offset = inside - mean[: inside.shape[-1]]
     turned = offset[..., NEAR_TEMPLES].mean(axis=-1) - offset[..., NOSE].mean(axis=-1)

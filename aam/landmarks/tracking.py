@@ -14,12 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.aam.landmarks.face import Face, Float32, Image, Landmarker, iou
+from guise.aam.landmarks.face import Face, Landmarker, iou
 from guise.aam.landmarks.plausible import is_plausible_motion
 from guise.aam.landmarks.schemes import COUNT
+from guise.common.arrays import F32, U8
 
 Report = Callable[[str], None]
-FaceInBox = Callable[[Image, Float32], Face | None]
+FaceInBox = Callable[[U8, F32], Face | None]
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class FaceTracker:
         self._previous: Face | None = None
         self._last: Face | None = None
 
-    def update(self, rgb: Image) -> Face | None:
+    def update(self, rgb: U8) -> Face | None:
         """The face in the next frame; None when there is none."""
         face = self._refined(rgb)
         if face is None:
@@ -104,12 +105,12 @@ class FaceTracker:
         self._last = face or self._last
         return face
 
-    def _refined(self, rgb: Image) -> Face | None:
+    def _refined(self, rgb: U8) -> Face | None:
         if self._previous is None:
             return None
         return _refined(self._landmarker, rgb, self._previous, self._min_confidence)
 
-    def _reacquired(self, rgb: Image) -> Face | None:
+    def _reacquired(self, rgb: U8) -> Face | None:
         """The detected face where the last one was, or the largest."""
         faces = self._detected(rgb)
         if self._last is not None:
@@ -118,7 +119,7 @@ class FaceTracker:
             faces = sorted(near, key=lambda f: -iou(f.box, last)) or faces
         return faces[0] if faces else None
 
-    def _rechecked(self, rgb: Image, face: Face) -> Face:
+    def _rechecked(self, rgb: U8, face: Face) -> Face:
         """The tracked face, unless the detector finds faces and none of them there."""
         faces = self._detected(rgb)
         if not faces or _near_any(face, faces):
@@ -131,7 +132,7 @@ class FaceTracker:
         self._contradictions = 0
         return faces[0]
 
-    def _detected(self, rgb: Image) -> list[Face]:
+    def _detected(self, rgb: U8) -> list[Face]:
         self._frames_since_detection = 0
         faces = [f for f in self._landmarker.detect(rgb) if f.confidence >= self._min_confidence]
         if len(faces) > 1 and self._report is not None:
@@ -156,7 +157,7 @@ class Track:
 
     number: int
     face: Face
-    box: Float32
+    box: F32
     current: Face | None
     moved_iou: float = 1.0
     missed_frames: int = 0
@@ -198,14 +199,14 @@ class MultiFaceTracker:
         self._tracks: list[Track] = []
         self._next = 0
         self._frames_since_detection = limits.detection_frames
-        self._recent: deque[Image] = deque()
+        self._recent: deque[U8] = deque()
 
     @property
-    def boxes(self) -> list[Float32]:
+    def boxes(self) -> list[F32]:
         """Of the faces that are there in the current frame."""
         return [track.current.box for track in self._tracks if track.current is not None]
 
-    def update(self, rgb: Image, boxes: Sequence[Float32] | Float32 | None = None) -> dict[int, Face]:
+    def update(self, rgb: U8, boxes: Sequence[F32] | F32 | None = None) -> dict[int, Face]:
         """The faces in the next frame by their numbers, which count from 0 as faces appear, larger ones first.
 
         boxes : (n, 4) of a detector that runs on every frame; without them the landmarker's own runs on demand.  With
@@ -246,10 +247,10 @@ class MultiFaceTracker:
 
     # -- from one frame to the next ------------------------------------------------------------------------------
 
-    def _on_demand(self, track: Track, rgb: Image) -> Face | None:
+    def _on_demand(self, track: Track, rgb: U8) -> Face | None:
         return None if track.missed_frames else self._refined(rgb, track.face)
 
-    def _by_boxes(self, track: Track, rgb: Image, boxes: Sequence[Float32] | Float32) -> Face | None:
+    def _by_boxes(self, track: Track, rgb: U8, boxes: Sequence[F32] | F32) -> Face | None:
         shares = [iou(track.box, box) for box in boxes]
         nearest = int(np.argmax(shares)) if shares else -1
         detected = nearest >= 0 and shares[nearest] > self._limits.min_match_iou
@@ -257,19 +258,19 @@ class MultiFaceTracker:
         face = self._refined(rgb, track.face)
         return self._in_box(rgb, boxes[nearest]) if face is None and detected else face
 
-    def _in_box(self, rgb: Image, box: Float32) -> Face:
+    def _in_box(self, rgb: U8, box: F32) -> Face:
         """The face in a detected box, without points where they are not clear."""
         face = self._face_in_box(rgb, box) if self._face_in_box is not None else None
         if face is not None and face.confidence >= self._limits.min_confidence:
             return face
         return Face(np.full((COUNT, 2), np.nan, np.float32), 0.0, box)
 
-    def _refined(self, rgb: Image, previous: Face) -> Face | None:
+    def _refined(self, rgb: U8, previous: Face) -> Face | None:
         return _refined(self._landmarker, rgb, previous, self._limits.min_confidence)
 
     def _separate(self) -> list[Track]:
         """Of two faces that have come to the same place the one that moved less stays; returns the others."""
-        kept: list[Float32] = []
+        kept: list[F32] = []
         merged = []
         for track in sorted(self._tracks, key=lambda track: (-track.moved_iou, track.number)):
             if track.current is None:
@@ -309,7 +310,7 @@ class MultiFaceTracker:
         lost = any(track.current is None and track.missed_frames < every for track in self._tracks)
         return not self.boxes or lost or self._frames_since_detection >= every
 
-    def _detect(self, rgb: Image) -> None:
+    def _detect(self, rgb: U8) -> None:
         """Take the faces that are not tracked: with their number if they were lost nearby, else with a new one."""
         self._frames_since_detection = 0
         least = self._limits.start_confidence
@@ -342,7 +343,7 @@ class MultiFaceTracker:
         self._tracks.append(track)
         return track
 
-    def _remember(self, rgb: Image) -> None:
+    def _remember(self, rgb: U8) -> None:
         if not self._lookback_bytes:
             return
         self._recent.append(rgb)
@@ -366,7 +367,7 @@ def _near_any(face: Face, faces: Iterable[Face], min_iou: float = LIMITS.min_mat
     return any(iou(other.box, face.box) > min_iou for other in faces)
 
 
-def _refined(landmarker: Landmarker, rgb: Image, previous: Face, min_confidence: float) -> Face | None:
+def _refined(landmarker: Landmarker, rgb: U8, previous: Face, min_confidence: float) -> Face | None:
     """The face of the frame before in this one; None when lost, not confident, or when no face can move like that."""
     face = landmarker.refine(rgb, previous)
     if (
@@ -380,12 +381,12 @@ def _refined(landmarker: Landmarker, rgb: Image, previous: Face, min_confidence:
 
 def track_video(
     landmarker: Landmarker,
-    frames: Iterable[Image],
+    frames: Iterable[U8],
     *,
     min_confidence: float = LIMITS.min_confidence,
     recheck: int = 30,
     report: Report | None = None,
-) -> Float32:
+) -> F32:
     """Landmarks of one face, the largest at first, through a video.
 
     Parameters

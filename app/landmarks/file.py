@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from guise.aam.landmarks import Face, Landmarker, tight_box
-from guise.aam.landmarks.face import Float32
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.landmarks.formats import About, Found, LandmarkFile, format_of, open_landmark_file
 from guise.app.landmarks.overlay import draw_face
 from guise.app.media import EncodeOptions, Frame, MediaInput, Sink, open_input, open_sink, process
+from guise.common.arrays import F32
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
@@ -196,7 +196,7 @@ def _draw(frame: Frame, found: Sequence[Found]) -> None:
         draw_face(frame, one.face, one.track)
 
 
-def _moved(face: Face, points: Float32) -> Face:
+def _moved(face: Face, points: F32) -> Face:
     return replace(face, points=points, box=tight_box(points))
 
 
