@@ -6,14 +6,15 @@ In each round the displacements d of the surface at rest solve eq. 5,
 
 L the Laplacian by cotangents, M the given points by barycentric coordinates, C the matched closest points.
 
-Units: the paper's constants assume its own.  Here everything is weighted by area and lengths are shares of the size of
-the surface, the root of its area.  With weight 1 for the closest points, k_b is the fourth power of the length below
-which the surface gives way, annealed from a tenth of a head to the size of an eyelid, and k_s the square of a part.
+Units: the constants of the paper depend on its unit.  Here everything is weighted by area, and lengths are relative to
+the size of the surface (the root of its area).  With weight 1 for the closest points, k_b is the fourth power of the
+length below which the surface gives way, annealed from a tenth of a head to the size of an eyelid; k_s is the square of
+a fraction of that length.
 
-What departs from the paper, since a small distance between surfaces does not mean a right correspondence: matches are
-sought both ways, from the surface to the target and back, which keeps the surface from sliding; borders match borders;
-matches count normals as well as places; the state at rest is the surface deformed by the points alone; and each step
-goes on as the one before did (momentum), which saves more than half of them.
+Departures from the paper, because close surfaces do not imply a correct correspondence: matches are sought both ways,
+from the surface to the target and back, which keeps the surface from sliding; borders match borders; matches consider
+normals as well as positions; the rest state is the surface deformed by the given points alone; and steps have momentum,
+which saves more than half of them.
 """
 
 from __future__ import annotations
@@ -28,34 +29,43 @@ from scipy.spatial import cKDTree
 
 from guise.analogy.geometry import (
     Surface,
-    border,
+    border_mask,
     cotangent_laplacian,
-    gathered,
+    interpolation_matrix,
+    sum_by_index,
     vertex_areas,
     vertex_normals,
 )
-from guise.analogy.solver import Solve, factorised, factoriser
+from guise.analogy.solver import Solve, factorise, make_factoriser
 from guise.common.arrays import F64, Bool, Int
 
-ANGLE = 60.0  # degrees between the normals of what may match
-TURN = 0.025  # of the size: what a radian of normals counts when closest points are sought
-STIFF, SOFT = (
-    0.11,
-    0.012,
-)  # of the size: lengths below which the surface gives way, in the first round and the last
-STRETCH = 0.8  # of that length, against stretching
-ROUNDS, STEPS = 4, 6  # closest points are sought in every step; a round has one factorisation
-MOMENTUM = 0.7
-FAR, NEAR = 4.0, 0.001  # matches farther than FAR times the median and NEAR of the size are none
-POINT = 0.017  # share of the area that a given point counts
-BORDER = 5.0  # what a border vertex counts, matched to the other border
-BORDER_FAR = 0.05  # of the size: borders farther apart do not match
-HELD = 1e-9  # by which every vertex is held at rest, which makes the solution unique
+
+@dataclass(frozen=True)
+class DeformationSettings:
+    """Settings of the annealed deformation; sizes are the target's (the root of its area)."""
+
+    max_normal_angle_deg: float = 60.0  # between surfaces that may match
+    normal_weight_sizes: float = 0.025  # distance that a difference of unit normals of 1 counts as
+    first_length_sizes: float = 0.11  # lengths below which the surface gives way, in the first round
+    last_length_sizes: float = 0.012  # and in the last
+    stretch_length_ratio: float = 0.8  # of that length, against stretching
+    rounds: int = 4  # one factorisation each
+    steps_per_round: int = 6  # closest points are sought in each
+    momentum: float = 0.7
+    max_distance_medians: float = 4.0  # a match is at most this many median distances away
+    distance_margin_sizes: float = 0.001  # plus this
+    point_weight: float = 0.017  # of a given point, as a share of the area
+    border_weight: float = 5.0  # of a border vertex that is matched to the other border
+    max_border_distance_sizes: float = 0.05  # between borders that match
+    rest_weight: float = 1e-9  # by which every vertex is held at rest, which makes the solution unique
+
+
+DEFORMATION = DeformationSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
-    """Given points: corners (k, 3) and barycentric weights (k, 3) on the surface, and where they belong (k, 3)."""
+class PointConstraints:
+    """Point constraints: corners (k, 3) and barycentric weights (k, 3) on the surface, and target positions (k, 3)."""
 
     corners: Int
     weights: F64
@@ -63,97 +73,99 @@ class Points:
 
     def matrix(self, count: int) -> sp.csr_array:
         """(k, count): from the vertices to the points."""
-        rows = np.repeat(np.arange(len(self.corners)), 3)
-        entries = (self.weights.ravel(), (rows, self.corners.ravel()))
-        return sp.csr_array(sp.coo_array(entries, shape=(len(self.corners), count)))
+        return interpolation_matrix(self.corners, self.weights, count)
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """For each vertex where it belongs (N, 3), and what that counts (N,), 0 for nothing."""
+    """Target position (N, 3) and weight (N,) of each vertex; weight 0 means no match."""
 
     positions: F64
     counts: F64
 
 
-def deform(rest: F64, faces: Int, target: Surface, points: Points | None, size: float) -> F64:
+def deform(rest: F64, faces: Int, target: Surface, points: PointConstraints | None, size: float) -> F64:
     """The surface `rest` (N, 3), roughly aligned with the target, deformed onto it: (N, 3).
 
     Parameters
     ----------
-    faces : (m, 3), of which every vertex is in one.   size : the target's, the root of its area.
+    faces : (m, 3), covering every vertex.   size : of the target, the root of its area.
 
     Raises
     ------
     SolverError
-        When the surface cannot be solved for.
+        When the system has no unique solution.
     """
     if points is not None:
-        rest = rest + Elastic(rest, faces, points).solve_by_points(STIFF * size)
-    elastic, matching = Elastic(rest, faces, points), Matching(rest, faces, target, size)
+        rest = rest + ElasticSystem(rest, faces, points).solve_by_points(
+            DEFORMATION.first_length_sizes * size
+        )
+    elastic, matching = ElasticSystem(rest, faces, points), MatchSearch(rest, faces, target, size)
     fitted = before = rest
-    for length in size * np.geomspace(STIFF, SOFT, ROUNDS):
-        for step in range(STEPS):
-            matches = matching(fitted + MOMENTUM * (fitted - before))
+    for length in size * np.geomspace(
+        DEFORMATION.first_length_sizes, DEFORMATION.last_length_sizes, DEFORMATION.rounds
+    ):
+        for step in range(DEFORMATION.steps_per_round):
+            matches = matching(fitted + DEFORMATION.momentum * (fitted - before))
             if step == 0:
                 counts, solve = matches.counts, elastic.solver(length, matches.counts)
             before, fitted = fitted, rest + solve(counts[:, None] * (matches.positions - rest))
     return fitted
 
 
-class Elastic:
-    """The left side of eq. 5 for a surface at rest.
+class ElasticSystem:
+    """Left-hand side of eq. 5 for a surface at rest.
 
     Parameters
     ----------
     rest : (N, 3).   faces : (m, 3).   points : given ones, or None.
     """
 
-    def __init__(self, rest: F64, faces: Int, points: Points | None) -> None:
+    def __init__(self, rest: F64, faces: Int, points: PointConstraints | None) -> None:
         laplacian, areas = cotangent_laplacian(rest, faces)
         total, least = float(areas.sum()), np.maximum(areas, 1e-6 * areas.mean())
         self._stretching = laplacian / total
         self._bending = sp.csr_array(laplacian @ sp.diags_array(1 / least) @ laplacian) / total
         count = len(rest)
-        self._fixed = sp.csr_array(sp.diags_array(np.full(count, HELD / count)))
+        self._fixed = sp.csr_array(sp.diags_array(np.full(count, DEFORMATION.rest_weight / count)))
         self._to_points = np.zeros((count, 3))
         if points is not None:
             at = points.matrix(count)
-            self._fixed = self._fixed + POINT * (at.T @ at)
-            self._to_points = POINT * (at.T @ (points.positions - at @ rest))
+            self._fixed = self._fixed + DEFORMATION.point_weight * (at.T @ at)
+            self._to_points = DEFORMATION.point_weight * (at.T @ (points.positions - at @ rest))
 
     @cached_property
     def _factorise(self) -> Callable[[sp.sparray], Solve]:
-        return factoriser(abs(self._bending) + abs(self._stretching) + self._fixed)
+        return make_factoriser(abs(self._bending) + abs(self._stretching) + self._fixed)
 
     def solver(self, length: float, counts: F64) -> Solve:
         """From counts times wanted displacements (N, 3) to displacements (N, 3), with one stiffness."""
         system = self._fixed + sp.diags_array(counts) + length**4 * self._bending
-        solve = self._factorise(system + (STRETCH * length) ** 2 * self._stretching)
+        solve = self._factorise(system + (DEFORMATION.stretch_length_ratio * length) ** 2 * self._stretching)
         return lambda drawn: solve(self._to_points + drawn)
 
     def solve_by_points(self, length: float) -> F64:
-        """Displacements (N, 3) by the given points alone; bending only, so that differences of size cost nothing."""
-        return factorised(self._fixed + length**4 * self._bending)(self._to_points)
+        """Displacements (N, 3) from the given points alone; bending energy only, so that scaling is free."""
+        return factorise(self._fixed + length**4 * self._bending)(self._to_points)
 
 
-class Matching:
-    """Closest points between a surface that is deformed and its target.
+class MatchSearch:
+    """Finds closest points between a surface that is being deformed and its target.
 
     Parameters
     ----------
-    rest : (N, 3), whose areas tell what a vertex counts.   faces : (m, 3).   size : of the target.
+    rest : (N, 3), whose areas weight the vertices.   faces : (m, 3).   size : of the target.
     """
 
     def __init__(self, rest: F64, faces: Int, target: Surface, size: float) -> None:
         self.faces, self.target, self.size = faces, target, size
-        self.border = border(faces, len(rest))
-        self.areas = _shares(vertex_areas(rest, faces))
-        self._other_areas = _shares(vertex_areas(target.vertices, target.faces))
+        self.border = border_mask(faces, len(rest))
+        self.areas = _area_shares(vertex_areas(rest, faces))
+        self._other_areas = _area_shares(vertex_areas(target.vertices, target.faces))
         self._other_border = target.vertices[target.border]
 
     def __call__(self, fitted: F64) -> Matches:
-        """Where each vertex of `fitted` (N, 3) belongs: the weighted mean of what it finds and of what finds it."""
+        """Matches of vertices `fitted` (N, 3): weighted means of what they find and of what finds them."""
         normals = vertex_normals(fitted, self.faces)
         there, back = self._there(fitted, normals), self._back(fitted, normals)
         counts = there.counts + back.counts
@@ -162,40 +174,48 @@ class Matching:
         return self._bordered(fitted, Matches(positions, counts))
 
     def _there(self, fitted: F64, normals: F64) -> Matches:
-        """The sample of the target that each vertex finds."""
-        near = self.target.nearest(fitted, normals)
+        """The nearest sample of the target for each vertex."""
+        near = self.target.nearest_samples(fitted, normals)
         positions = self.target.samples[near]
         good = self._good(positions - fitted, normals, self.target.normals[near])
-        return Matches(positions, self.areas * (good & ~self.target.on_border[near]))
+        return Matches(positions, self.areas * (good & ~self.target.border_samples[near]))
 
     def _back(self, fitted: F64, normals: F64) -> Matches:
-        """The vertices of the target that find each vertex; their positions times what they count, summed."""
-        turn, wanted, facing = self.target.turn, self.target.vertices, self.target.vertex_normals
+        """Weighted sums of the target vertices whose nearest vertex is each vertex."""
+        turn, wanted, facing = self.target.normal_weight, self.target.vertices, self.target.vertex_normals
         tree = cKDTree(np.concatenate([fitted, turn * normals], axis=1), balanced_tree=False)
         near = tree.query(np.concatenate([wanted, turn * facing], axis=1))[1]
         good = self._good(wanted - fitted[near], facing, normals[near]) & ~self.border[near]
         counts = self._other_areas * good
-        summed = gathered(np.column_stack([wanted * counts[:, None], counts]), near, len(fitted))
+        summed = sum_by_index(np.column_stack([wanted * counts[:, None], counts]), near, len(fitted))
         return Matches(summed[:, :3], summed[:, 3])
 
     def _good(self, ways: F64, normals: F64, others: F64) -> Bool:
-        """Which matches face the same way and are not far beyond the others."""
+        """Which matches face the same way and are not much farther than the others."""
         far = np.linalg.norm(ways, axis=1)
-        alike = np.asarray((normals * others).sum(1) > np.cos(np.deg2rad(ANGLE)))
-        limit = FAR * float(np.median(far[alike])) + NEAR * self.size if alike.any() else 0.0
+        alike = np.asarray((normals * others).sum(1) > np.cos(np.deg2rad(DEFORMATION.max_normal_angle_deg)))
+        limit = (
+            DEFORMATION.max_distance_medians * float(np.median(far[alike]))
+            + DEFORMATION.distance_margin_sizes * self.size
+            if alike.any()
+            else 0.0
+        )
         return np.asarray(alike & (far < limit))
 
     def _bordered(self, fitted: F64, matches: Matches) -> Matches:
-        """Borders matched to borders, where both are near each other."""
+        """The matches, with borders matched to nearby borders."""
         if not (len(self._other_border) and self.border.any()):
             return matches
         own = np.flatnonzero(self.border)
         far, other = cKDTree(self._other_border).query(fitted[own])
-        own, other = own[far < BORDER_FAR * self.size], other[far < BORDER_FAR * self.size]
+        own, other = (
+            own[far < DEFORMATION.max_border_distance_sizes * self.size],
+            other[far < DEFORMATION.max_border_distance_sizes * self.size],
+        )
         positions, counts = matches.positions.copy(), matches.counts.copy()
-        positions[own], counts[own] = self._other_border[other], BORDER * self.areas[own]
+        positions[own], counts[own] = self._other_border[other], DEFORMATION.border_weight * self.areas[own]
         return Matches(positions, counts)
 
 
-def _shares(areas: F64) -> F64:
+def _area_shares(areas: F64) -> F64:
     return np.asarray(areas / areas.sum())

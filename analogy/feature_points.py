@@ -1,8 +1,9 @@
-"""The 20 MPEG-4 feature points of a head mesh: found by looking at it, or read from a file and corrected.
+"""The 20 MPEG-4 feature points of a head mesh: detected in pictures of it, or read from a file.
 
-Pictures of the mesh from many sides show the landmarker the same points; where their lines of sight meet is the
-point, whatever the surface does there (holes for eyes, nostrils, a nose that hides its own wing).  It is then moved
-by the difference between the definitions and put onto the surface that is seen.  Left and right are the person's.
+The landmarker sees pictures of the mesh from many sides.  Each point is triangulated from its lines of sight, whatever
+the surface does there (holes for eyes, nostrils, a nose that hides its own wing).  It is then moved by the difference
+between the definitions of the landmark and the feature point, and projected onto the visible surface.  Left and right
+are the person's.
 """
 
 from __future__ import annotations
@@ -39,16 +40,16 @@ from guise.aam.landmarks.schemes import (
     UPPER_LIP_TOP,
 )
 from guise.aam.similarity import Failed
-from guise.analogy.face_views import facings
+from guise.analogy.face_views import find_face_views
 from guise.analogy.mesh import Mesh
-from guise.analogy.triangulation import sighted
-from guise.analogy.views import Solid
+from guise.analogy.triangulation import triangulate_face
+from guise.analogy.views import ViewedMesh
 from guise.common.arrays import F64, Int
 from guise.common.errors import GuiseError
 
-# Name -> the point of scheme `face81`, and the way from it in hundredths of the eye width: to the person's left, up,
-# forward.  The ways are the means of two definitions, those of the rendered people and of the ICT head, made symmetric
-# (`benchmarks/mesh/landmarks.py --shifts`); the outer ends of the brows, which differ most, are the people's.
+# Name -> the landmark of scheme `face81`, and the offset from it in hundredths of the eye width: to the person's left,
+# up, forward.  Offsets are the means of two definitions, those of the rendered people and of the ICT head, made
+# symmetric (`benchmarks/mesh/landmarks.py --shifts`); the outer ends of the brows, which differ most, use the people's.
 DEFINITIONS: dict[str, tuple[int, tuple[float, float, float]]] = {
     "mouth_corner_right": (RIGHT_MOUTH_CORNER, (-0.2, -0.5, -1.1)),
     "mouth_corner_left": (LEFT_MOUTH_CORNER, (0.2, -0.5, -1.1)),
@@ -71,22 +72,23 @@ DEFINITIONS: dict[str, tuple[int, tuple[float, float, float]]] = {
     "brow_left_inner": (LEFT_BROW_INNER, (1.1, 6.9, 4.1)),
     "brow_left_outer": (LEFT_BROW_OUTER, (-16.1, 5.5, 16.5)),
 }
-NAMES = tuple(DEFINITIONS)
-POINTS = np.array([point for point, _ in DEFINITIONS.values()])
-SHIFTS = np.array([shift for _, shift in DEFINITIONS.values()]) / 100
+FEATURE_POINT_NAMES = tuple(DEFINITIONS)
+LANDMARK_INDICES = np.array([point for point, _ in DEFINITIONS.values()])
+LANDMARK_OFFSETS = np.array([shift for _, shift in DEFINITIONS.values()]) / 100
 
-FAR = 0.05  # of the mesh's diagonal, from which a position does not belong to it
-TRIES = 8  # of what looks like a face from one side
-AGREED = 0.05  # eye widths within which a line of sight agrees
+
+MAX_DISTANCE_DIAGONALS = 0.05  # of a given position from the mesh, in diagonals of the mesh
+MAX_FACE_VIEWS = 8  # views that look like a face which are tried
+AGREEMENT_EYE_WIDTHS = 0.05  # distance of a line of sight from a point, up to which it agrees
 
 
 class FeaturePointsError(GuiseError):
-    """A file of feature points that cannot be used; one sentence."""
+    """Feature points that cannot be read or found; one sentence."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeaturePoints:
-    """The points in the order of `NAMES`.
+    """Feature points in the order of `FEATURE_POINT_NAMES`.
 
     Parameters
     ----------
@@ -99,68 +101,74 @@ class FeaturePoints:
     confidence: F64
 
     @classmethod
-    def on(cls, mesh: Mesh, positions: F64, confidence: F64) -> FeaturePoints:
-        """Of positions on a mesh's surface, with its nearest vertices."""
+    def from_positions(cls, mesh: Mesh, positions: F64, confidence: F64) -> FeaturePoints:
+        """From positions (20, 3) on the surface of a mesh."""
         _, nearest = cKDTree(mesh.vertices).query(positions)
         return cls(positions, np.asarray(nearest, np.intp), confidence)
 
     @property
     def eye_width(self) -> float:
-        """Distance between the outer eye corners, by which errors are told."""
-        right, left = (self.positions[NAMES.index(f"eye_{side}_outer")] for side in ("right", "left"))
+        """Distance between the outer eye corners, the unit of errors."""
+        right, left = (
+            self.positions[FEATURE_POINT_NAMES.index(f"eye_{side}_outer")] for side in ("right", "left")
+        )
         return float(np.linalg.norm(left - right))
 
     def as_json(self) -> dict[str, list[float]]:
-        """Name -> position, as a file holds them."""
-        return {name: [float(f"{x:.7g}") for x in at] for name, at in zip(NAMES, self.positions, strict=True)}
+        """Name -> position, as in a file."""
+        return {
+            name: [float(f"{x:.7g}") for x in at]
+            for name, at in zip(FEATURE_POINT_NAMES, self.positions, strict=True)
+        }
 
     def save(self, path: str | Path) -> None:
-        """Write a file that `load` reads."""
+        """Write a file that `load_feature_points` reads."""
         lines = (f"  {json.dumps(name)}: {json.dumps(at)}" for name, at in self.as_json().items())
         Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
 
 
-def find(mesh: Mesh) -> FeaturePoints | Failed:
-    """The feature points of a head, turned in any way; `Failed` when no face is seen on it.
+def find_feature_points(mesh: Mesh) -> FeaturePoints | Failed:
+    """The feature points of a head in any orientation; `Failed` when no face is seen on it.
 
-    Heads, busts and masks; with or without eyes, eyes and teeth as parts of their own.
+    Works on heads, busts and masks, with or without eyes; eyes and teeth may be separate parts.
     """
-    tried = (sighted(facing) for facing in islice(facings(mesh), TRIES))
+    tried = (triangulate_face(facing) for facing in islice(find_face_views(mesh), MAX_FACE_VIEWS))
     seen = next((one for one in tried if not isinstance(one, Failed)), None)
     if seen is None:
         return Failed(
             "no face was found on the mesh from any direction: give the points with --landmarks FILE"
         )
-    wanted = seen.points[POINTS] + seen.eye_width * SHIFTS @ seen.axes
-    agreed = (seen.off[:, POINTS] < AGREED * seen.eye_width).mean(0)
-    return FeaturePoints.on(mesh, seen.on_surface(wanted), agreed)
+    wanted = seen.points[LANDMARK_INDICES] + seen.eye_width * LANDMARK_OFFSETS @ seen.axes
+    agreed = (seen.distances[:, LANDMARK_INDICES] < AGREEMENT_EYE_WIDTHS * seen.eye_width).mean(0)
+    return FeaturePoints.from_positions(mesh, seen.on_surface(wanted), agreed)
 
 
-def load(path: str | Path, mesh: Mesh, found: FeaturePoints | None = None) -> FeaturePoints:
+def load_feature_points(path: str | Path, mesh: Mesh, found: FeaturePoints | None = None) -> FeaturePoints:
     """Points from a JSON file: name -> 0-based vertex of the mesh, or position [x, y, z] near its surface.
 
-    found : takes the names that the file leaves out; without it all 20 must be there.
+    found : supplies the points that the file leaves out; without it the file must give all 20.
 
     Raises
     ------
     FeaturePointsError
-        When the file is no such file, a name or vertex is unknown, a position is far from the mesh, or names lack.
+        When the file cannot be read, a name or vertex is unknown, a position is far from the mesh, or a name is
+        missing.
     """
-    given = _read(Path(path))
+    given = _read_json(Path(path))
     _check_names(given, Path(path), complete=found is None)
-    positions = np.zeros((len(NAMES), 3)) if found is None else found.positions.copy()
-    confidence = np.ones(len(NAMES)) if found is None else found.confidence.copy()
+    positions = np.zeros((len(FEATURE_POINT_NAMES), 3)) if found is None else found.positions.copy()
+    confidence = np.ones(len(FEATURE_POINT_NAMES)) if found is None else found.confidence.copy()
     for name, at in given.items():
-        positions[NAMES.index(name)] = _position(name, at, mesh, Path(path))
-        confidence[NAMES.index(name)] = 1
-    return FeaturePoints.on(mesh, positions, confidence)
+        positions[FEATURE_POINT_NAMES.index(name)] = _read_position(name, at, mesh, Path(path))
+        confidence[FEATURE_POINT_NAMES.index(name)] = 1
+    return FeaturePoints.from_positions(mesh, positions, confidence)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read_json(path: Path) -> dict[str, Any]:
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise FeaturePointsError(f"there is no readable file of feature points at {path}") from error
+        raise FeaturePointsError(f"{path} cannot be read: give a JSON file of feature points") from error
     except ValueError as error:
         raise FeaturePointsError(f"{path} must be JSON, name -> vertex or [x, y, z], got: {error}") from error
     if not isinstance(given, dict):
@@ -171,20 +179,20 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _check_names(given: dict[str, Any], path: Path, *, complete: bool) -> None:
-    unknown = [name for name in given if name not in NAMES]
+    unknown = [name for name in given if name not in FEATURE_POINT_NAMES]
     if unknown:
         raise FeaturePointsError(
-            f"{path}: {unknown[0]!r} is no feature point; the names are {', '.join(NAMES)}"
+            f"{path}: {unknown[0]!r} is not a feature point; the names are {', '.join(FEATURE_POINT_NAMES)}"
         )
-    missing = [name for name in NAMES if name not in given]
+    missing = [name for name in FEATURE_POINT_NAMES if name not in given]
     if complete and missing:
         raise FeaturePointsError(
-            f"{path} must give all {len(NAMES)} feature points, {', '.join(missing)} missing"
+            f"{path} must give all {len(FEATURE_POINT_NAMES)} feature points, {', '.join(missing)} missing"
         )
 
 
-def _position(name: str, at: Any, mesh: Mesh, path: Path) -> F64:
-    """The place (3,) that a file's entry tells."""
+def _read_position(name: str, at: Any, mesh: Mesh, path: Path) -> F64:
+    """The position (3,) that an entry of a file gives."""
     count = len(mesh.vertices)
     if isinstance(at, int) and not isinstance(at, bool):
         if not 0 <= at < count:
@@ -196,10 +204,11 @@ def _position(name: str, at: Any, mesh: Mesh, path: Path) -> F64:
             f"{path}: {name} must be a vertex or three finite numbers [x, y, z], got {at!r}"
         )
     place = np.array(at, np.float64)
-    off = float(np.linalg.norm(Solid.of(mesh).nearest(place[None])[0] - place))
+    off = float(np.linalg.norm(ViewedMesh.of(mesh).closest_points(place[None])[0] - place))
     size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    if off > FAR * size:
+    if off > MAX_DISTANCE_DIAGONALS * size:
         raise FeaturePointsError(
-            f"{path}: {name} is {off:.3g} away from a mesh that is {size:.3g} across; is the file another mesh's?"
+            f"{path}: {name} is {off:.3g} away from a mesh that is {size:.3g} across: does the file belong to "
+            "another mesh?"
         )
     return place

@@ -1,6 +1,6 @@
-"""Values of some vertices of a mesh continued smoothly over the others, falling off to zero.
+"""Continues values of some vertices of a mesh smoothly over the others, fading to zero.
 
-Any units; `reach` is in those of the vertices.
+Any unit; `reach` is in that of the vertices.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 
-from guise.analogy.solver import factorised
+from guise.analogy.solver import factorise
 from guise.analogy.tents import Rings
 from guise.common.arrays import F64, Bool
 
 
-class Filling:
+class BiharmonicFill:
     """Continues values of known vertices over the unknown ones; factorised once.
 
-    The unknown values x make the sum of |L x|^2 + |x|^2 / reach^4 least, L the rings' Laplacian: what is continued goes
-    on without a crease and is gone some reaches away.
+    The unknown values x minimise the sum of |L x|^2 + |x|^2 / reach^4, with L the Laplacian of the rings: values
+    continue without a crease and vanish some reaches away.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class Filling:
         laplacian = _laplacian(vertices, rings)
         system = sp.csr_array(laplacian.T @ laplacian + sp.eye_array(rings.count) / reach**4)
         rows = system[self._unknown]
-        self._solve = factorised(rows[:, self._unknown])
+        self._solve = factorise(rows[:, self._unknown])
         self._from = sp.csr_array(rows[:, self._known])
 
     def __call__(self, values: F64) -> F64:
-        """Values (N, k), those of the unknown vertices made anew."""
+        """Values (N, k), with those of the unknown vertices replaced."""
         if not len(self._unknown):
             return values
         out = values.copy()
@@ -44,7 +44,7 @@ class Filling:
 
 
 def _laplacian(vertices: F64, rings: Rings) -> sp.csr_array:
-    """(N, N): 4 / (mean squared edge) (mean of the ring - the vertex), about the sum of the second derivatives."""
+    """(N, N): 4 / (mean squared edge) (mean of the ring - the vertex), which approximates the Laplacian."""
     edges = np.square(vertices[rings.end] - vertices[rings.start]).sum(1)
     degree = np.bincount(rings.start, minlength=rings.count).clip(1)
     square = np.bincount(rings.start, edges, rings.count) / degree

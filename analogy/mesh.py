@@ -1,8 +1,8 @@
-"""The mesh that everything 3-D computes with: triangles and quads over one set of vertices.
+"""Triangle and quad meshes over one set of vertices.
 
-Any unit of length, which results keep.  A mesh is clean: all vertices finite and each in a face, no face without
-area, no two vertices at one place that only a texture seam tells apart; `guise.analogy.cleaning` makes it so.
-Open borders, several components and edges with more than two faces are allowed.
+Any unit of length; results keep it.  A mesh is clean: every vertex is finite and belongs to a face, no face has zero
+area, and vertices split by a texture seam are welded (see `guise.analogy.cleaning`).  Open borders, several components
+and edges with more than two faces are allowed.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import connected_components
 
 from guise.analogy.tents import Rings
@@ -20,7 +21,7 @@ from guise.common.errors import GuiseError
 
 
 class MeshError(GuiseError):
-    """A mesh, or a mesh file, that cannot be used; one sentence."""
+    """A mesh or mesh file that cannot be used; one sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ class Mesh:
     Raises
     ------
     MeshError
-        When the shapes are others, a vertex is not finite, an id is out of range, or there is no face.
+        When a shape is wrong, a vertex is not finite, an id is out of range, or there is no face.
 
     Examples
     --------
@@ -48,7 +49,7 @@ class Mesh:
     quads: Int
 
     def __post_init__(self) -> None:
-        _check_vertices(self.vertices, len(self.vertices))
+        _require_vertices(self.vertices, len(self.vertices))
         for name, faces, sides in (("triangles", self.triangles, 3), ("quads", self.quads, 4)):
             if faces.ndim != 2 or faces.shape[1] != sides:
                 raise MeshError(f"{name} must be (n, {sides}), got {faces.shape}")
@@ -57,33 +58,38 @@ class Mesh:
         if not len(self.triangles) + len(self.quads):
             raise MeshError("the mesh has no faces")
 
+    @classmethod
+    def of_triangles(cls, vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
+        """A mesh of triangles alone."""
+        return cls(np.array(vertices, np.float64), np.array(triangles, np.intp), np.empty((0, 4), np.intp))
+
     @cached_property
     def faces(self) -> Int:
-        """(m, 3) the triangles, then the quads split along their first diagonal: all first halves, then all second."""
+        """(m, 3) the triangles, then the first halves of all quads (0, 1, 2), then the second ones (0, 2, 3)."""
         return self.rings.triangles
 
     @cached_property
     def rings(self) -> Rings:
-        """The one-rings; a quad's diagonal is no edge."""
+        """The one-rings; the diagonal of a quad is not an edge."""
         return Rings.of(len(self.vertices), self.triangles, self.quads)
 
     @cached_property
     def components(self) -> Int:
-        """(N,) label of each vertex's connected part, from 0: the part of vertex 0 is 0, and so on."""
+        """(N,) label of the connected component of each vertex; that of vertex 0 is 0."""
         rings = self.rings
         ones = np.ones(len(rings.start), np.int8)
         graph = sp.coo_array((ones, (rings.start, rings.end)), shape=(rings.count, rings.count))
         return np.asarray(connected_components(graph, directed=False)[1], np.intp)
 
-    def moved(self, vertices: F64) -> Mesh:
-        """The same faces over other vertices (N, 3); what is known of the faces is not computed again.
+    def with_vertices(self, vertices: F64) -> Mesh:
+        """The same faces over other vertices (N, 3); what depends on the faces alone is kept.
 
         Raises
         ------
         MeshError
-            When the number of vertices is another, or one is not finite.
+            When the number of vertices differs, or one is not finite.
         """
-        _check_vertices(vertices, len(self.vertices))
+        _require_vertices(vertices, len(self.vertices))
         other = Mesh(vertices, self.triangles, self.quads)
         for name in ("faces", "rings", "components"):
             if name in self.__dict__:
@@ -91,7 +97,7 @@ class Mesh:
         return other
 
 
-def _check_vertices(vertices: F64, count: int) -> None:
+def _require_vertices(vertices: F64, count: int) -> None:
     if vertices.shape != (count, 3):
         raise MeshError(f"vertices must be ({count}, 3), got {vertices.shape}")
     bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
@@ -99,10 +105,10 @@ def _check_vertices(vertices: F64, count: int) -> None:
         raise MeshError(f"{bad} of {count} vertices are not finite (NaN or infinite)")
 
 
-def shown(text: str) -> str:
-    """Text of a file as a short line, for a sentence.
+def printable_excerpt(text: str) -> str:
+    """Text from a file as a short printable line, for a message.
 
-    >>> shown("v 1\\t2\\x00\\n3")
+    >>> printable_excerpt("v 1\\t2\\x00\\n3")
     'v 1 2 3'
     """
     return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())[:60]

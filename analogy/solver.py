@@ -1,7 +1,7 @@
 """Symmetric positive definite sparse systems: factorised once, solved many times.
 
-CHOLMOD where scikit-sparse is installed, otherwise SuperLU of SciPy with the ordering for symmetric matrices, which
-takes half the time of its default.  CHOLMOD is the quicker one where its BLAS is OpenBLAS, not the reference BLAS.
+Uses CHOLMOD where scikit-sparse is installed, otherwise SciPy's SuperLU with the ordering for symmetric matrices, which
+takes half the time of the default.  CHOLMOD is faster if its BLAS is OpenBLAS rather than the reference BLAS.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from guise.common.errors import GuiseError
 
 Solve = Callable[[F64], F64]
 
-NOT_UNIQUE = "the system has no unique solution: a part of the mesh is held by nothing"
+NOT_UNIQUE = "the system has no unique solution: part of the mesh is unconstrained"
 
 
 class SolverError(GuiseError):
     """A system that has no unique solution; one sentence."""
 
 
-def factorised(matrix: sp.sparray) -> Solve:
-    """What solves A x = b for right-hand sides b (n, k).
+def factorise(matrix: sp.sparray) -> Solve:
+    """The solver of A x = b for right-hand sides b (n, k).
 
     matrix : A (n, n), symmetric positive definite.
 
     Raises
     ------
     SolverError
-        When it is not.
+        When it is not positive definite.
 
     Examples
     --------
-    >>> solve = factorised(sp.csc_array(np.diag([2.0, 4.0])))
+    >>> solve = factorise(sp.csc_array(np.diag([2.0, 4.0])))
     >>> solve(np.array([[2.0], [2.0]])).ravel().tolist()
     [1.0, 0.5]
     """
@@ -47,12 +47,12 @@ def factorised(matrix: sp.sparray) -> Solve:
     return _by_cholmod(cholesky, compressed)
 
 
-def factoriser(like: sp.sparray) -> Callable[[sp.sparray], Solve]:
-    """`factorised` for matrices with nonzeros where `like` has some: a better order is found, and once."""
+def make_factoriser(like: sp.sparray) -> Callable[[sp.sparray], Solve]:
+    """`factorise` for matrices with the nonzero pattern of `like`: a better ordering, found once."""
     try:
         from sksparse.cholmod import CholmodNotInstalledError, analyze
     except ImportError:
-        return factorised
+        return factorise
     compressed = sp.csc_matrix(like)
     try:
         analysed = analyze(compressed, ordering_method="metis", mode="simplicial")
@@ -61,29 +61,29 @@ def factoriser(like: sp.sparray) -> Callable[[sp.sparray], Solve]:
     return lambda matrix: _by_cholmod(analysed.cholesky, sp.csc_matrix(matrix))
 
 
-def least_squares(system: sp.sparray, hold: float) -> Solve:
-    """What solves (A^T A + hold) x = r for right-hand sides r (n, k); factorised once.
+def factorise_least_squares(system: sp.sparray, hold: float) -> Solve:
+    """The solver of (A^T A + hold) x = r for right-hand sides r (n, k); factorised once.
 
-    system : A (m, n).   hold : weight by which x is held near what it should be if nothing else says.
+    system : A (m, n).   hold : weight that keeps x near its prior.
 
     Raises
     ------
     SolverError
-        When a part of x is held by nothing.
+        When a part of x is undetermined.
     """
     normal = sp.csc_array(system.T @ system)
-    return factorised(normal + hold * sp.eye_array(normal.shape[0], format="csc"))
+    return factorise(normal + hold * sp.eye_array(normal.shape[0], format="csc"))
 
 
-def compact(matrix: sp.sparray) -> sp.csr_array:
-    """The same matrix by rows with indices of 32 bits: a quarter less to read in each product."""
+def compact_rows(matrix: sp.sparray) -> sp.csr_array:
+    """The matrix in CSR format with 32-bit indices, which saves a quarter of the memory traffic of a product."""
     rows = sp.csr_array(matrix)
     indices, ends = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
     return sp.csr_array((rows.data, indices, ends), shape=rows.shape)
 
 
-def solver() -> str:
-    """Who solves here, for reports."""
+def solver_name() -> str:
+    """Name of the solver in use, for reports."""
     try:
         import sksparse.cholmod  # noqa: F401
     except ImportError:

@@ -1,15 +1,15 @@
-"""Vertex tent coordinates: expressions carried between meshes of one topology (Song et al. 2007, section IV).
+"""Vertex tent coordinates: expression transfer between meshes of one topology (Song et al. 2007, section IV).
 
-A vertex's tent is its edges to its one-ring and a tip along its normal; the transformation Q of the source's tent by
-the expression is asked of the target's.  Letters are those of the paper; eq. numbers too.
+The tent of a vertex consists of the edges to its one-ring and a tip along its normal.  The transformation Q of the
+source's tent by the expression is imposed on the target's.  Letters and equation numbers are those of the paper.
 
 With w = [e_1 .. e_n, nu] the tent (3, n + 1), Q = w' w^T (w w^T)^-1 (eq. 2).  Eq. 4 is written in the target's
-vertices, so that its constraint holds by itself.  A tip belongs to one tent alone: it is eliminated, which leaves two
-equations a vertex and coordinate, and N unknowns.
+vertices, so that its constraint holds automatically.  A tip belongs to one tent only and is eliminated, which leaves
+two equations per vertex and coordinate, and N unknowns.
 
-Tents alone say nothing of where things are, and their errors add up over the way from what stays still.  Each vertex
-is therefore also drawn, weakly, to where its source's displacement would take it: the tents rule over lengths below
-`reach`, the displacement over longer ones.  Any units; results keep the target's.
+Tents alone do not fix positions, and their errors accumulate away from what stays still.  Each vertex is therefore also
+pulled weakly to where the displacement of the source would take it: tents dominate over lengths below `reach`, the
+displacements over longer ones.  Any unit; results keep that of the target.
 """
 
 from __future__ import annotations
@@ -22,12 +22,14 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from guise.analogy.solver import compact, least_squares
+from guise.analogy.solver import compact_rows, factorise_least_squares
 from guise.common.arrays import F64, Int
 
-THIN = 1e-6  # of the trace, added to w w^T where all edges lie along a line
-HELD = 1e-10  # of the mean of the system's diagonal: the least weight of the displacements; makes the answer unique
-STILL = 1e-3  # of the longest way of a vertex, up to which one hardly moves
+RIDGE_TRACE_SHARE = 1e-6  # of the trace, added to w w^T where all edges lie along a line
+MIN_HOLD_SHARE = (
+    1e-10  # of the system's mean diagonal: least weight of the displacements; makes the answer unique
+)
+STILL_MOTION_SHARE = 1e-3  # of the largest displacement, up to which a vertex hardly moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class Rings:
     Parameters
     ----------
     count : N, of vertices.   start, end : (E,) the edge from a ring's vertex to a neighbour.
-    triangles : (t, 3), of which normals are made; a quad is two.
+    triangles : (t, 3), from which normals are computed; a quad gives two.
     """
 
     count: int
@@ -47,7 +49,7 @@ class Rings:
 
     @classmethod
     def of(cls, count: int, triangles: ArrayLike, quads: ArrayLike | None = None) -> Rings:
-        """Of a mesh with `count` vertices, triangles (t, 3) and quads (q, 4); a quad's diagonal is no edge.
+        """From a mesh with `count` vertices, triangles (t, 3) and quads (q, 4); the diagonal of a quad is not an edge.
 
         >>> Rings.of(3, [[0, 1, 2]]).end.tolist()
         [1, 2, 0, 2, 0, 1]
@@ -68,29 +70,29 @@ class Rings:
 
     @cached_property
     def around(self) -> sp.csr_array:
-        """(N, t) of ones: sums what the triangles hold at their vertices."""
+        """(N, t) of ones: sums values of triangles at their vertices."""
         columns = np.repeat(np.arange(len(self.triangles)), 3)
         entries = (np.ones(len(columns)), (self.triangles.ravel(), columns))
-        return compact(sp.coo_array(entries, shape=(self.count, len(self.triangles))))
+        return compact_rows(sp.coo_array(entries, shape=(self.count, len(self.triangles))))
 
     @cached_property
     def sides(self) -> tuple[Int, Int]:
-        """Both ends (E / 2,) of each edge, once."""
+        """Both ends (E / 2,) of each undirected edge."""
         once = self.start < self.end
         return self.start[once], self.end[once]
 
     @cached_property
     def mean(self) -> sp.csr_array:
-        """(N, E / 2): the mean, at each vertex, of what its edges (those of `sides`) hold."""
+        """(N, E / 2): means, at each vertex, of the values of its edges (those of `sides`)."""
         ends = np.concatenate(self.sides)
         columns = np.tile(np.arange(len(ends) // 2), 2)
         share = 1 / np.bincount(ends, minlength=self.count).clip(1)[ends]
-        return compact(sp.coo_array((share, (ends, columns)), shape=(self.count, len(ends) // 2)))
+        return compact_rows(sp.coo_array((share, (ends, columns)), shape=(self.count, len(ends) // 2)))
 
 
 def tips(vertices: F64, rings: Rings) -> F64:
     """The tips nu (N, 3) relative to their vertices: along the normal, as long as the ring's mean edge."""
-    columns = np.ascontiguousarray(vertices.T)  # by coordinate, several times as quick
+    columns = np.ascontiguousarray(vertices.T)  # by coordinate: several times faster
     normals = np.asarray(rings.around @ triangle_normals(columns, rings.corners).T)
     start, end = rings.sides
     square = sum(np.square(x.take(end) - x.take(start)) for x in columns)
@@ -100,14 +102,14 @@ def tips(vertices: F64, rings: Rings) -> F64:
 
 
 def triangle_normals(columns: F64, corners: Int) -> F64:
-    """(3, t) normals of triangles (3, t), as long as twice their areas, of coordinates (3, N)."""
+    """(3, t) normals of triangles (3, t) with coordinates (3, N); their length is twice the area."""
     a, b, c = (columns.take(corner, axis=1) for corner in corners)
     (ux, uy, uz), (vx, vy, vz) = b - a, c - a
     return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
 
 
-class Tents:
-    """The tents of a neutral mesh, by which transformations of it are told.
+class VertexTents:
+    """The tents of a neutral mesh, which give its transformations.
 
     Parameters
     ----------
@@ -128,7 +130,7 @@ class Tents:
             for j in range(3):
                 square[:, i, j] += np.bincount(rings.start, edges[:, i] * edges[:, j], rings.count)
         trace = np.trace(square, axis1=1, axis2=2)
-        square += (THIN * trace + (trace == 0))[:, None, None] * np.eye(3)
+        square += (RIDGE_TRACE_SHARE * trace + (trace == 0))[:, None, None] * np.eye(3)
         inverse = np.linalg.inv(square)
         self.edges = self._operator(np.einsum("eij,ej->ei", inverse[rings.start], edges))
         self.tip_weights = np.einsum("nij,nj->ni", inverse, nu)
@@ -156,44 +158,44 @@ class Tents:
 
 
 class TentTransfer:
-    """Carries expressions of a source to a target of the same topology; factorised once.
+    """Transfers expressions of a source to a target of the same topology; factorised once.
 
-    All that is linear is one matrix: an expression costs two sparse products, its normals and one substitution.
+    An expression costs its normals, two sparse products and one back-substitution.
 
     Parameters
     ----------
     source, target : (N, 3) neutral meshes, vertex to vertex, the source aligned with the target.
     rings : of both.
-    reach : length over which the tents rule; infinite is the paper's method, with the mean displacement kept.
+    reach : length below which tents dominate; infinite is the paper's method, with the mean displacement kept.
 
     Raises
     ------
     SolverError
-        When the target cannot be solved for.
+        When the system of the target has no unique solution.
     """
 
     def __init__(self, source: F64, target: F64, rings: Rings, reach: float = math.inf) -> None:
         self.source, self.target, self.rings = source, target, rings
-        tents, own = Tents(source, rings), Tents(target, rings)
-        across = _across(own.tip_weights)
+        tents, own = VertexTents(source, rings), VertexTents(target, rings)
+        across = _perpendicular_projection(own.tip_weights)
         system = sp.csr_array(across @ own.edges)
-        hold = max(1 / reach**2, HELD * float(system.power(2).sum()) / rings.count)
-        self._solve = least_squares(system, hold)
+        hold = max(1 / reach**2, MIN_HOLD_SHARE * float(system.power(2).sum()) / rings.count)
+        self._solve = factorise_least_squares(system, hold)
         asked = sp.csr_array(system.T @ across)
-        self._by_vertices = compact(asked @ tents.edges + hold * sp.eye_array(rings.count))
-        self._by_tips = compact(asked @ tents.tips)
+        self._by_vertices = compact_rows(asked @ tents.edges + hold * sp.eye_array(rings.count))
+        self._by_tips = compact_rows(asked @ tents.tips)
         self._tips = tips(source, rings)
 
     def __call__(self, expressive: F64) -> F64:
-        """The target (N, 3) with the expression that the source has in `expressive` (N, 3)."""
+        """The target (N, 3) with the expression of the source `expressive` (N, 3)."""
         turned = tips(expressive, self.rings) - self._tips
         return self.target + self._solve(
             self._by_vertices @ (expressive - self.source) + self._by_tips @ turned
         )
 
 
-def _across(directions: F64) -> sp.csr_array:
-    """(2 N, 3 N): what vectors (N, 3), one below the other, are in the planes across `directions` (N, 3)."""
+def _perpendicular_projection(directions: F64) -> sp.csr_array:
+    """(2 N, 3 N): projects stacked vectors (N, 3) onto the planes perpendicular to `directions` (N, 3)."""
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     unit = directions / np.where(size > 0, size, 1)
     least = np.eye(3)[np.abs(unit).argmin(1)]
@@ -205,12 +207,12 @@ def _across(directions: F64) -> sp.csr_array:
 
 
 def vertex_error(source: F64, expressive: F64, made: F64) -> F64:
-    """E of the appendix (N,), for an expression carried to the source itself; NaN where nothing moves.
+    """E of the appendix (N,), for an expression transferred to the source itself; NaN where nothing moves.
 
     | |made - source| / |expressive - source| - 1 |
     """
     way = np.linalg.norm(expressive - source, axis=1)
-    moves = way > STILL * max(float(way.max()), 1e-300)
+    moves = way > STILL_MOTION_SHARE * max(float(way.max()), 1e-300)
     out = np.full(len(way), np.nan)
     out[moves] = np.abs(np.linalg.norm(made - source, axis=1)[moves] / way[moves] - 1)
     return out

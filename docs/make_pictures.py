@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
+import guise
 from guise.aam.model import Identity
 from guise.analogy.formats.files import read_mesh, read_rig
 from guise.app.deidentify.options import DeidentifyOptions
@@ -164,9 +165,9 @@ def studio(folder: Path) -> None:
     """The moving picture of the studio."""
     from studio_picture import film_studio
 
-    shots = film_studio(
-        folder, ROOT / "app" / "gallery" / f"{HEAD}.guise", SAMPLES / HEAD / "talk.mp4", STUDIO_FPS
-    )
+    clip, model = SAMPLES / HEAD / "talk.mp4", folder / f"{HEAD}.guise"
+    guise.enrol(clip).save(model)
+    shots = film_studio(folder, model, clip, STUDIO_FPS)
     save_moving(IMAGES / "studio.webp", shots, STUDIO_FPS)
 
 
@@ -181,11 +182,12 @@ PICTURES: dict[str, Callable[[Path], None]] = {
 def main() -> None:
     """Make the pictures that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "names", nargs="*", choices=PICTURES, default=list(PICTURES), metavar="|".join(PICTURES)
-    )
+    parser.add_argument("names", nargs="*", metavar="|".join(PICTURES))
+    names = parser.parse_args().names or list(PICTURES)
+    if unknown := set(names) - PICTURES.keys():
+        parser.error(f"names must be of {', '.join(PICTURES)}, got {', '.join(sorted(unknown))}")
     IMAGES.mkdir(exist_ok=True)
-    for name in parser.parse_args().names:
+    for name in names:
         with tempfile.TemporaryDirectory() as folder:
             PICTURES[name](Path(folder))
     for picture in sorted(IMAGES.iterdir()):

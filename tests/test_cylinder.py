@@ -6,9 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from guise.analogy.cylinder import Cylinder, FeatureMap, MeshImage, cylindrical, unrolled
+from guise.analogy.cylinder import (
+    Cylinder,
+    MeshImage,
+    PiecewiseAffineMap,
+    cylindrical_correspondence,
+    unroll_faces,
+)
 from guise.analogy.mesh import Mesh
-from guise.analogy.register import RegistrationError
+from guise.analogy.registration import RegistrationError
 
 NO_QUADS = np.empty((0, 4), np.intp)
 HIGH = 1.25  # a head is so much higher than wide
@@ -54,48 +60,54 @@ def turned(degrees: float) -> np.ndarray:
 
 def test_a_head_corresponds_to_itself() -> None:
     mesh, _ = head()
-    found = cylindrical(mesh, mesh, points(), points())
+    found = cylindrical_correspondence(mesh, mesh, points(), points())
     assert found.found.all()
-    np.testing.assert_allclose(found.carry(mesh.vertices), mesh.vertices, atol=1e-6)
+    np.testing.assert_allclose(found.interpolate(mesh.vertices), mesh.vertices, atol=1e-6)
 
 
 def test_another_tessellation_of_the_same_surface_finds_the_same_places() -> None:
     source, _ = head(45, 70)
     target, _ = head(38, 53)
-    found = cylindrical(source, target, points(), points())
+    found = cylindrical_correspondence(source, target, points(), points())
     assert found.found.mean() > 0.99
-    apart = np.linalg.norm(found.carry(source.vertices) - target.vertices, axis=1)
+    apart = np.linalg.norm(found.interpolate(source.vertices) - target.vertices, axis=1)
     assert apart.max() < 0.01
 
 
 def test_turn_place_and_scale_of_the_target_change_nothing() -> None:
     source, _ = head(45, 70)
     target, _ = head(38, 53)
-    plain = cylindrical(source, target, points(), points())
+    plain = cylindrical_correspondence(source, target, points(), points())
     rotation = turned(20) @ np.array([[0.96, -0.28, 0], [0.28, 0.96, 0], [0, 0, 1]])
     moved = 1.3 * target.vertices @ rotation.T + (5, -7, 9)
-    other = cylindrical(source, target.moved(moved), points(), 1.3 * points() @ rotation.T + (5, -7, 9))
+    other = cylindrical_correspondence(
+        source, target.with_vertices(moved), points(), 1.3 * points() @ rotation.T + (5, -7, 9)
+    )
     assert (other.found == plain.found).mean() > 0.999  # pixels differ at the border
-    np.testing.assert_allclose(other.carry(source.vertices), plain.carry(source.vertices), atol=1e-3)
+    np.testing.assert_allclose(
+        other.interpolate(source.vertices), plain.interpolate(source.vertices), atol=1e-3
+    )
 
 
 def test_heads_that_stand_on_z_are_the_same() -> None:
     source, _ = head(45, 70)
     target, _ = head(38, 53)
     up = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # x, -z, y: looks along -y
-    lying = source.moved(source.vertices @ up.T), target.moved(target.vertices @ up.T)
-    plain = cylindrical(source, target, points(), points())
-    other = cylindrical(*lying, points() @ up.T, points() @ up.T)
-    np.testing.assert_allclose(other.carry(source.vertices), plain.carry(source.vertices), atol=1e-3)
+    lying = source.with_vertices(source.vertices @ up.T), target.with_vertices(target.vertices @ up.T)
+    plain = cylindrical_correspondence(source, target, points(), points())
+    other = cylindrical_correspondence(*lying, points() @ up.T, points() @ up.T)
+    np.testing.assert_allclose(
+        other.interpolate(source.vertices), plain.interpolate(source.vertices), atol=1e-3
+    )
 
 
 def test_the_back_of_the_head_has_no_seam() -> None:
     source, _ = head(45, 70)
     target, places = head(38, 53)
     lopsided = FACE + np.where(FACE[:, :1] > 1, (0.2, 0.1), (0.0, 0.0))  # one ear elsewhere
-    found = cylindrical(source, target, points(), surface(*lopsided.T))
+    found = cylindrical_correspondence(source, target, points(), surface(*lopsided.T))
     v, u = places[:, 1].reshape(38, 53), places[:, 0].reshape(38, 53)
-    carried = found.carry(source.vertices).reshape(38, 53, 3)
+    carried = found.interpolate(source.vertices).reshape(38, 53, 3)
     order = np.argsort(u[0])
     assert (v[:, 0] == v[:, 1]).all()
     steps = np.linalg.norm(np.diff(carried[5:-5, order], axis=1, append=carried[5:-5, order[:1]]), axis=2)
@@ -108,8 +120,8 @@ def test_feature_points_correspond_to_each_other() -> None:
     u, v = np.meshgrid(np.linspace(-2.8, 2.8, 60), np.linspace(-0.85, 0.9, 40))
     places = np.concatenate([np.stack([u.ravel(), v.ravel()], 1), other])
     target = Mesh(surface(*places.T), Delaunay(places).simplices.astype(np.intp), NO_QUADS)
-    found = cylindrical(source, target, points(), surface(*other.T))
-    carried = found.carry(source.vertices)[-len(FACE) :]
+    found = cylindrical_correspondence(source, target, points(), surface(*other.T))
+    carried = found.interpolate(source.vertices)[-len(FACE) :]
     assert np.linalg.norm(carried - points(), axis=1).max() < 0.03
 
 
@@ -121,8 +133,8 @@ def test_a_lining_takes_the_lining() -> None:
         vertices = np.concatenate([surface(*places.T), surface(*inner.T, size=0.8)])
         inside = faces[:, ::-1] + len(places)  # faces inwards
         meshes.append(Mesh(vertices, np.concatenate([outer, inside]), NO_QUADS))
-    found = cylindrical(*meshes, points(), points())
-    apart = np.linalg.norm(found.carry(meshes[0].vertices) - meshes[1].vertices, axis=1)
+    found = cylindrical_correspondence(*meshes, points(), points())
+    apart = np.linalg.norm(found.interpolate(meshes[0].vertices) - meshes[1].vertices, axis=1)
     assert found.found.mean() > 0.99
     assert apart.max() < 0.05
 
@@ -149,8 +161,8 @@ def lips(rows: int, columns: int) -> tuple[Mesh, np.ndarray]:
 def test_upper_lips_are_not_matched_with_lower_ones() -> None:
     source, above = lips(20, 60)
     target, upper = lips(17, 53)
-    found = cylindrical(source, target, points(), points())
-    from_above = found.carry(above.astype(float))
+    found = cylindrical_correspondence(source, target, points(), points())
+    from_above = found.interpolate(above.astype(float))
     rim = np.abs(target.vertices[:, 1] + 0.3 * HIGH) < 0.02
     assert rim.sum() == 4 * 53
     assert np.abs(from_above - upper)[rim].mean() < 0.05
@@ -159,11 +171,11 @@ def test_upper_lips_are_not_matched_with_lower_ones() -> None:
 def test_what_the_source_has_not_is_not_found() -> None:
     source, _ = head(45, 70, low=-0.7)
     target, places = head(38, 53, low=-0.9)
-    found = cylindrical(source, target, points(), points())
+    found = cylindrical_correspondence(source, target, points(), points())
     below, above = places[:, 1] < -0.75, places[:, 1] > -0.65
     assert not found.found[below].any()
     assert found.found[above].all()
-    carried = found.carry(source.vertices)
+    carried = found.interpolate(source.vertices)
     assert np.isfinite(carried).all()
     assert np.abs(carried[below, 1] + 0.7 * HIGH).max() < 0.05  # at the source's border
 
@@ -174,7 +186,7 @@ def test_small_parts_are_not_found() -> None:
     eye, round_it = grid(8, 12)
     vertices = np.concatenate([surface(*places.T), surface(*eye.T, size=0.1) + np.array([0.4, 0.2, 0.7])])
     target = Mesh(vertices, np.concatenate([faces, round_it + len(places)]), NO_QUADS)
-    found = cylindrical(source, target, points(), points()).found
+    found = cylindrical_correspondence(source, target, points(), points()).found
     assert found[: len(places)].mean() > 0.99
     assert not found[len(places) :].any()
 
@@ -184,7 +196,7 @@ def test_points_that_fold_the_map_are_left_out() -> None:
     crossed = FACE.copy()
     crossed[[2, 3]] = FACE[[3, 2]]  # the eyes are exchanged
     ends = -1.5, 1.5
-    warp = FeatureMap(cylinder, crossed, FACE, ends, ends)
+    warp = PiecewiseAffineMap(cylinder, crossed, FACE, ends, ends)
     u, v = np.meshgrid(np.linspace(-1.5, 1.5, 60), np.linspace(-0.8, 0.8, 40))
     mapped = warp(np.stack([u.ravel(), v.ravel()], 1)).reshape(40, 60, 2)
     across, up = np.diff(mapped, axis=1)[:-1], np.diff(mapped, axis=0)[:, :-1]
@@ -200,17 +212,17 @@ def test_the_map_takes_points_to_points_and_is_the_identity_between_equal_ones(s
     cylinder = Cylinder(np.eye(3), np.zeros(3), 1.0)
     moved = FACE + rng.uniform(-0.03, 0.03, FACE.shape)
     np.testing.assert_allclose(
-        FeatureMap(cylinder, moved, FACE, (-1.5, 1.5), (-1.5, 1.4))(FACE), moved, atol=1e-9
+        PiecewiseAffineMap(cylinder, moved, FACE, (-1.5, 1.5), (-1.5, 1.4))(FACE), moved, atol=1e-9
     )
     anywhere = np.stack([rng.uniform(-3.1, 3.1, 50), rng.uniform(-1.4, 1.4, 50)], 1)
-    same = FeatureMap(cylinder, FACE, FACE, (-1.5, 1.5), (-1.5, 1.5))(anywhere)
+    same = PiecewiseAffineMap(cylinder, FACE, FACE, (-1.5, 1.5), (-1.5, 1.5))(anywhere)
     np.testing.assert_allclose(same, anywhere, atol=1e-9)
 
 
 def test_faces_across_the_seam_are_there_twice_and_around_the_axis_not_at_all() -> None:
     places = np.array([[3.0, 0], [-3.0, 0], [3.0, 1], [0.0, 0], [-2.0, 1], [2.0, 1]])
     faces = np.array([[0, 1, 2], [3, 4, 5], [0, 3, 5]])
-    owners, corners, origins, flat = unrolled(places, faces, 2 * np.pi)
+    owners, corners, origins, flat = unroll_faces(places, faces, 2 * np.pi)
     assert owners.tolist() == [2, 0, 0]
     np.testing.assert_array_equal(origins[corners[1:]], [[0, 1, 2], [0, 1, 2]])
     right, left = flat[corners[1:], 0]
@@ -234,17 +246,17 @@ def test_the_mesh_image_finds_every_vertex_of_an_open_head() -> None:
     ("given", "says"),
     [
         (points()[:2], "2 points"),
-        (np.repeat(points()[:1], 4, axis=0), "one place or on a line"),
+        (np.repeat(points()[:1], 4, axis=0), "coincide or lie on a line"),
         (np.full((4, 3), np.nan), "finite"),
     ],
 )
 def test_points_that_tell_nothing_are_refused(given: np.ndarray, says: str) -> None:
     mesh, _ = head(10, 12)
     with pytest.raises(RegistrationError, match=says):
-        cylindrical(mesh, mesh, given, given)
+        cylindrical_correspondence(mesh, mesh, given, given)
 
 
 def test_points_far_from_the_source_are_refused() -> None:
     mesh, _ = head(10, 12)
     with pytest.raises(RegistrationError, match="do not lie on the source"):
-        cylindrical(mesh, mesh, points() + np.array([0, 50, 0]), points())
+        cylindrical_correspondence(mesh, mesh, points() + np.array([0, 50, 0]), points())

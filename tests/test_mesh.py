@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from guise.analogy.cleaning import Cleaned
+from guise.analogy.cleaning import CleanedMesh
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import Mesh, MeshError
-from guise.analogy.normals import Normals, smooth, unit
+from guise.analogy.normals import StoredNormals, polygon_vertex_normals, unit_vectors
 from guise.common.arrays import F64, Int
 
 SIDE = 9
@@ -53,7 +53,7 @@ def test_a_mesh_knows_its_faces_rings_and_parts() -> None:
     assert mesh.faces.shape == (2 * len(quads), 3)
     assert_array_equal(mesh.faces[0], quads[0, :3])
     assert_array_equal(mesh.components, np.repeat([0, 1], SIDE * SIDE))
-    assert mesh.moved(mesh.vertices + 1).rings is mesh.rings
+    assert mesh.with_vertices(mesh.vertices + 1).rings is mesh.rings
 
 
 @pytest.mark.parametrize(
@@ -75,13 +75,13 @@ def test_a_mesh_that_is_none_is_refused(vertices: F64, triangles: object, said: 
 def test_other_vertices_must_be_as_many_and_finite() -> None:
     mesh = Mesh(sheet(), NO_TRIANGLES, grid())
     with pytest.raises(MeshError, match=r"vertices must be \(81, 3\), got \(80, 3\)"):
-        mesh.moved(sheet()[1:])
+        mesh.with_vertices(sheet()[1:])
     with pytest.raises(MeshError, match="81 of 81 vertices are not finite"):
-        mesh.moved(sheet() * np.nan)
+        mesh.with_vertices(sheet() * np.nan)
 
 
 def test_a_clean_mesh_is_left_as_it_is() -> None:
-    found = Cleaned.of(sheet(), Polygons.of(grid()))
+    found = CleanedMesh.of(sheet(), Polygons.of(grid()))
     assert_array_equal(found.mesh.vertices, sheet())
     assert_array_equal(found.mesh.quads, grid())
     assert_array_equal(found.kept, found.ids)
@@ -92,7 +92,7 @@ def test_a_seam_is_closed() -> None:
     vertices, quads, origin = slit(sheet(), grid())
     uvs = np.arange(2.0 * len(vertices)).reshape(-1, 2)
     for apart in (uvs, None):
-        found = Cleaned.of(vertices, Polygons.of(quads), apart=apart)
+        found = CleanedMesh.of(vertices, Polygons.of(quads), apart=apart)
         assert_array_equal(found.mesh.vertices, sheet())
         assert_array_equal(found.ids, origin)
         assert_array_equal(np.sort(found.mesh.quads), np.sort(grid()))
@@ -101,10 +101,10 @@ def test_a_seam_is_closed() -> None:
 def test_lips_that_touch_stay_apart() -> None:
     """The surface folds back where they meet, or nothing says why the file has their vertices twice."""
     lips, quads, origin = slit(folded(sheet()), grid())
-    found = Cleaned.of(lips, Polygons.of(quads), apart=np.arange(2.0 * len(lips)).reshape(-1, 2))
+    found = CleanedMesh.of(lips, Polygons.of(quads), apart=np.arange(2.0 * len(lips)).reshape(-1, 2))
     assert len(found.mesh.vertices) == len(lips)
     flat, quads, origin = slit(sheet(), grid())
-    found = Cleaned.of(flat, Polygons.of(quads), apart=sheet()[origin][:, :2])
+    found = CleanedMesh.of(flat, Polygons.of(quads), apart=sheet()[origin][:, :2])
     assert len(found.mesh.vertices) == len(flat)
 
 
@@ -112,8 +112,8 @@ def test_what_a_rig_moves_apart_stays_apart() -> None:
     vertices, quads, _ = slit(sheet(), grid())
     opening = np.zeros_like(vertices)
     opening[SIDE * SIDE :] = (0, 0.1, 0)
-    assert len(Cleaned.of(vertices, Polygons.of(quads)).mesh.vertices) == SIDE * SIDE
-    found = Cleaned.of(vertices, Polygons.of(quads), together=opening)
+    assert len(CleanedMesh.of(vertices, Polygons.of(quads)).mesh.vertices) == SIDE * SIDE
+    found = CleanedMesh.of(vertices, Polygons.of(quads), together=opening)
     assert len(found.mesh.vertices) == len(vertices)
 
 
@@ -123,7 +123,7 @@ def test_lips_with_a_mouth_behind_them_do_not_grow_together() -> None:
     valley[:, 2] = valley[:, 1] ** 2
     vertices = np.concatenate([valley, valley * (1, 1, -1)])
     quads = np.concatenate([grid(), grid()[:, ::-1] + SIDE * SIDE])
-    found = Cleaned.of(vertices, Polygons.of(quads))
+    found = CleanedMesh.of(vertices, Polygons.of(quads))
     assert len(found.mesh.vertices) == 2 * SIDE * SIDE
     assert found.mesh.components.max() == 1
 
@@ -131,7 +131,9 @@ def test_lips_with_a_mouth_behind_them_do_not_grow_together() -> None:
 def test_a_soup_of_triangles_becomes_a_surface() -> None:
     corners = np.concatenate([grid()[:, [0, 1, 2]], grid()[:, [0, 2, 3]]])
     soup = sheet()[corners.ravel()]
-    found = Cleaned.of(soup, Polygons.of(np.arange(len(soup)).reshape(-1, 3)), apart=np.zeros((len(soup), 2)))
+    found = CleanedMesh.of(
+        soup, Polygons.of(np.arange(len(soup)).reshape(-1, 3)), apart=np.zeros((len(soup), 2))
+    )
     assert len(found.mesh.vertices) == SIDE * SIDE
     assert_array_equal(found.mesh.vertices[found.ids], soup)
 
@@ -142,7 +144,7 @@ def test_what_is_useless_is_left_out_and_moves_with_the_nearest() -> None:
     line = [SIDE - 1, SIDE - 1, SIDE * SIDE + 2]
     corners = np.concatenate([grid().ravel(), grid()[3], line])
     sizes = np.array([4] * len(grid()) + [4, 3])
-    found = Cleaned.of(vertices, Polygons(corners.astype(np.intp), sizes))
+    found = CleanedMesh.of(vertices, Polygons(corners.astype(np.intp), sizes))
     assert_array_equal(found.mesh.vertices, sheet())
     assert_array_equal(found.mesh.quads, grid())
     assert_array_equal(found.ids[SIDE * SIDE :], [SIDE * SIDE - 1, SIDE * SIDE // 2, SIDE - 1])
@@ -151,13 +153,13 @@ def test_what_is_useless_is_left_out_and_moves_with_the_nearest() -> None:
 def test_polygons_of_many_sides_are_fans() -> None:
     angle = np.linspace(0, 2 * np.pi, 6, endpoint=False)
     hexagon = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    found = Cleaned.of(hexagon, Polygons(np.arange(6), np.array([6])))
+    found = CleanedMesh.of(hexagon, Polygons(np.arange(6), np.array([6])))
     assert_array_equal(found.mesh.triangles, [[0, k, k + 1] for k in range(1, 5)])
 
 
 def test_a_quad_with_a_flat_half_is_its_other_half() -> None:
     square = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
-    found = Cleaned.of(square, Polygons.of(np.array([[0, 1, 2, 3]])))
+    found = CleanedMesh.of(square, Polygons.of(np.array([[0, 1, 2, 3]])))
     assert len(found.mesh.quads) == 0
     assert_array_equal(found.kept[found.mesh.triangles], [[0, 2, 3]])
 
@@ -167,13 +169,13 @@ def test_a_quad_with_a_flat_half_is_its_other_half() -> None:
     [
         (np.zeros((0, 3)), NO_TRIANGLES, "no vertices"),
         (sheet(), NO_TRIANGLES, "81 vertices but no faces"),
-        (sheet() * (1, 0, 0), grid(), "none of its faces has an area"),
+        (sheet() * (1, 0, 0), grid(), "all of its faces have zero area"),
         (np.where(sheet() == 1, np.inf, sheet()), grid(), "17 of its 81 vertices are not finite"),
     ],
 )
 def test_what_cannot_be_cleaned_is_said(vertices: F64, faces: Int, said: str) -> None:
     with pytest.raises(MeshError, match=said):
-        Cleaned.of(vertices, Polygons.of(faces))
+        CleanedMesh.of(vertices, Polygons.of(faces))
 
 
 @given(st.lists(st.integers(3, 7), min_size=1, max_size=6))
@@ -186,7 +188,7 @@ def test_areas_of_polygons_are_those_of_their_fans(sizes: list[int]) -> None:
         ring = vertices[polygons.corners[start : start + size]]
         wanted.append(np.cross(ring - ring[0], np.roll(ring - ring[0], -1, axis=0)).sum(0) / 2)
         start += size
-    np.testing.assert_allclose(polygons.areas(vertices), wanted, atol=1e-12)
+    np.testing.assert_allclose(polygons.area_vectors(vertices), wanted, atol=1e-12)
 
 
 @pytest.mark.skipif(not HEADS.is_dir(), reason="the shared heads are not there")
@@ -201,8 +203,8 @@ def test_real_heads_cut_into_islands_are_put_together(name: str, told: str) -> N
     patch = ((centres[:, None] - seeds) ** 2).sum(axis=2).argmin(axis=1)
     split, first, ids = np.unique(triangles * 25 + patch[:, None], return_index=True, return_inverse=True)
     origin = triangles.ravel()[first]
-    normals = smooth(vertices, Polygons.of(triangles))[origin]
-    found = Cleaned.of(
+    normals = polygon_vertex_normals(vertices, Polygons.of(triangles))[origin]
+    found = CleanedMesh.of(
         vertices[origin],
         Polygons.of(ids.reshape(-1, 3)),
         normals=normals if told in ("normals", "both") else None,
@@ -220,28 +222,30 @@ def rotation(degrees: float) -> F64:
 
 def test_normals_turn_with_the_surface_and_stay_where_nothing_moves() -> None:
     polygons = Polygons.of(grid())
-    own = unit(smooth(sheet(), polygons) + np.random.default_rng(0).normal(0, 0.01, (SIDE * SIDE, 3)))
-    normals = Normals(own, polygons.corners, sheet(), polygons, np.arange(SIDE * SIDE))
-    assert_array_equal(normals.moved(sheet()), own)
-    turned = normals.moved(sheet() @ rotation(30).T)
+    own = unit_vectors(
+        polygon_vertex_normals(sheet(), polygons) + np.random.default_rng(0).normal(0, 0.01, (SIDE * SIDE, 3))
+    )
+    normals = StoredNormals(own, polygons.corners, sheet(), polygons, np.arange(SIDE * SIDE))
+    assert_array_equal(normals.updated(sheet()), own)
+    turned = normals.updated(sheet() @ rotation(30).T)
     assert float((turned * (own @ rotation(30).T)).sum(1).min()) > np.cos(np.deg2rad(2))
     half = sheet()
     half[: 3 * SIDE] += (0, 0, 0.2)
-    assert_array_equal(normals.moved(half)[5 * SIDE :], own[5 * SIDE :])
+    assert_array_equal(normals.updated(half)[5 * SIDE :], own[5 * SIDE :])
 
 
 def test_a_hard_edge_stays_hard() -> None:
     """Each side of a fold has its own normals, though the vertices are one."""
     vertices = folded(sheet())
     polygons = Polygons.of(grid())
-    faces = unit(polygons.areas(vertices))
-    flat = Normals(faces, polygons.owners, vertices, polygons, np.arange(len(vertices)))
-    np.testing.assert_allclose(flat.moved(vertices @ rotation(90).T), faces @ rotation(90).T, atol=1e-9)
+    faces = unit_vectors(polygons.area_vectors(vertices))
+    flat = StoredNormals(faces, polygons.owners, vertices, polygons, np.arange(len(vertices)))
+    np.testing.assert_allclose(flat.updated(vertices @ rotation(90).T), faces @ rotation(90).T, atol=1e-9)
 
 
 def test_normals_are_the_same_on_both_sides_of_a_seam() -> None:
     vertices, quads, origin = slit(sheet(), grid())
     polygons = Polygons.of(quads)
-    own = smooth(sheet(), Polygons.of(grid()))[origin]
-    moved = Normals(own, polygons.corners, vertices, polygons, origin).moved(folded(vertices))
+    own = polygon_vertex_normals(sheet(), Polygons.of(grid()))[origin]
+    moved = StoredNormals(own, polygons.corners, vertices, polygons, origin).updated(folded(vertices))
     assert_array_equal(moved[SIDE * SIDE :], moved[origin[SIDE * SIDE :]])

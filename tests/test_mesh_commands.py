@@ -544,13 +544,13 @@ BAD: dict[str, tuple[Callable[[Path], tuple[str, ...]], str]] = {
     "no animation": (lambda at: ("sequence", RIG, RIG, "--target", OTHER, "-o", "out"), "no animation"),
     "an empty sequence": (lambda at: ("sequence", HEAD, str(at), "--target", OTHER, "-o", "out"), "no OBJ or PLY"),
     "a sequence onto itself": (
-        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", OTHER, "-o", "in"), "contains the input frames",  # noqa: E501
+        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", OTHER, "-o", "in"), "contains the input frames",
     ),
     "no frames a second": (
         lambda at: ("sequence", HEAD, frames(at / "in"), "--target", HEAD, "--fps", "0", "-o", "out"), "--fps",
     ),
     "a film that goes on": (
-        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", HEAD, "-o", "x.glb", "--resume"), "--resume is for",  # noqa: E501
+        lambda at: ("sequence", HEAD, frames(at / "in"), "--target", HEAD, "-o", "x.glb", "--resume"), "--resume needs a folder",  # noqa: E501
     ),
     "no face to mark": (
         lambda at: ("landmarks", changed(HEAD, at / "box.obj", boxes)), "give all 20 points with --edit",

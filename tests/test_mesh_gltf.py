@@ -18,7 +18,7 @@ from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
 from guise.analogy.formats.gltf import GltfDocument
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError
-from guise.analogy.normals import smooth
+from guise.analogy.normals import polygon_vertex_normals
 from guise.common.arrays import F64, Int
 
 Json = dict[str, Any]
@@ -63,7 +63,7 @@ class Glb:
     def mesh(self, vertices: F64, triangles: Int, targets: dict[str, F64] | None = None) -> int:
         attributes = {
             "POSITION": self.accessor(vertices),
-            "NORMAL": self.accessor(smooth(vertices, Polygons.of(triangles))),
+            "NORMAL": self.accessor(polygon_vertex_normals(vertices, Polygons.of(triangles))),
         }
         primitive: Json = {"attributes": attributes, "indices": self.accessor(triangles.ravel(), "u2")}
         made: Json = {"primitives": [primitive]}
@@ -157,7 +157,7 @@ def test_nodes_place_their_meshes(node: Json, tmp_path: Path) -> None:
     file = made.read(tmp_path)
     (seen,) = trimesh.load(file.path, process=False).dump()
     assert_allclose(file.mesh.vertices, seen.vertices, atol=1e-5)
-    faces = Polygons.of(file.mesh.triangles).areas(file.mesh.vertices)
+    faces = Polygons.of(file.mesh.triangles).area_vectors(file.mesh.vertices)
     normals = file.document.normals
     assert normals is not None
     assert (np.einsum("ij,ikj->ik", faces, normals[file.mesh.triangles]) > 0).all()
@@ -165,7 +165,7 @@ def test_nodes_place_their_meshes(node: Json, tmp_path: Path) -> None:
     file.write(tmp_path / "bent.glb", bent)
     back = read_mesh(tmp_path / "bent.glb")
     assert_allclose(back.mesh.vertices, bent, rtol=1e-6, atol=1e-6)
-    wanted = smooth(bent, Polygons.of(file.mesh.triangles))
+    wanted = polygon_vertex_normals(bent, Polygons.of(file.mesh.triangles))
     assert back.document.normals is not None
     assert float(np.abs((back.document.normals * wanted).sum(1)).min()) > 0.95
 
@@ -175,7 +175,7 @@ def test_a_seam_of_a_glb_is_closed_and_written_to_both_sides(tmp_path: Path) -> 
     made = Glb()
     mesh = made.mesh(vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
     uvs = np.arange(2.0 * len(vertices)).reshape(-1, 2)
-    whole = smooth(sheet(), Polygons.of(TRIANGLES))[origin]
+    whole = polygon_vertex_normals(sheet(), Polygons.of(TRIANGLES))[origin]
     more = {"TEXCOORD_0": made.accessor(uvs), "NORMAL": made.accessor(whole)}
     made.json["meshes"][mesh]["primitives"][0]["attributes"] |= more
     made.node(mesh=mesh)
@@ -193,7 +193,7 @@ def test_a_seam_of_a_glb_is_closed_and_written_to_both_sides(tmp_path: Path) -> 
 def test_parts_of_several_materials_are_one_surface(tmp_path: Path) -> None:
     """Their vertices along the border between them are the same, texture coordinates and all."""
     made, upper = Glb(), (TRIANGLES >= SIDE2 // 2 - 4).all(axis=1)
-    whole, primitives = smooth(sheet(), Polygons.of(TRIANGLES)), []
+    whole, primitives = polygon_vertex_normals(sheet(), Polygons.of(TRIANGLES)), []
     for chosen in (TRIANGLES[upper], TRIANGLES[~upper]):
         used, triangles = np.unique(chosen, return_inverse=True)
         values = {"POSITION": sheet()[used], "NORMAL": whole[used], "TEXCOORD_0": sheet()[used, :2]}
@@ -249,7 +249,7 @@ def test_a_skinned_mesh_stands_as_it_is_bound(tmp_path: Path) -> None:
     made.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": held}]
     assert_allclose(made.read(tmp_path).mesh.vertices, sheet(), atol=1e-6)
     made.json["nodes"][2]["rotation"] = PLACED["rotation"]
-    with pytest.raises(MeshError, match=r"its skeleton is posed; export it .* \(rest pose\)"):
+    with pytest.raises(MeshError, match=r"its skeleton is posed: export it .* \(rest pose\)"):
         made.read(tmp_path)
 
 
@@ -290,17 +290,17 @@ BAD = {
     "a target": (with_nan(), "its morph target smile is not finite"),
     "no json": (b"glTF" + bytes(60), "no JSON"),
     "text": (b"hello", "no JSON"),
-    "old": (spoilt(lambda g: g.json["asset"].update(version="1.0")), "it is glTF 1.0, and only 2.0 is read"),
+    "old": (spoilt(lambda g: g.json["asset"].update(version="1.0")), "it is glTF 1.0, but only 2.0 is read"),
     "draco": (
         spoilt(lambda g: g.json.update(extensionsUsed=["KHR_draco_mesh_compression"])),
         "without compression",
     ),
     "strips": (spoilt(lambda g: g.json["meshes"][0]["primitives"][0].update(mode=5)), "strips or fans"),
     "lines": (spoilt(lambda g: g.json["meshes"][0]["primitives"][0].update(mode=1)), "no vertices"),
-    "twice": (spoilt(lambda g: g.node(mesh=0)), "its mesh 0 is in the scene more than once"),
+    "twice": (spoilt(lambda g: g.node(mesh=0)), "its mesh 0 occurs in the scene more than once"),
     "flat": (
         spoilt(lambda g: g.json["nodes"][0].update(scale=[1, 0, 1], name="eye")),
-        "node eye is scaled to nothing",
+        "node eye is scaled to zero",
     ),
     "no scene": (spoilt(lambda g: g.json["scenes"][0].update(nodes=[])), "no vertices"),
     "a face": (

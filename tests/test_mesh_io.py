@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from guise.analogy.formats.decimals import rows_of_text
+from guise.analogy.formats.decimals import format_rows
 from guise.analogy.formats.files import MeshFile, read_frames, read_mesh
-from guise.analogy.formats.obj import ObjDocument, positions
+from guise.analogy.formats.obj import ObjDocument, read_obj_positions
 from guise.analogy.mesh import MeshError
 from guise.common.arrays import F64
 
@@ -77,7 +77,7 @@ def test_an_obj_is_read_however_it_is_written(name: str, tmp_path: Path) -> None
     assert_array_equal(file.mesh.vertices[[4, 5]], [[2, 0, 0.5], [2, 1, 0.75]])
     assert_array_equal(file.mesh.quads, [[0, 1, 2, 3]])
     assert_array_equal(file.mesh.triangles, [[1, 4, 6], [1, 6, 5], [1, 5, 2]])
-    assert_array_equal(positions(EXAMPLES[name]), file.mesh.vertices)
+    assert_array_equal(read_obj_positions(EXAMPLES[name]), file.mesh.vertices)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -132,14 +132,14 @@ def test_any_obj_is_read_as_plain_python_reads_it(data: st.DataObject) -> None:
     assert_array_equal(found.vertices, vertices)
     assert found.polygons.sizes.tolist() == [len(polygon) for polygon in polygons]
     assert (found.polygons.corners + 1).tolist() == [v for polygon in polygons for v in polygon]
-    assert found.replaced(found.vertices, found.normals) == text
+    assert found.encode(found.vertices, found.normals) == text
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e12, 1e12)] * 3), min_size=1, max_size=9), st.integers(-12, 0))
 def test_numbers_are_written_as_python_writes_them(rows: list[tuple[float, ...]], scale: int) -> None:
     values = np.array(rows) * 10.0**scale
     largest = np.abs(values).max()
-    for text, row in zip(rows_of_text(values), values.tolist(), strict=True):
+    for text, row in zip(format_rows(values), values.tolist(), strict=True):
         assert_allclose(
             [float(word) for word in text.split()], row, rtol=1e-8, atol=max(1e-8 * largest, 1e-15)
         )
@@ -148,10 +148,10 @@ def test_numbers_are_written_as_python_writes_them(rows: list[tuple[float, ...]]
 
 
 def test_as_many_decimals_as_the_largest_needs() -> None:
-    assert rows_of_text(np.array([[0.25, -1 / 3, 100]])) == [b"0.250000 -0.333333 100.000000"]
-    assert rows_of_text(np.array([[-1e-9, 1 / 3, 0]])) == [b"-0.000000001 0.333333333 0.000000000"]
-    assert rows_of_text(np.array([[1e10, 1, 0]])) == [b"1e+10 1 0"]
-    assert rows_of_text(np.zeros((0, 3))) == []
+    assert format_rows(np.array([[0.25, -1 / 3, 100]])) == [b"0.250000 -0.333333 100.000000"]
+    assert format_rows(np.array([[-1e-9, 1 / 3, 0]])) == [b"-0.000000001 0.333333333 0.000000000"]
+    assert format_rows(np.array([[1e10, 1, 0]])) == [b"1e+10 1 0"]
+    assert format_rows(np.zeros((0, 3))) == []
 
 
 BAD = {
@@ -159,13 +159,13 @@ BAD = {
     "a word": (HEAD.replace(b"v 2 1 .75", b"v 2 one 1"), r"line 10 must hold 3 numbers, got: v 2 one 1"),
     "nan": (HEAD.replace(b"v 2 1 .75", b"v 2 nan 1"), r"line 10 must hold 3 numbers, got: v 2 nan 1"),
     "overflow": (HEAD.replace(b"v 2 1 .75", b"v 2 1e999 1"), r"1 of its 7 vertices are not finite"),
-    "out of range": (HEAD.replace(b"f 1/", b"f 8/"), r"line 22 names a `v` line that is not there .* 7\)"),
+    "out of range": (HEAD.replace(b"f 1/", b"f 8/"), r"line 22 names a `v` line that does not exist .* 7\)"),
     "far": (HEAD.replace(b"f 1/1/1", b"f 99999999999999999999"), r"line 22 names a `v` line"),
     "zero": (HEAD.replace(b"f 1/", b"f 0/"), r"line 22 names a `v` line"),
     "before the first": (HEAD.replace(b"f 1/", b"f -8/"), r"line 22 names a `v` line"),
     "no such normal": (HEAD.replace(b"1/1/1 2", b"1/1/3 2"), r"line 22 names a `vn` line"),
     "no number": (HEAD.replace(b"f 1/", b"f x/"), r"line 22 must hold vertex numbers, got: f x/1/1"),
-    "no faces": (HEAD.replace(b"f ", b"p "), r"7 vertices but no faces; a point cloud"),
+    "no faces": (HEAD.replace(b"f ", b"p "), r"7 vertices but no faces: point clouds"),
     "empty": (b"", "no vertices"),
     "something else": (bytes(range(256)) * 9, "no vertices"),
 }
@@ -207,7 +207,10 @@ def test_materials_and_pictures_go_along(tmp_path: Path) -> None:
 
 def test_what_is_no_mesh_file_is_said(tmp_path: Path) -> None:
     (tmp_path / "head.stl").touch()
-    for name, said in (("head.stl", "suffix must be .obj, .ply, .glb or .gltf"), ("no.obj", "no such file")):
+    for name, said in (
+        ("head.stl", "suffix must be .obj, .ply, .glb or .gltf"),
+        ("no.obj", "does not exist"),
+    ):
         with pytest.raises(MeshError, match=said):
             read_mesh(tmp_path / name)
 
@@ -247,7 +250,7 @@ def test_frames_are_read_in_natural_order(tmp_path: Path) -> None:
 def test_frames_of_another_mesh_are_said(tmp_path: Path) -> None:
     file = written(tmp_path, HEAD)
     folder = tmp_path / "frames"
-    with pytest.raises(MeshError, match=r"there is no such file"):
+    with pytest.raises(MeshError, match=r"the file does not exist"):
         next(read_frames(folder, file))
     file.write(folder / "1.obj", file.mesh.vertices)
     (folder / "2.obj").write_bytes(HEAD.replace(b"v 2 1 .75\n", b""))
@@ -265,4 +268,4 @@ def test_an_expression_is_read_for_the_clean_vertices(tmp_path: Path) -> None:
     faces = b"v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 2 3 4\n"
     file = written(tmp_path, faces)
     (tmp_path / "smile.obj").write_bytes(faces.replace(b"v 0 1 0", b"v 0 2 0"))
-    assert_array_equal(file.expression(tmp_path / "smile.obj"), [[0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    assert_array_equal(file.read_expression(tmp_path / "smile.obj"), [[0, 0, 0], [1, 0, 0], [0, 2, 0]])

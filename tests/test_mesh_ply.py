@@ -84,7 +84,7 @@ def test_a_ply_keeps_all_that_does_not_move(
     moved[1] += (0.5, 0.25, 0)
     made = rewritten(file, moved)
     assert_array_equal(PlyDocument(made).vertices[: len(moved)], moved)
-    back = file.document.replaced(PlyDocument(data).vertices, PlyDocument(data).normals)
+    back = file.document.encode(PlyDocument(data).vertices, PlyDocument(data).normals)
     assert back == data
     assert data.index(b"end_header") == made.index(b"end_header")
     if order == "ascii":
@@ -125,18 +125,21 @@ def test_more_rows_than_there_can_be_are_said_at_once(order: str, tmp_path: Path
 
 PLY_BAD = {
     "another file": (lambda data: b"solid" + data, "it is no PLY file"),
-    "a type": (lambda data: data.replace(b"float x", b"half x"), "cannot be understood: property half x"),
-    "a format": (lambda data: data.replace(b"ascii", b"zipped"), "cannot be understood: format zipped"),
+    "a type": (lambda data: data.replace(b"float x", b"half x"), "cannot be parsed: property half x"),
+    "a format": (lambda data: data.replace(b"ascii", b"zipped"), "cannot be parsed: format zipped"),
     "a name twice": (
         lambda data: data.replace(b"float nx", b"float x"),
-        "cannot be understood: property float x",
+        "cannot be parsed: property float x",
     ),
     "no vertices": (lambda data: data.replace(b"element vertex", b"element point"), "no element `vertex`"),
     "no z": (lambda data: data.replace(b"float z", b"float w"), "no x, y and z"),
-    "whole numbers": (lambda data: data.replace(b"float x", b"int x"), "are whole numbers"),
+    "whole numbers": (lambda data: data.replace(b"float x", b"int x"), "are integers"),
     "an id": (lambda data: data.replace(b"4 0 1 2 3 ", b"4 0 1 2 9 "), "a face names vertex 9"),
-    "a word": (lambda data: data.replace(b"0.125 0 0 1", b"0.125 0 x 1"), "`vertex` holds something else"),
-    "a row": (lambda data: data.replace(b"4 0 1 2 3 ", b"4 0 1 2 "), "`face` are not as its header says"),
+    "a word": (
+        lambda data: data.replace(b"0.125 0 0 1", b"0.125 0 x 1"),
+        "`vertex` contains something other",
+    ),
+    "a row": (lambda data: data.replace(b"4 0 1 2 3 ", b"4 0 1 2 "), "`face` do not match its header"),
     "no faces": (lambda data: data.replace(b"element face", b"element tile"), "5 vertices but no faces"),
 }
 

@@ -15,7 +15,7 @@ from test_mesh_gltf import PLACED, SIDE2, TRIANGLES, Glb, document, head, ways
 
 from guise.analogy.formats.files import MeshFile, read_frames, read_mesh, read_rig, write_rig
 from guise.analogy.formats.gltf import GltfDocument
-from guise.analogy.formats.gltf_container import Container
+from guise.analogy.formats.gltf_container import GltfContainer
 from guise.analogy.mesh import MeshError
 from guise.common.arrays import F64
 
@@ -71,10 +71,10 @@ def test_a_rig_turns_its_normals(suffix: str, tmp_path: Path) -> None:
     target = targets(tmp_path, suffix)
     write_rig(tmp_path / "rig.glb", target, ["back"], (target.mesh.vertices @ turn.T)[None])
     data = (tmp_path / "rig.glb").read_bytes()
-    container, held = Container.read(data, tmp_path), GltfDocument(data, tmp_path)
+    container, held = GltfContainer.read(data, tmp_path), GltfDocument(data, tmp_path)
     (part,) = held.parts
-    local = container.array(part.primitives[0]["attributes"]["NORMAL"])
-    moved = local + container.array(part.targets()[0]["NORMAL"])
+    local = container.read_accessor(part.primitives[0]["attributes"]["NORMAL"])
+    moved = local + container.read_accessor(part.targets()[0]["NORMAL"])
     assert held.normals is not None
     assert_allclose(part.normals_to_scene(moved), held.normals @ turn.T, atol=1e-2)
 
@@ -255,7 +255,7 @@ def test_a_document_with_anything_in_it_is_a_sentence_or_a_mesh(tmp_path: Path) 
 
 def test_a_rig_needs_targets_and_a_sequence_an_animation(tmp_path: Path) -> None:
     file = head().read(tmp_path)
-    with pytest.raises(MeshError, match=r"made\.glb: it has no morph targets; a rig is a GLB or glTF file"):
+    with pytest.raises(MeshError, match=r"made\.glb: it has no morph targets: give a GLB or glTF file"):
         read_rig(file.path)
     with pytest.raises(MeshError, match=r"made\.glb: it has no animation of morph targets"):
         next(read_frames(file.path, file))
@@ -266,7 +266,7 @@ def test_a_rig_needs_targets_and_a_sequence_an_animation(tmp_path: Path) -> None
 
 def test_a_rig_is_a_glb_with_a_shape_for_each_name(tmp_path: Path) -> None:
     file = head().read(tmp_path)
-    with pytest.raises(MeshError, match=r"a rig's suffix must be \.glb"):
+    with pytest.raises(MeshError, match=r"the suffix of a rig must be \.glb"):
         write_rig(tmp_path / "rig.gltf", file, ["x"], file.mesh.vertices[None])
     with pytest.raises(MeshError, match=r"shapes must be \(2, 81, 3\) for these names, got \(1, 81, 3\)"):
         write_rig(tmp_path / "rig.glb", file, ["x", "y"], file.mesh.vertices[None])

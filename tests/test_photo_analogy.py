@@ -27,17 +27,28 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.analogy.photo import METHODS, Method, PhotoAnalogy, PhotoError
-from guise.analogy.photo.luminance_change import BRIGHTER, agreement, bounded, steadied
-from guise.analogy.photo.eyes import closed, opened_again
-from guise.analogy.photo.flow import left
-from guise.analogy.photo.grid import face
-from guise.analogy.photo.height_field import STEEPNESS, _gain, asked, heights, slopes
-from guise.analogy.photo.landmark_motion import Motion
-from guise.analogy.photo.mouth import opened
-from guise.analogy.photo.poisson import integrated
-from guise.analogy.photo.ratio import correlation, ratio
-from guise.analogy.photo.template import ring, template
-from guise.analogy.tents import Rings, Tents
+from guise.analogy.photo.eyes import lid_shares, reopen_eyes
+from guise.analogy.photo.flow import residual_flow
+from guise.analogy.photo.grid import face_mask
+from guise.analogy.photo.height_field import (
+    K_PIXELS,
+    _height_gain,
+    edge_differences,
+    log_luminance,
+    target_edge_changes,
+)
+from guise.analogy.photo.landmark_motion import LandmarkMotion
+from guise.analogy.photo.luminance_change import (
+    CHANGE,
+    limit_brightening,
+    similarity_fields,
+    subtract_light_plane,
+)
+from guise.analogy.photo.mouth import mouth_fill_share
+from guise.analogy.photo.poisson import integrate_edges
+from guise.analogy.photo.ratio import correlation, smoothed_ratio
+from guise.analogy.photo.template import anchor_ring, face_template
+from guise.analogy.tents import Rings, VertexTents
 from guise.common.arrays import F32, F64, U8, Bool
 
 Picture = U8
@@ -112,7 +123,7 @@ def test_strength_0_gives_the_target(method: Method) -> None:
 def test_the_expression_moves_the_face_and_nothing_beyond_the_ring() -> None:
     made = carry()(S1, smiling(NEUTRAL))
     mask = np.zeros(SIZE, np.uint8)
-    cv2.fillPoly(mask, [np.ceil(ring(OTHER)).astype(np.int32)], (1,))
+    cv2.fillPoly(mask, [np.ceil(anchor_ring(OTHER)).astype(np.int32)], (1,))
     beyond = cv2.dilate(mask, np.ones((3, 3), np.uint8)) == 0
     assert beyond.sum() > 5000
     assert_array_equal(made[beyond], T[beyond])
@@ -120,7 +131,7 @@ def test_the_expression_moves_the_face_and_nothing_beyond_the_ring() -> None:
 
 
 def test_the_landmarks_of_the_result_are_the_targets_moved_as_the_sources() -> None:
-    motion = Motion(NEUTRAL, OTHER)
+    motion = LandmarkMotion(NEUTRAL, OTHER)
     made = motion(smiling(NEUTRAL), 1.0) - OTHER
     assert_allclose(made, motion.to_target.scale * (smiling(NEUTRAL) - NEUTRAL), atol=0.3)
 
@@ -129,7 +140,7 @@ def test_a_moved_head_is_no_expression() -> None:
     angle = np.deg2rad(8)
     turn = 1.1 * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     turned = NEUTRAL @ turn.T + (5, -7)
-    assert_allclose(Motion(NEUTRAL, OTHER)(turned, 1.0), OTHER, atol=1e-6)
+    assert_allclose(LandmarkMotion(NEUTRAL, OTHER)(turned, 1.0), OTHER, atol=1e-6)
 
 
 @pytest.mark.parametrize("method", ["tents", "ratio"])
@@ -142,7 +153,7 @@ def test_a_furrow_is_carried_and_a_warp_has_none(method: Method) -> None:
 
 def test_onto_itself_it_is_its_own_answer() -> None:
     points = smiling(NEUTRAL)
-    inside = cv2.erode(face(points, SIZE[::-1]).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    inside = cv2.erode(face_mask(points, SIZE[::-1]).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     errors = [
         np.abs(PhotoAnalogy(S, NEUTRAL, S, NEUTRAL, m)(S1, points).astype(float) - S1)[inside].mean()
         for m in METHODS
@@ -170,10 +181,10 @@ def test_other_light_on_the_source_changes_little() -> None:
 def test_a_dimmer_expressive_picture_does_not_dim_the_target() -> None:
     dim = np.asarray(np.rint(S1 * 0.7), np.uint8)
     plain, lit = (carry()(p, smiling(NEUTRAL)).astype(float) for p in (S1, dim))
-    shift = (lit - plain)[face(OTHER, SIZE[::-1])].mean()
+    shift = (lit - plain)[face_mask(OTHER, SIZE[::-1])].mean()
     assert abs(shift) < 3
     by_ratio = [carry("ratio")(p, smiling(NEUTRAL)).astype(float) for p in (S1, dim)]
-    assert (by_ratio[1] - by_ratio[0])[face(OTHER, SIZE[::-1])].mean() < -15
+    assert (by_ratio[1] - by_ratio[0])[face_mask(OTHER, SIZE[::-1])].mean() < -15
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
@@ -233,9 +244,9 @@ def test_the_inside_of_a_mouth_that_opens_is_the_sources() -> None:
     points = smiling(NEUTRAL, 2.0)
     expressive = drawn(points, 0)
     cv2.fillPoly(expressive, [np.rint(points[list(INNER_LIPS)]).astype(np.int32)], (0.1, 0.8, 0.1))
-    middle = np.rint(Motion(NEUTRAL, OTHER)(points, 1.0)[[UPPER_LIP_INNER, LOWER_LIP_INNER]].mean(0)).astype(
-        int
-    )
+    middle = np.rint(
+        LandmarkMotion(NEUTRAL, OTHER)(points, 1.0)[[UPPER_LIP_INNER, LOWER_LIP_INNER]].mean(0)
+    ).astype(int)
     colours = [
         PhotoAnalogy(S, NEUTRAL, T, OTHER, mouth=mouth)(eight(expressive), points)[middle[1], middle[0]]
         for mouth in ("fill", "none")
@@ -245,19 +256,19 @@ def test_the_inside_of_a_mouth_that_opens_is_the_sources() -> None:
 
 
 def test_how_far_a_mouth_opens() -> None:
-    assert opened(NEUTRAL, NEUTRAL, 1.0) == 0
-    assert opened(NEUTRAL, smiling(NEUTRAL), 1.0) == 1
-    assert opened(NEUTRAL, smiling(NEUTRAL), 0.5) == 1
-    assert opened(NEUTRAL, smiling(NEUTRAL), 0.0) == 0
+    assert mouth_fill_share(NEUTRAL, NEUTRAL, 1.0) == 0
+    assert mouth_fill_share(NEUTRAL, smiling(NEUTRAL), 1.0) == 1
+    assert mouth_fill_share(NEUTRAL, smiling(NEUTRAL), 0.5) == 1
+    assert mouth_fill_share(NEUTRAL, smiling(NEUTRAL), 0.0) == 0
 
 
 def test_eyes_that_close_take_their_lids_from_the_source() -> None:
     points = NEUTRAL.copy()
     for eye in (RIGHT_EYE, LEFT_EYE):
         points[eye[1:3]] = points[[eye[5], eye[4]]] - (0, 0.3)
-    assert_allclose(closed(NEUTRAL, points, 1.0), 1)
-    assert_allclose(closed(NEUTRAL, points, 0.3), 0)
-    assert_allclose(opened_again(points, NEUTRAL, np.ones(2)), NEUTRAL)
+    assert_allclose(lid_shares(NEUTRAL, points, 1.0), 1)
+    assert_allclose(lid_shares(NEUTRAL, points, 0.3), 0)
+    assert_allclose(reopen_eyes(points, NEUTRAL, np.ones(2)), NEUTRAL)
     blinking = eight(drawn(points, 0))
     made = carry()(blinking, points)
     eye = OTHER[list(RIGHT_EYE)].mean(0).astype(int)
@@ -269,7 +280,7 @@ def test_eyes_that_close_take_their_lids_from_the_source() -> None:
 
 
 def test_the_template_follows_affine_motions_and_holds_its_landmarks() -> None:
-    mesh, around = template(), ring(NEUTRAL)
+    mesh, around = face_template(), anchor_ring(NEUTRAL)
     held = np.concatenate([NEUTRAL, around])
     matrix, shift = np.array([[1.2, 0.3], [-0.1, 0.9]]), np.array([4.0, -2.0])
     vertices = mesh.vertices(NEUTRAL, around)
@@ -280,7 +291,7 @@ def test_the_template_follows_affine_motions_and_holds_its_landmarks() -> None:
 
 def test_lips_move_apart_in_the_template() -> None:
     points = ReferenceFrame.canonical(96).points
-    mesh, around = template(), ring(points)
+    mesh, around = face_template(), anchor_ring(points)
     moved = points.copy()
     moved[LOWER_INNER_LIP] += (0, 10)
     way = (mesh.vertices(moved, around) - mesh.vertices(points, around))[:, 1]
@@ -301,17 +312,22 @@ def test_heights_agree_with_tents_of_any_mesh() -> None:
     rings = Rings.of(16 * 18, (), np.stack([c.ravel() for c in corners], axis=1))
     y, x = np.mgrid[:16, :18]
     one, two = (np.column_stack([x.ravel(), y.ravel(), z.ravel()]).astype(float) for z in (before, after))
-    share = Tents(one, rings).transformations(two)[:, 2, 2].reshape(16, 18)
+    share = VertexTents(one, rings).transformations(two)[:, 2, 2].reshape(16, 18)
     inner = np.s_[1:-1, 1:-1]
-    assert_allclose(_gain(before, after)[inner], share[inner], atol=0.03)
+    assert_allclose(_height_gain(before, after)[inner], share[inner], atol=0.03)
     assert np.abs(share[inner] - 1).max() > 0.5
 
 
 def test_a_source_is_its_own_answer_and_a_smooth_light_asks_nothing_more() -> None:
-    before, after = heights(S @ np.float32([1, 1, 1]) / 765), heights(S1 @ np.float32([1, 1, 1]) / 765)
-    for made, wanted in zip(asked(before, after, before), slopes(after - before), strict=True):
+    before, after = (
+        log_luminance(S @ np.float32([1, 1, 1]) / 765),
+        log_luminance(S1 @ np.float32([1, 1, 1]) / 765),
+    )
+    for made, wanted in zip(
+        target_edge_changes(before, after, before), edge_differences(after - before), strict=True
+    ):
         assert_allclose(made, wanted, atol=1e-5)
-    assert STEEPNESS > 0
+    assert K_PIXELS > 0
 
 
 def test_heights_come_back_from_their_slopes() -> None:
@@ -320,7 +336,7 @@ def test_heights_come_back_from_their_slopes() -> None:
     region = cv2.ellipse(np.zeros(shape, np.uint8), (36, 30), (30, 24), 15, 0, 360, (1,), -1) > 0
     right = rng.normal(0, 0.1, (61, 73)).astype(np.float32)
     down = rng.normal(0.05, 0.1, (60, 74)).astype(np.float32)
-    made = integrated(right, down, region)
+    made = integrate_edges(right, down, region)
     assert_allclose(made, least_squares(right, down, region), atol=0.03)
     assert_array_equal(made[~region], 0)
 
@@ -340,39 +356,39 @@ def least_squares(right: F32, down: F32, region: Bool) -> F64:
 
 
 def test_motion_that_landmarks_leave_is_found() -> None:
-    field = heights(np.asarray(S @ np.float32([1, 1, 1]) / 765, np.float32))
+    field = log_luminance(np.asarray(S @ np.float32([1, 1, 1]) / 765, np.float32))
     field = field + cv2.GaussianBlur(
         np.random.default_rng(3).normal(0, 1, SIZE).astype(np.float32), (0, 0), 2
     )
     moved = np.roll(field, (1, 2), (0, 1))
-    inside = face(NEUTRAL, SIZE[::-1])
-    found = left(moved, field, inside, 96.0)
+    inside = face_mask(NEUTRAL, SIZE[::-1])
+    found = residual_flow(moved, field, inside, 96.0)
     deep = cv2.erode(inside.astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
     assert_allclose(np.median(found[deep], axis=0), (-2, -1), atol=0.3)
-    assert np.abs(left(field, field, inside, 96.0)).max() < 0.05
+    assert np.abs(residual_flow(field, field, inside, 96.0)).max() < 0.05
 
 
 def test_agreement_is_one_only_of_the_same() -> None:
     rng = np.random.default_rng(4)
     one, two = (cv2.GaussianBlur(rng.normal(0, 2, SIZE).astype(np.float32), (0, 0), 2) for _ in range(2))
-    assert_allclose(agreement(one, one + 0.5, 96.0)[1], 1, atol=1e-3)
-    assert agreement(one, two, 96.0)[1].mean() < 0.3
-    assert_allclose(agreement(one * 0, two * 0, 96.0)[0], 1)
+    assert_allclose(similarity_fields(one, one + 0.5, 96.0)[1], 1, atol=1e-3)
+    assert similarity_fields(one, two, 96.0)[1].mean() < 0.3
+    assert_allclose(similarity_fields(one * 0, two * 0, 96.0)[0], 1)
 
 
 def test_light_is_a_plane_that_an_expression_does_not_tilt() -> None:
     y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(np.float32)
-    inside = face(NEUTRAL, SIZE[::-1])
+    inside = face_mask(NEUTRAL, SIZE[::-1])
     dark = np.where((y > 150) & inside, np.float32(-0.5), np.float32(0))
     light = np.asarray(0.2 + 0.002 * x, np.float32)
-    assert_allclose(steadied(light + dark, inside, 0.0)[inside], dark[inside], atol=0.03)
-    assert_allclose(steadied(light + dark, inside, 1.0), light + dark, atol=1e-6)
+    assert_allclose(subtract_light_plane(light + dark, inside, 0.0)[inside], dark[inside], atol=0.03)
+    assert_allclose(subtract_light_plane(light + dark, inside, 1.0), light + dark, atol=1e-6)
 
 
 def test_a_change_brightens_little_and_darkens_as_it_is() -> None:
     change = np.float32([[-2.0, -0.1, 0.05, 2.0]])
-    assert_allclose(bounded(change, 0.0), [[-2.0, -0.1, 0.05, BRIGHTER]], atol=0.01)
-    assert_allclose(bounded(change, 1.0), change)
+    assert_allclose(limit_brightening(change, 0.0), [[-2.0, -0.1, 0.05, CHANGE.max_brightening]], atol=0.01)
+    assert_allclose(limit_brightening(change, 1.0), change)
 
 
 def test_ratio_images_are_smoothed_where_nothing_correlates() -> None:
@@ -380,8 +396,8 @@ def test_ratio_images_are_smoothed_where_nothing_correlates() -> None:
     one = np.asarray(0.5 + 0.1 * rng.normal(0, 1, SIZE), np.float32)
     other = np.asarray(0.5 + 0.1 * rng.normal(0, 1, SIZE), np.float32)
     assert_allclose(correlation(one, 0.8 * one), 1, atol=1e-3)
-    assert_allclose(ratio(one, 0.8 * one, 96.0), 0.8, atol=0.05)
-    assert ratio(one, other, 96.0).std() < 0.4 * (other / one).std()
+    assert_allclose(smoothed_ratio(one, 0.8 * one, 96.0), 0.8, atol=0.05)
+    assert smoothed_ratio(one, other, 96.0).std() < 0.4 * (other / one).std()
 
 
 # -- mistakes ----------------------------------------------------------------------------------------------
@@ -394,9 +410,9 @@ def test_mistakes_are_one_sentence() -> None:
         PhotoAnalogy(S, NEUTRAL[IBUG68], T, OTHER)
     with pytest.raises(PhotoError, match="points must be finite"):
         carry()(S1, np.full((81, 2), np.nan))
-    with pytest.raises(PhotoError, match="the landmarks make no face"):
+    with pytest.raises(PhotoError, match="the landmarks do not form a face"):
         PhotoAnalogy(S, np.ones((81, 2)), T, OTHER)
-    with pytest.raises(PhotoError, match="target's face is 10 pixels wide, at least 32"):
+    with pytest.raises(PhotoError, match="target's face is 10 pixels wide, but at least 32"):
         PhotoAnalogy(S, NEUTRAL, T, NEUTRAL * 10 / np.ptp(NEUTRAL[:, 0]))
     with pytest.raises(PhotoError, match="target's landmarks lie outside its picture"):
         PhotoAnalogy(S, NEUTRAL, T, OTHER + 1000)
@@ -406,7 +422,7 @@ def test_mistakes_are_one_sentence() -> None:
         carry()(S1.astype(float), NEUTRAL)
     with pytest.raises(PhotoError, match="expressive must be uint8, uint16 or float in 0 to 1, got int64"):
         carry()(S1.astype(np.int64), NEUTRAL)
-    with pytest.raises(PhotoError, match="method must be of"):
+    with pytest.raises(PhotoError, match="method must be one of"):
         PhotoAnalogy(S, NEUTRAL, T, OTHER, "cloning")  # type: ignore[arg-type]
 
 
@@ -418,7 +434,7 @@ def test_mistakes_are_one_sentence() -> None:
 def test_across_rendered_people_tents_come_nearest(name: str) -> None:
     (s, ps), (s1, p1) = still("p01", "neutral"), still("p01", name)
     (t, pt), (truth, points) = still("p05", "neutral"), still("p05", name)
-    inside = face(points, (truth.shape[1], truth.shape[0]))
+    inside = face_mask(points, (truth.shape[1], truth.shape[0]))
     errors = [
         float(((PhotoAnalogy(s, ps, t, pt, m)(s1, p1).astype(float) - truth)[inside] ** 2).mean())
         for m in METHODS

@@ -218,7 +218,7 @@ def test_a_profile_that_cannot_be_used_is_said(here: Path, capsys: pytest.Captur
     save(here / "s_p.tif", read_deep(Path("s.png")).pixels, None, broken)
     code, _, err = run(capsys, "image", "s_p.tif", "s1.png", "t.png", *KNOWN, "-o", "out.png")
     assert code == 0
-    assert "s_p.tif: its colour profile was not used" in err
+    assert "s_p.tif: its colour profile cannot be used" in err
 
 
 def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -229,7 +229,7 @@ def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.Capture
     code, _, err = run(capsys, *IMAGE[:3], "both.png", *KNOWN[:4], "-o", "out.png")
     assert (code, err) == (
         0,
-        "both.png shows 2 faces; the largest is taken, another one with --landmarks-t\n",
+        "both.png shows 2 faces; the largest is used: choose another one with --landmarks-t\n",
     )
     made = read_deep(Path("out.png")).pixels
     np.testing.assert_array_equal(made[:, WIDTH:], both[:, WIDTH:])
@@ -273,11 +273,11 @@ def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.Capture
         ),
         (
             ["s.png", "s1.png", "t.png", "-o", "o.png", "--landmarks-t", "many.npz"],
-            "many.npz holds landmarks of 3 frames: give --landmarks-t those of the photo alone",
+            "many.npz contains landmarks of 3 frames: give --landmarks-t a file for the photo alone",
         ),
         (
             ["s.png", "s1.png", "t.png", "-o", "o.png", "--landmarks-t", "s.json"],
-            "the face in t.png is cut off, or its landmarks are those of another picture: ",
+            "the face in t.png is cut off, or its landmarks belong to another picture: ",
         ),
         (["s.png", "s1.png", "t.png", "-o", "o.png", "--strength", "3"], "Invalid value for '--strength'"),
     ],
@@ -365,7 +365,7 @@ def test_animate_keeps_times_and_sound_and_says_what_it_did(
     report = json.loads(out)
     assert (report["frames"], report["animated"], report["held"]) == (8, 8, 0)
     assert report["neutral"].startswith("frame ")
-    assert "grown from 311 x 419 to 312 x 420, as libx264 needs even sizes" in err
+    assert "extended from 311 x 419 to 312 x 420, as libx264 needs even sizes" in err
     assert tags(Path("out.mp4"))["comment"].startswith("Synthetic face")
     with open_input("clip.mp4") as old, open_input("out.mp4") as new:
         assert (new.width, new.height, new.has_audio) == (312, 420, True)
@@ -429,8 +429,14 @@ def test_before_the_face_is_seen_the_photo_is_itself(here: Path, capsys: pytest.
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["s.png", "t.png", "-o", "o.mp4"], "s.png is a picture, not a clip: use guise analogy image for it"),
-        (["clip.mp4", "t.png", "-o", "o.png"], "o.png is a picture by its name: name a video, such as o.mp4"),
+        (
+            ["s.png", "t.png", "-o", "o.mp4"],
+            "s.png is a picture, not a clip: use `guise analogy image` for it",
+        ),
+        (
+            ["clip.mp4", "t.png", "-o", "o.png"],
+            "o.png has the name of a picture: give the name of a video, such as o.mp4",
+        ),
         (
             ["nobody.mp4", "t.png", "-o", "o.mp4"],
             "no face found in the 8 frames of nobody.mp4: use a clip that ",

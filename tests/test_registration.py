@@ -9,10 +9,17 @@ from scipy.spatial.transform import Rotation
 
 from guise.aam.similarity import Similarity
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.geometry import Surface, barycentric, border, geodesic_patch, vertex_areas, vertex_normals
-from guise.analogy.landmark_search import refine_points
+from guise.analogy.feature_point_search import refine_feature_points
+from guise.analogy.geometry import (
+    Surface,
+    barycentric,
+    border_mask,
+    geodesic_patch,
+    vertex_areas,
+    vertex_normals,
+)
 from guise.analogy.mesh import Mesh
-from guise.analogy.register import Registration, RegistrationError, register, skin_of
+from guise.analogy.registration import Registration, RegistrationError, register, skin_mask
 from guise.common.arrays import F64, Int
 
 PAIRS = Path(__file__).parents[2] / "shared" / "data" / "mesh"
@@ -80,7 +87,7 @@ def test_closest_places_of_a_ball_lie_where_its_radii_meet_it() -> None:
     directions = np.random.default_rng(1).normal(size=(50, 3))
     onto = directions / np.abs(directions).sum(1, keepdims=True)  # |x| + |y| + |z| = 1
     normals = np.sign(directions) / np.sqrt(3)
-    places = Surface(corners, faces, 0.0).closest(onto + 0.05 * normals, normals)
+    places = Surface(corners, faces, 0.0).closest_points(onto + 0.05 * normals, normals)
     assert_allclose(places.positions, onto, atol=1e-9)
 
 
@@ -89,14 +96,14 @@ def test_of_two_skins_back_to_back_the_one_that_faces_the_same_way_is_found() ->
     faces = np.array([[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]])
     surface = Surface(np.concatenate([front, front - (0, 0, 0.01)]), faces, 0.2)
     point, up = np.array([[0.5, 0.4, -0.01]]), np.array([[0.0, 0, 1]])
-    assert surface.closest(point, up).faces[0] in (0, 1)
-    assert surface.closest(point, -up).faces[0] in (2, 3)
+    assert surface.closest_points(point, up).faces[0] in (0, 1)
+    assert surface.closest_points(point, -up).faces[0] in (2, 3)
 
 
 def test_borders_areas_and_patches_of_a_sheet() -> None:
     u, v = (x.ravel() for x in np.meshgrid(np.arange(9.0), np.arange(9.0)))
     flat = Mesh(np.stack([u, v, 0 * u], 1), np.empty((0, 3), np.intp), mask(9).quads)
-    assert border(flat.faces, 81).sum() == 32
+    assert border_mask(flat.faces, 81).sum() == 32
     assert vertex_areas(flat.vertices, flat.faces).sum() == pytest.approx(64)
     assert_allclose(vertex_normals(flat.vertices, flat.faces), np.tile((0.0, 0, 1), (81, 1)))
     patch = geodesic_patch(flat.vertices, flat.faces, 40, 1.0)
@@ -125,16 +132,18 @@ def test_the_report_tells_a_good_fit_from_a_bad_one(done: Registration) -> None:
 def test_what_is_carried_stands_on_the_target(done: Registration) -> None:
     link = done.correspondence()
     assert_allclose(link.weights.sum(1), 1)
-    off = np.linalg.norm(link.carry(done.fitted) - TARGET.vertices, axis=1)[link.found]
+    off = np.linalg.norm(link.interpolate(done.fitted) - TARGET.vertices, axis=1)[link.found]
     assert off.mean() < 0.01
-    sides = link.carry(SOURCE.vertices[:, 0])
+    sides = link.interpolate(SOURCE.vertices[:, 0])
     assert np.corrcoef(sides, TARGET.vertices[:, 0])[0, 1] > 0.995
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_targets_place_turn_and_scale_change_nothing_else(done: Registration, seed: int) -> None:
     away = Similarity(3.7, Rotation.random(random_state=seed).as_matrix(), np.array([5.0, -3, 11]))
-    other = register(SOURCE, TARGET.moved(away.apply(TARGET.vertices)), (POINTS[0], away.apply(POINTS[1])))
+    other = register(
+        SOURCE, TARGET.with_vertices(away.apply(TARGET.vertices)), (POINTS[0], away.apply(POINTS[1]))
+    )
     assert np.linalg.norm(away.inverse().apply(other.fitted) - done.fitted, axis=1).max() < 0.02
 
 
@@ -165,14 +174,14 @@ def test_what_the_source_lacks_is_not_found() -> None:
     rim, middle = np.abs(large.vertices[:, 1]) > 0.95, np.abs(large.vertices[:, 1]) < 0.5
     assert not link.found[rim].any()
     assert link.found[middle].mean() > 0.95
-    assert np.isfinite(link.carry(small.vertices)).all()
+    assert np.isfinite(link.interpolate(small.vertices)).all()
 
 
 def test_eyes_follow_the_skin_and_keep_their_form() -> None:
     eyes, faces = ball(0.08, (0.4, 0.3, -0.3))
     source = joined(SOURCE, eyes, faces)
     target = joined(TARGET, eyes * (1.15, 1, 1), faces)
-    assert skin_of(source).sum() == len(SOURCE.vertices)
+    assert skin_mask(source).sum() == len(SOURCE.vertices)
     done = register(source, target, POINTS)
     eye = done.fitted[-6:]
     centre = eye.mean(0)
@@ -187,12 +196,12 @@ def test_eyes_follow_the_skin_and_keep_their_form() -> None:
 @pytest.mark.parametrize(
     ("first", "second", "sentence"),
     [
-        (POINTS[0][:2], POINTS[1][:2], "2 points do not tell"),
+        (POINTS[0][:2], POINTS[1][:2], "2 points are too few"),
         (POINTS[0], POINTS[1][:3], r"points must be \(k, 3\) on both"),
-        (POINTS[0] * 0, POINTS[1], "points on the source lie at one place"),
-        (POINTS[0], POINTS[1] * (1, 0, 0), "points on the target lie at one place or on a line"),
+        (POINTS[0] * 0, POINTS[1], "points on the source coincide"),
+        (POINTS[0], POINTS[1] * (1, 0, 0), "points on the target coincide or lie on a line"),
         (POINTS[0] * np.nan, POINTS[1], "must be finite"),
-        (POINTS[0], POINTS[1][[3, 4, 0, 1, 5, 2]], "do not belong together"),
+        (POINTS[0], POINTS[1][[3, 4, 0, 1, 5, 2]], "do not correspond"),
     ],
 )
 def test_wrong_points_are_one_sentence(first: F64, second: F64, sentence: str) -> None:
@@ -202,8 +211,8 @@ def test_wrong_points_are_one_sentence(first: F64, second: F64, sentence: str) -
 
 def test_meshes_that_do_not_stand_alike_ask_for_points() -> None:
     turned = TARGET.vertices @ Rotation.from_euler("x", 180, degrees=True).as_matrix().T
-    with pytest.raises(RegistrationError, match="not roughly aligned: give points"):
-        register(SOURCE, TARGET.moved(turned + np.array([0, 0, 4])))
+    with pytest.raises(RegistrationError, match="not roughly aligned: give corresponding points"):
+        register(SOURCE, TARGET.with_vertices(turned + np.array([0, 0, 4])))
 
 
 def test_a_correspondence_checks_its_shapes() -> None:
@@ -211,7 +220,7 @@ def test_a_correspondence_checks_its_shapes() -> None:
         Correspondence(np.zeros((2, 3), np.intp), np.ones((1, 3)), np.ones(2, bool))
     link = Correspondence(np.array([[0, 1, 2]]), np.array([[0.5, 0.25, 0.25]]), np.ones(1, bool))
     values = np.array([4.0, 8.0, 0.0])
-    assert link.carry(values).tolist() == [4.0]
+    assert link.interpolate(values).tolist() == [4.0]
     assert (link.matrix(3) @ values).tolist() == [4.0]
 
 
@@ -239,5 +248,5 @@ def test_feature_points_that_started_beside_their_places_come_nearer() -> None:
     start[:3] += [(0.04, 0.03, 0), (-0.03, 0.02, 0), (0.03, 0.02, 0)]
     before = np.linalg.norm(start - true, axis=1)[:3]
     for passes in (1, 2):
-        found = refine_points(mask(61), true, mask(71), start, passes, radius=0.03)
+        found = refine_feature_points(mask(61), true, mask(71), start, passes, radius=0.03)
         assert (np.linalg.norm(found - true, axis=1)[:3] < 0.5 * before).all()

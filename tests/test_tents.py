@@ -5,9 +5,9 @@ import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from guise.analogy.baselines import Cloning, GradientTransfer
-from guise.analogy.solver import SolverError, _by_superlu, factorised
-from guise.analogy.tents import Rings, Tents, TentTransfer, tips, vertex_error
+from guise.analogy.baselines import ExpressionCloning, GradientTransfer
+from guise.analogy.solver import SolverError, _by_superlu, factorise
+from guise.analogy.tents import Rings, TentTransfer, VertexTents, tips, vertex_error
 from guise.common.arrays import F64, Int
 
 SIDE = 14
@@ -63,7 +63,7 @@ def test_a_tip_stands_on_its_face_and_grows_with_the_mesh() -> None:
 
 def test_the_transformation_of_a_turned_and_scaled_mesh_is_that_everywhere() -> None:
     motion = 1.7 * turned(35)
-    found = Tents(SOURCE, RINGS).transformations(SOURCE @ motion.T + (4, 5, 6))
+    found = VertexTents(SOURCE, RINGS).transformations(SOURCE @ motion.T + (4, 5, 6))
     assert_allclose(found, np.broadcast_to(motion.T, found.shape), atol=1e-4)
 
 
@@ -120,25 +120,25 @@ def test_both_solvers_agree_and_refuse_what_is_singular() -> None:
     rng = np.random.default_rng(3)
     root = sp.random_array((60, 40), density=0.2, rng=rng) + sp.eye_array(60, 40)
     matrix, right = sp.csc_matrix(root.T @ root), rng.normal(size=(40, 3))
-    for solve in (factorised(matrix), _by_superlu(matrix)):
+    for solve in (factorise(matrix), _by_superlu(matrix)):
         assert_allclose(matrix @ solve(right), right, atol=1e-9)
-    for make in (factorised, _by_superlu):
+    for make in (factorise, _by_superlu):
         with pytest.raises(SolverError, match="no unique solution"):
             make(sp.csc_matrix((4, 4)))
 
 
-@pytest.mark.parametrize("method", [GradientTransfer, Cloning])
+@pytest.mark.parametrize("method", [GradientTransfer, ExpressionCloning])
 def test_the_other_methods_know_themselves_and_the_neutral(
-    method: type[GradientTransfer] | type[Cloning],
+    method: type[GradientTransfer] | type[ExpressionCloning],
 ) -> None:
     expressive = smiling(SOURCE)
     assert_allclose(method(SOURCE, SOURCE, RINGS)(expressive), expressive, atol=1e-5)
     assert_allclose(method(SOURCE, TARGET, RINGS)(SOURCE), TARGET, atol=1e-5)
 
 
-@pytest.mark.parametrize("method", [TentTransfer, GradientTransfer, Cloning])
+@pytest.mark.parametrize("method", [TentTransfer, GradientTransfer, ExpressionCloning])
 def test_every_method_turns_an_expression_with_the_head(
-    method: type[TentTransfer] | type[GradientTransfer] | type[Cloning],
+    method: type[TentTransfer] | type[GradientTransfer] | type[ExpressionCloning],
 ) -> None:
     motion = 1.3 * turned(20)
     made = method(SOURCE, TARGET, RINGS)(smiling(SOURCE))
@@ -154,7 +154,7 @@ def test_deformation_transfer_turns_with_the_source_alone() -> None:
 
 
 def test_cloning_scales_with_the_target() -> None:
-    made = Cloning(SOURCE, 2 * SOURCE, RINGS)(smiling(SOURCE))
+    made = ExpressionCloning(SOURCE, 2 * SOURCE, RINGS)(smiling(SOURCE))
     assert_allclose(made, 2 * smiling(SOURCE), atol=1e-9)
 
 
@@ -162,5 +162,5 @@ def test_cloning_stays_finite_where_the_source_collapses() -> None:
     """Such as where several vertices of a target have one place on the source."""
     source = SOURCE.copy()
     source[[0, 1, SIDE, SIDE + 1]] = source[0]
-    made = Cloning(source, TARGET, RINGS)(smiling(source))
+    made = ExpressionCloning(source, TARGET, RINGS)(smiling(source))
     assert np.abs(made - TARGET).max() < 4 * np.abs(smiling(source) - source).max()

@@ -1,32 +1,52 @@
-"""Many numbers as text, five times as fast as the % operator: digit by digit for all at once."""
+"""Formats many numbers as text, digit by digit for all at once: five times as fast as the % operator."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from guise.common.arrays import F64
 
-DIGITS, LEAST, MOST = 9, 6, 15  # of the largest number; decimals at least and at most
-HUGE = 1e9  # from where on numbers are written one by one
+
+@dataclass(frozen=True)
+class DecimalFormat:
+    """How many digits are written."""
+
+    digits: int = 9  # of the largest number
+    min_decimals: int = 6
+    max_decimals: int = 15
+    max_fixed_point: float = 1e9  # from which numbers are written one by one, with exponents
 
 
-def rows_of_text(values: F64) -> list[bytes]:
-    """Each row of finite values (n, w), spaces between, all with as many decimals: 9 digits of the largest, 6 at least.
+DECIMALS = DecimalFormat()
 
-    >>> rows_of_text(np.array([[1.5, -20.0], [0.0, 1 / 3]]))
+
+def format_rows(values: F64) -> list[bytes]:
+    """Rows of finite values (n, w), separated by spaces, all with the same number of decimals.
+
+    The largest value gets 9 digits, and every value at least 6 decimals.
+
+    >>> format_rows(np.array([[1.5, -20.0], [0.0, 1 / 3]]))
     [b'1.5000000 -20.0000000', b'0.0000000 0.3333333']
     """
     if not values.size:
         return []
     largest = float(np.abs(values).max())
-    if largest >= HUGE:
+    if largest >= DECIMALS.max_fixed_point:
         return [b" ".join([b"%.9g" % value for value in row]) for row in values.tolist()]
-    decimals = int(np.clip(DIGITS - 1 - np.floor(np.log10(max(largest, 1e-300))), LEAST, MOST))
+    decimals = int(
+        np.clip(
+            DECIMALS.digits - 1 - np.floor(np.log10(max(largest, 1e-300))),
+            DECIMALS.min_decimals,
+            DECIMALS.max_decimals,
+        )
+    )
     whole = np.rint(np.abs(values).ravel() * 10.0**decimals).astype(np.uint64)
     if whole.max() < 1 << 32:
         whole = whole.astype(np.uint32)
     size = max(len(str(int(whole.max()))), decimals + 1)
-    letters = np.empty((size + 3, values.size), np.uint8)  # what stands before, sign, digits and point
+    letters = np.empty((size + 3, values.size), np.uint8)  # separator, sign, digits and point
     kept = np.ones(letters.shape, bool)
     letters[0] = ord(" ")
     letters[0, :: values.shape[1]] = ord("\n")

@@ -1,4 +1,4 @@
-"""A mesh file's contents, whichever format it has, and the files that belong to it."""
+"""The contents of a mesh file of any format, and the files that belong to it."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from urllib.parse import unquote
 import numpy as np
 
 from guise.analogy.formats.gltf import GltfDocument
-from guise.analogy.formats.materials import Material, libraries, read_materials, textures
-from guise.analogy.formats.obj import ObjDocument, positions
+from guise.analogy.formats.materials import Material, library_paths, read_materials, texture_paths
+from guise.analogy.formats.obj import ObjDocument, read_obj_positions
 from guise.analogy.formats.ply import PlyDocument
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import MeshError
 from guise.common.arrays import F64, Int
 
-LARGEST = 1 << 30  # bytes of a file
+MAX_FILE_BYTES = 1 << 30  # bytes of a file
 
 
 class Document(Protocol):
-    """A mesh file's contents."""
+    """The contents of a mesh file."""
 
     vertices: F64  # (n, 3)
     polygons: Polygons
@@ -31,7 +31,7 @@ class Document(Protocol):
 
     @property
     def normal_ids(self) -> Int | None:
-        """(c,) the normal of each corner of the polygons."""
+        """(c,) index of the normal of each corner of the polygons."""
 
     @property
     def uvs(self) -> F64 | None:
@@ -39,67 +39,67 @@ class Document(Protocol):
 
     @property
     def uv_ids(self) -> Int | None:
-        """(c,) those of each corner."""
+        """(c,) index of the texture coordinates of each corner."""
 
     @property
     def colours(self) -> F64 | None:
         """(n, 3) from 0 to 1."""
 
-    def replaced(self, vertices: F64, normals: F64 | None) -> bytes:
-        """The file with other vertices and normals."""
+    def encode(self, vertices: F64, normals: F64 | None) -> bytes:
+        """The bytes of the file with other vertices and normals."""
 
 
 def read_document(path: Path) -> Document:
     """An OBJ, PLY, glTF or GLB file; MeshError when it cannot be read."""
     if not path.exists():
-        raise MeshError("there is no such file")
+        raise MeshError("the file does not exist")
     kind = path.suffix.lower()
     if kind == ".obj":
-        return ObjDocument(_bytes(path))
+        return ObjDocument(_read_bytes(path))
     if kind == ".ply":
-        return PlyDocument(_bytes(path))
+        return PlyDocument(_read_bytes(path))
     if kind in (".glb", ".gltf"):
-        return GltfDocument(_bytes(path), path.parent)
+        return GltfDocument(_read_bytes(path), path.parent)
     raise MeshError("its suffix must be .obj, .ply, .glb or .gltf")
 
 
 def read_positions(path: Path) -> F64:
-    """The vertices (n, 3) of a file, whose faces are not looked at where that saves time."""
+    """The vertices (n, 3) of a file; its faces are skipped where that saves time."""
     kind = path.suffix.lower()
     if kind == ".obj" and path.is_file():
-        return positions(_bytes(path))
+        return read_obj_positions(_read_bytes(path))
     if kind == ".ply" and path.is_file():
-        return PlyDocument(_bytes(path), positions_only=True).vertices
+        return PlyDocument(_read_bytes(path), positions_only=True).vertices
     return read_document(path).vertices
 
 
-def _bytes(path: Path) -> bytes:
+def _read_bytes(path: Path) -> bytes:
     if not path.is_file():
-        raise MeshError("it is no file")
+        raise MeshError("it is not a file")
     size = path.stat().st_size
-    if size > LARGEST:
+    if size > MAX_FILE_BYTES:
         raise MeshError(
-            f"it has {size >> 20} MB, and more than {LARGEST >> 20} MB are not read; decimate it first"
+            f"it has {size >> 20} MB, but at most {MAX_FILE_BYTES >> 20} MB are read: decimate the mesh first"
         )
     return path.read_bytes()
 
 
-def materials_of(held: Document, folder: Path) -> tuple[list[Material], Int]:
-    """The materials of a document that lies in `folder`, and (p,) that of each polygon; of glTF none."""
+def document_materials(held: Document, folder: Path) -> tuple[list[Material], Int]:
+    """The materials of a document in `folder`, and (p,) the index for each polygon; not for glTF."""
     if isinstance(held, ObjDocument):
         names, ids = held.material_ids()
-        known = read_materials(libraries(folder, held.libraries()))
+        known = read_materials(library_paths(folder, held.libraries()))
         return [known.get(name, Material(name)) for name in names], ids
     picture = folder / held.texture if isinstance(held, PlyDocument) and held.texture else None
     return [Material(picture=picture)], np.zeros(len(held.polygons.sizes), np.intp)
 
 
-def companions(held: Document, folder: Path) -> list[Path]:
-    """The files in `folder` that a document there names for its looks."""
+def companion_files(held: Document, folder: Path) -> list[Path]:
+    """The material files and textures in `folder` that a document names."""
     named: list[Path] = []
     if isinstance(held, ObjDocument):
-        named = libraries(folder, held.libraries())
-        named += textures(named)
+        named = library_paths(folder, held.libraries())
+        named += texture_paths(named)
     elif isinstance(held, PlyDocument) and held.texture:
         named = [folder / held.texture]
     elif isinstance(held, GltfDocument):

@@ -1,7 +1,7 @@
 """The container of glTF 2.0: JSON and one binary buffer, as a GLB file or as .gltf with its buffers.
 
-pygltflib holds the JSON as classes but decodes no accessor, and trimesh writes its own file; here the document that was
-read is changed in place, so that materials, textures, skeletons and unknown extensions stay.
+pygltflib models the JSON as classes but does not decode accessors, and trimesh writes a new file.  Here the document is
+changed in place, so that materials, textures, skeletons and unknown extensions stay.
 """
 
 from __future__ import annotations
@@ -22,58 +22,58 @@ from guise.common.arrays import F64, Bool
 
 Json = dict[str, Any]
 
-KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-VERTICES = 34962  # ARRAY_BUFFER
-INDICES = 34963  # ELEMENT_ARRAY_BUFFER
-LARGEST = 1 << 26  # bytes of an accessor that is all zeros
-_JSON, _BIN = 0x4E4F534A, 0x004E4942
+COMPONENT_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+ELEMENT_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+COMPRESSION_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+GL_ARRAY_BUFFER = 34962  # ARRAY_BUFFER
+GL_ELEMENT_ARRAY_BUFFER = 34963  # ELEMENT_ARRAY_BUFFER
+MAX_ZERO_ACCESSOR_BYTES = 1 << 26  # of an accessor without a buffer view
+_JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
-class Container:
+class GltfContainer:
     """A glTF document.
 
     Parameters
     ----------
-    json : its JSON, of which all buffers are one.   buffer : that.
+    json : with a single buffer.   buffer : its bytes.
     """
 
     def __init__(self, json: Json, buffer: bytearray) -> None:
         self.json, self.buffer = json, buffer
 
     @classmethod
-    def read(cls, data: bytes, folder: Path) -> Container:
-        """Of a GLB's or .gltf's bytes; other buffers that it names lie in `folder`.
+    def read(cls, data: bytes, folder: Path) -> GltfContainer:
+        """Read the bytes of a GLB or .gltf file; other buffers that it names lie in `folder`.
 
         Raises
         ------
         MeshError
-            When it is none, or compressed, or a buffer is missing.
+            When it is not glTF 2.0, is compressed, or a buffer is missing.
         """
-        text, binary = _chunks(data) if data[:4] == b"glTF" else (data, b"")
+        text, binary = _read_chunks(data) if data[:4] == b"glTF" else (data, b"")
         try:
             held = json.loads(text)
             version = str(held["asset"]["version"])
         except (ValueError, KeyError, TypeError):
-            raise MeshError("it is no glTF file: no JSON with an asset's version in it") from None
+            raise MeshError("it is not a glTF file: it has no JSON with the version of an asset") from None
         if version.split(".")[0] != "2":
-            raise MeshError(f"it is glTF {version}, and only 2.0 is read; export it again")
-        packed = [name for name in COMPRESSED if name in held.get("extensionsUsed", [])]
+            raise MeshError(f"it is glTF {version}, but only 2.0 is read: export it again")
+        packed = [name for name in COMPRESSION_EXTENSIONS if name in held.get("extensionsUsed", [])]
         if packed:
-            raise MeshError(f"it is compressed ({packed[0]}); export it without compression")
-        return cls(held, _joined(held, binary, folder))
+            raise MeshError(f"it is compressed ({packed[0]}): export it without compression")
+        return cls(held, _join_buffers(held, binary, folder))
 
-    def copy(self) -> Container:
-        return Container(copy.deepcopy(self.json), bytearray(self.buffer))
+    def copy(self) -> GltfContainer:
+        return GltfContainer(copy.deepcopy(self.json), bytearray(self.buffer))
 
     def entries(self, name: str) -> list[Json]:
-        """A top-level list, made if there is none."""
+        """A top-level list, created if missing."""
         found: list[Json] = self.json.setdefault(name, [])
         return found
 
-    def array(self, index: int) -> NDArray[Any]:
-        """The numbers (count, width) of an accessor; normalised integers as float."""
+    def read_accessor(self, index: int) -> NDArray[Any]:
+        """The values (count, width) of an accessor; normalised integers become floats."""
         accessor = self.json["accessors"][index]
         values = self._dense(accessor).copy()  # a view would keep the buffer from growing
         if "sparse" in accessor:
@@ -84,26 +84,26 @@ class Container:
             return np.maximum(values / np.iinfo(values.dtype).max, -1.0)
         return values
 
-    def change(self, index: int, values: F64, rows: Bool) -> int:
-        """Other numbers (count, width) in those rows of an accessor; the accessor that then holds them.
+    def update_accessor(self, index: int, values: F64, rows: Bool) -> int:
+        """Replace given rows of an accessor by values (count, width); the index of the accessor that then holds them.
 
-        In place where it holds floats; otherwise they are put into a new one.
+        Floats are replaced in place; otherwise a new accessor is appended.
         """
         accessor = self.json["accessors"][index]
         if accessor["componentType"] != 5126 or "sparse" in accessor or "bufferView" not in accessor:
-            return self.append(values.astype(np.float32), VERTICES)
+            return self.append_accessor(values.astype(np.float32), GL_ARRAY_BUFFER)
         held = self._dense(accessor)
         held[rows] = values[rows]
         if "min" in accessor:
             accessor["min"], accessor["max"] = held.min(0).tolist(), held.max(0).tolist()
         return index
 
-    def append(self, values: NDArray[Any], target: int) -> int:
-        """A new accessor with numbers (count, width), float32 or uint32; its index."""
+    def append_accessor(self, values: NDArray[Any], target: int) -> int:
+        """Append an accessor with values (count, width), float32 or uint32; its index."""
         kind = {"f": 5126, "u": 5125}[values.dtype.kind]
         name = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}[values.shape[1]]
         accessor = {
-            "bufferView": self.append_bytes(np.ascontiguousarray(values).tobytes(), target),
+            "bufferView": self.append_view(np.ascontiguousarray(values).tobytes(), target),
             "componentType": kind,
             "count": len(values),
             "type": name,
@@ -113,39 +113,39 @@ class Container:
         self.entries("accessors").append(accessor)
         return len(self.json["accessors"]) - 1
 
-    def append_bytes(self, data: bytes, target: int | None = None) -> int:
-        """A new view of the buffer; its index."""
+    def append_view(self, data: bytes, target: int | None = None) -> int:
+        """Append a buffer view; its index."""
         self.buffer += bytes(-len(self.buffer) % 4)
         view: Json = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(data)}
         self.entries("bufferViews").append(view if target is None else {**view, "target": target})
         self.buffer += data
         return len(self.json["bufferViews"]) - 1
 
-    def glb(self) -> bytes:
-        """As one GLB file."""
+    def to_glb(self) -> bytes:
+        """The bytes of a GLB file."""
         self.buffer += bytes(-len(self.buffer) % 4)
         self.json["buffers"] = [{"byteLength": len(self.buffer)}]
-        text = _text(self.json)
+        text = _to_json(self.json)
         text += b" " * (-len(text) % 4)
-        body = struct.pack("<II", len(text), _JSON) + text
-        body += struct.pack("<II", len(self.buffer), _BIN) + bytes(self.buffer)
+        body = struct.pack("<II", len(text), _JSON_CHUNK) + text
+        body += struct.pack("<II", len(self.buffer), _BINARY_CHUNK) + bytes(self.buffer)
         return b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body
 
-    def gltf(self) -> bytes:
-        """As one .gltf file, the buffer in it."""
+    def to_gltf(self) -> bytes:
+        """The bytes of a .gltf file with an embedded buffer."""
         address = "data:application/octet-stream;base64," + base64.b64encode(self.buffer).decode()
         self.json["buffers"] = [{"byteLength": len(self.buffer), "uri": address}]
-        return _text(self.json)
+        return _to_json(self.json)
 
     def _dense(self, accessor: Json) -> NDArray[Any]:
-        """(count, width) numbers of the buffer itself, sparse ones left out."""
+        """(count, width) values in the buffer, without sparse ones."""
         kind, width, count = (
-            np.dtype(KINDS[accessor["componentType"]]),
-            WIDTHS[accessor["type"]],
+            np.dtype(COMPONENT_TYPES[accessor["componentType"]]),
+            ELEMENT_WIDTHS[accessor["type"]],
             accessor["count"],
         )
         if "bufferView" not in accessor:
-            if not 0 <= count * width * kind.itemsize < LARGEST:
+            if not 0 <= count * width * kind.itemsize < MAX_ZERO_ACCESSOR_BYTES:
                 raise MeshError(f"it is damaged: an accessor has {count} elements")
             return np.zeros((count, width), kind)
         view = self.json["bufferViews"][accessor["bufferView"]]
@@ -156,8 +156,8 @@ class Container:
         return np.ndarray((count, width), kind, self.buffer, begin, (step, kind.itemsize))
 
 
-def content(address: str, folder: Path) -> bytes:
-    """The bytes of a `uri` of a document that lies in `folder`."""
+def read_uri(address: str, folder: Path) -> bytes:
+    """The bytes of a `uri` of a document in `folder`."""
     if address.startswith("data:"):
         return base64.b64decode(address.partition(",")[2])
     path = folder / unquote(address)
@@ -166,8 +166,8 @@ def content(address: str, folder: Path) -> bytes:
     return path.read_bytes()
 
 
-def _chunks(data: bytes) -> tuple[bytes, bytes]:
-    """The JSON and the binary of a GLB file."""
+def _read_chunks(data: bytes) -> tuple[bytes, bytes]:
+    """The JSON and binary chunks of a GLB file."""
     found: dict[int, bytes] = {}
     at = 12
     while at + 8 <= len(data):
@@ -176,21 +176,21 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
             raise MeshError("it is damaged: it ends too early")
         found.setdefault(kind, data[at + 8 : at + 8 + length])
         at += 8 + length
-    return found.get(_JSON, b""), found.get(_BIN, b"")
+    return found.get(_JSON_CHUNK, b""), found.get(_BINARY_CHUNK, b"")
 
 
-def _joined(held: Json, binary: bytes, folder: Path) -> bytearray:
-    """All buffers one after another; the views' offsets follow."""
+def _join_buffers(held: Json, binary: bytes, folder: Path) -> bytearray:
+    """All buffers concatenated; the offsets of the views are adjusted."""
     whole, starts = bytearray(), []
     for buffer in held.get("buffers", []):
         whole += bytes(-len(whole) % 4)
         starts.append(len(whole))
-        whole += content(buffer["uri"], folder) if "uri" in buffer else binary
+        whole += read_uri(buffer["uri"], folder) if "uri" in buffer else binary
     for view in held.get("bufferViews", []):
         view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
         view["buffer"] = 0
     return whole
 
 
-def _text(held: Json) -> bytes:
+def _to_json(held: Json) -> bytes:
     return json.dumps(held, ensure_ascii=False, separators=(",", ":")).encode()

@@ -1,4 +1,4 @@
-"""Morph targets of glTF put into a document, and the weights of its animation read."""
+"""Writes morph targets into a glTF document, and reads the weights of its animation."""
 
 from __future__ import annotations
 
@@ -7,35 +7,35 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.gltf import GltfDocument, Part, parts_of, undamaged
-from guise.analogy.formats.gltf_container import VERTICES, Container, Json, content
+from guise.analogy.formats.gltf import GltfDocument, GltfPart, damage_as_mesh_error, scene_parts
+from guise.analogy.formats.gltf_container import GL_ARRAY_BUFFER, GltfContainer, Json, read_uri
 from guise.analogy.mesh import MeshError
-from guise.analogy.normals import Normals
+from guise.analogy.normals import StoredNormals
 from guise.common.arrays import F32, F64, Bool
 
 
-def rigged(
+def build_rig_glb(
     document: GltfDocument,
-    normals: Normals | None,
+    normals: StoredNormals | None,
     shapes: Iterable[tuple[str, F64]],
     moving: Bool,
     folder: Path,
 ) -> bytes:
-    """A GLB of a document with morph targets in place of its own.
+    """A GLB of a document with new morph targets in place of its own.
 
-    normals : how its normals move, None where it has none.   shapes : names and vertices (n, 3) in the scene.
-    moving : (n,) whether any shape moves a vertex; meshes of which none moves get no targets.
-    folder : where textures lie that the document names; they are put into the file.
+    normals : of the document, None if it has none.   shapes : names and vertices (n, 3) in the scene.
+    moving : (n,) whether any shape moves a vertex; meshes that do not move get no targets.
+    folder : of the textures that the document names; they are embedded.
     """
-    with undamaged():
+    with damage_as_mesh_error():
         made = document.container.copy()
         _drop_targets(made)
-        pairs = zip(document.parts, parts_of(made), strict=True)
+        pairs = zip(document.parts, scene_parts(made), strict=True)
         parts = [(part, own) for part, own in pairs if _moves(part, document.parts, moving)]
         names: list[str] = []
         for name, vertices in shapes:
             names.append(name)
-            turned = None if normals is None else normals.moved(vertices)
+            turned = None if normals is None else normals.updated(vertices)
             for part, own in parts:
                 target = _target(made, document, part, vertices, turned)
                 for primitive in own.primitives:
@@ -44,28 +44,28 @@ def rigged(
             mesh = made.json["meshes"][part.mesh]
             mesh["extras"] = {**(mesh.get("extras") or {}), "targetNames": names}
             mesh["weights"] = [0.0] * len(names)
-        _embed(made, folder)
-        return made.glb()
+        _embed_textures(made, folder)
+        return made.to_glb()
 
 
-def _moves(part: Part, parts: list[Part], moving: Bool) -> bool:
+def _moves(part: GltfPart, parts: list[GltfPart], moving: Bool) -> bool:
     return any(moving[other.rows].any() for other in parts if other.mesh == part.mesh)
 
 
 def _target(
-    made: Container, held: GltfDocument, part: Part, vertices: F64, normals: F64 | None
+    made: GltfContainer, held: GltfDocument, part: GltfPart, vertices: F64, normals: F64 | None
 ) -> dict[str, int]:
-    """The accessors of a part's displacements."""
-    way = part.from_scene(vertices[part.rows] - held.vertices[part.rows], place=False)
-    target = {"POSITION": made.append(way.astype(np.float32), VERTICES)}
-    if normals is not None and held.normals is not None and part.has("NORMAL"):
+    """The accessors of the displacements of a part."""
+    way = part.from_scene(vertices[part.rows] - held.vertices[part.rows], is_position=False)
+    target = {"POSITION": made.append_accessor(way.astype(np.float32), GL_ARRAY_BUFFER)}
+    if normals is not None and held.normals is not None and part.has_attribute("NORMAL"):
         turn = part.normals_from_scene(normals[part.rows]) - part.normals_from_scene(held.normals[part.rows])
-        target["NORMAL"] = made.append(turn.astype(np.float32), VERTICES)
+        target["NORMAL"] = made.append_accessor(turn.astype(np.float32), GL_ARRAY_BUFFER)
     return target
 
 
-def _drop_targets(made: Container) -> None:
-    """Morph targets, their names and weights, and what animates them, left out."""
+def _drop_targets(made: GltfContainer) -> None:
+    """Remove morph targets, their names and weights, and their animations."""
     for mesh in made.json["meshes"]:
         mesh.pop("weights", None)
         if "targetNames" in (mesh.get("extras") or {}):
@@ -82,77 +82,79 @@ def _drop_targets(made: Container) -> None:
         made.json["animations"] = kept
 
 
-def _embed(made: Container, folder: Path) -> None:
-    """Textures in files of their own, put into the buffer."""
+def _embed_textures(made: GltfContainer, folder: Path) -> None:
+    """Embed textures from separate files."""
     for image in made.json.get("images", []):
         address = image.get("uri", "data:")
         if not address.startswith("data:"):
-            data = content(address, folder)
-            image["bufferView"] = made.append_bytes(data)
+            data = read_uri(address, folder)
+            image["bufferView"] = made.append_view(data)
             image["mimeType"] = "image/png" if data[:4] == b"\x89PNG" else "image/jpeg"
             del image["uri"]
 
 
-def frames(document: GltfDocument, rate: float | None) -> Iterator[F64]:
-    """Vertices (n, 3) in the scene, frame after frame of the first animation that moves morph targets.
+def animation_frames(document: GltfDocument, rate: float | None) -> Iterator[F64]:
+    """Vertices (n, 3) in the scene for each frame of the first animation of morph targets.
 
-    rate : in frames per second; None for the times of the animation's keys.  Nodes stand as they are.
+    rate : frames per second; None for the times of the keys.  Nodes do not move.
 
     Raises
     ------
     MeshError
         When there is no such animation.
     """
-    with undamaged():
-        count, weights = _animation(document.container, rate)
+    with damage_as_mesh_error():
+        count, weights = _read_animation(document.container, rate)
         deltas = [_deltas(document, part) for part in document.parts]
-        given = [weights.get(part.node, _at_rest(document.container, part)) for part in document.parts]
+        given = [weights.get(part.node, _rest_weights(document.container, part)) for part in document.parts]
         tracks = [np.broadcast_to(w, (count, len(d))) for w, d in zip(given, deltas, strict=True)]
     parts = list(zip(document.parts, deltas, tracks, strict=True))
     return (_frame(document, parts, i) for i in range(count))
 
 
-def _frame(document: GltfDocument, parts: list[tuple[Part, F32, F64]], frame: int) -> F64:
+def _frame(document: GltfDocument, parts: list[tuple[GltfPart, F32, F64]], frame: int) -> F64:
     vertices = document.vertices.copy()
     for part, delta, weights in parts:
         vertices[part.rows] += (weights[frame].astype(np.float32) @ delta).reshape(-1, 3)
     return vertices
 
 
-def _animation(container: Container, rate: float | None) -> tuple[int, dict[int, F64]]:
+def _read_animation(container: GltfContainer, rate: float | None) -> tuple[int, dict[int, F64]]:
     """The number f of frames, and the weights (f, k) of each animated node."""
     for candidate in container.json.get("animations", []):
         channels = [c for c in candidate["channels"] if c["target"]["path"] == "weights"]
         if channels:
             samplers = {c["target"]["node"]: candidate["samplers"][c["sampler"]] for c in channels}
-            keys = {node: _numbers(container, held["input"])[:, 0] for node, held in samplers.items()}
+            keys = {node: _read_floats(container, held["input"])[:, 0] for node, held in samplers.items()}
             times = np.unique(np.concatenate(list(keys.values())))
             if rate is not None:
                 times = times[0] + np.arange(int((times[-1] - times[0]) * rate + 1e-6) + 1) / rate
-            made = {node: _sampled(container, held, keys[node], times) for node, held in samplers.items()}
+            made = {
+                node: _sample_weights(container, held, keys[node], times) for node, held in samplers.items()
+            }
             return len(times), made
     raise MeshError("it has no animation of morph targets")
 
 
-def _deltas(document: GltfDocument, part: Part) -> F32:
-    """(k, 3 m) the displacements of a part's morph targets, in the scene."""
+def _deltas(document: GltfDocument, part: GltfPart) -> F32:
+    """(k, 3 m) displacements of the morph targets of a part, in the scene."""
     count = part.rows.stop - part.rows.start
     found = np.zeros((len(part.targets()), 3 * count), np.float32)
     for row, target in zip(found, part.targets(), strict=True):
-        row[:] = part.displacement(document.container, target).ravel()
+        row[:] = part.read_displacement(document.container, target).ravel()
     return found
 
 
-def _at_rest(container: Container, part: Part) -> F64:
-    """(1, k) the weights of a part that nothing animates."""
+def _rest_weights(container: GltfContainer, part: GltfPart) -> F64:
+    """(1, k) the weights of a part without animation."""
     mesh = container.json["meshes"][part.mesh].get("weights", [0.0] * len(part.targets()))
     return np.array([container.json["nodes"][part.node].get("weights", mesh)], np.float64)
 
 
-def _sampled(container: Container, sampler: Json, keys: F64, times: F64) -> F64:
+def _sample_weights(container: GltfContainer, sampler: Json, keys: F64, times: F64) -> F64:
     """(f, k) the weights of a sampler at times (f,)."""
     method = sampler.get("interpolation", "LINEAR")
-    values = _numbers(container, sampler["output"])
+    values = _read_floats(container, sampler["output"])
     at = np.clip(np.searchsorted(keys, times, "right") - 1, 0, max(len(keys) - 2, 0))
     after = np.minimum(at + 1, len(keys) - 1)
     span = keys[after] - keys[at]
@@ -168,5 +170,5 @@ def _sampled(container: Container, sampler: Json, keys: F64, times: F64) -> F64:
     return (1 - s) * grid[at] + s * grid[after]
 
 
-def _numbers(container: Container, accessor: int) -> F64:
-    return np.asarray(container.array(accessor), np.float64)
+def _read_floats(container: GltfContainer, accessor: int) -> F64:
+    return np.asarray(container.read_accessor(accessor), np.float64)

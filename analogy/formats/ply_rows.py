@@ -1,4 +1,4 @@
-"""The body of a PLY file: rows of elements, as text or binary, with lists of any length in them."""
+"""The body of a PLY file: rows of elements, text or binary, with lists of any length."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.analogy.formats.decimals import rows_of_text
+from guise.analogy.formats.decimals import format_rows
 from guise.analogy.mesh import MeshError
 from guise.common.arrays import F64, Bool, Int
 
-CODES = {
+STRUCT_CODES = {
     "i1": "b",
     "u1": "B",
     "i2": "h",
@@ -27,7 +27,7 @@ CODES = {
 
 @dataclass(frozen=True)
 class Element:
-    """What the header says of an element: name, rows, properties (name, type, type of a list's length or "")."""
+    """An element of the header: name, row count, properties (name, type, type of the length of a list or "")."""
 
     name: str
     count: int
@@ -36,42 +36,42 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The numbers of each property, row after row, and of each list how many every row has."""
+    """The values of each property, row by row, and the length of each list in every row."""
 
     values: dict[str, NDArray[Any]] = field(default_factory=dict)
     sizes: dict[str, Int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
-    """Other numbers of some properties: names (w,), values (count, w), and the rows (count,) that have them."""
+class ColumnChange:
+    """New values of some properties: names (w,), values (count, w), and the rows (count,) to change."""
 
     names: tuple[str, ...]
     values: F64
     rows: Bool
 
 
-class Binary:
+class BinaryBody:
     """A binary body.
 
     Parameters
     ----------
-    data : of the file.   start : where the body begins.   order : "<" or ">".
+    data : of the file.   start : offset of the body.   order : "<" or ">".
     """
 
     def __init__(self, data: bytes, start: int, order: str) -> None:
         self._data, self._at, self._order = data, start, order
         self._tables: dict[
             str, tuple[int, np.dtype[Any], int]
-        ] = {}  # place, row and count where all rows are alike
+        ] = {}  # offset, row type and count of elements with uniform rows
 
     def rows(self, element: Element) -> Rows:
-        """Those of the next element.
+        """The rows of the next element.
 
         Raises
         ------
         MeshError
-            When the file ends before.
+            When the file ends too early.
         """
         if element.count > len(self._data):
             raise MeshError("it ends too early")
@@ -79,20 +79,20 @@ class Binary:
         end = self._at + kind.itemsize * element.count
         if end <= len(self._data):
             table = np.frombuffer(self._data, kind, element.count, self._at)
-            lengths = [table[_length(name)] for name, _, listed in element.properties if listed]
+            lengths = [table[_length_field(name)] for name, _, listed in element.properties if listed]
             if all((length == length[:1]).all() for length in lengths):
                 self._tables[element.name] = (self._at, kind, element.count)
                 self._at = end
-                return _of_table(element, table)
+                return _table_rows(element, table)
         return self._ragged(element)
 
-    def replaced(self, name: str, changes: list[Change]) -> bytes:
-        """The file with other numbers in an element.
+    def encode(self, name: str, changes: list[ColumnChange]) -> bytes:
+        """The bytes of the file with new values in an element.
 
         Raises
         ------
         MeshError
-            When the element has lists of different lengths.
+            When the lists of the element differ in length.
         """
         if name not in self._tables:
             raise MeshError(f"the rows of its element `{name}` differ in length, which cannot be written")
@@ -105,7 +105,7 @@ class Binary:
         return bytes(data)
 
     def _row(self, element: Element) -> np.dtype[Any]:
-        """A row of an element, if all are as the first one."""
+        """The type of the rows of an element, if all are like the first one."""
         fields: list[tuple[Any, ...]] = []
         at = self._at
         for name, kind, listed in element.properties:
@@ -113,7 +113,7 @@ class Binary:
                 length = int(self._number(listed, at)) if element.count else 0
                 if not 0 <= length <= len(self._data):
                     raise MeshError(f"a list in its element `{element.name}` has the length {length}")
-                fields += [(_length(name), self._order + listed), (name, self._order + kind, (length,))]
+                fields += [(_length_field(name), self._order + listed), (name, self._order + kind, (length,))]
             else:
                 fields.append((name, self._order + kind))
             at = self._at + np.dtype(fields).itemsize
@@ -125,9 +125,11 @@ class Binary:
         return np.frombuffer(self._data, self._order + kind, 1, at)[0]
 
     def _ragged(self, element: Element) -> Rows:
-        """Row by row, each as long as it says."""
+        """Read row by row, each with its own length."""
         counts = {
-            listed: Struct(self._order + CODES[listed]) for _, _, listed in element.properties if listed
+            listed: Struct(self._order + STRUCT_CODES[listed])
+            for _, _, listed in element.properties
+            if listed
         }
         parts: dict[str, list[bytes]] = {name: [] for name, _, _ in element.properties}
         sizes: dict[str, list[int]] = {name: [] for name, _, listed in element.properties if listed}
@@ -156,40 +158,42 @@ class Binary:
         return Rows(values, {name: np.array(held, np.intp) for name, held in sizes.items()})
 
 
-class Text:
-    """An ascii body: a row a line.
+class TextBody:
+    """An ASCII body: one row per line.
 
     Parameters
     ----------
-    data : of the file.   start : where the body begins.
+    data : of the file.   start : offset of the body.
     """
 
     def __init__(self, data: bytes, start: int) -> None:
         self._head, self._lines = data[:start], data[start:].split(b"\n")
         self._filled = [i for i, line in enumerate(self._lines) if line.strip()]
         self._at = 0
-        self._read: dict[str, tuple[list[int], list[str]]] = {}  # lines and properties of those without lists
+        self._read: dict[
+            str, tuple[list[int], list[str]]
+        ] = {}  # lines and properties of elements without lists
 
     def rows(self, element: Element) -> Rows:
-        """Those of the next element.
+        """The rows of the next element.
 
         Raises
         ------
         MeshError
-            When the file ends before, or a row is not as the header says.
+            When the file ends too early, or a row does not match the header.
         """
         lines = self._filled[self._at : self._at + element.count]
         if len(lines) < element.count:
             raise MeshError("it ends too early")
         numbers = self._numbers(lines, element.name)
-        rows = _alike(element, numbers) or _ragged(element, numbers)
+        rows = _uniform_rows(element, numbers) or _ragged_rows(element, numbers)
         self._at += element.count
         if not rows.sizes:
             self._read[element.name] = lines, [name for name, _, _ in element.properties]
         return rows
 
-    def replaced(self, name: str, changes: list[Change]) -> bytes:
-        """The file with other numbers in an element.
+    def encode(self, name: str, changes: list[ColumnChange]) -> bytes:
+        """The bytes of the file with new values in an element.
 
         Raises
         ------
@@ -202,7 +206,7 @@ class Text:
         lines = list(self._lines)
         for change in changes:
             columns = [names.index(key) for key in change.names]
-            texts = rows_of_text(change.values[change.rows])
+            texts = format_rows(change.values[change.rows])
             for row, new in zip(np.flatnonzero(change.rows).tolist(), texts, strict=True):
                 lines[places[row]] = _with_numbers(lines[places[row]], columns, new)
         return self._head + b"\n".join(lines)
@@ -212,7 +216,7 @@ class Text:
         try:
             return np.fromstring(text, sep=" ") if text else np.empty(0)
         except ValueError:
-            raise MeshError(f"a row of its element `{name}` holds something else than numbers") from None
+            raise MeshError(f"a row of its element `{name}` contains something other than numbers") from None
 
 
 def _with_numbers(line: bytes, columns: list[int], numbers: bytes) -> bytes:
@@ -222,8 +226,8 @@ def _with_numbers(line: bytes, columns: list[int], numbers: bytes) -> bytes:
     return b" ".join(words) + (b"\r" if line.endswith(b"\r") else b"")
 
 
-def _alike(element: Element, numbers: F64) -> Rows | None:
-    """The numbers of an element's rows if all rows are as long as the first, otherwise None."""
+def _uniform_rows(element: Element, numbers: F64) -> Rows | None:
+    """The rows of an element if all are as long as the first, otherwise None."""
     rows, at = Rows(), 0
     places: list[tuple[str, int, int]] = []
     for name, _, listed in element.properties:
@@ -242,8 +246,8 @@ def _alike(element: Element, numbers: F64) -> Rows | None:
     return rows
 
 
-def _ragged(element: Element, numbers: F64) -> Rows:
-    """Row by row, each as long as it says."""
+def _ragged_rows(element: Element, numbers: F64) -> Rows:
+    """Read row by row, each with its own length."""
     held = numbers.tolist()
     values: dict[str, list[float]] = {name: [] for name, _, _ in element.properties}
     sizes: dict[str, list[int]] = {name: [] for name, _, listed in element.properties if listed}
@@ -260,20 +264,20 @@ def _ragged(element: Element, numbers: F64) -> Rows:
     except IndexError:
         at = -1
     if at != len(held):
-        raise MeshError(f"the rows of its element `{element.name}` are not as its header says")
+        raise MeshError(f"the rows of its element `{element.name}` do not match its header")
     found = {name: np.array(numbers) for name, numbers in values.items()}
     return Rows(found, {name: np.array(size, np.intp) for name, size in sizes.items()})
 
 
-def _length(name: str) -> str:
-    """The field that holds the length of a list."""
+def _length_field(name: str) -> str:
+    """The name of the field for the length of a list."""
     return f"length of {name}"
 
 
-def _of_table(element: Element, table: NDArray[Any]) -> Rows:
+def _table_rows(element: Element, table: NDArray[Any]) -> Rows:
     rows = Rows()
     for name, _, listed in element.properties:
         rows.values[name] = table[name].ravel()
         if listed:
-            rows.sizes[name] = table[_length(name)].astype(np.intp)
+            rows.sizes[name] = table[_length_field(name)].astype(np.intp)
     return rows

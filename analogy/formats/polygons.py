@@ -1,4 +1,4 @@
-"""The faces of a mesh file as they stand there: polygons of any number of sides, one after another."""
+"""The faces of a mesh file: polygons with any number of sides, stored one after another."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Polygons:
 
     Parameters
     ----------
-    corners : (c,) 0-based vertex ids, polygon after polygon.   sizes : (p,) corners of each, at least 3.
+    corners : (c,) 0-based vertex ids, polygon by polygon.   sizes : (p,) number of corners, at least 3.
     """
 
     corners: Int
@@ -24,17 +24,17 @@ class Polygons:
 
     @classmethod
     def of(cls, faces: Int) -> Polygons:
-        """Of faces (p, s) with equally many sides."""
+        """From faces (p, s) with the same number of sides."""
         return cls(faces.ravel().astype(np.intp), np.full(len(faces), faces.shape[1], np.intp))
 
     @cached_property
     def starts(self) -> Int:
-        """(p,) where each polygon's corners begin."""
+        """(p,) index of the first corner of each polygon."""
         return np.asarray(np.cumsum(self.sizes) - self.sizes, np.intp)
 
     @cached_property
-    def following(self) -> Int:
-        """(c,) the place in `corners` of the corner that follows each around its polygon."""
+    def next_corners(self) -> Int:
+        """(c,) index of the next corner around the polygon."""
         after = np.arange(1, len(self.corners) + 1)
         after[self.starts + self.sizes - 1] = self.starts
         return after
@@ -46,16 +46,16 @@ class Polygons:
 
     @cached_property
     def fans(self) -> Int:
-        """(t, 3) places in `corners`: every polygon as a fan of triangles around its first corner."""
+        """(t, 3) indices into `corners`: every polygon as a fan of triangles around its first corner."""
         first = np.repeat(self.starts, self.sizes - 2)
         ends = np.cumsum(self.sizes - 2)
         step = np.arange(len(first)) - np.repeat(ends - (self.sizes - 2), self.sizes - 2)
         return np.stack([first, first + step + 1, first + step + 2], axis=1)
 
-    def areas(self, vertices: F64) -> F64:
-        """(p, 3) along each polygon's normal, as long as its area; vertices (n, 3).
+    def area_vectors(self, vertices: F64) -> F64:
+        """(p, 3) vectors along the normal of each polygon with the length of its area; vertices (n, 3).
 
-        >>> Polygons.of(np.array([[0, 1, 2]])).areas(np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])).tolist()
+        >>> Polygons.of(np.array([[0, 1, 2]])).area_vectors(np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])).tolist()
         [[0.0, 0.0, 2.0]]
         """
         a, b, c = (vertices.T[:, self.corners[self.fans[:, k]]] for k in range(3))

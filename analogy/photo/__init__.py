@@ -1,4 +1,4 @@
-"""Facial expression analogy between photographs (Song et al. 2007, section VI): S is to S' as T is to T'."""
+"""Facial expression analogy between photos (Song et al. 2007, section VI): S is to S' as T is to T'."""
 
 from guise.analogy.photo.analogy import METHODS, MOUTHS, Method, Mouth, PhotoAnalogy
 from guise.analogy.photo.pictures import PhotoError

@@ -11,27 +11,32 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from guise.analogy.photo.change import agreement, bounded, carried, steadied
-from guise.analogy.photo.eyes import closed, opened_again
-from guise.analogy.photo.filling import filled, lidded
-from guise.analogy.photo.flow import followed, left
-from guise.analogy.photo.grids import Grid, Seen, drawn, face, own, wide
-from guise.analogy.photo.heights import DARK, asked, heights
-from guise.analogy.photo.motion import Motion
-from guise.analogy.photo.mouth import light, opened
+from guise.analogy.photo.compositing import composite_lids, composite_mouth
+from guise.analogy.photo.eyes import lid_shares, reopen_eyes
+from guise.analogy.photo.flow import residual_flow, sample_field
+from guise.analogy.photo.grid import Grid, RasterisedFace, face_mask, face_width, pixel_places, rasterise
+from guise.analogy.photo.height_field import LUMINANCE_OFFSET, log_luminance, target_edge_changes
+from guise.analogy.photo.landmark_motion import LandmarkMotion
+from guise.analogy.photo.luminance_change import (
+    limit_brightening,
+    similarity_fields,
+    subtract_light_plane,
+    transferable_change,
+)
+from guise.analogy.photo.mouth import light_gain, mouth_fill_share
 from guise.analogy.photo.pictures import (
     LUMINANCE,
     PhotoError,
     Picture,
-    checked_points,
-    like,
-    sampled,
-    shrunk,
-    unit,
+    as_float_rgb,
+    as_type_of,
+    check_landmarks,
+    downscale,
+    sample_bicubic,
 )
-from guise.analogy.photo.poisson import integrated
-from guise.analogy.photo.ratio import faded, ratio
-from guise.analogy.photo.template import ring, template
+from guise.analogy.photo.poisson import integrate_edges
+from guise.analogy.photo.ratio import rim_fade, smoothed_ratio
+from guise.analogy.photo.template import anchor_ring, face_template
 from guise.common.arrays import F32, F64, Bool
 
 Method = Literal["tents", "ratio", "warp"]
@@ -41,14 +46,14 @@ MOUTHS: tuple[Mouth, ...] = get_args(Mouth)
 
 
 class PhotoAnalogy:
-    """Puts the expressions of a person S onto a photograph T of another.
+    """Transfers expressions of a person S to a photo T of another.
 
     Parameters
     ----------
     source : S, neutral, (h, w, 3) RGB or (h, w): uint8, uint16 or float in 0 .. 1.   source_points : (81, 2).
-    target : T, neutral, alike; of any size.   target_points : (81, 2).
-    method : 'tents'; 'ratio', expression ratio images; 'warp', geometry alone.
-    mouth : 'fill', the inside of a mouth that opens is taken from S'; 'none', as in the paper, T is stretched.
+    target : T, neutral, of the same kinds and any size.   target_points : (81, 2).
+    method : 'tents'; 'ratio', expression ratio images; 'warp', geometry only.
+    mouth : 'fill' takes the inside of an opening mouth from S'; 'none', as in the paper, stretches T.
 
     Raises
     ------
@@ -66,21 +71,23 @@ class PhotoAnalogy:
         mouth: Mouth = "fill",
     ) -> None:
         if method not in METHODS or mouth not in MOUTHS:
-            raise PhotoError(f"method must be of {METHODS} and mouth of {MOUTHS}, got {method!r}, {mouth!r}")
+            raise PhotoError(
+                f"method must be one of {METHODS} and mouth one of {MOUTHS}, got {method!r}, {mouth!r}"
+            )
         self.method, self.mouth = method, mouth
-        self._mesh = template()
-        first = checked_points(source_points, "source_points")
-        second = checked_points(target_points, "target_points")
+        self._mesh = face_template()
+        first = check_landmarks(source_points, "source_points")
+        second = check_landmarks(target_points, "target_points")
         self._target = np.asarray(target)
-        self._motion = Motion(first, second)
-        self._ring = ring(second)
+        self._motion = LandmarkMotion(first, second)
+        self._ring = anchor_ring(second)
         self._grid = Grid.around(second, self._ring, self._target.shape)
-        self._face = unit(self._grid.of(self._target), "target")
+        self._face = as_float_rgb(self._grid.crop(self._target), "target")
         self._vertices = self._mesh.vertices(second, self._ring)
-        picture = unit(source, "source")
-        neutral, self._neutral_places = self._source(picture, first, ring(first))
+        picture = as_float_rgb(source, "source")
+        neutral, self._neutral_places = self._prepare_source(picture, first, anchor_ring(first))
         self._neutral = neutral @ LUMINANCE
-        self._light = light(picture, first, self._face, second - self._grid.origin)
+        self._light = light_gain(picture, first, self._face, second - self._grid.origin)
 
     def __call__(
         self, expressive: Picture, points: ArrayLike, strength: float = 1.0, facing: ArrayLike | None = None
@@ -89,114 +96,119 @@ class PhotoAnalogy:
 
         expressive : S', of any size.   points : (81, 2).
         strength : 0 gives T, 1 the expression; beyond it is exaggerated.
-        facing : (81, 2), the landmarks of S' as they would lie with the head held as in S: motion is measured from
-            them, where a head's turn shall not count as one.
+        facing : (81, 2) landmarks of S' as they would be with the head pose of S; motion is measured from them, so
+            that a turn of the head does not count as expression.
 
         Raises
         ------
         PhotoError
             When the picture or its landmarks cannot be used.
         """
-        given = checked_points(points, "points")
-        told = given if facing is None else checked_points(facing, "facing")
-        shares = closed(self._motion.source, told, strength) if self.method == "tents" else np.zeros(2)
+        given = check_landmarks(points, "points")
+        told = given if facing is None else check_landmarks(facing, "facing")
+        shares = lid_shares(self._motion.source, told, strength) if self.method == "tents" else np.zeros(2)
         if shares.any():
-            given, told = (self._unlidded(landmarks, shares) for landmarks in (given, told))
-        around = self._motion.pose(given).inverse().apply(ring(self._motion.source))
-        picture, places = self._source(unit(expressive, "expressive"), given, around)
-        share = opened(self._motion.source, given, strength) if self.mouth == "fill" else 0.0
-        seen = self._drawn(self._motion(told, strength), places)
-        shown, lids = sampled(picture, seen.values[..., 4:]), seen.eyes(shares)
+            given, told = (self._with_open_lids(landmarks, shares) for landmarks in (given, told))
+        around = self._motion.pose(given).inverse().apply(anchor_ring(self._motion.source))
+        picture, places = self._prepare_source(as_float_rgb(expressive, "expressive"), given, around)
+        share = mouth_fill_share(self._motion.source, given, strength) if self.mouth == "fill" else 0.0
+        seen = self._rasterise(self._motion(told, strength), places)
+        shown, lids = sample_bicubic(picture, seen.values[..., 4:]), seen.eye_shares(shares)
         if self.method == "tents":
-            seen = self._refined(seen, shown @ LUMINANCE, strength if facing is None else 0.0)
-        out = self._warped(seen)
+            seen = self._add_residual_flow(seen, shown @ LUMINANCE, strength if facing is None else 0.0)
+        out = self._warp(seen)
         if self.method != "warp":
-            out = self._lit(out, strength * self._change(seen, shown @ LUMINANCE, out, lids))
-        out = self._completed(out, shown, lids, seen.between * np.float32(share))
-        return self._written(out, seen)
+            out = self._relight(out, strength * self._luminance_change(seen, shown @ LUMINANCE, out, lids))
+        out = self._composite(out, shown, lids, seen.mouth_mask * np.float32(share))
+        return self._paste(out, seen)
 
-    def _unlidded(self, points: F64, shares: F64) -> F64:
-        """Landmarks (81, 2) of S' with the eyes, in shares (2,), as open as in S."""
+    def _with_open_lids(self, points: F64, shares: F64) -> F64:
+        """Landmarks (81, 2) of S' with the eyes opened as in S, by shares (2,)."""
         rest = self._motion.pose(points).inverse().apply(self._motion.source)
-        return opened_again(points, rest, shares)
+        return reopen_eyes(points, rest, shares)
 
-    def _source(self, picture: F32, points: F64, around: F64) -> tuple[F32, F64]:
-        """A picture of the source no finer than the grid, and the mesh's vertices (V, 2) in it."""
-        factor = self._grid.factor * wide(self._motion.target) / max(wide(points), 1e-6)
-        small, held = shrunk(picture, np.concatenate([points, around]), factor)
+    def _prepare_source(self, picture: F32, points: F64, around: F64) -> tuple[F32, F64]:
+        """A picture of the source, no finer than the grid, and the vertices (V, 2) of the template in it."""
+        factor = self._grid.factor * face_width(self._motion.target) / max(face_width(points), 1e-6)
+        small, held = downscale(picture, np.concatenate([points, around]), factor)
         return small, self._mesh.vertices(held[: len(points)], held[len(points) :])
 
-    def _drawn(self, made: F64, places: F64) -> Seen:
-        """The mesh at the landmarks (81, 2) of T', its vertices in S' given (V, 2)."""
+    def _rasterise(self, made: F64, places: F64) -> RasterisedFace:
+        """Rasterise the template at the landmarks (81, 2) of T', given its vertices (V, 2) in S'."""
         grid = self._grid
-        vertices = grid.places(self._mesh.vertices(made, self._ring))
-        values = [grid.places(self._vertices) - vertices, self._neutral_places, places]
-        return drawn(
+        vertices = grid.to_grid(self._mesh.vertices(made, self._ring))
+        values = [grid.to_grid(self._vertices) - vertices, self._neutral_places, places]
+        return rasterise(
             self._mesh,
             vertices,
             np.concatenate(values, axis=1),
             grid.size,
-            face(grid.places(made), grid.size),
+            face_mask(grid.to_grid(made), grid.size),
         )
 
-    def _refined(self, seen: Seen, shown: F32, share: float) -> Seen:
-        """The places in S, and by a share in T, moved by what landmarks leave of the motion to S', which is shown.
+    def _add_residual_flow(self, seen: RasterisedFace, shown: F32, share: float) -> RasterisedFace:
+        """Add the residual flow from S to S' to the positions in S and, by a share, to those in T.
 
-        Of a turned head that is the turn's, and none of T's.
+        The share is 0 for turned heads, where the residual is caused by the turn.
         """
-        neutral = sampled(self._neutral, seen.values[..., 2:4])
-        moved = left(heights(shown), heights(neutral), seen.face & (seen.part == 0), self._width)
+        neutral = sample_bicubic(self._neutral, seen.values[..., 2:4])
+        moved = residual_flow(
+            log_luminance(shown), log_luminance(neutral), seen.face & (seen.part == 0), self._width
+        )
         values = seen.values.copy()
-        values[..., 2:4] = followed(seen.values[..., 2:4], own(self._grid.size) + moved)
+        values[..., 2:4] = sample_field(seen.values[..., 2:4], pixel_places(self._grid.size) + moved)
         moved *= np.float32(share)
-        values[..., :2] = followed(seen.values[..., :2], own(self._grid.size) + moved) + moved
+        values[..., :2] = sample_field(seen.values[..., :2], pixel_places(self._grid.size) + moved) + moved
         return replace(seen, values=values)
 
-    def _warped(self, seen: Seen) -> F32:
-        """The target's rectangle (h, w, 3), warped."""
+    def _warp(self, seen: RasterisedFace) -> F32:
+        """The warped crop (h, w, 3) of the target."""
         grid = self._grid
-        moved = grid.fine(seen.values[..., :2]) / np.float32(grid.factor)
-        return sampled(self._face, own(grid.within) + moved)
+        moved = grid.upsample(seen.values[..., :2]) / np.float32(grid.factor)
+        return sample_bicubic(self._face, pixel_places(grid.crop_size) + moved)
 
-    def _change(self, seen: Seen, shown: F32, warped: F32, lids: F32) -> F32:
-        """(h, w) on the grid: by how much the logarithm of the luminance changes."""
-        neutral = sampled(self._neutral, seen.values[..., 2:4])
-        share = faded(seen.face, self._width)
+    def _luminance_change(self, seen: RasterisedFace, shown: F32, warped: F32, lids: F32) -> F32:
+        """(h, w) change of log luminance on the grid."""
+        neutral = sample_bicubic(self._neutral, seen.values[..., 2:4])
+        share = rim_fade(seen.face, self._width)
         if self.method == "ratio":
-            return np.asarray(np.log(ratio(neutral, shown, self._width)) * share, np.float32)
-        before, after = heights(neutral), heights(shown)
-        target = heights(self._grid.coarse(warped) @ LUMINANCE)
-        filled_in = (seen.between & (self.mouth == "fill")) | (lids > 0)
-        alike, same = agreement(before, target, self._width)
-        taken = carried(after - before, alike, same, filled_in, self._width)
+            return np.asarray(np.log(smoothed_ratio(neutral, shown, self._width)) * share, np.float32)
+        before, after = log_luminance(neutral), log_luminance(shown)
+        target = log_luminance(self._grid.downsample(warped) @ LUMINANCE)
+        filled_in = (seen.mouth_mask & (self.mouth == "fill")) | (lids > 0)
+        alike, same = similarity_fields(before, target, self._width)
+        taken = transferable_change(after - before, alike, same, filled_in, self._width)
         if seen.face.any():
             keep = float(same[seen.face].mean()) ** 2
-            taken = bounded(steadied(taken, seen.face, keep), keep)
-            share = share * (1 - (1 - keep) * seen.eyes(np.ones(2)))
+            taken = limit_brightening(subtract_light_plane(taken, seen.face, keep), keep)
+            share = share * (1 - (1 - keep) * seen.eye_shares(np.ones(2)))
         taken = taken * share
-        return integrated(*asked(before, before + taken, target), seen.face)
+        return integrate_edges(*target_edge_changes(before, before + taken, target), seen.face)
 
-    def _lit(self, picture: F32, change: F32) -> F32:
-        """A picture (h, w, 3) with its luminance changed, its colours kept."""
-        return np.asarray((picture + DARK) * np.exp(self._grid.fine(change))[:, :, None] - DARK, np.float32)
+    def _relight(self, picture: F32, change: F32) -> F32:
+        """A picture (h, w, 3) with changed luminance and unchanged colours."""
+        return np.asarray(
+            (picture + LUMINANCE_OFFSET) * np.exp(self._grid.upsample(change))[:, :, None] - LUMINANCE_OFFSET,
+            np.float32,
+        )
 
-    def _completed(self, picture: F32, shown: F32, lids: F32, mouth: F32) -> F32:
-        """A picture (h, w, 3) with lids and the inside of the mouth of S', which is shown on the grid, in shares."""
-        fine, width = self._grid.fine, wide(self._motion.target)
+    def _composite(self, picture: F32, shown: F32, lids: F32, mouth: F32) -> F32:
+        """Composite lids and the inside of the mouth of S' (`shown`, on the grid) into a picture (h, w, 3)."""
+        fine, width = self._grid.upsample, face_width(self._motion.target)
         if lids.any():
-            picture = lidded(picture, fine(shown), fine(lids), width)
+            picture = composite_lids(picture, fine(shown), fine(lids), width)
         if mouth.any():
-            picture = filled(picture, fine(shown), fine(mouth), self._light, width)
+            picture = composite_mouth(picture, fine(shown), fine(mouth), self._light, width)
         return picture
 
-    def _written(self, made: F32, seen: Seen) -> Picture:
-        """T with what the mesh covers replaced."""
-        covered: Bool = self._grid.fine(seen.covered.astype(np.float32)) > 0.5
+    def _paste(self, made: F32, seen: RasterisedFace) -> Picture:
+        """T with the pixels under the template replaced."""
+        covered: Bool = self._grid.upsample(seen.covered.astype(np.float32)) > 0.5
         out = self._target.copy()
-        self._grid.of(out)[covered] = like(np.clip(made, 0, 1), self._target)[covered]
+        self._grid.crop(out)[covered] = as_type_of(np.clip(made, 0, 1), self._target)[covered]
         return out
 
     @property
     def _width(self) -> float:
-        """Of the target's face, in pixels of the grid."""
-        return self._grid.factor * wide(self._motion.target)
+        """Width of the target's face, pixels of the grid."""
+        return self._grid.factor * face_width(self._motion.target)

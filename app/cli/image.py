@@ -1,4 +1,4 @@
-"""The commands `guise analogy image` and `guise analogy animate`: expressions from one photo, or a clip, to another."""
+"""The commands `guise analogy image` and `guise analogy animate`: expressions of a photo or clip on another photo."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import Crf, Encoder, Force, Json, LandmarkerSpec, Lossless, Preset, Quiet
 
 if TYPE_CHECKING:
-    from guise.app.photos.image import How
+    from guise.app.photos.image import AnalogyOptions
 
 
 class MethodName(StrEnum):
-    """How an expression is carried over."""
+    """How an expression is transferred."""
 
     tents = "tents"
     ratio = "ratio"
@@ -24,7 +24,7 @@ class MethodName(StrEnum):
 
 
 class MouthName(StrEnum):
-    """What a mouth that opens shows."""
+    """What an opening mouth shows."""
 
     fill = "fill"
     none = "none"
@@ -35,19 +35,21 @@ Target = Annotated[Path, typer.Argument(metavar="T", help="A photo of another pe
 Method = Annotated[
     MethodName,
     typer.Option(
-        help="Vertex tents on the luminance, or what they were compared with: ratio images, geometry alone."
+        help="Vertex tents on the luminance, or the methods they are compared with: ratio images, geometry only."
     ),
 ]
-Strength = Annotated[float, typer.Option(min=0.0, max=2.0, help="Of the expression; 1 is as it is.")]
+Strength = Annotated[
+    float, typer.Option(min=0.0, max=2.0, help="Strength of the expression; 1 leaves it as it is.")
+]
 Mouth = Annotated[
     MouthName,
-    typer.Option(help="What a mouth that opens shows: teeth and tongue of S1, or T's stretched lips."),
+    typer.Option(help="What an opening mouth shows: teeth and tongue of S1, or the stretched lips of T."),
 ]
 LandmarksS = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Landmarks of S (.npz, .json, .pts); default: found.")
+    Path | None, typer.Option(metavar="FILE", help="Landmarks of S (.npz, .json, .pts); default: detected.")
 ]
-LandmarksS1 = Annotated[Path | None, typer.Option(metavar="FILE", help="Landmarks of S1; default: found.")]
-LandmarksT = Annotated[Path | None, typer.Option(metavar="FILE", help="Landmarks of T; default: found.")]
+LandmarksS1 = Annotated[Path | None, typer.Option(metavar="FILE", help="Landmarks of S1; default: detected.")]
+LandmarksT = Annotated[Path | None, typer.Option(metavar="FILE", help="Landmarks of T; default: detected.")]
 
 
 def image(
@@ -57,7 +59,8 @@ def image(
     ],
     target: Target,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="T1.png", help="T with the expression, of T's size.")
+        Path,
+        typer.Option("--output", "-o", metavar="T1.png", help="T with the expression, at the size of T."),
     ],
     landmarks_s: LandmarksS = None,
     landmarks_s1: LandmarksS1 = None,
@@ -73,12 +76,12 @@ def image(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Carry an expression from one photo over to another, with its wrinkles and shading."""
+    """Transfer an expression from one photo to another, with its wrinkles and shading."""
     from guise.app.photos.image import analogy_image
 
     console = Console(quiet=quiet, json=json)
     report = analogy_image(
-        source, expressive, target, output, _how(method, strength, mouth, landmarker, force),
+        source, expressive, target, output, _options(method, strength, mouth, landmarker, force),
         landmarks={"s": landmarks_s, "s1": landmarks_s1, "t": landmarks_t}, montage=montage, say=console.note,
     )  # fmt: skip
     console.say(str(report))
@@ -90,19 +93,19 @@ def animate(
         list[Path],
         typer.Argument(
             metavar="[S] CLIP T",
-            help="A neutral photo of the person in CLIP (default: the frame of CLIP nearest to a face at rest), the "
-            "clip, and a neutral photo of another person.",
+            help="A neutral photo of the person in CLIP (default: the most neutral frame of CLIP), the clip, and a "
+            "neutral photo of another person.",
         ),
     ],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="T, moved, with the sound of CLIP.")
+        Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="T, animated, with the sound of CLIP.")
     ],
     model: Annotated[
         Path | None,
-        typer.Option(metavar="NAME.guise", help="Model of the person in CLIP, whose tracker follows them."),
+        typer.Option(metavar="NAME.guise", help="Model of the person in CLIP, for tracking."),
     ] = None,
     landmarks: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Landmarks of CLIP; default: found and followed.")
+        Path | None, typer.Option(metavar="FILE", help="Landmarks of CLIP; default: detected and tracked.")
     ] = None,
     landmarks_s: LandmarksS = None,
     landmarks_t: LandmarksT = None,
@@ -118,32 +121,34 @@ def animate(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Move a photo by the expressions of the person in a clip."""
+    """Animate a photo with the expressions of the person in a clip."""
     from guise.app.media import EncodeOptions
     from guise.app.photos.animate import animate_file
-    from guise.app.photos.driver import Tracking
+    from guise.app.photos.driving_track import TrackingOptions
 
-    source, clip, target = _three(photos)
+    source, clip, target = _split_photos(photos)
     if model is not None and landmarks is not None:
         raise typer.BadParameter("give either --model or --landmarks")
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         report = animate_file(
-            source, clip, target, output, _how(method, strength, mouth, landmarker, force),
-            Tracking(model, landmarker or "builtin", landmarks), landmarks={"s": landmarks_s, "t": landmarks_t},
+            source, clip, target, output, _options(method, strength, mouth, landmarker, force),
+            TrackingOptions(model, landmarker or "builtin", landmarks), landmarks={"s": landmarks_s, "t": landmarks_t},
             encode=EncodeOptions(encoder, crf, preset, lossless), progress=stages, say=console.note,
         )  # fmt: skip
     console.say(str(report))
     console.result(report.as_json())
 
 
-def _three(photos: list[Path]) -> tuple[Path | None, Path, Path]:
+def _split_photos(photos: list[Path]) -> tuple[Path | None, Path, Path]:
     if len(photos) not in (2, 3):
         raise typer.BadParameter(f"expected CLIP and T, or S, CLIP and T, got {len(photos)} files")
     return (photos[0] if len(photos) == 3 else None), photos[-2], photos[-1]
 
 
-def _how(method: MethodName, strength: float, mouth: MouthName, landmarker: str | None, force: bool) -> How:
-    from guise.app.photos.image import How
+def _options(
+    method: MethodName, strength: float, mouth: MouthName, landmarker: str | None, force: bool
+) -> AnalogyOptions:
+    from guise.app.photos.image import AnalogyOptions
 
-    return How(method.value, mouth.value, strength, landmarker or "builtin", force)
+    return AnalogyOptions(method.value, mouth.value, strength, landmarker or "builtin", force)

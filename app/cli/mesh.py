@@ -1,4 +1,4 @@
-"""The commands `guise analogy mesh`: expressions from one 3-D head to another."""
+"""The commands `guise analogy mesh`: expression transfer between 3-D heads."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import Force, Json, Quiet, help_without_command
 
 if TYPE_CHECKING:
-    from guise.app.meshes.pair import How
+    from guise.app.meshes.context import RunContext
+    from guise.app.meshes.pair import TransferOptions
     from guise.app.meshes.reports import Report
-    from guise.app.meshes.work import Work
 
-mesh = typer.Typer(help="Expressions from one 3-D head to another (.obj, .ply, .gltf, .glb).")
+mesh = typer.Typer(help="Transfer expressions between 3-D heads (.obj, .ply, .gltf, .glb).")
 mesh.callback(invoke_without_command=True)(help_without_command)
 
 
 class MethodName(StrEnum):
-    """How an expression is carried over."""
+    """How an expression is transferred."""
 
     tents = "tents"
     gradients = "gradients"
@@ -37,37 +37,37 @@ class CorrespondenceName(StrEnum):
 
 
 SourceNeutral = Annotated[
-    Path, typer.Argument(metavar="SOURCE_NEUTRAL", help="The head that has the expressions, at rest.")
+    Path, typer.Argument(metavar="SOURCE_NEUTRAL", help="The head with the expressions, at rest.")
 ]
 Target = Annotated[
     Path,
-    typer.Option(metavar="TARGET", help="The head that gets them, at rest; any topology, size and pose."),
+    typer.Option(metavar="TARGET", help="The head that receives them, at rest; any topology, size and pose."),
 ]
 Method = Annotated[
     MethodName,
-    typer.Option(help="Vertex tents, or what they were compared with: deformation gradients, cloning."),
+    typer.Option(help="Vertex tents, or the methods they are compared with: deformation gradients, cloning."),
 ]
 Matching = Annotated[
     CorrespondenceName,
-    typer.Option(help="Match the heads by deforming one onto the other, or by cylindrical pictures of them."),
+    typer.Option(help="Match the heads by deforming one onto the other, or by cylindrical projection."),
 ]
 Landmarks = Annotated[
     tuple[str, str] | None,
     typer.Option(
         metavar="SOURCE.json TARGET.json",
-        help="Feature points of both heads, as `landmarks` writes them; `auto` for a head on which they are found.",
+        help="Feature points of both heads, as written by `landmarks`; `auto` detects them.",
     ),
 ]
 KeepRigid = Annotated[
     bool,
-    typer.Option("--keep-rigid", help="Leave eyes, teeth and other parts of the target where they are."),
+    typer.Option("--keep-rigid", help="Keep eyes, teeth and other parts of the target in place."),
 ]
 PictureOut = Annotated[
     Path | None, typer.Option(metavar="OUT.png", help="Also draw both heads, at rest and with expressions.")
 ]
 ReportOut = Annotated[
     Path | None,
-    typer.Option(metavar="OUT.json", help="Also write what was done, how well and how fast."),
+    typer.Option(metavar="OUT.json", help="Also write a report: settings, accuracy and times."),
 ]
 
 
@@ -76,14 +76,14 @@ def transfer(
     source: SourceNeutral,
     expressions: Annotated[
         list[Path],
-        typer.Argument(metavar="SOURCE_EXPR...", help="The same head with expressions: same vertices, moved."),
+        typer.Argument(metavar="SOURCE_EXPR...", help="The same head with expressions: the same vertices, moved."),
     ],
     target: Target,
     output: Annotated[
         Path | None,
         typer.Option(
             "--output", "-o", metavar="DIR",
-            help="The folder for one file per expression, in TARGET's format; default: TARGET_expressions "
+            help="Folder for one file per expression, in the format of TARGET; default: TARGET_expressions "
             "beside it.",
         ),
     ] = None,
@@ -97,12 +97,12 @@ def transfer(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:  # fmt: skip
-    """Carry expressions of one head over to another."""
+    """Transfer expressions from one head to another."""
     from guise.app.meshes.transferring import transfer_files
 
-    how = _how(method, correspondence, landmarks, keep_rigid)
+    options = _options(method, correspondence, landmarks, keep_rigid)
     _run(
-        lambda work: transfer_files(source, expressions, target, output, how, work),
+        lambda context: transfer_files(source, expressions, target, output, options, context),
         force,
         quiet,
         json,
@@ -130,11 +130,18 @@ def rig(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Give a head all morph targets of another, with their names."""
-    from guise.app.meshes.rigging import rig_file
+    """Transfer all morph targets of a head to another, with their names."""
+    from guise.app.meshes.rigging import transfer_rig
 
-    how = _how(method, correspondence, landmarks, keep_rigid)
-    _run(lambda work: rig_file(source, target, output, how, work), force, quiet, json, picture, report)
+    options = _options(method, correspondence, landmarks, keep_rigid)
+    _run(
+        lambda context: transfer_rig(source, target, output, options, context),
+        force,
+        quiet,
+        json,
+        picture,
+        report,
+    )
 
 
 @mesh.command()
@@ -143,7 +150,8 @@ def sequence(
     frames: Annotated[
         Path,
         typer.Argument(
-            metavar="FRAMES", help="A folder of .obj or .ply, one a frame, or a .glb whose morph targets move."
+            metavar="FRAMES",
+            help="A folder of .obj or .ply files, one per frame, or a .glb with animated morph targets.",
         ),
     ],
     target: Target,
@@ -151,7 +159,7 @@ def sequence(
         Path,
         typer.Option(
             "--output", "-o", metavar="DIR|OUT.glb",
-            help="A folder for one file per frame, in TARGET's format, or one animated file.",
+            help="A folder for one file per frame, in the format of TARGET, or one animated .glb.",
         ),
     ],
     method: Method = MethodName.tents,
@@ -161,11 +169,11 @@ def sequence(
     fps: Annotated[
         float | None,
         typer.Option(
-            min=1, max=1000, help="Frames a second of a .glb; default: one for each key of FRAMES, 30 in OUT.glb."
+            min=1, max=1000, help="Frames per second of a .glb; default: the keys of FRAMES, 30 in OUT.glb."
         ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where an earlier run stopped; its frames are left as they are.")
+        bool, typer.Option("--resume", help="Continue where an earlier run stopped; its frames are kept.")
     ] = False,
     picture: PictureOut = None,
     report: ReportOut = None,
@@ -173,25 +181,32 @@ def sequence(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:  # fmt: skip
-    """Carry an animation of one head over to another, frame by frame."""
-    from guise.app.meshes.sequences import Frames, sequence_files
+    """Transfer an animation from one head to another, frame by frame."""
+    from guise.app.meshes.sequences import SequenceFiles, transfer_sequence
 
-    wanted = Frames(frames, output, fps, resume)
-    how = _how(method, correspondence, landmarks, keep_rigid)
-    _run(lambda work: sequence_files(source, wanted, target, how, work), force, quiet, json, picture, report)
+    wanted = SequenceFiles(frames, output, fps, resume)
+    options = _options(method, correspondence, landmarks, keep_rigid)
+    _run(
+        lambda context: transfer_sequence(source, wanted, target, options, context),
+        force,
+        quiet,
+        json,
+        picture,
+        report,
+    )
 
 
 @mesh.command()
 def register(
     template: Annotated[
-        Path, typer.Argument(metavar="TEMPLATE", help="The head that is deformed, at rest.")
+        Path, typer.Argument(metavar="TEMPLATE", help="The head to deform, at rest.")
     ],
-    target: Annotated[Path, typer.Argument(metavar="TARGET", help="The head whose shape it takes.")],
+    target: Annotated[Path, typer.Argument(metavar="TARGET", help="The head whose shape it takes on.")],
     output: Annotated[
         Path | None,
         typer.Option(
             "--output", "-o", metavar="FITTED",
-            help="The deformed template, in TEMPLATE's format, and beside it FITTED.npz, the correspondence; "
+            help="The deformed template, in the format of TEMPLATE, and beside it FITTED.npz, the correspondence; "
             "default: TEMPLATE_fitted beside TEMPLATE.",
         ),
     ] = None,
@@ -199,23 +214,23 @@ def register(
         tuple[str, str] | None,
         typer.Option(
             metavar="TEMPLATE.json TARGET.json",
-            help="Feature points of both heads, as `landmarks` writes them; `auto` for a head on which they are found.",
+            help="Feature points of both heads, as written by `landmarks`; `auto` detects them.",
         ),
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.png", help="Also draw both with a chessboard carried from one to the other."),
+        typer.Option(metavar="OUT.png", help="Also draw both with a chessboard mapped from one to the other."),
     ] = None,
     report: ReportOut = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:  # fmt: skip
-    """Deform a head onto another, and write which point of it each vertex of the other corresponds to."""
+    """Deform a head onto another, and write the correspondence of their vertices."""
     from guise.app.meshes.registering import register_files
 
     _run(
-        lambda work: register_files(template, target, output, landmarks, work),
+        lambda context: register_files(template, target, output, landmarks, context),
         force,
         quiet,
         json,
@@ -237,14 +252,14 @@ def landmarks(
         Path | None,
         typer.Option(
             metavar="FILE.json",
-            help="Points that are known better: a JSON object, name to vertex (from 0) or to x, y, z.",
+            help="Corrected points: a JSON object from names to vertices (from 0) or to x, y, z.",
         ),
     ] = None,
     template: Annotated[
         Path | None,
         typer.Option(
             metavar="HEAD",
-            help="Search for points that look like those of this head, from the found or given ones on (Xiang et al.).",
+            help="Refine the points by matching those of this head (Xiang et al.).",
         ),
     ] = None,
     template_landmarks: Annotated[
@@ -258,15 +273,15 @@ def landmarks(
     json: Json = False,
 ) -> None:  # fmt: skip
     """Find the 20 feature points (MPEG-4) of a head: mouth, nose, eyes, brows, chin."""
-    from guise.app.meshes.points import landmarks_file
+    from guise.app.meshes.points import write_feature_points
 
     like = None if template is None else (template, template_landmarks)
-    _run(lambda work: landmarks_file(head, output, edit, like, work), force, quiet, json, picture)
+    _run(lambda context: write_feature_points(head, output, edit, like, context), force, quiet, json, picture)
 
 
 @mesh.command()
 def preview(
-    head: Annotated[Path, typer.Argument(metavar="MESH", help="A head, or the one before.")],
+    head: Annotated[Path, typer.Argument(metavar="MESH", help="A head, or the first of two.")],
     after: Annotated[
         Path | None,
         typer.Argument(metavar="[AFTER]", help="The same head with an expression, or the truth to compare with."),
@@ -275,38 +290,38 @@ def preview(
         Path | None,
         typer.Option(
             "--output", "-o", metavar="OUT.png|OUT.mp4",
-            help="Views from several sides, or a turning head; default: MESH_preview.png beside it.",
+            help="Views from several sides, or a turntable video; default: MESH_preview.png beside it.",
         ),
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:  # fmt: skip
-    """Draw a head, or two of the same vertices and in colours how far each vertex is from the other's."""
+    """Draw a head, or two with the same vertices and the distances between these in colours."""
     from guise.app.meshes.previewing import preview_files
 
-    _run(lambda work: preview_files(head, after, output, work), force, quiet, json)
+    _run(lambda context: preview_files(head, after, output, context), force, quiet, json)
 
 
-def _how(
+def _options(
     method: MethodName, matching: CorrespondenceName, landmarks: tuple[str, str] | None, keep_rigid: bool
-) -> How:
-    from guise.app.meshes.pair import How
+) -> TransferOptions:
+    from guise.app.meshes.pair import TransferOptions
 
-    return How(method.value, matching.value, landmarks, keep_rigid)
+    return TransferOptions(method.value, matching.value, landmarks, keep_rigid)
 
 
 def _run(
-    do: Callable[[Work], Report], force: bool, quiet: bool, json: bool, picture: Path | None = None,
+    do: Callable[[RunContext], Report], force: bool, quiet: bool, json: bool, picture: Path | None = None,
     report: Path | None = None,
 ) -> None:  # fmt: skip
-    """Do it, say and write what was done."""
-    from guise.app.meshes.work import Work
+    """Run a command, and print and write its report."""
+    from guise.app.meshes.context import RunContext
     from guise.common.files import write_json
 
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
-        done = do(Work(force, stages, console.note, picture, report))
+        done = do(RunContext(force, stages, console.note, picture, report))
     if report is not None:
         write_json(report, done.as_json())
     for line in done.lines():

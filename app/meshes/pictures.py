@@ -1,7 +1,7 @@
-"""Pictures of heads: strips from several sides, colours for how far vertices are apart, chessboards, turning heads.
+"""Pictures of heads: strips from several sides, distances in colours, chessboards, turntables.
 
-A column of a strip is a head, a row a side that it is seen from.  Lengths in the unit of the meshes.  Pictures are RGB
-uint8 (h, w, 3).
+Each column of a strip is a head, each row a view.  Lengths are in the unit of the meshes.  Pictures are RGB uint8
+(h, w, 3).
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.feature_points import NAMES
+from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.mesh import Mesh
+from guise.analogy.rigid import rotation_angle
 from guise.app.media import Frame, MediaInput, open_sink
 from guise.common.arrays import F64, U8, Int
 from guise.render.shaded import Camera, Paint, exposure, shaded
@@ -25,23 +26,43 @@ from guise.render.shaded import Camera, Paint, exposure, shaded
 Picture = U8
 Progress = Callable[[float], None]
 
-YAWS = (0.0, 40.0)  # degrees, rows of a strip
-SIZE = (360, 440)  # pixels of a head
-PAPER, INK, FAINT = (27, 29, 32), (236, 236, 232), (150, 153, 158)
-TITLE, FOOT = 40, 64  # pixels above and below
-TURN, RATE = 72, 24  # pictures of a full turn, and a second
 
-# From nothing to much: ever darker, so that it reads in grey too, and nothing is the colour of clay.
+Colour = tuple[int, int, int]
+Shares = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PictureStyle:
+    """Sizes and colours of the pictures."""
+
+    yaws_deg: tuple[float, ...] = (0.0, 40.0)  # rows of a strip
+    head_px: tuple[int, int] = (360, 440)  # width and height of a head
+    title_px: int = 40  # above
+    scale_px: int = 64  # below
+    background: Colour = (27, 29, 32)
+    text: Colour = (236, 236, 232)
+    faint_text: Colour = (150, 153, 158)
+    turn_frames: int = 72  # of a full turn
+    turn_fps: int = 24
+    light_square: Shares = (0.90, 0.87, 0.82)  # of a chessboard
+    dark_square: Shares = (0.13, 0.36, 0.48)
+    unmatched_square: Shares = (0.45, 0.45, 0.45)
+    squares_per_head: int = 16  # over its height
+    dot: Colour = (236, 92, 52)  # of a marked point
+    dot_radius_heights: float = 0.009  # of the picture's height
+    max_tilt_deg: float = 15.0  # of a head that is drawn as it stands; others are put upright
+
+
+STYLE = PictureStyle()
+
+
+# From 0 to the maximum: ever darker, so that it also reads in grey; 0 has the colour of clay.
 HEAT = ("#ddd6cd", "#f3d27c", "#f1913f", "#d8434a", "#8a2369", "#2f1650")
-LIGHT, DARK, UNKNOWN = (0.90, 0.87, 0.82), (0.13, 0.36, 0.48), (0.45, 0.45, 0.45)  # of a chessboard
-DOT, DOT_SIZE = (236, 92, 52), 0.009  # of a marked place; its radius as a share of the picture's height
-SQUARES = 16  # of a chessboard, over the height of a head
-TILTED = 15.0  # degrees from which a head is put upright
 
 
 @dataclass(frozen=True, eq=False)
-class Stand:
-    """How a head is put before the camera: turned, then looked at; one for all expressions of it.
+class HeadView:
+    """Orientation and camera of a head, the same for all its expressions.
 
     rest : (N, 3) at rest.   turned : (3, 3) from mesh axes to right, up, forward.   camera : in those axes.
     """
@@ -52,27 +73,27 @@ class Stand:
     _light: list[F64] = field(default_factory=list)
 
     @classmethod
-    def of(cls, neutral: F64, points: F64 | None = None) -> Stand:
-        """Of a head at rest (N, 3); with its feature points (20, 3) a portrait, upright however the file's axes are."""
+    def of(cls, neutral: F64, points: F64 | None = None) -> HeadView:
+        """The view of a head at rest (N, 3); with its feature points (20, 3) an upright portrait, whatever the axes."""
         if points is None:
             return cls(neutral, np.eye(3), Camera.around(neutral))
         axes = _face_axes(points)
-        angle = np.degrees(np.arccos(np.clip((np.trace(axes) - 1) / 2, -1, 1)))
-        turned = axes if angle > TILTED else np.eye(3)
-        return cls(neutral, turned, _portrait(neutral @ turned.T, points @ turned.T))
+        angle = rotation_angle(axes)
+        turned = axes if angle > STYLE.max_tilt_deg else np.eye(3)
+        return cls(neutral, turned, _portrait_camera(neutral @ turned.T, points @ turned.T))
 
-    def draw(self, head: Head, yaw: float) -> Picture:
-        """The head seen from a side, degrees."""
+    def draw(self, head: DrawnHead, yaw: float) -> Picture:
+        """The head seen from a yaw angle, degrees."""
         camera = replace(self.camera, yaw=yaw)
         vertices = head.vertices @ self.turned.T
         if (
             not self._light
-        ):  # at rest, so that mouths are dark inside; all heads of a stand have the same faces
+        ):  # at rest, so that mouths are dark inside; all heads of a view have the same faces
             self._light.append(exposure(self.rest, head.faces))
         picture = shaded(
             vertices,
             head.faces,
-            SIZE,
+            STYLE.head_px,
             colours=head.values,
             paint=head.paint,
             light=self._light[0],
@@ -83,146 +104,149 @@ class Stand:
         return picture
 
     def _mark(self, picture: Picture, dots: F64, camera: Camera) -> None:
-        for x, y, depth in camera.project(dots @ self.turned.T, SIZE):
+        for x, y, depth in camera.project(dots @ self.turned.T, STYLE.head_px):
             if depth < 0:  # on the half towards the viewer
                 at = round(16 * x), round(16 * y)  # in sixteenths
-                for share, colour in ((1.0, INK), (0.75, DOT)):
-                    radius = round(16 * share * DOT_SIZE * SIZE[1])
+                for share, colour in ((1.0, STYLE.text), (0.75, STYLE.dot)):
+                    radius = round(16 * share * STYLE.dot_radius_heights * STYLE.head_px[1])
                     cv2.circle(picture, at, radius, colour, -1, cv2.LINE_AA, 4)
 
 
 @dataclass(frozen=True, eq=False)
-class Head:
-    """A head to be drawn.
+class DrawnHead:
+    """A head to draw.
 
-    vertices : (N, 3).   faces : (m, 3).   title : above it.   stand : shared by all expressions of one head.
-    values, paint : colours, as for `guise.render.shaded`.   dots : (k, 3) places that are marked.
+    vertices : (N, 3).   faces : (m, 3).   title : above it.   view : shared by all expressions of one head.
+    values, paint : colours, as for `guise.render.shaded`.   dots : (k, 3) points to mark.
     """
 
     vertices: F64
     faces: Int
     title: str
-    stand: Stand
+    view: HeadView
     values: F64 | None = None
     paint: Paint | None = None
     dots: F64 | None = None
 
 
-def strip(heads: Sequence[Head], yaws: Sequence[float] = YAWS) -> Picture:
-    """The heads side by side, one row for each side, under their titles."""
-    rows = [np.concatenate([h.stand.draw(h, yaw) for h in heads], axis=1) for yaw in yaws]
-    titles = np.concatenate([_title(h.title) for h in heads], axis=1)
+def draw_strip(heads: Sequence[DrawnHead], yaws: Sequence[float] = STYLE.yaws_deg) -> Picture:
+    """The heads side by side, one row per view, below their titles."""
+    rows = [np.concatenate([h.view.draw(h, yaw) for h in heads], axis=1) for yaw in yaws]
+    titles = np.concatenate([_draw_title(h.title) for h in heads], axis=1)
     return np.concatenate([titles, *rows])
 
 
-def carried_over(
+def draw_transfer(
     source: Mesh, expressive: F64, target: Mesh, result: F64, points: tuple[F64, F64] | None = None
 ) -> Picture:
-    """What a transfer was given and what it made: source at rest and with its expression, target, result.
+    """Inputs and result of a transfer: source at rest and with its expression, target, result.
 
     expressive (N_s, 3), result (N_t, 3).   points : (20, 3) feature points of source and target, for portraits.
     """
     first, second = points or (None, None)
-    left, right = Stand.of(source.vertices, first), Stand.of(target.vertices, second)
-    return strip(
+    left, right = HeadView.of(source.vertices, first), HeadView.of(target.vertices, second)
+    return draw_strip(
         [
-            Head(source.vertices, source.faces, "source", left),
-            Head(expressive, source.faces, "source, expression", left),
-            Head(target.vertices, target.faces, "target", right),
-            Head(result, target.faces, "target, expression", right),
+            DrawnHead(source.vertices, source.faces, "source", left),
+            DrawnHead(expressive, source.faces, "source, expression", left),
+            DrawnHead(target.vertices, target.faces, "target", right),
+            DrawnHead(result, target.faces, "target, expression", right),
         ]
     )
 
 
-def apart(
+def draw_distances(
     before: Mesh, after: F64, titles: tuple[str, str] = ("before", "after"), *, unit: str = "units",
     points: F64 | None = None,
 ) -> Picture:  # fmt: skip
-    """Two of the same vertices, and in colours how far each vertex of one is from the other's; with a scale.
+    """Two heads with the same vertices and the distances between these in colours, with a scale.
 
-    after (N, 3).   unit : what a length of 1 is called.   points : (20, 3) feature points, for a portrait.
+    after (N, 3).   unit : name of the unit of length.   points : (20, 3) feature points, for a portrait.
     """
     distance = np.linalg.norm(after - before.vertices, axis=1)
-    stand = Stand.of(before.vertices, points)
-    warm = heated(Head(after, before.faces, "how far apart", stand), distance)
+    view = HeadView.of(before.vertices, points)
+    warm = coloured_by(DrawnHead(after, before.faces, "how far apart", view), distance)
     heads = [
-        Head(before.vertices, before.faces, titles[0], stand),
-        Head(after, before.faces, titles[1], stand),
+        DrawnHead(before.vertices, before.faces, titles[0], view),
+        DrawnHead(after, before.faces, titles[1], view),
     ]
-    picture = strip([*heads, warm])
+    picture = draw_strip([*heads, warm])
     return np.concatenate([picture, scale_bar(distance, unit, picture.shape[1])])
 
 
-def heated(head: Head, values: F64) -> Head:
-    """The head in the colours of values (N,) >= 0, from nothing to `nice` of the largest."""
-    most = nice(float(values.max(initial=0)))
-    return replace(head, values=values[:, None], paint=lambda at: _heat(at[:, 0] / most))
+def coloured_by(head: DrawnHead, values: F64) -> DrawnHead:
+    """The head coloured by values (N,) >= 0, from 0 to `round_up` of the largest."""
+    most = round_up(float(values.max(initial=0)))
+    return replace(head, values=values[:, None], paint=lambda at: _heat_colours(at[:, 0] / most))
 
 
-def chessboard(
+def draw_chessboard(
     source: Mesh, target: Mesh, correspondence: Correspondence, points: tuple[F64, F64] | None = None
 ) -> Picture:
-    """A chessboard around the source's head, and carried to the target: what corresponds has the same square.
+    """A chessboard on the source and its image on the target: corresponding points have the same square.
 
-    What of the target was not found is grey.   points : (20, 3) feature points of both, for portraits.
+    Parts of the target without counterpart are grey.   points : (20, 3) feature points of both, for portraits.
     """
     first, second = points or (None, None)
-    left, right = Stand.of(source.vertices, first), Stand.of(target.vertices, second)
+    left, right = HeadView.of(source.vertices, first), HeadView.of(target.vertices, second)
     own = source.vertices @ left.turned.T
-    known = np.column_stack([correspondence.carry(own), correspondence.found])
-    paint = _squares(own)
-    return strip(
+    known = np.column_stack([correspondence.interpolate(own), correspondence.found])
+    paint = _chessboard_paint(own)
+    return draw_strip(
         [
-            Head(source.vertices, source.faces, "source", left, np.column_stack([own, np.ones(len(own))]), paint),
-            Head(target.vertices, target.faces, "target", right, known, paint),
+            DrawnHead(source.vertices, source.faces, "source", left, np.column_stack([own, np.ones(len(own))]), paint),
+            DrawnHead(target.vertices, target.faces, "target", right, known, paint),
         ]
     )  # fmt: skip
 
 
-def landmarks(mesh: Mesh, points: F64) -> Picture:
+def draw_feature_points(mesh: Mesh, points: F64) -> Picture:
     """A head with its feature points (20, 3) marked, from three sides."""
-    stand = Stand.of(mesh.vertices, points)
-    sides = [strip([Head(mesh.vertices, mesh.faces, "", stand, dots=points)], [yaw]) for yaw in (-40, 0, 40)]
-    return np.concatenate(sides, axis=1)[TITLE:]
+    view = HeadView.of(mesh.vertices, points)
+    sides = [
+        draw_strip([DrawnHead(mesh.vertices, mesh.faces, "", view, dots=points)], [yaw])
+        for yaw in (-40, 0, 40)
+    ]
+    return np.concatenate(sides, axis=1)[STYLE.title_px :]
 
 
-def turntable(
-    path: Path, heads: Sequence[Head], *, force: bool = False, progress: Progress | None = None
+def write_turntable(
+    path: Path, heads: Sequence[DrawnHead], *, force: bool = False, progress: Progress | None = None
 ) -> None:
     """Write a video in which the heads turn once around, side by side, under their titles.
 
-    progress : called with the share that is done.   Raises MediaError when it cannot be written.
+    progress : called with the completed share.   Raises MediaError when the video cannot be written.
     """
-    film = _Film(heads)
+    film = _TurntableSource(heads)
     with open_sink(path, film, force=force) as sink:
         for frame in film:
             sink.write(frame)
             if progress is not None:
-                progress((frame.index + 1) / TURN)
+                progress((frame.index + 1) / STYLE.turn_frames)
 
 
-class _Film(MediaInput):
+class _TurntableSource(MediaInput):
     """Heads that turn once around."""
 
     kind = "video"
 
-    def __init__(self, heads: Sequence[Head]) -> None:
+    def __init__(self, heads: Sequence[DrawnHead]) -> None:
         super().__init__(Path("heads"))
         self._heads = heads
-        self.width, self.height = SIZE[0] * len(heads), SIZE[1] + TITLE
-        self.frame_rate = Fraction(RATE)
-        self.time_base = Fraction(1, RATE)
-        self.frame_count, self.duration = TURN, Fraction(TURN, RATE)
+        self.width, self.height = STYLE.head_px[0] * len(heads), STYLE.head_px[1] + STYLE.title_px
+        self.frame_rate = Fraction(STYLE.turn_fps)
+        self.time_base = Fraction(1, STYLE.turn_fps)
+        self.frame_count, self.duration = STYLE.turn_frames, Fraction(STYLE.turn_frames, STYLE.turn_fps)
 
     def __iter__(self) -> Iterator[Frame]:
-        for k in range(TURN):
-            yield Frame.from_rgb(strip(self._heads, [360 * k / TURN]), k, self.time_base, k)
+        for k in range(STYLE.turn_frames):
+            yield Frame.from_rgb(draw_strip(self._heads, [360 * k / STYLE.turn_frames]), k, self.time_base, k)
 
 
-def nice(value: float) -> float:
-    """The least of 1, 2, 2.5, 5 times a power of ten that is not below a value; 1 for 0.
+def round_up(value: float) -> float:
+    """The smallest of 1, 2, 2.5, 5 times a power of ten that is not below a value; 1 for 0.
 
-    >>> nice(0.31), nice(2.0), nice(0.0)
+    >>> round_up(0.31), round_up(2.0), round_up(0.0)
     (0.5, 2.0, 1.0)
     """
     if value <= 0:
@@ -232,33 +256,40 @@ def nice(value: float) -> float:
 
 
 def scale_bar(values: ArrayLike, unit: str, width: int) -> Picture:
-    """The colours of `heated` from 0 to their end, with numbers, and in words how the values (N,) are spread."""
+    """The colour scale of `coloured_by` with numbers, and statistics of the values (N,) in words."""
     known = np.asarray(values, np.float64)
-    most = nice(float(known.max(initial=0)))
-    out = np.full((FOOT, width, 3), PAPER, np.uint8)
+    most = round_up(float(known.max(initial=0)))
+    out = np.full((STYLE.scale_px, width, 3), STYLE.background, np.uint8)
     long = min(width // 2, 360)
-    ramp = np.rint(255 * _heat(np.linspace(0, 1, long))).astype(np.uint8)
+    ramp = np.rint(255 * _heat_colours(np.linspace(0, 1, long))).astype(np.uint8)
     left, top = 24, 12
     out[top : top + 14, left : left + long] = ramp
     for share in (0, 0.5, 1):
         end = f" {unit}" if share == 1 else ""
-        _write(out, f"{share * most:.4g}{end}", left + round(share * long), FOOT - 14, 14, middle=share > 0)
+        _draw_text(
+            out,
+            f"{share * most:.4g}{end}",
+            left + round(share * long),
+            STYLE.scale_px - 14,
+            14,
+            middle=share > 0,
+        )
     words = f"mean {known.mean():.3g}   95 % below {np.percentile(known, 95):.3g}   largest {known.max():.3g} {unit}"
-    _write(out, words, left + long + 96, top + 14, 15, FAINT)
+    _draw_text(out, words, left + long + 96, top + 14, 15, STYLE.faint_text)
     return out
 
 
-def _heat(shares: F64) -> F64:
-    """Colours (p, 3) sRGB in 0..1 of shares (p,) of the most."""
+def _heat_colours(shares: F64) -> F64:
+    """Colours (p, 3) sRGB in 0..1 for shares (p,) of the maximum."""
     stops = np.array([[int(name[k : k + 2], 16) / 255 for k in (1, 3, 5)] for name in HEAT])
     at = np.clip(np.asarray(shares), 0, 1) * (len(stops) - 1)
     return np.stack([np.interp(at, np.arange(len(stops)), stops[:, k]) for k in range(3)], axis=1)
 
 
-def _squares(vertices: F64) -> Paint:
-    """Paints values (x, y, z, known) by a chessboard wound around the head (N, 3), seamless at its back."""
+def _chessboard_paint(vertices: F64) -> Paint:
+    """Paint values (x, y, z, known) with a chessboard around the head (N, 3), seamless at its back."""
     low, high = vertices.min(0), vertices.max(0)
-    middle, side = (low + high) / 2, (high[1] - low[1]) / SQUARES
+    middle, side = (low + high) / 2, (high[1] - low[1]) / STYLE.squares_per_head
     radius = float(np.ptp(vertices[vertices[:, 1] > middle[1], 0])) / 2
     middle[2] = min(middle[2], high[2] - radius)  # a mask ends before the middle of the head
     around = 2 * max(1, round(np.pi * radius / side))
@@ -267,8 +298,8 @@ def _squares(vertices: F64) -> Paint:
         x, y, z = (values[:, :3] - middle).T
         turn = np.floor(np.arctan2(x, z) / (2 * np.pi) * around)
         even = (turn + np.floor(y / side)) % 2 == 0
-        squares = np.where(even[:, None], LIGHT, DARK)
-        return np.where(values[:, 3:] > 0.5, squares, UNKNOWN)
+        squares = np.where(even[:, None], STYLE.light_square, STYLE.dark_square)
+        return np.where(values[:, 3:] > 0.5, squares, STYLE.unmatched_square)
 
     return paint
 
@@ -278,7 +309,9 @@ def _face_axes(points: F64) -> F64:
 
     def mean(*parts: str) -> F64:
         return np.asarray(
-            np.mean([points[k] for k, name in enumerate(NAMES) if name.startswith(parts)], axis=0)
+            np.mean(
+                [points[k] for k, name in enumerate(FEATURE_POINT_NAMES) if name.startswith(parts)], axis=0
+            )
         )
 
     across = mean("eye_left", "brow_left") - mean("eye_right", "brow_right")
@@ -289,8 +322,8 @@ def _face_axes(points: F64) -> F64:
     return np.stack([across, np.cross(forward, across), forward])
 
 
-def _portrait(vertices: F64, points: F64) -> Camera:
-    """Head and throat around upright feature points, no more than there is."""
+def _portrait_camera(vertices: F64, points: F64) -> Camera:
+    """A camera that frames head and throat around upright feature points, no larger than the mesh."""
     whole = Camera.around(vertices)
     tall = float(np.ptp(points[:, 1]))
     low, high = points[:, 1].min() - 0.55 * tall, vertices[:, 1].max()
@@ -302,17 +335,17 @@ def _portrait(vertices: F64, points: F64) -> Camera:
     return Camera(np.array([middle[0], (low + high) / 2, middle[2]]), (across, (high - low) / 2))
 
 
-def _title(text: str) -> Picture:
-    out = np.full((TITLE, SIZE[0], 3), PAPER, np.uint8)
-    _write(out, text, SIZE[0] // 2, 27, 17, middle=True)
+def _draw_title(text: str) -> Picture:
+    out = np.full((STYLE.title_px, STYLE.head_px[0], 3), STYLE.background, np.uint8)
+    _draw_text(out, text, STYLE.head_px[0] // 2, 27, 17, middle=True)
     return out
 
 
-def _write(
-    picture: Picture, text: str, x: int, y: int, height: int, colour: tuple[int, int, int] = INK, *,
+def _draw_text(
+    picture: Picture, text: str, x: int, y: int, height: int, colour: tuple[int, int, int] = STYLE.text, *,
     middle: bool = False,
 ) -> None:  # fmt: skip
-    """Letters of a height in pixels on a baseline, from x on or around it."""
+    """Draw text of a height in pixels on the baseline y, starting at or centred on x."""
     face = cv2.FontFace("sans")
     wide = cv2.getTextSize((0, 0), text, (0, 0), face, height, 400)[2] if middle else 0
     cv2.putText(picture, text, (x - wide // 2, y), colour, face, height, 400)

@@ -1,4 +1,4 @@
-"""`guise analogy mesh preview`: a head, or two of the same vertices, as a picture or turning in a video."""
+"""`guise analogy mesh preview`: a head, or two with the same vertices, as a picture or a turntable video."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from guise.aam.similarity import Failed
-from guise.analogy.feature_points import find
+from guise.analogy.feature_points import find_feature_points
 from guise.analogy.formats.files import read_mesh
 from guise.analogy.mesh import Mesh
 from guise.app.media.images import looks_like_image
 from guise.app.media.pictures import save_picture
 from guise.app.meshes import pictures
-from guise.app.meshes.pictures import Head, Picture, Stand
+from guise.app.meshes.context import RunContext
+from guise.app.meshes.pictures import DrawnHead, HeadView, Picture
 from guise.app.meshes.reports import Distances, PreviewReport
-from guise.app.meshes.work import Work
 from guise.common.arrays import F64
 from guise.common.files import require_outputs
 
@@ -24,8 +24,8 @@ SIDES = (-40.0, 0.0, 40.0)  # degrees
 DRAWING = "drawing"
 
 
-def preview_files(head: Path, after: Path | None, output: Path | None, work: Work) -> PreviewReport:
-    """Draw a head, or one before and after and how far its vertices are apart.
+def preview_files(head: Path, after: Path | None, output: Path | None, context: RunContext) -> PreviewReport:
+    """Draw a head, or a head before and after with the distances between the vertices.
 
     Raises
     ------
@@ -33,38 +33,38 @@ def preview_files(head: Path, after: Path | None, output: Path | None, work: Wor
     """
     output = output or head.with_name(f"{head.stem}_preview.png")
     names = [path for path in (head, after) if path]
-    require_outputs([output], names, force=work.force)
-    with work.stage("reading"):
+    require_outputs([output], names, force=context.force)
+    with context.stage("reading"):
         file = read_mesh(head)
-        moved = None if after is None else file.expression(after)
+        moved = None if after is None else file.read_expression(after)
     titles = [path.name for path in names]
-    with work.stage(DRAWING):
-        found = find(file.mesh)
+    with context.stage(DRAWING):
+        found = find_feature_points(file.mesh)
         points = None if isinstance(found, Failed) else found.positions
         if looks_like_image(output):
-            save_picture(output, _picture(file.mesh, moved, titles, points))
+            save_picture(output, _draw_picture(file.mesh, moved, titles, points))
         else:
-            heads = _heads(file.mesh, moved, titles, points)
-            pictures.turntable(
-                output, heads, force=True, progress=lambda share: work.progress(DRAWING, share)
+            heads = _drawn_heads(file.mesh, moved, titles, points)
+            pictures.write_turntable(
+                output, heads, force=True, progress=lambda share: context.progress(DRAWING, share)
             )
     far = None if moved is None else Distances.between(file.mesh.vertices, moved)
-    return PreviewReport(head, after, output, far, work.seconds)
+    return PreviewReport(head, after, output, far, context.seconds)
 
 
-def _picture(mesh: Mesh, moved: F64 | None, titles: list[str], points: F64 | None) -> Picture:
+def _draw_picture(mesh: Mesh, moved: F64 | None, titles: list[str], points: F64 | None) -> Picture:
     if moved is not None:
-        return pictures.apart(mesh, moved, (titles[0], titles[1]), points=points)
-    (one,) = _heads(mesh, None, titles, points)
+        return pictures.draw_distances(mesh, moved, (titles[0], titles[1]), points=points)
+    (one,) = _drawn_heads(mesh, None, titles, points)
     named = {yaw: replace(one, title="" if yaw else one.title) for yaw in SIDES}
-    return np.concatenate([pictures.strip([head], [yaw]) for yaw, head in named.items()], axis=1)
+    return np.concatenate([pictures.draw_strip([head], [yaw]) for yaw, head in named.items()], axis=1)
 
 
-def _heads(mesh: Mesh, moved: F64 | None, titles: list[str], points: F64 | None) -> list[Head]:
-    stand = Stand.of(mesh.vertices, points)
-    before = Head(mesh.vertices, mesh.faces, titles[0], stand)
+def _drawn_heads(mesh: Mesh, moved: F64 | None, titles: list[str], points: F64 | None) -> list[DrawnHead]:
+    view = HeadView.of(mesh.vertices, points)
+    before = DrawnHead(mesh.vertices, mesh.faces, titles[0], view)
     if moved is None:
         return [before]
     distance = np.linalg.norm(moved - mesh.vertices, axis=1)
-    warm = pictures.heated(Head(moved, mesh.faces, "how far apart", stand), distance)
-    return [before, Head(moved, mesh.faces, titles[1], stand), warm]
+    warm = pictures.coloured_by(DrawnHead(moved, mesh.faces, "how far apart", view), distance)
+    return [before, DrawnHead(moved, mesh.faces, titles[1], view), warm]

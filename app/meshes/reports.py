@@ -1,4 +1,4 @@
-"""What the mesh commands say and write about what they did.  Lengths in the unit of the file that they are of."""
+"""Reports of the mesh commands.  Lengths are in the unit of the file that they belong to."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from guise.analogy.solver import solver
+from guise.analogy.solver import solver_name
 from guise.common.arrays import F64
 from guise.common.version import version
 
-MOST_TOLD = 12  # expressions of which a line is said
-UNSURE = 0.5  # confidence of a feature point below which one should look at it
-KEPT = 1e-3  # error E below which a vertex moved as far as in the source
+MAX_LISTED_EXPRESSIONS = 12  # that get a line each
+UNSURE_CONFIDENCE = 0.5  # of a feature point, below which it should be checked
+UNCHANGED_ERROR = 1e-3  # E below which a vertex moves as far as in the source
 
 
 class Report(Protocol):
-    """What a command did."""
+    """The report of a command."""
 
     def lines(self) -> list[str]:
         """For people."""
@@ -29,10 +29,10 @@ class Report(Protocol):
 
 
 @dataclass(frozen=True)
-class AmountError:
-    """The error E of Song's appendix over the vertices that move: how far each moves, against the source.
+class MotionError:
+    """The error E of Song's appendix over the moving vertices: relative difference of each motion to the source.
 
-    median, p95 : of E.   below : share of vertices with E < 0.1 %.   vertices : that move.
+    median, p95 : of E.   below : share of vertices with E < 0.1 %.   vertices : number that move.
     """
 
     median: float
@@ -41,47 +41,48 @@ class AmountError:
     vertices: int
 
     @classmethod
-    def of(cls, error: F64) -> AmountError | None:
-        """Of E per vertex (N,), NaN where nothing moves; None when nothing does."""
+    def of(cls, error: F64) -> MotionError | None:
+        """From E per vertex (N,), NaN where nothing moves; None when nothing moves at all."""
         moved = error[np.isfinite(error)]
         if not len(moved):
             return None
         median, p95 = (round(float(np.percentile(moved, share)), 6) for share in (50, 95))
-        return cls(median, p95, round(float((moved < KEPT).mean()), 4), len(moved))
+        return cls(median, p95, round(float((moved < UNCHANGED_ERROR).mean()), 4), len(moved))
 
 
 @dataclass(frozen=True)
-class Carried:
-    """An expression that was carried over.
+class TransferredExpression:
+    """A transferred expression.
 
-    input, output : files, or names of morph targets.   furthest : the longest way of a vertex.
+    input, output : files, or names of morph targets.   furthest : the largest displacement of a vertex.
     error : None when nothing moves.   seconds : without reading and writing.
     """
 
     input: str
     output: str
     furthest: float
-    error: AmountError | None
+    error: MotionError | None
     seconds: float
 
-    def words(self) -> str:
+    def summary(self) -> str:
         """For people."""
         if self.error is None:
             return "nothing moves"
-        return f"longest way {self.furthest:.3g}; ways differ from the source's by {self.error.median:.1%} (median)"
+        differ = f"motions differ from the source's by {self.error.median:.1%} (median)"
+        return f"largest motion {self.furthest:.3g}; {differ}"
 
 
 @dataclass(frozen=True)
 class TransferReport:
-    """What `transfer`, `rig` or `sequence` did.
+    """The report of `transfer`, `rig` or `sequence`.
 
     Parameters
     ----------
     source, target, output : files or folders.   method : tents, gradients or cloning.
-    correspondence : how the heads were matched, and how well.
-    kind : expression, morph target or frame.   expressions : each.
-    skipped : of a sequence, how many were there already.
-    seconds : by stage.   picture : that was drawn.   versions : of what did it.
+    correspondence : method and quality of the match.
+    kind : expression, morph target or frame.   expressions : one entry each.
+    skipped : frames of a sequence that existed already.
+    seconds : by stage.   picture : if one was drawn.   versions : of Guise and the solver.
     """
 
     source: Path
@@ -90,7 +91,7 @@ class TransferReport:
     method: str
     correspondence: Mapping[str, Any]
     kind: str
-    expressions: tuple[Carried, ...]
+    expressions: tuple[TransferredExpression, ...]
     skipped: int
     seconds: Mapping[str, float]
     picture: Path | None
@@ -99,12 +100,18 @@ class TransferReport:
     def lines(self) -> list[str]:
         """For people."""
         count, known = len(self.expressions), self.correspondence
-        skipped = f", {self.skipped} were there" if self.skipped else ""
-        each = [f"  {Path(one.output).name}: {one.words()}" for one in self.expressions[:MOST_TOLD]]
-        each += [f"  and {count - MOST_TOLD} more; --report tells of all"] if count > MOST_TOLD else []
+        skipped = f", {self.skipped} existed already" if self.skipped else ""
+        each = [
+            f"  {Path(one.output).name}: {one.summary()}" for one in self.expressions[:MAX_LISTED_EXPRESSIONS]
+        ]
+        each += (
+            [f"  and {count - MAX_LISTED_EXPRESSIONS} more; --report lists them all"]
+            if count > MAX_LISTED_EXPRESSIONS
+            else []
+        )
         return [
-            f"{self.output}: {_many(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
-            f"  heads matched: {known['kind']}, {known['found']:.1%} of the target is found on the source",
+            f"{self.output}: {_counted(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
+            f"  heads matched: {known['kind']}, {known['found']:.1%} of the target has a counterpart on the source",
             *([self._speed()] if self.kind == "frame" else each),
             *([f"  picture: {self.picture}"] if self.picture else []),
         ]
@@ -112,7 +119,7 @@ class TransferReport:
     def _speed(self) -> str:
         rate = len(self.expressions) / max(self.seconds["carrying"], 1e-9)
         alone = 1e3 * float(np.mean([one.seconds for one in self.expressions] or [0.0]))
-        return f"  {rate:.1f} frames a second, reading and writing included; {alone:.1f} ms a frame without"
+        return f"  {rate:.1f} frames per second with reading and writing; {alone:.1f} ms per frame without"
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""
@@ -121,7 +128,7 @@ class TransferReport:
 
 @dataclass(frozen=True)
 class Distances:
-    """How far the vertices of two meshes are apart."""
+    """Distances between the vertices of two meshes."""
 
     mean: float
     p95: float
@@ -136,7 +143,7 @@ class Distances:
 
 @dataclass(frozen=True)
 class PreviewReport:
-    """What `preview` drew.
+    """The report of `preview`.
 
     before, after : files; after and distances are None for a single head.   output : picture or video.
     """
@@ -153,7 +160,7 @@ class PreviewReport:
             return [f"written: {self.output}"]
         d = self.distances
         return [
-            f"{self.output}: vertices are {d.mean:.4g} apart in the mean, 95 % less than {d.p95:.4g}, at most "
+            f"{self.output}: vertices are {d.mean:.4g} apart on average, 95 % less than {d.p95:.4g}, at most "
             f"{d.largest:.4g}"
         ]
 
@@ -164,9 +171,9 @@ class PreviewReport:
 
 @dataclass(frozen=True)
 class LandmarksReport:
-    """What `landmarks` found.
+    """The report of `landmarks`.
 
-    points : name -> x, y, z.   confidence : name -> 0..1; 1 for those that were given.
+    points : name -> x, y, z.   confidence : name -> 0..1; 1 for given points.
     """
 
     mesh: Path
@@ -178,8 +185,8 @@ class LandmarksReport:
 
     def lines(self) -> list[str]:
         """For people."""
-        unsure = [name for name, sure in self.confidence.items() if sure < UNSURE]
-        doubt = f"; look at {', '.join(unsure)}" if unsure else ""
+        unsure = [name for name, sure in self.confidence.items() if sure < UNSURE_CONFIDENCE]
+        doubt = f"; check {', '.join(unsure)}" if unsure else ""
         picture = [f"  picture: {self.picture}"] if self.picture else []
         return [f"{self.output}: {len(self.points)} feature points{doubt}", *picture]
 
@@ -190,9 +197,9 @@ class LandmarksReport:
 
 @dataclass(frozen=True)
 class RegisterReport:
-    """What `register` did.
+    """The report of `register`.
 
-    output : the template on the target.   correspondence : the .npz file.
+    output : the deformed template.   correspondence : the .npz file.
     quality : of the registration, lengths in the target's unit.
     """
 
@@ -209,8 +216,8 @@ class RegisterReport:
         """For people."""
         q = self.quality
         return [
-            f"{self.output}, {self.correspondence}: {q['matched']:.1%} of the target found on the template, "
-            f"{sum(self.seconds.values()):.1f} s",
+            f"{self.output}, {self.correspondence}: {q['matched']:.1%} of the target has a counterpart on the "
+            f"template, {sum(self.seconds.values()):.1f} s",
             f"  distance to the target: mean {q['mean']:.3g}, 95 % below {q['p95']:.3g}; {q['folded']:.2%} of the "
             "faces folded",
             *([f"  picture: {self.picture}"] if self.picture else []),
@@ -222,9 +229,9 @@ class RegisterReport:
 
 
 def versions() -> dict[str, str]:
-    """Of Guise, and who solved."""
-    return {"guise": version(), "solver": solver()}
+    """Versions of Guise and the name of the solver."""
+    return {"guise": version(), "solver": solver_name()}
 
 
-def _many(count: int, word: str) -> str:
+def _counted(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"

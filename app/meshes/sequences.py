@@ -1,4 +1,4 @@
-"""`guise analogy mesh sequence`: an animation of one head carried over to another, one frame after the other."""
+"""`guise analogy mesh sequence`: an animation of one head transferred to another, frame by frame."""
 
 from __future__ import annotations
 
@@ -9,27 +9,34 @@ from pathlib import Path
 import numpy as np
 
 from guise.analogy.formats.files import read_frames, read_mesh
-from guise.app.meshes.film import write_film
-from guise.app.meshes.pair import Carrier, How, open_carrier
-from guise.app.meshes.reports import Carried, TransferReport
-from guise.app.meshes.transferring import CARRYING, READING, WRITING, draw, report_of, told
-from guise.app.meshes.work import Work
+from guise.app.meshes.animated_glb import write_animated_glb
+from guise.app.meshes.context import RunContext
+from guise.app.meshes.pair import TransferOptions, TransferPair, prepare_pair
+from guise.app.meshes.reports import TransferredExpression, TransferReport
+from guise.app.meshes.transferring import (
+    READING,
+    TRANSFERRING,
+    WRITING,
+    draw_report_picture,
+    make_report,
+    summarise,
+)
 from guise.common.arrays import F32, F64
 from guise.common.errors import Interrupted, OutputError
 from guise.common.files import require_outputs
 
-RATE = 30.0  # frames per second of a film, where none is given
-SAID = 1.0  # seconds between two sayings of the speed
+DEFAULT_FPS = 30.0  # of an animated GLB, unless given
+SPEED_INTERVAL_S = 1.0  # between two updates of the speed
 
 
 @dataclass(frozen=True)
-class Frames:
-    """Where frames come from and go to.
+class SequenceFiles:
+    """Input and output of a sequence.
 
     source : a folder of .obj or .ply, or an animated .glb or .gltf.
-    output : a folder for one file a frame, or a .glb for an animation.
-    rate : frames per second of a GLB; None: an animation's keys when it is read, RATE when it is written.
-    resume : files that are there are left.
+    output : a folder for one file per frame, or a .glb for an animation.
+    rate : frames per second of a GLB; None uses the keys when reading and `DEFAULT_FPS` when writing.
+    resume : existing files are kept.
     """
 
     source: Path
@@ -38,126 +45,130 @@ class Frames:
     resume: bool = False
 
     @property
-    def film(self) -> bool:
-        """Whether they go into one GLB."""
+    def is_animation(self) -> bool:
+        """Whether the output is one animated GLB."""
         return self.output.suffix.lower() == ".glb"
 
     @property
     def count(self) -> int | None:
-        """How many there are, if that is known without reading them."""
+        """Number of frames, if known without reading them."""
         if not self.source.is_dir():
             return None
         return sum(file.suffix.lower() in (".obj", ".ply") for file in self.source.iterdir())
 
     @property
-    def sampled(self) -> float | None:
+    def sampling_fps(self) -> float | None:
         """Frames per second at which an animation is read."""
-        return self.rate or (RATE if self.film else None)
+        return self.rate or (DEFAULT_FPS if self.is_animation else None)
 
 
-def sequence_files(source: Path, frames: Frames, target: Path, how: How, work: Work) -> TransferReport:
-    """Carry every frame over, each to a file named after it in the target's format, or all to an animated GLB.
+def transfer_sequence(
+    source: Path, frames: SequenceFiles, target: Path, options: TransferOptions, context: RunContext
+) -> TransferReport:
+    """Transfer every frame, each to a file named after it in the target's format, or all to an animated GLB.
 
     Raises
     ------
     MeshError, FeaturePointsError, SolverError, OutputError
-        At once, or at the first frame that cannot be used; files of those before it are kept.
+        At once, or at the first frame that cannot be used; files written before are kept.
     Interrupted
-        Files so far are kept.
+        Files written so far are kept.
     """
-    _check(source, frames, target, work)
-    with work.stage(READING):
+    _require_outputs(source, frames, target, context)
+    with context.stage(READING):
         neutral, head = read_mesh(source), read_mesh(target)
-        next(read_frames(frames.source, neutral, frames.sampled))  # its mistakes are said before the work
-    carrier = open_carrier(neutral, head, how, work)
-    run = _Run(carrier, frames, work)
+        next(
+            read_frames(frames.source, neutral, frames.sampling_fps)
+        )  # so that errors are reported before the work
+    pair = prepare_pair(neutral, head, options, context)
+    run = _SequenceRun(pair, frames, context)
     try:
-        with work.stage(CARRYING):
-            run.carry()
+        with context.stage(TRANSFERRING):
+            run.transfer()
     except KeyboardInterrupt:
-        kept = f"{len(run.carried)} frames are kept in {frames.output}: go on with --resume"
-        raise Interrupted(f"interrupted; {'nothing was written' if frames.film else kept}") from None
-    if frames.film:
-        with work.stage(WRITING):
-            write_film(frames.output, head, run.made, frames.rate or RATE)
-    if run.most is not None:
-        name = max(run.carried, key=lambda one: one.furthest).input
-        draw(carrier, [run.most[0]], [run.most[1]], [name], work)
-    return report_of(carrier, how, frames.output, "frame", run.carried, work, run.skipped)
+        kept = f"{len(run.transferred)} frames are kept in {frames.output}: continue with --resume"
+        raise Interrupted(f"interrupted; {'nothing was written' if frames.is_animation else kept}") from None
+    if frames.is_animation:
+        with context.stage(WRITING):
+            write_animated_glb(frames.output, head, run.vertices, frames.rate or DEFAULT_FPS)
+    if run.largest is not None:
+        name = max(run.transferred, key=lambda one: one.furthest).input
+        draw_report_picture(pair, [run.largest[0]], [run.largest[1]], [name], context)
+    return make_report(pair, options, frames.output, "frame", run.transferred, context, run.skipped)
 
 
-def _check(source: Path, frames: Frames, target: Path, work: Work) -> None:
-    inputs, extra = [source, target, frames.source], [work.picture, work.report]
-    if frames.film:
+def _require_outputs(source: Path, frames: SequenceFiles, target: Path, context: RunContext) -> None:
+    inputs, extra = [source, target, frames.source], [context.picture, context.report]
+    if frames.is_animation:
         if frames.resume:
-            raise OutputError(f"--resume is for a folder of files, {frames.output} is written as a whole")
-        require_outputs([frames.output, *extra], inputs, force=work.force)
+            raise OutputError(f"--resume needs a folder as output, but {frames.output} is written as a whole")
+        require_outputs([frames.output, *extra], inputs, force=context.force)
         return
-    require_outputs(extra, inputs, force=work.force, made=frames.output)
+    require_outputs(extra, inputs, force=context.force, made=frames.output)
     if frames.source.is_dir() and frames.output.resolve() == frames.source.resolve():
-        raise OutputError(f"{frames.output} holds the frames that are read: choose another folder with -o")
+        raise OutputError(f"{frames.output} contains the input frames: choose another folder with -o")
     there = list(frames.output.glob(f"*{target.suffix}"))
     if any(file.samefile(path) for file in there for path in inputs if path.exists()):
-        raise OutputError(f"{frames.output} holds an input: choose another folder with -o")
-    if there and not (work.force or frames.resume):
+        raise OutputError(f"{frames.output} contains an input: choose another folder with -o")
+    if there and not (context.force or frames.resume):
         raise OutputError(
             f"{frames.output} holds {len(there)} {target.suffix} files: use --resume to do only the rest, --force to "
             "replace them, or another folder with -o"
         )
 
 
-class _Run:
-    """Carries the frames that are not there yet.
+class _SequenceRun:
+    """Transfers the frames that do not exist yet.
 
     carried : what is told of each.   skipped : how many were there.   made : the frames of a film.
     most : source and result of the frame that moves most, if any.
     """
 
-    def __init__(self, carrier: Carrier, frames: Frames, work: Work) -> None:
-        self._carrier, self._frames = carrier, frames
-        self._speed = _Speed(work, frames.count)
-        self.carried: list[Carried] = []
+    def __init__(self, pair: TransferPair, frames: SequenceFiles, context: RunContext) -> None:
+        self._pair, self._frames = pair, frames
+        self._speed = _SpeedDisplay(context, frames.count)
+        self.transferred: list[TransferredExpression] = []
         self.skipped = 0
-        self.made: list[F32] = []
-        self.most: tuple[F64, F64] | None = None
+        self.vertices: list[F32] = []
+        self.largest: tuple[F64, F64] | None = None
 
-    def carry(self) -> None:
-        """Carry all frames over."""
-        frames, pair = self._frames, self._carrier.pair
-        for name, expressive in read_frames(frames.source, pair.source, frames.sampled):
+    def transfer(self) -> None:
+        """Transfer all frames."""
+        frames, pair = self._frames, self._pair.heads
+        for name, expressive in read_frames(frames.source, pair.source, frames.sampling_fps):
             output = frames.output / f"{name}{pair.target.path.suffix}"
             if frames.resume and output.exists():
                 self.skipped += 1
                 continue
-            self._one(name, expressive, None if frames.film else output)
-            self._speed.show(len(self.carried), self.skipped)
+            self._transfer_frame(name, expressive, None if frames.is_animation else output)
+            self._speed.show(len(self.transferred), self.skipped)
 
-    def _one(self, name: str, expressive: F64, output: Path | None) -> None:
+    def _transfer_frame(self, name: str, expressive: F64, output: Path | None) -> None:
         start = time.perf_counter()
-        made = self._carrier.transfer(expressive)
+        made = self._pair.transfer(expressive)
         seconds = round(time.perf_counter() - start, 4)
         if output is None:
-            self.made.append(made.astype(np.float32))
+            self.vertices.append(made.astype(np.float32))
         else:
-            self._carrier.pair.target.write(output, made)
-        one = told(self._carrier, expressive, made, name, str(output or self._frames.output), seconds)
-        if one.furthest >= max((other.furthest for other in self.carried), default=0.0):
-            self.most = expressive, made
-        self.carried.append(one)
+            self._pair.heads.target.write(output, made)
+        one = summarise(self._pair, expressive, made, name, str(output or self._frames.output), seconds)
+        if one.furthest >= max((other.furthest for other in self.transferred), default=0.0):
+            self.largest = expressive, made
+        self.transferred.append(one)
 
 
-class _Speed:
-    """Shows how many frames a second are done."""
+class _SpeedDisplay:
+    """Shows the frames per second."""
 
-    def __init__(self, work: Work, total: int | None) -> None:
-        self._work, self._total = work, total
+    def __init__(self, context: RunContext, total: int | None) -> None:
+        self._work, self._total = context, total
         self._start = self._said = time.monotonic()
-        self._stage = CARRYING
+        self._stage = TRANSFERRING
 
     def show(self, done: int, skipped: int) -> None:
-        """So many are done, and so many were there."""
+        """Show the progress: frames done, and frames skipped."""
         now = time.monotonic()
-        if now - self._said > SAID:
+        if now - self._said > SPEED_INTERVAL_S:
             self._said = now
-            self._stage = f"{done} frames, {done / (now - self._start):.0f} a second"
+            self._stage = f"{done} frames, {done / (now - self._start):.0f} per second"
         self._work.progress(self._stage, (done + skipped) / self._total if self._total else 0.0)

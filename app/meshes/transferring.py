@@ -11,24 +11,29 @@ import numpy as np
 from guise.analogy.formats.files import MeshFile, read_mesh
 from guise.analogy.mesh import Mesh
 from guise.app.media.pictures import save_picture
-from guise.app.meshes.pair import Carrier, How, open_carrier
-from guise.app.meshes.pictures import Head, Picture, Stand, carried_over, strip
-from guise.app.meshes.reports import AmountError, Carried, TransferReport, versions
-from guise.app.meshes.work import Work
+from guise.app.meshes.context import RunContext
+from guise.app.meshes.pair import TransferOptions, TransferPair, prepare_pair
+from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, draw_transfer
+from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
 from guise.common.arrays import F64
 from guise.common.errors import Interrupted
 from guise.common.files import require_outputs
 
-STILL = 1e-6  # of a head's size, which vertices move by rounding
-MOST_DRAWN = 6  # expressions in a picture
-SIDE = 25.0  # degrees from which several are seen
-READING, CARRYING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
+MIN_MOTION_SIZES = 1e-6  # in sizes of the head, up to which motion is rounding error
+MAX_DRAWN_EXPRESSIONS = 6  # in a picture
+PICTURE_YAW_DEG = 25.0  # of pictures with several expressions
+READING, TRANSFERRING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
 
 
 def transfer_files(
-    source: Path, expressions: Sequence[Path], target: Path, folder: Path | None, how: How, work: Work
+    source: Path,
+    expressions: Sequence[Path],
+    target: Path,
+    folder: Path | None,
+    options: TransferOptions,
+    context: RunContext,
 ) -> TransferReport:
-    """Carry expressions over, each to a file in `folder` named after it, in the target's format.
+    """Transfer expressions, each to a file in `folder` named after it, in the target's format.
 
     Raises
     ------
@@ -37,18 +42,18 @@ def transfer_files(
     """
     folder = folder or target.with_name(f"{target.stem}_expressions")
     outputs = [folder / f"{path.stem}{target.suffix}" for path in expressions]
-    extra = [work.picture, work.report]
-    require_outputs([*outputs, *extra], [source, target, *expressions], force=work.force, made=folder)
-    with work.stage(READING):
+    extra = [context.picture, context.report]
+    require_outputs([*outputs, *extra], [source, target, *expressions], force=context.force, made=folder)
+    with context.stage(READING):
         neutral, head = read_mesh(source), read_mesh(target)
-        faces = [neutral.expression(path) for path in expressions]
-    carrier = open_carrier(neutral, head, how, work)
+        faces = [neutral.read_expression(path) for path in expressions]
+    pair = prepare_pair(neutral, head, options, context)
     names = [(str(path), str(output)) for path, output in zip(expressions, outputs, strict=True)]
-    made, carried = carry_all(carrier, faces, names, work)
-    with work.stage(WRITING):
+    made, carried = transfer_all(pair, faces, names, context)
+    with context.stage(WRITING):
         _write_all(head, made, outputs)
-    draw(carrier, faces, made, [path.stem for path in expressions], work)
-    return report_of(carrier, how, folder, "expression", carried, work)
+    draw_report_picture(pair, faces, made, [path.stem for path in expressions], context)
+    return make_report(pair, options, folder, "expression", carried, context)
 
 
 def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> None:
@@ -61,79 +66,83 @@ def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> 
         raise Interrupted(f"interrupted; {count} of {len(outputs)} files are written") from None
 
 
-def carry_all(
-    carrier: Carrier, faces: Sequence[F64], names: Sequence[tuple[str, str]], work: Work
-) -> tuple[list[F64], list[Carried]]:
-    """The target (N_t, 3) with each expression (N_s, 3), and what is told of it.
+def transfer_all(
+    pair: TransferPair, faces: Sequence[F64], names: Sequence[tuple[str, str]], context: RunContext
+) -> tuple[list[F64], list[TransferredExpression]]:
+    """The target (N_t, 3) with each expression (N_s, 3), and its report entry.
 
     names : input and output of each.
     """
     made, carried = [], []
-    with work.stage(CARRYING):
+    with context.stage(TRANSFERRING):
         for number, (expressive, (name, output)) in enumerate(zip(faces, names, strict=True)):
             start = time.perf_counter()
-            made.append(carrier.transfer(expressive))
+            made.append(pair.transfer(expressive))
             seconds = round(time.perf_counter() - start, 4)
-            carried.append(told(carrier, expressive, made[-1], name, output, seconds))
-            work.progress(CARRYING, (number + 1) / len(faces))
+            carried.append(summarise(pair, expressive, made[-1], name, output, seconds))
+            context.progress(TRANSFERRING, (number + 1) / len(faces))
     return made, carried
 
 
-def told(carrier: Carrier, expressive: F64, made: F64, name: str, output: str, seconds: float) -> Carried:
-    """What is told of one expression."""
-    neutral = carrier.pair.target.mesh.vertices
+def summarise(
+    pair: TransferPair, expressive: F64, made: F64, name: str, output: str, seconds: float
+) -> TransferredExpression:
+    """The report entry of one expression."""
+    neutral = pair.heads.target.mesh.vertices
     way = np.linalg.norm(made - neutral, axis=1)
-    if way.max() <= STILL * float(np.ptp(neutral, axis=0).max()):
-        return Carried(name, output, 0.0, None, seconds)
-    return Carried(
-        name, output, float(f"{way.max():.6g}"), AmountError.of(carrier.error(expressive, made)), seconds
+    if way.max() <= MIN_MOTION_SIZES * float(np.ptp(neutral, axis=0).max()):
+        return TransferredExpression(name, output, 0.0, None, seconds)
+    return TransferredExpression(
+        name, output, float(f"{way.max():.6g}"), MotionError.of(pair.motion_error(expressive, made)), seconds
     )
 
 
-def draw(
-    carrier: Carrier, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], work: Work
+def draw_report_picture(
+    pair: TransferPair, faces: Sequence[F64], made: Sequence[F64], names: Sequence[str], context: RunContext
 ) -> None:
-    """The picture, if one is wanted: the source with those that move most above the target."""
-    if work.picture is None:
+    """Draw the picture, if requested: the expressions that move most, on the source above and the target below."""
+    if context.picture is None:
         return
-    source, target, points = carrier.pair.source.mesh, carrier.pair.target.mesh, carrier.pair.points
+    source, target, points = pair.heads.source.mesh, pair.heads.target.mesh, pair.heads.points
     places = None if points is None else (points[0].positions, points[1].positions)
-    with work.stage(DRAWING):
+    with context.stage(DRAWING):
         if len(faces) == 1:
-            picture = carried_over(source, faces[0], target, made[0], places)
+            picture = draw_transfer(source, faces[0], target, made[0], places)
         else:
             first, second = places or (None, None)
             chosen = _most_moved(target, made)
-            above = _row(source, [(faces[k], names[k]) for k in chosen], first)
-            below = _row(target, [(made[k], names[k]) for k in chosen], second)
+            above = _draw_row(source, [(faces[k], names[k]) for k in chosen], first)
+            below = _draw_row(target, [(made[k], names[k]) for k in chosen], second)
             picture = np.concatenate([above, below])
-        save_picture(work.picture, picture)
+        save_picture(context.picture, picture)
 
 
 def _most_moved(head: Mesh, made: Sequence[F64]) -> list[int]:
-    """The expressions that are drawn, in their order."""
+    """Indices of the expressions to draw, in order."""
     ways = [float(np.square(face - head.vertices).sum()) for face in made]
-    return sorted(int(k) for k in np.argsort(ways)[::-1][:MOST_DRAWN])
+    return sorted(int(k) for k in np.argsort(ways)[::-1][:MAX_DRAWN_EXPRESSIONS])
 
 
-def _row(head: Mesh, faces: Sequence[tuple[F64, str]], points: F64 | None) -> Picture:
-    """A head at rest and with expressions, which have names."""
-    stand = Stand.of(head.vertices, points)
-    still = Head(head.vertices, head.faces, "at rest", stand)
-    return strip([still, *(Head(face, head.faces, name, stand) for face, name in faces)], [SIDE])
+def _draw_row(head: Mesh, faces: Sequence[tuple[F64, str]], points: F64 | None) -> Picture:
+    """A head at rest and with named expressions, in a row."""
+    view = HeadView.of(head.vertices, points)
+    still = DrawnHead(head.vertices, head.faces, "at rest", view)
+    return draw_strip(
+        [still, *(DrawnHead(face, head.faces, name, view) for face, name in faces)], [PICTURE_YAW_DEG]
+    )
 
 
-def report_of(
-    carrier: Carrier,
-    how: How,
+def make_report(
+    pair: TransferPair,
+    options: TransferOptions,
     output: Path,
     kind: str,
-    carried: Sequence[Carried],
-    work: Work,
+    carried: Sequence[TransferredExpression],
+    context: RunContext,
     skipped: int = 0,
 ) -> TransferReport:
-    """What was done; kind: what was carried over."""
+    """The report; kind : of what was transferred."""
     return TransferReport(
-        carrier.pair.source.path, carrier.pair.target.path, output, how.method, carrier.pair.facts, kind,
-        tuple(carried), skipped, work.seconds, work.picture, versions(),
+        pair.heads.source.path, pair.heads.target.path, output, options.method, pair.heads.facts, kind,
+        tuple(carried), skipped, context.seconds, context.picture, versions(),
     )  # fmt: skip

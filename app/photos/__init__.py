@@ -1,2 +1,1 @@
-"""What stands behind `guise analogy image` and `animate`: from files through `guise.analogy.photo` to files
-and reports."""
+"""The commands `guise analogy image` and `animate`: file input and output around `guise.analogy.photo`."""

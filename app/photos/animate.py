@@ -1,4 +1,4 @@
-"""A photo moved by the expressions of a clip: the analogy of photos, frame by frame."""
+"""A photo animated by the expressions of a clip, frame by frame."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from guise.app.media import EncodeOptions, Frame, open_input, open_sink
 from guise.app.media.images import DeepImage, looks_like_image
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
-from guise.app.photos.driving_track import Driver, Tracking, follow, picture_of
-from guise.app.photos.faces import Photo, in_colours, in_colours_of, warnings
-from guise.app.photos.pose_normaliser import Facing
-from guise.app.photos.image import USUAL, How, Notes, Role, opened
+from guise.app.photos.driving_track import DrivingTrack, TrackingOptions, read_frame, track_clip
+from guise.app.photos.faces import Photo, quality_warnings, to_profile, to_profile_of
+from guise.app.photos.image import DEFAULT_OPTIONS, AnalogyOptions, NoteLog, Role, open_role
+from guise.app.photos.pose_normaliser import PoseNormaliser
 from guise.common.arrays import F64, U8
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs
@@ -27,20 +27,20 @@ from guise.common.threads import one_thread
 
 Picture = U8
 
-AROUND = 0.5  # of the face's size, that is read around it
-UNTOLD, ENCODING = Tracking(), EncodeOptions()
+MARGIN_FACE_SIZES = 0.5  # that is read around the face
+DEFAULT_TRACKING, DEFAULT_ENCODING = TrackingOptions(), EncodeOptions()
 
 
 @dataclass(frozen=True)
 class AnimateReport:
-    """What a run did.
+    """The report of a run.
 
     Parameters
     ----------
-    frames : written; `animated` of them show the clip's expression, `held` the one before, as the face was not found,
-        partly hidden, or turned too far.
-    neutral : what the expressions are measured from: a photo, or a frame of the clip.
-    setup_seconds : once, for S and T.   seconds : wall time of everything; work_seconds : of these in making pictures.
+    frames : written; `animated` of them show the expression of the clip, `held` repeat the one before, because the
+        face was not found, partly hidden, or turned too far.
+    neutral : reference of the expressions: a photo, or a frame of the clip.
+    setup_seconds : once, for S and T.   seconds : total wall time; work_seconds : of computing the pictures.
     """
 
     output: str
@@ -59,15 +59,15 @@ class AnimateReport:
 
     @property
     def frames_per_second(self) -> float:
-        """Frames per second, from files to file."""
+        """Frames per second, with reading and writing."""
         return self.frames / max(self.seconds, 1e-9)
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON holds it."""
+        """The report for JSON."""
         return {**asdict(self), "frames_per_second": round(self.frames_per_second, 2)}
 
     def __str__(self) -> str:
-        """One line for a person to read."""
+        """One line for people."""
         return (
             f"{self.output}: {self.animated} of {self.frames} frames animated, {self.held} held; "
             f"neutral is {self.neutral}; {self.seconds:.1f} s, {self.frames_per_second:.1f} frames per second"
@@ -75,95 +75,100 @@ class AnimateReport:
 
 
 def animate_file(
-    source: Path | None, clip: Path, target: Path, output: Path, how: How = USUAL, tracking: Tracking = UNTOLD, *,
-    landmarks: dict[Role, Path | None] | None = None, encode: EncodeOptions = ENCODING,
+    source: Path | None, clip: Path, target: Path, output: Path, options: AnalogyOptions = DEFAULT_OPTIONS,
+    tracking: TrackingOptions = DEFAULT_TRACKING, *,
+    landmarks: dict[Role, Path | None] | None = None, encode: EncodeOptions = DEFAULT_ENCODING,
     progress: Progress = silent, say: Say = mute,
 ) -> AnimateReport:  # fmt: skip
     """Write a video of `target` with the expressions of the person in `clip`, with its sound and time stamps.
 
     Parameters
     ----------
-    source : a neutral photo of that person, or None for the frame of the clip that is nearest to a face at rest.
+    source : a neutral photo of that person, or None for the most neutral frame of the clip.
     clip : a video, or a folder of images.   target : a neutral photo.
-    output : of the target's size, grown to even where the encoder needs it.
-    landmarks : files of landmarks of the photos.   tracking : of the clip.
-    progress : called with the stage and the share of it that is done.   say : called with notes for the user.
+    output : of the size of the target, padded to even sizes where the encoder needs it.
+    landmarks : landmark files of the photos.   tracking : of the clip.
+    progress : called with the stage and the completed share of it.   say : called with notes for the user.
 
     Raises
     ------
     MediaError, LandmarkError, PhotoError, OutputError, ModelError
-        For a user's mistake; nothing is then left behind.
+        For a user's mistake; no output is then left behind.
     """
     start = time.perf_counter()
-    notes = Notes(say)
-    _check(source, clip, target, output, force=how.force)
-    landmarker, files = open_landmarker(how.landmarker), landmarks or {}
-    t = in_colours(opened("t", target, files.get("t"), landmarker, notes), None, notes)
-    given = None if source is None else opened("s", source, files.get("s"), landmarker, notes)
+    notes = NoteLog(say)
+    _require_files(source, clip, target, output, force=options.force)
+    landmarker, files = open_landmarker(options.landmarker), landmarks or {}
+    t = to_profile(open_role("t", target, files.get("t"), landmarker, notes), None, notes)
+    given = None if source is None else open_role("s", source, files.get("s"), landmarker, notes)
     size = t.image.pixels.shape[1], t.image.pixels.shape[0]
     with (
         open_input(clip) as media,
-        open_sink(output, media, encode, force=how.force, tags=synthetic_tags(), size=size) as sink,
+        open_sink(output, media, encode, force=options.force, tags=synthetic_tags(), size=size) as sink,
     ):
-        driver = follow(clip, tracking, progress, notes)
-        s = in_colours_of(given, t, notes) if given else _resting(clip, driver)
-        notes.all(warnings(s, Photo(clip, s.image, driver.points[driver.resting]), t))
+        track = track_clip(clip, tracking, progress, notes)
+        s = to_profile_of(given, t, notes) if given else _rest_photo(clip, track)
+        notes.extend(quality_warnings(s, Photo(clip, s.image, track.points[track.rest_index]), t))
         with one_thread():
-            puppet = _Animator(s, t, how, driver)
-            total = media.frame_count or len(driver.points)
-            stats = replace_frames(media, sink, puppet.step, progress=lambda done: progress("moving", done / total))
-    neutral = str(source) if source else f"frame {driver.resting} of {clip.name}"
+            animator = _Animator(s, t, options, track)
+            total = media.frame_count or len(track.points)
+            stats = replace_frames(
+                media, sink, animator.animate, progress=lambda done: progress("moving", done / total)
+            )
+    neutral = str(source) if source else f"frame {track.rest_index} of {clip.name}"
     for problem in stats.problems:
         say(f"{media.name}: {problem}")
     return AnimateReport(
-        str(output), stats.frames, puppet.animated, stats.frames - puppet.animated, neutral, how.method, how.mouth,
-        how.strength, round(puppet.setup_seconds, 4), round(stats.work_seconds, 3),
+        str(output), stats.frames, animator.animated, stats.frames - animator.animated, neutral, options.method,
+        options.mouth, options.strength, round(animator.setup_seconds, 4), round(stats.work_seconds, 3),
         round(time.perf_counter() - start, 3), stats.problems, tuple(notes.said),
     )  # fmt: skip
 
 
 class _Animator:
-    """Makes the pictures; frames come in order."""
+    """Computes the pictures, frame by frame in order."""
 
-    def __init__(self, source: Photo, target: Photo, how: How, driver: Driver) -> None:
+    def __init__(self, source: Photo, target: Photo, options: AnalogyOptions, track: DrivingTrack) -> None:
         start = time.perf_counter()
-        self._driver, self._strength, self._facing = driver, how.strength, Facing(source.points)
+        self._track, self._strength, self._facing = track, options.strength, PoseNormaliser(source.points)
         self._picture = target.image.rgb8()
         self._analogy = PhotoAnalogy(
-            source.image.rgb8(), source.points, self._picture, target.points, how.method, how.mouth
+            source.image.rgb8(), source.points, self._picture, target.points, options.method, options.mouth
         )
         self.setup_seconds = time.perf_counter() - start
         self.animated = 0
 
-    def step(self, frame: Frame) -> Frame:
-        """The picture for a frame; the last one where there is no expression to take."""
-        points = self._driver.usable(frame.index)
+    def animate(self, frame: Frame) -> Frame:
+        """The picture for a frame; the previous one where no expression is available."""
+        points = self._track.usable_points(frame.index)
         if points is not None:
-            part, corner = _around(frame, points)
+            part, corner = _face_region(frame, points)
             self._picture = self._analogy(part, points - corner, self._strength, self._facing(points))
             self.animated += 1
         return Frame.from_rgb(self._picture)
 
 
-def _around(frame: Frame, points: F64) -> tuple[Picture, F64]:
-    """The rectangle around a face (81, 2) as RGB, and where its corner lies."""
+def _face_region(frame: Frame, points: F64) -> tuple[Picture, F64]:
+    """The rectangle around a face (81, 2) as RGB, and its origin."""
     low, high = points.min(0), points.max(0)
-    x, y, width, height = frame.align_roi(*(low - AROUND * (high - low)), *(high + AROUND * (high - low)))
+    x, y, width, height = frame.align_roi(
+        *(low - MARGIN_FACE_SIZES * (high - low)), *(high + MARGIN_FACE_SIZES * (high - low))
+    )
     return frame.rgb_roi(x, y, width, height), np.array([x, y], np.float64)
 
 
-def _resting(clip: Path, driver: Driver) -> Photo:
-    """The frame of the clip that is nearest to a face at rest."""
-    index = driver.resting
-    return Photo(clip, DeepImage(picture_of(clip, index)), driver.points[index])
+def _rest_photo(clip: Path, track: DrivingTrack) -> Photo:
+    """The most neutral frame of the clip."""
+    index = track.rest_index
+    return Photo(clip, DeepImage(read_frame(clip, index)), track.points[index])
 
 
-def _check(source: Path | None, clip: Path, target: Path, output: Path, *, force: bool) -> None:
-    """Raise what can be known before any work."""
+def _require_files(source: Path | None, clip: Path, target: Path, output: Path, *, force: bool) -> None:
+    """Raise errors that can be found before any work."""
     if looks_like_image(clip):
-        raise PhotoError(f"{clip} is a picture, not a clip: use guise analogy image for it")
+        raise PhotoError(f"{clip} is a picture, not a clip: use `guise analogy image` for it")
     if looks_like_image(output):
         raise OutputError(
-            f"{output} is a picture by its name: name a video, such as {output.with_suffix('.mp4')}"
+            f"{output} has the name of a picture: give the name of a video, such as {output.with_suffix('.mp4')}"
         )
     require_outputs([output], [path for path in (source, clip, target) if path is not None], force=force)

@@ -1,4 +1,4 @@
-"""The person in a clip whose expressions drive a photo: landmarks of every frame, and the frame in which they rest.
+"""The person in a clip whose expressions drive a photo: landmarks of every frame, and the most neutral frame.
 
 Pixels, x right, y down.
 """
@@ -31,20 +31,20 @@ from guise.app.photos.faces import PHOTO_LIMITS, head_angles
 from guise.common.arrays import F64, U8, Bool
 from guise.common.progress import Progress, Say
 
-# Mean confidence of a mouth's or the eyes' points from which their expression is taken.  Behind a hand, a mug or a box
-# it is 0.2 to 0.65; of free ones 0.88 and more, in extreme expressions too.
+# Mean confidence of the landmarks of mouth or eyes, from which their expression is used.  Behind a hand, a mug or a box
+# it is 0.2 to 0.65; when visible 0.88 and more, in extreme expressions too.
 MIN_PART_CONFIDENCE = 0.7
 
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """How the person in a clip is followed.
+    """How the person in a clip is tracked.
 
     Parameters
     ----------
-    model : of that person, whose tracker follows them, or None for a landmarker.
-    landmarker : see `guise.aam.landmarks.open_landmarker`; finds the face, and follows it without a model.
-    landmarks : a file of landmarks for the clip, instead of both.
+    model : of that person, whose tracker is used, or None for a landmarker.
+    landmarker : see `guise.aam.landmarks.open_landmarker`; finds the face, and tracks it if there is no model.
+    landmarks : a file of landmarks of the clip, instead of both.
     """
 
     model: Path | None = None
@@ -54,17 +54,17 @@ class TrackingOptions:
 
 @dataclass(frozen=True, eq=False)
 class DrivingTrack:
-    """Landmarks (frames, 81, 2) of a clip, NaN where the face was not found, or something hides a part of it."""
+    """Landmarks (frames, 81, 2) of a clip, NaN where the face was not found or is partly hidden."""
 
     points: F64
 
     @property
     def found(self) -> Bool:
-        """(frames,) where the face was found."""
+        """(frames,) whether the face was found."""
         return np.asarray(np.isfinite(self.points).all((1, 2)))
 
     def usable_points(self, index: int) -> F64 | None:
-        """Landmarks (81, 2) of a frame whose expression can be taken, else None: turned far, a face tells little."""
+        """Landmarks (81, 2) of a frame with a usable expression, else None: faces turned too far are not usable."""
         points = self.points[index]
         usable = (
             bool(np.isfinite(points).all())
@@ -74,19 +74,19 @@ class DrivingTrack:
 
     @property
     def rest_index(self) -> int:
-        """The frame nearest to a face at rest: mouth shut, lids, brows and head as usual in the clip."""
+        """Index of the most neutral frame: mouth shut; lids, brows and head as usual in the clip."""
         seen = np.flatnonzero(self.found)
         frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
         return int(seen[neutral_frames(self.points[seen], frame, 1)[0]])
 
 
 def track_clip(clip: Path, tracking: TrackingOptions, progress: Progress, say: Say) -> DrivingTrack:
-    """The landmarks of the person in a clip, steadied.
+    """The landmarks of the person in a clip, temporally filtered.
 
     Raises
     ------
     MediaError, LandmarkError, ModelError, PhotoError
-        When there is nobody to follow.
+        When there is nobody to track.
     """
     points = (
         _load_landmarks(clip, tracking, say) if tracking.landmarks else _track(clip, tracking, progress, say)
@@ -128,7 +128,7 @@ class _LandmarkerTracker:
 
 
 def _is_unoccluded(face: Face) -> bool:
-    """Whether nothing hides mouth or eyes, as far as the landmarker knows."""
+    """Whether mouth and eyes are visible, by the confidence of the landmarks."""
     sure = face.point_confidence
     parts = (LIPS, EYES)
     return sure is None or all(float(sure[part].mean()) >= MIN_PART_CONFIDENCE for part in parts)
@@ -146,7 +146,7 @@ class _ModelTracker:
 
 
 class _NullSink(Sink):
-    """Takes the frames of a pass that only looks."""
+    """Discards the frames of a tracking pass."""
 
     needs_frames = False
 

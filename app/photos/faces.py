@@ -1,4 +1,4 @@
-"""Photos with a face each: read, their landmarks found or taken from a file, and judged.
+"""Photos of faces: reading, landmarks (detected or from a file), and checks.
 
 Pixels, x right, y down, pixel centres at integers.
 """
@@ -46,7 +46,7 @@ class Photo:
 
     Parameters
     ----------
-    path : of the file, for sentences.   image : as deep as stored.   points : (81, 2) landmarks.
+    path : of the file, for messages.   image : with the bit depth of the file.   points : (81, 2) landmarks.
     """
 
     path: Path
@@ -60,14 +60,14 @@ class Photo:
 
 
 def open_photo(path: Path, landmarks: Path | None, option: str, landmarker: Landmarker, say: Say) -> Photo:
-    """Read a photo; its landmarks come from a file, or else from the landmarker, which takes the largest face.
+    """Read a photo with its landmarks, from a file or of the largest face that the landmarker detects.
 
-    option : by which the user gives the file, for sentences.
+    option : of the landmark file, for messages.
 
     Raises
     ------
     MediaError, LandmarkError, PhotoError
-        When there is no picture, or no face in it that can be used.
+        When the picture cannot be read, or has no usable face.
     """
     image = read_deep(path)
     points = (
@@ -80,26 +80,26 @@ def open_photo(path: Path, landmarks: Path | None, option: str, landmarker: Land
 
 
 def to_profile_of(photo: Photo, other: Photo, say: Say) -> Photo:
-    """The photo in the colours of another one's profile; of sRGB when that is grey."""
+    """The photo converted to the colour profile of another one; to sRGB when that is grey."""
     return to_profile(photo, other.image.profile if other.image.pixels.ndim == 3 else None, say)
 
 
 def to_profile(photo: Photo, profile: bytes | None, say: Say) -> Photo:
-    """The photo in the colours of a profile, None for sRGB; as it is where that cannot be done."""
+    """The photo converted to a colour profile, None for sRGB; unchanged if the conversion fails."""
     try:
         return replace(photo, image=converted(photo.image, profile))
     except ProfileError as error:
-        say(f"{photo.path.name}: its colour profile was not used, as it cannot be ({error})")
+        say(f"{photo.path.name}: its colour profile cannot be used and is ignored ({error})")
         return photo
 
 
 def require_usable(points: F64, width: int, height: int, name: str, option: str) -> None:
-    """Raise PhotoError when landmarks (81, 2) of a picture do not suffice, or make no face to be seen."""
+    """Raise PhotoError when the face of landmarks (81, 2) is cut off, too small or turned too far."""
     eyes = float(interocular(points))
     if visible_share(points, width, height) < PHOTO_LIMITS.min_visible_share:
         raise PhotoError(
-            f"the face in {name} is cut off, or its landmarks are those of another picture: use a photo that shows all "
-            f"of the face, or correct its landmarks with {option}"
+            f"the face in {name} is cut off, or its landmarks belong to another picture: use a photo that shows the "
+            f"whole face, or correct its landmarks with {option}"
         )
     if eyes < PHOTO_LIMITS.min_eye_distance_px:
         raise PhotoError(
@@ -117,7 +117,7 @@ def require_usable(points: F64, width: int, height: int, name: str, option: str)
 
 
 def quality_warnings(source: Photo, expressive: Photo, target: Photo) -> list[str]:
-    """Sentences on what makes a good result unlikely."""
+    """Warnings about inputs that make a good result unlikely."""
     out = []
     apart = shape_distance(source.points, expressive.points)
     if apart > PHOTO_LIMITS.max_shape_distance:
@@ -129,32 +129,32 @@ def quality_warnings(source: Photo, expressive: Photo, target: Photo) -> list[st
         turn = angle_between_heads(one.points, other.points)
         if turn > PHOTO_LIMITS.max_turn_difference_deg:
             out.append(
-                f"the heads in {one.path.name} and {other.path.name} are turned {turn:.0f} degrees apart: better "
-                "take photos from the same side"
+                f"the heads in {one.path.name} and {other.path.name} are turned {turn:.0f} degrees apart: use photos "
+                "from the same side"
             )
     return out
 
 
 def format_warnings(output: Path, image: DeepImage) -> list[str]:
-    """A sentence on what the output's format does not keep, or none."""
+    """A warning about what the format of the output does not keep, if any."""
     lost = lost_in(output.suffix, image)
     keeps = "a .png file keeps it" if len(lost) == 1 else "a .png file keeps them"
     return [f"{output.name} does not keep {' and '.join(lost)}: {keeps}"] if lost else []
 
 
 def head_angles(points: F64) -> tuple[float, float]:
-    """Degrees by which the head of landmarks (81, 2) is turned to the image right, and down."""
+    """Angles by which the head of landmarks (81, 2) is turned to the image right, and down; degrees."""
     frame, remover = pose_remover()
     return remover.angles(frame.align(points) - frame.points)
 
 
 def angle_between_heads(one: F64, other: F64) -> float:
-    """Degrees between the heads of landmarks (81, 2)."""
+    """Angle between the heads of landmarks (81, 2), degrees."""
     return float(np.hypot(*(np.array(head_angles(one)) - head_angles(other))))
 
 
 def shape_distance(one: F64, other: F64) -> float:
-    """Weighted root mean square between what does not move in two faces (81, 2), turns left out; inter-oculars."""
+    """Weighted RMS distance between the rigid parts of two faces (81, 2), turns removed; inter-ocular distances."""
     frame, remover = pose_remover()
     left = remover.without(frame.align(other) - frame.align(one))
     return float(np.sqrt(RIGID_WEIGHTS @ (left**2).sum(1))) / float(interocular(frame.points))
@@ -162,7 +162,7 @@ def shape_distance(one: F64, other: F64) -> float:
 
 @cache
 def pose_remover() -> tuple[ReferenceFrame, PoseRemover]:
-    """What knows about turned heads, and the frame that it does so in."""
+    """The remover of head turns, and its reference frame."""
     frame = ReferenceFrame.canonical(64)
     return frame, PoseRemover(frame)
 
@@ -171,7 +171,7 @@ def _load_landmarks(file: Path, option: str, say: Say) -> F64:
     annotations = load_annotations(file)
     if len(annotations) != 1:
         raise PhotoError(
-            f"{file} holds landmarks of {len(annotations)} frames: give {option} those of the photo alone"
+            f"{file} contains landmarks of {len(annotations)} frames: give {option} a file for the photo alone"
         )
     if annotations.note:
         say(annotations.note)
@@ -188,5 +188,5 @@ def _detect_landmarks(path: Path, image: DeepImage, option: str, landmarker: Lan
             f"with {option}"
         )
     if len(faces) > 1:
-        say(f"{path.name} shows {len(faces)} faces; the largest is taken, another one with {option}")
+        say(f"{path.name} shows {len(faces)} faces; the largest is used: choose another one with {option}")
     return faces[0].points.astype(np.float64)

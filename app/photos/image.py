@@ -1,4 +1,4 @@
-"""The expression of one photo put on another: files in, a file out (Song et al. 2007, section VI)."""
+"""Transfers the expression of one photo to another, from files to a file (Song et al. 2007, section VI)."""
 
 from __future__ import annotations
 
@@ -16,24 +16,31 @@ from guise.analogy.photo import Method, Mouth, PhotoAnalogy
 from guise.app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
 from guise.app.media.pictures import Picture, labelled, sheet
 from guise.app.media.synthetic import synthetic_tags
-from guise.app.photos.faces import Photo, in_colours_of, lost_by, open_photo, turn_between, warnings
-from guise.app.photos.facing import Facing
+from guise.app.photos.faces import (
+    Photo,
+    angle_between_heads,
+    format_warnings,
+    open_photo,
+    quality_warnings,
+    to_profile_of,
+)
+from guise.app.photos.pose_normaliser import PoseNormaliser
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs, write_whole
 from guise.common.progress import Say, mute
 
 Role = Literal["s", "s1", "t"]
-OPTION = {"s": "--landmarks-s", "s1": "--landmarks-s1", "t": "--landmarks-t"}
+LANDMARK_OPTIONS = {"s": "--landmarks-s", "s1": "--landmarks-s1", "t": "--landmarks-t"}
 
 
 @dataclass(frozen=True)
-class How:
-    """How an expression is carried over.
+class AnalogyOptions:
+    """How an expression is transferred.
 
     Parameters
     ----------
     method : "tents", "ratio" or "warp".   mouth : "fill" or "none".
-    strength : of the expression, 1 as it is.
+    strength : of the expression; 1 leaves it as it is.
     landmarker : see `guise.aam.landmarks.open_landmarker`.   force : replace existing outputs.
     """
 
@@ -44,18 +51,18 @@ class How:
     force: bool = False
 
 
-USUAL = How()
-SLIGHT = 4.0  # degrees between the heads in S and S' that are left in the motion
+DEFAULT_OPTIONS = AnalogyOptions()
+NEGLIGIBLE_TURN_DEG = 4.0  # between the heads in S and S', which is not removed
 
 
 @dataclass(frozen=True)
 class ImageReport:
-    """What a run did.
+    """The report of a run.
 
     Parameters
     ----------
-    output, montage : what was written.   width, height, bits : of the output.
-    setup_seconds : once for S and T; seconds : for the expression.   notes : what was said.
+    output, montage : files that were written.   width, height, bits : of the output.
+    setup_seconds : once for S and T; seconds : for the expression.   notes : for the user.
     """
 
     output: str
@@ -71,11 +78,11 @@ class ImageReport:
     notes: tuple[str, ...] = field(default=())
 
     def as_json(self) -> dict[str, Any]:
-        """The report as JSON holds it."""
+        """The report for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
-        """One line for a person to read."""
+        """One line for people."""
         return (
             f"{self.output}: {self.width} x {self.height}, {self.method}; {self.setup_seconds:.1f} s to set up, "
             f"{1000 * self.seconds:.0f} ms for the expression"
@@ -83,7 +90,7 @@ class ImageReport:
 
 
 def analogy_image(
-    source: Path, expressive: Path, target: Path, output: Path, how: How = USUAL, *,
+    source: Path, expressive: Path, target: Path, output: Path, options: AnalogyOptions = DEFAULT_OPTIONS, *,
     landmarks: dict[Role, Path | None] | None = None, montage: Path | None = None, say: Say = mute,
 ) -> ImageReport:  # fmt: skip
     """Write `target` with the expression that the person of `source` has in `expressive`.
@@ -91,44 +98,49 @@ def analogy_image(
     Parameters
     ----------
     source, expressive : photos of one person, neutral and not, of any sizes.   target : of another, neutral.
-    output : of the target's size; what its format can keep of the target's depth, alpha and profile is kept.
-    landmarks : files of landmarks, instead of the landmarker.   montage : all four in a row.
+    output : of the target's size, with its bit depth, alpha and profile as far as the format allows.
+    landmarks : landmark files, instead of the landmarker.   montage : all four in a row.
     say : called with notes for the user.
 
     Raises
     ------
     MediaError, LandmarkError, PhotoError, OutputError
-        For a user's mistake; nothing is then left behind.
+        For a user's mistake; no output is then left behind.
     """
-    require_pictures([output, montage])
-    require_outputs([output, montage], [source, expressive, target], force=how.force)
-    notes = Notes(say)
-    landmarker, files = open_landmarker(how.landmarker), landmarks or {}
+    require_picture_names([output, montage])
+    require_outputs([output, montage], [source, expressive, target], force=options.force)
+    notes = NoteLog(say)
+    landmarker, files = open_landmarker(options.landmarker), landmarks or {}
     paths: dict[Role, Path] = {"s": source, "s1": expressive, "t": target}
-    s, s1, t = (opened(role, path, files.get(role), landmarker, notes) for role, path in paths.items())
-    notes.all([*warnings(s, s1, t), *lost_by(output, t.image)])
-    s, s1 = in_colours_of(s, t, notes), in_colours_of(s1, t, notes)
+    s, s1, t = (open_role(role, path, files.get(role), landmarker, notes) for role, path in paths.items())
+    notes.extend([*quality_warnings(s, s1, t), *format_warnings(output, t.image)])
+    s, s1 = to_profile_of(s, t, notes), to_profile_of(s1, t, notes)
     start = time.perf_counter()
     analogy = PhotoAnalogy(
-        s.image.pixels, s.points, t.image.pixels, t.points, method=how.method, mouth=how.mouth
+        s.image.pixels, s.points, t.image.pixels, t.points, method=options.method, mouth=options.mouth
     )
     ready = time.perf_counter()
-    facing = Facing(s.points)(s1.points) if turn_between(s.points, s1.points) > SLIGHT else None
-    made = replace(t.image, pixels=analogy(s1.image.pixels, s1.points, how.strength, facing))
+    facing = (
+        PoseNormaliser(s.points)(s1.points)
+        if angle_between_heads(s.points, s1.points) > NEGLIGIBLE_TURN_DEG
+        else None
+    )
+    made = replace(t.image, pixels=analogy(s1.image.pixels, s1.points, options.strength, facing))
     done = time.perf_counter()
-    save(output, made)
+    save_synthetic(output, made)
     if montage is not None:
         four = [s.image, s1.image, t.image, made]
-        save(montage, DeepImage(row(four, ["S", "S'", "T", "T'"]), None, t.image.profile))
+        save_synthetic(montage, DeepImage(draw_row(four, ["S", "S'", "T", "T'"]), None, t.image.profile))
     height, width = made.pixels.shape[:2]
     return ImageReport(
-        str(output), None if montage is None else str(montage), how.method, how.mouth, how.strength, width, height,
+        str(output), None if montage is None else str(montage), options.method, options.mouth, options.strength,
+        width, height,
         made.bits, round(ready - start, 4), round(done - ready, 4), tuple(notes.said),
     )  # fmt: skip
 
 
-class Notes:
-    """Says each sentence, and keeps it for the report."""
+class NoteLog:
+    """Passes notes on to the user, and keeps them for the report."""
 
     def __init__(self, say: Say) -> None:
         self._say = say
@@ -138,42 +150,47 @@ class Notes:
         self.said.append(text)
         self._say(text)
 
-    def all(self, texts: Sequence[str]) -> None:
-        """Say several."""
+    def extend(self, texts: Sequence[str]) -> None:
+        """Pass on several notes."""
         for text in texts:
             self(text)
 
 
-def opened(role: Role, path: Path, landmarks: Path | None, landmarker: Landmarker, say: Say) -> Photo:
-    """The photo of a role."""
-    return open_photo(path, landmarks, OPTION[role], landmarker, say)
+def open_role(role: Role, path: Path, landmarks: Path | None, landmarker: Landmarker, say: Say) -> Photo:
+    """Read the photo of a role."""
+    return open_photo(path, landmarks, LANDMARK_OPTIONS[role], landmarker, say)
 
 
-def require_pictures(outputs: Sequence[Path | None]) -> None:
-    """Raise OutputError for an output that is no picture by its suffix."""
+def require_picture_names(outputs: Sequence[Path | None]) -> None:
+    """Raise OutputError for an output without the suffix of a picture."""
     for path in filter(None, outputs):
         if path.suffix.lower() not in IMAGE_SUFFIXES:
             raise OutputError(f"{path} must be a picture: name it .png, .jpg, .tif or .webp")
 
 
-def save(path: Path, image: DeepImage) -> None:
-    """Write a picture that is marked as synthetic; it appears only when it is complete."""
+def save_synthetic(path: Path, image: DeepImage) -> None:
+    """Write a picture that is marked as synthetic; it appears only once complete."""
     data = encode_deep(image, path.suffix, synthetic_tags())
     write_whole(path, data)
 
 
-def row(images: Sequence[DeepImage], names: Sequence[str]) -> Picture:
-    """Pictures beside each other, with their names, as high as the last."""
+def draw_row(images: Sequence[DeepImage], names: Sequence[str]) -> Picture:
+    """Pictures in a row, with their names, scaled to the height of the last."""
     height = images[-1].pixels.shape[0]
     return sheet(
-        [[labelled(_as_high(image.rgb8(), height), name) for image, name in zip(images, names, strict=True)]]
+        [
+            [
+                labelled(_scale_to_height(image.rgb8(), height), name)
+                for image, name in zip(images, names, strict=True)
+            ]
+        ]
     )
 
 
-def _as_high(picture: Picture, height: int) -> Picture:
+def _scale_to_height(picture: Picture, height: int) -> Picture:
     if picture.shape[0] == height:
         return picture
     factor = height / picture.shape[0]
     size = (max(1, round(picture.shape[1] * factor)), height)
-    how = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(picture, size, interpolation=how), np.uint8)
+    interpolation = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, size, interpolation=interpolation), np.uint8)

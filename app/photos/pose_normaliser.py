@@ -1,4 +1,4 @@
-"""Landmarks of a face as if the head were held as in another picture, so that a turn does not pass for an expression.
+"""Landmarks of a face with the head pose of another picture, so that a turn does not count as expression.
 
 Pixels, x right, y down.
 """
@@ -10,12 +10,12 @@ import numpy as np
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
 from guise.app.photos.faces import pose_remover
-from guise.app.swapping.puppet import PINNED
+from guise.app.swapping.puppet import PINNED_POINTS
 from guise.common.arrays import F64
 
 
 class PoseNormaliser:
-    """Holds heads as in a neutral picture.
+    """Normalises head poses to that of a neutral picture.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class PoseNormaliser:
         self._linear = np.array([[a, b], [-b, a]])
 
     def __call__(self, points: F64) -> F64:
-        """Landmarks (81, 2) of another picture where they would lie in the neutral one; the skull's do not move."""
+        """Landmarks (81, 2) of another picture, moved to the head pose of the neutral one; the skull does not move."""
         moved = self._remover.without(self._frame.align(points) - self._rest)
-        moved[PINNED] = 0
+        moved[PINNED_POINTS] = 0
         return np.asarray(self._neutral + moved @ self._linear)

@@ -16,8 +16,8 @@ import numpy as np
 
 from benchmarks.common import F64, Picture
 from guise.analogy.photo import Method, PhotoAnalogy
-from guise.analogy.photo.grids import face
-from guise.analogy.photo.motion import Motion
+from guise.analogy.photo.grid import face_mask
+from guise.analogy.photo.landmark_motion import LandmarkMotion
 from guise.analogy.photo.pictures import LUMINANCE
 
 EXPRESSIONS = ("smile", "surprise", "anger", "disgust", "blink", "open")
@@ -86,7 +86,7 @@ def made(method: Method, source: Photo, target: Photo, expressive: Sequence[Phot
 
 def posed(photo: Photo, neutral: Photo) -> Photo:
     """An expressive picture turned, scaled and moved so that the skull lies as in the neutral one."""
-    pose = Motion(neutral.points, neutral.points).pose(photo.points)
+    pose = LandmarkMotion(neutral.points, neutral.points).pose(photo.points)
     matrix = np.column_stack([pose.linear, pose.translation])
     size = (neutral.rgb.shape[1], neutral.rgb.shape[0])
     turned = cv2.warpAffine(photo.rgb, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -97,7 +97,7 @@ def score(picture: Picture, truth: Photo) -> Score:
     """A picture against the truth, within the contour of the true landmarks."""
     from skimage.metrics import structural_similarity
 
-    inside = face(truth.points, (picture.shape[1], picture.shape[0]))
+    inside = face_mask(truth.points, (picture.shape[1], picture.shape[0]))
     off = picture.astype(np.float64) - truth.rgb
     one, two = (p.astype(np.float64) @ LUMINANCE for p in (picture, truth.rgb))
     alike = structural_similarity(one, two, data_range=255, full=True, gaussian_weights=True, sigma=1.5)[1]

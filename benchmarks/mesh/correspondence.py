@@ -26,13 +26,13 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.mesh.marked_heads import people, triangles
+from benchmarks.mesh.marked_heads import people
 from benchmarks.mesh.speed import Reference, seconds, without_cholmod
 from guise.aam.similarity import Failed
-from guise.analogy.feature_points import find
+from guise.analogy.feature_points import find_feature_points
 from guise.analogy.mesh import Mesh
-from guise.analogy.register import Registration, register
-from guise.analogy.transfer import prepare
+from guise.analogy.registration import Registration, register
+from guise.analogy.transfer import prepare_transfer
 from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.correspondence", "Dense correspondence of heads"
@@ -84,14 +84,16 @@ class Model:
         z = np.load(self.folder / f"{FILES[name]}.npz")
         truth = self.identities[1] if name == "M" else self.on(self.identities[1], self.small)
         points = z["sV"][z["markers"][:, 0]], z["tV"][z["markers"][:, 1]]
-        return Case(name, triangles(z["sV"], z["sT"]), triangles(z["tV"], z["tT"]), points, truth)
+        return Case(
+            name, Mesh.of_triangles(z["sV"], z["sT"]), Mesh.of_triangles(z["tV"], z["tT"]), points, truth
+        )
 
     def other(self, first: int, second: int) -> Case:
         """As P, of other identities."""
         marks = np.load(self.folder / f"{FILES['P']}.npz")["markers"]
         source, truth = (self.on(self.identities[k], self.small) for k in (first, second))
         target = self.on(self.identities[second], self.large)
-        meshes = triangles(source, self.small["T"]), triangles(target, self.large["T"])
+        meshes = Mesh.of_triangles(source, self.small["T"]), Mesh.of_triangles(target, self.large["T"])
         return Case(f"ICT {first} to {second}", *meshes, (source[marks[:, 0]], target[marks[:, 1]]), truth)
 
     def on(self, vertices: F64, remesh: dict[str, F64]) -> F64:
@@ -110,7 +112,7 @@ def between_people(shared: Path) -> Iterator[Case]:
 
 def found(case: Case) -> Points:
     """Feature points found on both heads; None where there is no face."""
-    first, second = find(case.source), find(case.target)
+    first, second = find_feature_points(case.source), find_feature_points(case.target)
     if isinstance(first, Failed) or isinstance(second, Failed):
         return None
     return first.positions, second.positions
@@ -177,7 +179,7 @@ def pipeline(model: Model, scale: float) -> Criterion:
     expressions = np.load(model.folder / f"{FILES['P']}.npz")["sP"]
 
     def whole() -> None:
-        transfer = prepare(case.source, case.target, None, "gradients")
+        transfer = prepare_transfer(case.source, case.target, None, "gradients")
         for expression in expressions:
             transfer(expression)
 

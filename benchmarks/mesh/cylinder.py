@@ -25,8 +25,8 @@ from benchmarks.mesh.people import CENTIMETRE, load_person, opened, true_link
 from benchmarks.mesh.speed import SOLVED, Reference, side_by_side
 from benchmarks.mesh.transfer import ELSEWHERE, Pair, errors, load_pair, true_correspondence
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.cylinder import cylindrical
-from guise.analogy.register import register, skin_of
+from guise.analogy.cylinder import cylindrical_correspondence
+from guise.analogy.registration import register, skin_mask
 from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.cylinder", "Cylindrical correspondence between heads"
@@ -47,8 +47,8 @@ class Case:
     def error(self, found: Correspondence) -> F64:
         """True errors of the target's skin, cm."""
         places = self.pair.source.vertices
-        apart = np.linalg.norm(found.carry(places) - self.true.carry(places), axis=1)
-        return np.asarray(apart[skin_of(self.pair.target)] / self.centimetre)
+        apart = np.linalg.norm(found.interpolate(places) - self.true.interpolate(places), axis=1)
+        return np.asarray(apart[skin_mask(self.pair.target)] / self.centimetre)
 
     def err(self, found: Correspondence) -> float:
         """Mean err of a transfer by tents."""
@@ -105,8 +105,8 @@ def measure(options: argparse.Namespace) -> Report:
 def measured(case: Case, reference: Reference) -> tuple[tuple[object, ...], float]:
     """A row, and the seconds on the reference."""
     source, target, points = case.pair.source, case.pair.target, case.pair.points
-    each, solved = side_by_side(lambda: cylindrical(source, target, *points), reference.solve)
-    found = cylindrical(source, target, *points)
+    each, solved = side_by_side(lambda: cylindrical_correspondence(source, target, *points), reference.solve)
+    found = cylindrical_correspondence(source, target, *points)
     other = register(source, target, points).correspondence()
     figures = [(float(e.mean()), float(np.median(e))) for e in (case.error(found), case.error(other))]
     seconds = each * SOLVED / solved

@@ -30,15 +30,20 @@ from guise.aam.landmarks.schemes import (
     RIGHT_EYE_CORNERS,
 )
 from guise.aam.similarity import Failed
-from guise.analogy.face_views import facings, landmarker
-from guise.analogy.feature_points import NAMES, POINTS, FeaturePoints, find
+from guise.analogy.face_views import find_face_views, landmarker
+from guise.analogy.feature_points import (
+    FEATURE_POINT_NAMES,
+    LANDMARK_INDICES,
+    FeaturePoints,
+    find_feature_points,
+)
 from guise.analogy.mesh import Mesh
-from guise.analogy.triangulation import frontal_axes, sighted
-from guise.analogy.views import Solid, View
+from guise.analogy.triangulation import frontal_axes, triangulate_face
+from guise.analogy.views import View, ViewedMesh
 
 NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"
 NEAR = 0.08  # eye widths
-OUTER = [NAMES.index("eye_right_outer"), NAMES.index("eye_left_outer")]
+OUTER = [FEATURE_POINT_NAMES.index("eye_right_outer"), FEATURE_POINT_NAMES.index("eye_left_outer")]
 SIDES = ((0, 0), (-55, 0), (0, -30))  # degrees, of the pictures
 SIZE = 360  # pixels
 
@@ -60,7 +65,7 @@ class Answer:
 def answered(mesh: Mesh, truth: F64) -> Answer:
     """The points of a mesh that was not seen before; the time is the processor's, as one thread does all."""
     start = time.process_time()
-    points = find(mesh)
+    points = find_feature_points(mesh)
     seconds = time.process_time() - start
     known = np.isfinite(truth[:, 0])
     if isinstance(points, Failed):
@@ -114,7 +119,7 @@ def row(head: Head, upright: Answer, rolled: Answer) -> tuple[object, ...]:
         counts = [str(known - a.wrong) for a in (upright, rolled)]
         means = [common.shown(100 * float(np.nanmean(a.errors))) for a in (upright, rolled)]
         far = int(np.nanargmax(upright.errors))
-        worst = f"{NAMES[far]} {100 * upright.errors[far]:.0f}"
+        worst = f"{FEATURE_POINT_NAMES[far]} {100 * upright.errors[far]:.0f}"
     return (
         head.name, len(head.mesh.faces), known, counts[0], means[0], worst, upright.seconds, counts[1], means[1],
         rolled.seconds,
@@ -126,13 +131,13 @@ def shifts(chosen: Iterable[Head]) -> Report:
     found: dict[str, list[F64]] = {}
     for head in chosen:
         if np.isfinite(head.truth).all():
-            seen = sighted(next(facings(head.mesh)))
+            seen = triangulate_face(next(find_face_views(head.mesh)))
             if not isinstance(seen, Failed):
-                way = (head.truth - seen.points[POINTS]) @ seen.axes.T
+                way = (head.truth - seen.points[LANDMARK_INDICES]) @ seen.axes.T
                 found.setdefault(head.source, []).append(100 * way / seen.eye_width)
     rows = [
         (name, *(told(np.array(ways)[:, number]) for ways in found.values()))
-        for number, name in enumerate(NAMES)
+        for number, name in enumerate(FEATURE_POINT_NAMES)
     ]
     columns = ("point", *(f"{source}, {len(ways)} heads" for source, ways in found.items()))
     return Report(NAME, TITLE, tables=[Table("Mean and deviation between heads", columns, rows)])
@@ -145,8 +150,8 @@ def told(ways: F64) -> str:
 
 def draw(path: Path, head: Head, points: FeaturePoints) -> None:
     """The head from three sides, true points green, found ones red."""
-    solid, corners = Solid.of(head.mesh), np.zeros((81, 3))
-    corners[POINTS] = points.positions
+    solid, corners = ViewedMesh.of(head.mesh), np.zeros((81, 3))
+    corners[LANDMARK_INDICES] = points.positions
     for group, corners_of in (
         (RIGHT_EYE, RIGHT_EYE_CORNERS), (LEFT_EYE, LEFT_EYE_CORNERS), (OUTER_LIPS, MOUTH_CORNERS)
     ):  # fmt: skip
@@ -154,8 +159,8 @@ def draw(path: Path, head: Head, points: FeaturePoints) -> None:
     front = View(frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, SIZE)
     shown = []
     for yaw, pitch in SIDES:
-        view = front.turned(yaw, pitch)
-        picture = np.ascontiguousarray(solid.picture(view)[0])
+        view = front.rotated(yaw, pitch)
+        picture = np.ascontiguousarray(solid.render(view)[0])
         for places, colour, size in ((head.truth, (0, 255, 0), 3), (points.positions, (255, 0, 0), 2)):
             for x, y, _ in view.project(places[np.isfinite(places[:, 0])]):
                 cv2.circle(picture, (round(x), round(y)), size, colour, -1)

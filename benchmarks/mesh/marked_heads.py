@@ -1,6 +1,7 @@
 """Heads with known feature points, for the benchmark of the points: rendered people, ICT, two ARKit sets.
 
-The truth of a head is (20, 3), in the order of `guise.analogy.feature_points.NAMES`, NaN where a point is not known.
+The truth of a head is (20, 3), in the order of `guise.analogy.feature_points.FEATURE_POINT_NAMES`, NaN where a point is
+unknown.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.analogy.feature_points import NAMES, POINTS
+from guise.analogy.feature_points import FEATURE_POINT_NAMES, LANDMARK_INDICES
 from guise.analogy.formats.files import read_mesh
 from guise.analogy.mesh import Mesh
 from guise.common.arrays import F64
@@ -54,53 +55,51 @@ def people(folder: Path) -> Iterator[Head]:
             if (place / "neutral.obj").is_file():
                 file = read_mesh(place / "neutral.obj")
                 marks = json.loads((place / "landmarks.json").read_text(encoding="utf-8"))["points"]
-                truth = file.document.vertices[[marks[name] for name in NAMES]]
+                truth = file.document.vertices[[marks[name] for name in FEATURE_POINT_NAMES]]
                 yield Head(f"{person.name} {remeshed}".strip(), "people", file.mesh, truth)
 
 
 def ict(folder: Path) -> Iterator[Head]:
     """The ICT head, its identities, two remeshes, and the target of pairs P and M, of which 19 points are known."""
     head = np.load(folder / "ict_head_dev.npz")
-    marks = head["lm68"][POINTS]
+    marks = head["lm68"][LANDMARK_INDICES]
     neutral = head["V"].astype(np.float64)
-    yield Head("ICT", "ICT", triangles(neutral, head["T"]), neutral[marks])
+    yield Head("ICT", "ICT", Mesh.of_triangles(neutral, head["T"]), neutral[marks])
     for number, identity in enumerate(head["ID"].astype(np.float64)):
         yield Head(
-            f"ICT {number}", "ICT", triangles(neutral + identity, head["T"]), (neutral + identity)[marks]
+            f"ICT {number}",
+            "ICT",
+            Mesh.of_triangles(neutral + identity, head["T"]),
+            (neutral + identity)[marks],
         )
     for name in ("ict_remesh_37500", "ict_remesh_7678"):
         remesh = np.load(folder / f"{name}.npz")
-        yield Head(name.replace("_", " "), "ICT", triangles(remesh["V"], remesh["T"]), neutral[marks])
+        yield Head(name.replace("_", " "), "ICT", Mesh.of_triangles(remesh["V"], remesh["T"]), neutral[marks])
     pair = np.load(folder / "pair_M_ict_to_37500.npz")
-    yield Head("pair P, M target", "ICT", triangles(pair["tV"], pair["tT"]), _carried(pair, marks))
+    yield Head("pair P, M target", "ICT", Mesh.of_triangles(pair["tV"], pair["tT"]), _carried(pair, marks))
 
 
 def arkit(folder: Path) -> Iterator[Head]:
     """Pair X: the narrow ICT face, and another artist's on which markers say where the same points are."""
-    marks = np.load(folder / "ict_head_dev.npz")["lm68"][POINTS]
+    marks = np.load(folder / "ict_head_dev.npz")["lm68"][LANDMARK_INDICES]
     pair = np.load(folder / "pair_X_KL_to_ICTnarrow.npz")
-    narrow = triangles(pair["tV"], pair["tT"])
+    narrow = Mesh.of_triangles(pair["tV"], pair["tT"])
     yield Head("ICT narrow", "ICT", narrow, narrow.vertices[marks])
     at = {target: source for source, target in pair["markers"].tolist()}
     places = [pair["sV"][at[mark]] if mark in at else [np.nan] * 3 for mark in marks.tolist()]
-    yield Head("ARKit KL", "ICT", triangles(pair["sV"], pair["sT"]), np.array(places, np.float64))
+    yield Head("ARKit KL", "ICT", Mesh.of_triangles(pair["sV"], pair["sT"]), np.array(places, np.float64))
 
 
 def unmarked(folder: Path) -> Iterator[Head]:
     """MakeHuman's identities, a scan and MediaPipe's mask, on which nobody marked points."""
-    nothing = np.full((len(NAMES), 3), np.nan)
+    nothing = np.full((len(FEATURE_POINT_NAMES), 3), np.nan)
     human = np.load(folder / "makehuman_head_dev.npz")
-    yield Head("MakeHuman", "", triangles(human["V"], human["T"]), nothing)
+    yield Head("MakeHuman", "", Mesh.of_triangles(human["V"], human["T"]), nothing)
     for name, identity in zip(human["ids"].tolist(), human["ID"], strict=True):
-        yield Head(f"MakeHuman {name}", "", triangles(human["V"] + identity, human["T"]), nothing)
+        yield Head(f"MakeHuman {name}", "", Mesh.of_triangles(human["V"] + identity, human["T"]), nothing)
     for name in ("sumner_head", "mediapipe_canonical"):
         other = np.load(folder / f"{name}.npz")
-        yield Head(name.replace("_", " "), "", triangles(other["V"], other["T"]), nothing)
-
-
-def triangles(vertices: NDArray[Any], faces: NDArray[Any]) -> Mesh:
-    """A mesh of triangles."""
-    return Mesh(vertices.astype(np.float64), faces.astype(np.intp), np.empty((0, 4), np.intp))
+        yield Head(name.replace("_", " "), "", Mesh.of_triangles(other["V"], other["T"]), nothing)
 
 
 def _carried(pair: Any, marks: NDArray[Any]) -> F64:

@@ -21,7 +21,7 @@ from guise.analogy.correspondence import Correspondence
 from guise.analogy.formats.files import read_mesh
 from guise.analogy.geometry import Surface, vertex_normals
 from guise.analogy.mesh import Mesh
-from guise.analogy.register import register
+from guise.analogy.registration import register
 from guise.analogy.transfer import Transfer
 from guise.common.arrays import F64
 
@@ -57,7 +57,7 @@ def load_person(folder: Path, name: str, common_head: Mesh, topology: str = "") 
         to = np.load(at / "to_native.npz")
         corners = to["native_triangles"][to["native_triangle"]]
         places = np.einsum("nk,nki->ni", to["barycentric"], common_head.vertices[corners])
-        native = mesh.moved(places)
+        native = mesh.with_vertices(places)
     expressions = z["vertices"][np.argsort(z["names"])].astype(np.float64)
     return Person(f"{name} {topology}".strip(), mesh, expressions, mesh.vertices[ids], native)
 
@@ -66,7 +66,7 @@ def opened(folder: Path) -> Mesh:
     """A person's head with its mouth open, so that no two places on it touch."""
     z = np.load(folder / "expressions.npz")
     at = z["names"].tolist().index("open")
-    return read_mesh(folder / "neutral.obj").mesh.moved(z["vertices"][at].astype(np.float64))
+    return read_mesh(folder / "neutral.obj").mesh.with_vertices(z["vertices"][at].astype(np.float64))
 
 
 def true_link(source: Person, target: Person) -> Correspondence:
@@ -75,7 +75,7 @@ def true_link(source: Person, target: Person) -> Correspondence:
         return Correspondence.identity(len(source.native.vertices))
     head = source.native
     normals = vertex_normals(target.native.vertices, target.native.faces)
-    places = Surface(head.vertices, head.faces, 0.02).closest(target.native.vertices, normals)
+    places = Surface(head.vertices, head.faces, 0.02).closest_points(target.native.vertices, normals)
     return Correspondence(head.faces[places.faces], places.weights, np.ones(len(normals), bool))
 
 

@@ -28,11 +28,11 @@ from scipy.sparse.linalg import splu
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.mesh.transfer import Pair, load_pair, mesh_of, true_correspondence
+from benchmarks.mesh.transfer import Pair, load_pair, true_correspondence
 from guise.analogy import solver as solving
 from guise.analogy.geometry import cotangent_laplacian
 from guise.analogy.mesh import Mesh
-from guise.analogy.transfer import Transfer, prepare
+from guise.analogy.transfer import Transfer, prepare_transfer
 
 NAME, TITLE = "mesh.speed", "Speed of the transfer between heads"
 FACTORISED, SOLVED = 1.06, 0.039  # seconds of the reference where the targets hold
@@ -98,7 +98,7 @@ def without_cholmod() -> Iterator[None]:
 def expressions_timed(pair: Pair, shared: Path, reference: Reference) -> list[tuple[str, str, float, float]]:
     """Solver, what, seconds here and where the targets hold: set-up, and one further expression."""
     link = true_correspondence(shared, "P")
-    source, target = pair.source, pair.target.moved(pair.target.vertices)
+    source, target = pair.source, pair.target.with_vertices(pair.target.vertices)
     made: list[Transfer] = []
     factorising: list[float] = []
 
@@ -107,11 +107,11 @@ def expressions_timed(pair: Pair, shared: Path, reference: Reference) -> list[tu
         factorising.append(seconds(lambda: out.append(factorise(*args, **options))))
         return out[0]
 
-    factorise = solving.factorised
-    with mock.patch.object(solving, "factorised", timed):
+    factorise = solving.factorise
+    with mock.patch.object(solving, "factorise", timed):
         setup = seconds(lambda: made.append(Transfer(source, target, link)))
     each, solved = side_by_side(lambda: made[0](pair.expressions[0]), reference.solve)
-    name = solving.solver()
+    name = solving.solver_name()
     return [
         (name, "factorisation", factorising[-1], factorising[-1] * reference.scale),
         (name, "set-up, factorisation included", setup, setup * reference.scale),
@@ -121,7 +121,7 @@ def expressions_timed(pair: Pair, shared: Path, reference: Reference) -> list[tu
 
 def sequence_timed(pair: Pair, reference: Reference, frames: int) -> tuple[float, float]:
     """Frames a second after set-up, here and where the targets hold: an expression comes and goes."""
-    transfer = prepare(pair.source, pair.target, pair.points)
+    transfer = prepare_transfer(pair.source, pair.target, pair.points)
     steps = np.sin(np.linspace(0, 12, frames)) ** 2
     way = pair.expressions - pair.source.vertices
     spent = seconds(
@@ -135,10 +135,10 @@ def rig_timed(shared: Path, reference: Reference, shapes: int) -> tuple[float, f
     folder = shared / "data" / "mesh"
     head, fine = np.load(folder / "ict_head_dev.npz"), np.load(folder / "bench_26k.npz")
     source = Mesh(head["V"].astype(np.float64), np.empty((0, 3), np.intp), head["Q"].astype(np.intp))
-    target = mesh_of(fine["V"], fine["T"])
+    target = Mesh.of_triangles(fine["V"], fine["T"])
 
     def rig() -> None:
-        transfer = prepare(source, target)
+        transfer = prepare_transfer(source, target)
         for shape in head["E"][:shapes]:
             transfer(source.vertices + shape)
 

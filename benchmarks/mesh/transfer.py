@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from benchmarks import common
@@ -22,7 +21,7 @@ from guise.aam.similarity import Similarity
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.geometry import Surface, vertex_normals
 from guise.analogy.mesh import Mesh
-from guise.analogy.register import register
+from guise.analogy.registration import register
 from guise.analogy.tents import vertex_error
 from guise.analogy.transfer import Method, Transfer
 from guise.common.arrays import F64, Bool
@@ -57,22 +56,17 @@ class Pair:
         """With the target elsewhere, turned and scaled."""
         return replace(
             self,
-            target=self.target.moved(by.apply(self.target.vertices)),
+            target=self.target.with_vertices(by.apply(self.target.vertices)),
             truths=np.stack([by.apply(truth) for truth in self.truths]),
             points=(self.points[0], by.apply(self.points[1])),
             unit=self.unit * by.scale,
         )
 
 
-def mesh_of(vertices: ArrayLike, triangles: ArrayLike) -> Mesh:
-    """A mesh of triangles."""
-    return Mesh(np.array(vertices, np.float64), np.array(triangles, np.intp), np.empty((0, 4), np.intp))
-
-
 def load_pair(shared: Path, name: str) -> Pair:
     """Pair P, M or X of data/mesh."""
     z = np.load(shared / "data" / "mesh" / f"{FILES[name]}.npz")
-    source, target = mesh_of(z["sV"], z["sT"]), mesh_of(z["tV"], z["tT"])
+    source, target = Mesh.of_triangles(z["sV"], z["sT"]), Mesh.of_triangles(z["tV"], z["tT"])
     first, second = z["markers"].T
     points = source.vertices[first], target.vertices[second]
     return Pair(source, z["sP"].astype(np.float64), target, z["tG"], points, tuple(map(str, z["names"])))
@@ -87,15 +81,15 @@ def true_correspondence(shared: Path, name: str) -> Correspondence:
         return Correspondence(corners, fine["bary"], np.ones(len(corners), bool))
     if name == "X":
         z = np.load(folder / f"{FILES[name]}.npz")
-        return _closest(mesh_of(z["sV"], z["sT"]), mesh_of(z["wrapped"], z["tT"]))
+        return _closest(Mesh.of_triangles(z["sV"], z["sT"]), Mesh.of_triangles(z["wrapped"], z["tT"]))
     coarse = np.load(folder / "ict_remesh_7678.npz")
-    return _closest(mesh_of(coarse["V"], coarse["T"]), mesh_of(fine["V"], fine["T"]))
+    return _closest(Mesh.of_triangles(coarse["V"], coarse["T"]), Mesh.of_triangles(fine["V"], fine["T"]))
 
 
 def _closest(source: Mesh, target: Mesh) -> Correspondence:
     normals = vertex_normals(target.vertices, target.faces)
     turn = 0.01 * float(np.ptp(source.vertices, axis=0).max())
-    places = Surface(source.vertices, source.faces, turn).closest(target.vertices, normals)
+    places = Surface(source.vertices, source.faces, turn).closest_points(target.vertices, normals)
     return Correspondence(source.faces[places.faces], places.weights, np.ones(len(normals), bool))
 
 

@@ -1,7 +1,7 @@
-"""Frames of a head as one GLB: morph targets from which they are all mixed, and an animation of their weights.
+"""Frames of a head as one GLB: morph targets, and an animation of their weights.
 
-The morph targets are the principal components of the frames' displacements, as many as it takes for every vertex of
-every frame to be where it was, but for a ten-thousandth of the head.
+The morph targets are the principal components of the displacements of the frames, as many as are needed to reproduce
+every vertex of every frame to within a ten-thousandth of the size of the head.
 """
 
 from __future__ import annotations
@@ -13,37 +13,37 @@ from pathlib import Path
 import numpy as np
 
 from guise.analogy.formats.files import MeshFile, write_rig
-from guise.analogy.formats.gltf_container import Container
+from guise.analogy.formats.gltf_container import GltfContainer
 from guise.common.arrays import F32, F64
 from guise.common.files import write_whole
 
-EXACT = 1e-4  # of the head's size
-FLOAT = 5126  # of glTF: float32
+MAX_ERROR_SIZES = 1e-4  # of a vertex, in sizes of the head
+GL_FLOAT = 5126  # of glTF: float32
 
 
-def write_film(path: Path, target: MeshFile, frames: Sequence[F32], rate: float) -> int:
-    """Write frames (N, 3) of a target as an animated GLB, `rate` of them a second; how many morph targets it has."""
+def write_animated_glb(path: Path, target: MeshFile, frames: Sequence[F32], rate: float) -> int:
+    """Write frames (N, 3) of a target as an animated GLB at `rate` frames per second; the number of morph targets."""
     neutral = target.mesh.vertices
     ways = np.stack(frames).reshape(len(frames), -1) - neutral.ravel().astype(np.float32)
-    modes, weights = components(ways, EXACT * float(np.ptp(neutral, axis=0).max()))
+    modes, weights = principal_components(ways, MAX_ERROR_SIZES * float(np.ptp(neutral, axis=0).max()))
     shapes = neutral + modes.reshape(len(modes), -1, 3)
     names = [f"component {k + 1}" for k in range(len(modes))]
     with tempfile.TemporaryDirectory() as folder:
         rig = Path(folder) / "rig.glb"
         write_rig(rig, target, names, shapes)
-        data = with_animation(rig.read_bytes(), weights, rate)
+        data = add_weight_animation(rig.read_bytes(), weights, rate)
     write_whole(path, data)
     return len(modes)
 
 
-def components(ways: F32, exact: float) -> tuple[F64, F64]:
-    """Modes (k, 3 N) and weights (f, k), at most 1, whose product is displacements (f, 3 N) to within `exact` a vertex.
+def principal_components(ways: F32, exact: float) -> tuple[F64, F64]:
+    """Modes (k, 3 N) and weights (f, k) <= 1 whose product gives displacements (f, 3 N) to within `exact` per vertex.
 
-    >>> modes, weights = components(np.outer([1, -2, 0.5], np.arange(6)).astype(np.float32), 1e-3)
+    >>> modes, weights = principal_components(np.outer([1, -2, 0.5], np.arange(6)).astype(np.float32), 1e-3)
     >>> modes.shape, weights.round(3).ravel().tolist()
     ((1, 6), [-0.5, 1.0, -0.25])
     """
-    exactly = ways.astype(np.float64)  # in float32 the small components would be noise
+    exactly = ways.astype(np.float64)  # in float32 the small components would drown in noise
     values, vectors = np.linalg.eigh(exactly @ exactly.T)
     order = np.argsort(values)[::-1]
     count = 1
@@ -58,23 +58,23 @@ def components(ways: F32, exact: float) -> tuple[F64, F64]:
     return np.asarray(modes * most[:, None], np.float64), np.asarray(own / most)
 
 
-def with_animation(data: bytes, weights: F64, rate: float) -> bytes:
-    """A GLB with morph targets, whose weights (f, k) follow each other `rate` times a second."""
-    held = Container.read(data, Path())
-    times = _accessor(held, np.arange(len(weights)) / rate)
-    sampler = {"input": times, "output": _accessor(held, weights.ravel())}
+def add_weight_animation(data: bytes, weights: F64, rate: float) -> bytes:
+    """A GLB with morph targets, with an animation of their weights (f, k) at `rate` frames per second."""
+    held = GltfContainer.read(data, Path())
+    times = _append_scalars(held, np.arange(len(weights)) / rate)
+    sampler = {"input": times, "output": _append_scalars(held, weights.ravel())}
     moving = [k for k, mesh in enumerate(held.json["meshes"]) if "targets" in mesh["primitives"][0]]
     nodes = [k for k, node in enumerate(held.json["nodes"]) if node.get("mesh") in moving]
     channels = [{"sampler": 0, "target": {"node": node, "path": "weights"}} for node in nodes]
     held.entries("animations").append({"name": "expressions", "samplers": [sampler], "channels": channels})
-    return held.glb()
+    return held.to_glb()
 
 
-def _accessor(held: Container, numbers: F64) -> int:
-    """Numbers (n,) put into a document as float32."""
+def _append_scalars(held: GltfContainer, numbers: F64) -> int:
+    """Append values (n,) as float32; the index of the accessor."""
     values = numbers.astype(np.float32)
     ends = {"min": [float(values.min())], "max": [float(values.max())]}
-    view = held.append_bytes(values.tobytes())
-    entry = {"bufferView": view, "componentType": FLOAT, "count": len(values), "type": "SCALAR", **ends}
+    view = held.append_view(values.tobytes())
+    entry = {"bufferView": view, "componentType": GL_FLOAT, "count": len(values), "type": "SCALAR", **ends}
     held.entries("accessors").append(entry)
     return len(held.json["accessors"]) - 1

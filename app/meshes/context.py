@@ -1,27 +1,26 @@
-"""What all mesh commands are told beside their files, and how long their stages take."""
+"""What all mesh commands share beside their files: options, notes, progress and the seconds of each stage."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-Progress = Callable[[str, float], None]
-Say = Callable[[str], None]
+from guise.common.progress import Progress, Say
 
 
 @dataclass(frozen=True)
-class Work:
-    """The surroundings of a command.
+class RunContext:
+    """The context in which a command runs.
 
     Parameters
     ----------
     force : replace existing outputs.
-    progress : called with the stage and the share of it that is done.   say : called with notes for the user.
-    picture, report : files that are also written, if given.
-    seconds : by stage, filled by `stage`.
+    progress : called with the stage and the completed share of it.   say : called with notes for the user.
+    picture, report : further outputs, if given.
+    seconds : by stage, recorded by `stage`.
     """
 
     force: bool
@@ -33,7 +32,7 @@ class Work:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Show that a stage begins, and time it; what has one name adds up."""
+        """Report that a stage begins, and time it; stages of one name add up."""
         self.progress(name, 0.0)
         start = time.perf_counter()
         yield

@@ -1,0 +1,125 @@
+"""Finds the face of a mesh: the landmarker searches pictures of it from all directions.
+
+A mesh does not say which way is up or where it looks.  The built-in landmarker recognises shaded pictures of bald
+heads, so it is shown the mesh upright, then in the 23 other orientations by right angles, then in evenly spread ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import permutations, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from guise.analogy.geometry import sum_by_index
+from guise.analogy.mesh import Mesh
+from guise.analogy.normals import unit_vectors
+from guise.analogy.views import View, ViewedMesh
+from guise.common.arrays import F32, F64
+
+if TYPE_CHECKING:
+    from guise.aam.landmarks.builtin import BuiltinLandmarker
+
+
+@dataclass(frozen=True)
+class FaceSearchSettings:
+    """Settings of the search for a face on a mesh."""
+
+    picture_px: int = 160  # side of a picture in which a face is sought
+    cells_per_side: int = (
+        64  # along the longest side of a mesh: vertices in one cell are merged for the search
+    )
+    min_confidence: float = 0.3  # of the landmarker, from which a face is looked at from the front
+    extra_rotations: int = 96  # that are tried when right angles find none
+
+
+FACE_SEARCH = FaceSearchSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class FaceView:
+    """A mesh, a view of it that shows a face, and the landmarks of that face (scheme `face81`).
+
+    Parameters
+    ----------
+    points : (81, 2) pixels of the view.
+    """
+
+    solid: ViewedMesh
+    view: View
+    points: F32
+
+
+@cache
+def landmarker() -> BuiltinLandmarker:
+    """The built-in landmarker; for one thread at a time."""
+    from guise.aam.landmarks.builtin import BuiltinLandmarker
+
+    return BuiltinLandmarker()
+
+
+def find_face_views(mesh: Mesh) -> Iterator[FaceView]:
+    """Views of a mesh in which a face is seen, in the order they are found.
+
+    Pictures shaded by normals come first, then pictures shaded by depth, which tolerate noise, small holes and
+    inverted faces.
+    """
+    whole = ViewedMesh.of(mesh)
+    rough = _decimated(whole)
+    upright, others = np.eye(3)[None], np.concatenate([_right_angle_rotations(), _uniform_rotations()])
+    for turns in (upright, others):
+        yield from _detect(whole, rough, turns)
+        yield from _detect(whole.without_normals(), rough.without_normals(), turns)
+
+
+def _detect(solid: ViewedMesh, rough: ViewedMesh, turns: F64) -> Iterator[FaceView]:
+    """The faces that are seen along axes (n, 3, 3); the search uses a decimated mesh."""
+    for axes in turns:
+        view = rough.whole_view(axes, FACE_SEARCH.picture_px)
+        for face in landmarker().detect(rough.render(view)[0]):
+            if face.confidence >= FACE_SEARCH.min_confidence:
+                yield FaceView(solid, view, face.points)
+
+
+def _decimated(solid: ViewedMesh) -> ViewedMesh:
+    """At most a few thousand faces: vertices in one cell of a grid are merged."""
+    low = solid.vertices.min(0)
+    step = max(float(np.ptp(solid.vertices, axis=0).max()), 1e-300) / FACE_SEARCH.cells_per_side
+    cell = np.floor((solid.vertices - low) / step).astype(np.int64) @ (
+        1,
+        2 * FACE_SEARCH.cells_per_side,
+        4 * FACE_SEARCH.cells_per_side * FACE_SEARCH.cells_per_side,
+    )
+    _, label = np.unique(cell, return_inverse=True)
+    kinds = int(label.max()) + 1
+    vertices = sum_by_index(solid.vertices, label, kinds) / np.bincount(label)[:, None]
+    normals = None if solid.normals is None else unit_vectors(sum_by_index(solid.normals, label, kinds))
+    faces = label[solid.faces]
+    solid_ones = (faces != np.roll(faces, 1, axis=1)).all(1)
+    return ViewedMesh(vertices, faces[solid_ones], normals) if solid_ones.any() else solid
+
+
+def _right_angle_rotations() -> F64:
+    """(23, 3, 3) all rotations by right angles except the identity."""
+    every = (
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order, signs in product(permutations(range(3)), product((1, -1), repeat=3))
+    )
+    return np.array([turn for turn in every if np.linalg.det(turn) > 0 and np.trace(turn) < 3])
+
+
+def _uniform_rotations() -> F64:
+    """(n, 3, 3) evenly spread rotations: super-Fibonacci spirals (Alexa 2022)."""
+    from scipy.spatial.transform import Rotation
+
+    number = np.arange(FACE_SEARCH.extra_rotations) + 0.5
+    a, b = (2 * np.pi * number / by for by in (np.sqrt(2), 1.533751168755204288))
+    inner, outer = (
+        np.sqrt(number / FACE_SEARCH.extra_rotations),
+        np.sqrt(1 - number / FACE_SEARCH.extra_rotations),
+    )
+    turns = [inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)]
+    return np.asarray(Rotation.from_quat(np.stack(turns, axis=1)).as_matrix())
