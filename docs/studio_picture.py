@@ -69,7 +69,7 @@ def _film(page: Any, seconds: float, fps: float) -> list[Picture]:
         session.send("Page.screencastFrameAck", {"sessionId": event["sessionId"]})
 
     session.on("Page.screencastFrame", keep)
-    session.send("Page.startScreencast", {"format": "png"})
+    session.send("Page.startScreencast", {"format": "jpeg", "quality": 92})
     page.wait_for_timeout(1000 * (seconds + 0.5))
     session.remove_listener("Page.screencastFrame", keep)
     session.detach()
@@ -78,8 +78,8 @@ def _film(page: Any, seconds: float, fps: float) -> list[Picture]:
     return [_decoded(seen[k][1]) for k in last]
 
 
-def _decoded(png: str) -> Picture:
-    data = np.frombuffer(base64.b64decode(png), np.uint8)
+def _decoded(jpeg: str) -> Picture:
+    data = np.frombuffer(base64.b64decode(jpeg), np.uint8)
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
 
 

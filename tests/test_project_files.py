@@ -47,3 +47,9 @@ def test_the_readme_lists_every_command_in_its_group() -> None:
     assert {group: sorted(found) for group, found in listed.items()} == {
         group: sorted(expected) for group, expected in names.items()
     }
+
+
+def test_moving_pictures_are_small() -> None:
+    moving = list((ROOT / "docs" / "images").glob("*.webp"))
+    assert {path.stem for path in moving} == {"studio", "swap"}
+    assert max(path.stat().st_size for path in moving) < 1_500_000
