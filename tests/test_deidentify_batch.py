@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guise.app.deidentify.options import Options
+from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.report import BatchEntry, write_report
 from guise.app.deidentify.run import batch
-from guise.app.deidentify.run.batch import Run, exit_code, run_batch, write_summary
+from guise.app.deidentify.run.batch import BatchRun, exit_code, run_batch, write_summary
 from guise.app.deidentify.run.engines import JobEngine, SerialEngine
-from guise.app.deidentify.run.inputs import Pair, make_plan
+from guise.app.deidentify.run.inputs import FilePair, make_plan
 from guise.app.deidentify.run.job import beside
-from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Outcome
+from guise.app.deidentify.tracks import BYSTANDERS, FileReport, TrackOutcome
 from guise.app.media import MediaError
 from guise.common.progress import Progress
 
 
 def report_of(source: Path, output: Path, covered: int) -> FileReport:
     """A report of ten frames, in some of which a bystander was covered."""
-    rows = Outcome(
+    rows = TrackOutcome(
         BYSTANDERS, np.arange(covered, dtype=np.int32), np.ones(covered, np.uint8), np.ones(covered, np.float32),
         np.zeros((covered, 4), np.int32),
     )  # fmt: skip
@@ -69,7 +69,7 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Path, dict[str, Any]]]:
     asked: list[tuple[Path, dict[str, Any]]] = []
 
     def fake(
-        source: Path, output: Path, options: Options, engine: JobEngine, **more: Any
+        source: Path, output: Path, options: DeidentifyOptions, engine: JobEngine, **more: Any
     ) -> FileReport | None:
         asked.append((source, more))
         more["progress"]("rendering", 0.5)
@@ -95,7 +95,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def pairs_of(*inputs: str, output: str | None = None) -> list[Pair]:
+def pairs_of(*inputs: str, output: str | None = None) -> list[FilePair]:
     return make_plan(inputs, output, Path("work"), lambda path: path.suffix, recursive=False).pairs
 
 
@@ -104,7 +104,7 @@ def make(*names: str) -> None:
         Path(name).write_bytes(b"film")
 
 
-RUN = Run(Options(), SerialEngine(lambda job: None))
+RUN = BatchRun(DeidentifyOptions(), SerialEngine(lambda job: None))
 
 
 @pytest.mark.parametrize("engine", [SerialEngine(lambda job: None), Several()])
@@ -148,7 +148,7 @@ def test_files_are_done_at_once_where_the_engine_can(here: Path, monkeypatch: py
 def test_a_key_file_makes_the_order_matter(here: Path) -> None:
     assert replace(RUN, engine=Several()).at_once(5) == 3
     assert replace(RUN, engine=Several()).at_once(2) == 2
-    assert replace(RUN, engine=Several(), options=Options(keyfile=here / "key")).at_once(5) == 1
+    assert replace(RUN, engine=Several(), options=DeidentifyOptions(keyfile=here / "key")).at_once(5) == 1
 
 
 def test_an_interruption_ends_the_engine_and_comes_through(
@@ -180,7 +180,7 @@ def test_resuming_leaves_what_is_there_and_remembers_what_became_of_it(here: Pat
     assert again[:2] == first
     assert [source.name for source, _ in done] == ["new.mp4"]
     assert done[0][1]["resume"]
-    assert again[3].sentence == "It was there already, without a report."
+    assert again[3].sentence == "It existed already, without a report."
     assert (here / "a_deidentified.mp4").stat().st_mtime_ns == before
 
 
@@ -277,5 +277,5 @@ def test_an_input_elsewhere_that_vanished_is_a_sentence(here: Path, done: list[A
     bucket.rm_file("/films/a.mp4")
     (entry,) = run_batch(pairs, RUN, Watched())
     assert (
-        entry.sentence == "there is no memory://films/a.mp4: give a file, a folder or a pattern that exists"
+        entry.sentence == "memory://films/a.mp4 does not exist: give a file, a folder or a pattern that does"
     )

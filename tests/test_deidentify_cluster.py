@@ -181,7 +181,7 @@ def test_no_scheduler_is_a_sentence(address: str) -> None:
     with pytest.raises(EngineError) as caught:
         open_engine(f"dask:{address}")
     assert str(caught.value) == (
-        f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the address it says"
+        f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the address that it prints"
     )
 
 

@@ -11,7 +11,7 @@ from test_cli_startup import modules_after
 from test_deidentify_batch import report_of
 
 from guise.app.cli.main import main
-from guise.app.deidentify.options import Options
+from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.report import write_report
 from guise.app.deidentify.run import batch, checks
 from guise.app.deidentify.run.job import beside
@@ -30,7 +30,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """Files are written at once; what was asked for is remembered."""
     calls: list[dict[str, Any]] = []
 
-    def fake(source: Path, output: Path, options: Options, engine: Any, **more: Any) -> Any:
+    def fake(source: Path, output: Path, options: DeidentifyOptions, engine: Any, **more: Any) -> Any:
         calls.append({"source": source, "output": output, "options": options, "engine": engine, **more})
         if "bad" in source.name:
             raise MediaError(f"{source} is not a video.")
@@ -104,7 +104,7 @@ def test_a_batch_says_every_file_and_a_summary(
     assert last.startswith("3 files: 1 swapped, 1 with covered faces, 1 failed; see out/deidentify-")
     assert Path(last.split("see ")[1]).is_file()
     assert err.splitlines() == [
-        "in: skipped 1 no video or image",
+        "in: skipped 1 not a video or image",
         "a.mp4: something to know",
         "error: [2/3] in/bad.mp4 is not a video.",
         "covered.mp4: something to know",
@@ -181,7 +181,7 @@ def test_an_interruption_tells_how_to_go_on(
     code, out, err = run(capsys, "a.mp4", "stop.mp4", "z.mp4", "--workers", "1")
     assert (code, err.splitlines()[-1]) == (
         130,
-        "error: interrupted; what is done is kept: go on with --resume",
+        "error: interrupted; finished work is kept: continue with --resume",
     )
     assert out == "[1/3] a_deidentified.mp4: No face was found in 10 frames.\n"
     code, out, _ = run(capsys, "a.mp4", "z.mp4", "--resume", "--workers", "1")
@@ -211,14 +211,17 @@ def test_an_interruption_tells_how_to_go_on(
         (["a.mp4", "--donor", "mean:0"], None),
         (["a.mp4", "--gallery", "nobody.guise"], None),
         (["a.mp4", "--gallery", "a.mp4"], None),
-        (["a.mp4", "--c2pa", "cert.pem", "key.pem"], "there is no certificate cert.pem: give a PEM file"),
+        (
+            ["a.mp4", "--c2pa", "cert.pem", "key.pem"],
+            "the certificate cert.pem does not exist: give a PEM file",
+        ),
         (["a.mp4", "--c2pa", "cert.pem"], None),
         (["a.mp4", "--c2pa", "a.mp4", "b.mp4"], None),
         (["a.mp4", "--keyfile", "a.tracks.json"], None),
         (["a.mp4", "--keyfile", "."], None),
         (
             ["a.mp4", "--keyfile", "nowhere/people.json"],
-            "the key file nowhere/people.json cannot be written, there is no folder nowhere: make it",
+            "the key file nowhere/people.json can't be written because the folder nowhere does not exist: create it",
         ),
         (["a.mp4", "--encoder", "foo"], None),
         (["a.mp4", "--preset", "hasty"], None),
@@ -230,13 +233,14 @@ def test_an_interruption_tells_how_to_go_on(
         ),
         (
             ["a.mp4", "b.mp4", "--tracks", "a.tracks.json"],
-            "Invalid value: --tracks is for one input, got 2: edited files beside the outputs are found with --resume",
+            "Invalid value: --tracks is for one input, got 2: with --resume, edited files beside the outputs are found",
         ),
         (["a.mp4", "b.mp4", "-o", "c.mp4"], None),
-        (["a.mp4", "-o", "a.mp4"], "a.mp4, the output for a.mp4, is an input itself: choose another with -o"),
+        (["a.mp4", "-o", "a.mp4"], "a.mp4, the output for a.mp4, is itself an input: choose another with -o"),
         (
             ["old.mp4"],
-            "old_deidentified.mp4 exists: use --force to replace, --resume to do only the rest, or -o",
+            "old_deidentified.mp4 exists: use --force to replace it, --resume to do only the rest, or -o to write "
+            "elsewhere",
         ),
     ],
 )
@@ -279,7 +283,7 @@ def test_the_file_with_the_summary_is_not_an_input(
     code, _, err = run(capsys, ".", "--resume")
     assert code == 0
     assert len(asked) == 2
-    assert err == ".: skipped 6 of an earlier run\n"
+    assert err == ".: skipped 6 from an earlier run\n"
 
 
 def test_help_imports_no_heavy_library(here: Path) -> None:

@@ -10,16 +10,18 @@ from guise.app.deidentify.stages.decide import (
     LEFT,
     SWAPPED,
     Bystanders,
-    Rows,
+    TrackObservations,
     decide,
     eroded,
     without_short,
 )
 
 
-def rows(frames: list[int], trust: float | list[float] = 0.9, x: float = 10.0) -> Rows:
+def rows(frames: list[int], trust: float | list[float] = 0.9, x: float = 10.0) -> TrackObservations:
     boxes = np.array([[x + f, 20, x + f + 40, 70] for f in frames], np.float32)
-    return Rows(np.array(frames, np.int32), boxes, np.broadcast_to(np.float32(trust), len(frames)).copy())
+    return TrackObservations(
+        np.array(frames, np.int32), boxes, np.broadcast_to(np.float32(trust), len(frames)).copy()
+    )
 
 
 def test_a_face_that_is_always_trusted_is_swapped_in_every_frame_in_which_it_is_seen() -> None:

@@ -42,7 +42,7 @@ def test_a_person_is_one_tracklet_in_every_frame(person: str) -> None:
     assert len(found.cuts) == 0
 
 
-def test_a_face_that_is_found_late_is_followed_back_to_its_first_frame(
+def test_a_face_that_is_found_late_is_tracked_back_to_its_first_frame(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from guise.aam.landmarks.detector import FaceDetector
@@ -68,7 +68,7 @@ def test_a_cut_ends_a_tracklet_and_begins_another() -> None:
     assert found.frame[found.tracklet == 1].tolist() == list(range(10, 20))
 
 
-def test_an_empty_scene_holds_nobody(tmp_path: object) -> None:
+def test_an_empty_scene_has_no_faces(tmp_path: object) -> None:
     with open_input(empty_scene(tmp_path / "empty.mp4")) as source:  # type: ignore[operator]
         found = detect_faces(source)
     assert len(found.frame) == 0
@@ -79,7 +79,7 @@ def test_no_frames_are_no_faces() -> None:
     assert len(detect_faces([]).frame) == 0
 
 
-def test_a_doubtful_glimpse_counts_when_it_isconfirmed_twice() -> None:
+def test_a_doubtful_candidate_counts_when_it_is_seen_twice_more() -> None:
     box = np.array([0, 0, 20, 20], np.float32)
     seen = [Candidate(i, box, 0.5, confirmed=False) for i in (3, 5, 7, 30)]
     assert [one.frame for one in confirmed(seen)] == [3, 5, 7]
@@ -143,12 +143,12 @@ def test_a_hidden_half_of_the_face_is_not_trusted(p01) -> None:  # type: ignore[
     assert locate(p01.tracker, luma, points, 1.0).confidence < 0.5
 
 
-def test_an_unsure_landmarker_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
+def test_a_landmarker_of_low_confidence_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
     frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
     assert locate(p01.tracker, frame.luma, points, 0.2).confidence < 0.5
 
 
-def test_smoothing_takes_tremble_out_and_keeps_what_moves_in_its_place() -> None:
+def test_smoothing_reduces_jitter_and_keeps_what_moves_in_its_place() -> None:
     rng = np.random.default_rng(0)
     still = truth("p01", 1)[0].astype(float)
     frames = np.arange(60)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from guise.app.deidentify.run import remote
-from guise.app.deidentify.run.inputs import InputError, Pair, Plan, make_plan, require_possible
+from guise.app.deidentify.run.inputs import BatchPlan, FilePair, InputError, make_plan, require_possible
 from guise.app.deidentify.run.remote import RemoteError
 
 
@@ -29,18 +29,22 @@ def own(path: Path) -> str:
     return path.suffix
 
 
-def plan(*inputs: str, output: str | None = None, recursive: bool = False, suffix_for: object = own) -> Plan:
+def plan(
+    *inputs: str, output: str | None = None, recursive: bool = False, suffix_for: object = own
+) -> BatchPlan:
     return make_plan(inputs, output, Path("work"), suffix_for, recursive=recursive)  # type: ignore[arg-type]
 
 
-def told(made: Plan) -> list[tuple[str, str]]:
+def told(made: BatchPlan) -> list[tuple[str, str]]:
     return [(pair.name, pair.shown_output) for pair in made.pairs]
 
 
 def test_a_file_goes_beside_itself(here: Path) -> None:
     make(here, "a/talk.mp4")
     made = plan("a/talk.mp4")
-    assert made == Plan([Pair(here / "a/talk.mp4", here / "a/talk_deidentified.mp4", "a/talk.mp4")], [])
+    assert made == BatchPlan(
+        [FilePair(here / "a/talk.mp4", here / "a/talk_deidentified.mp4", "a/talk.mp4")], []
+    )
 
 
 def test_a_folder_stands_for_its_videos_and_images(here: Path) -> None:
@@ -56,7 +60,7 @@ def test_a_folder_stands_for_its_videos_and_images(here: Path) -> None:
         ("in/a10.MOV", "in/a10_deidentified.MOV"),
         ("in/photo.JPG", "in/photo_deidentified.JPG"),
     ]
-    assert made.notes == ["in: skipped 1 hidden, 6 of an earlier run, 1 no video or image, 1 subfolders"]
+    assert made.notes == ["in: skipped 1 hidden, 6 from an earlier run, 1 not a video or image, 1 subfolders"]
 
 
 def test_recursion_keeps_the_tree(here: Path) -> None:
@@ -103,7 +107,7 @@ def test_patterns_are_expanded(here: Path) -> None:
     ]
     made = plan("in/**/b.*", output="out")
     assert told(made) == [("in/x/b.mp4", "out/x/b_deidentified.mp4")]
-    assert made.notes == ["in/**/b.*: skipped 1 no video or image"]
+    assert made.notes == ["in/**/b.*: skipped 1 not a video or image"]
     assert told(plan(str(here / "in/x/*")))[0][0] == "in/x/b.mp4"
     assert told(plan("in/a[1].mp4")) == [("in/a[1].mp4", "in/a[1]_deidentified.mp4")]
 
@@ -139,8 +143,8 @@ def test_a_container_that_cannot_hold_the_result_changes(here: Path) -> None:
         ("in/bare", "in/bare_deidentified.mkv"),
     ]
     assert made.notes == [
-        "in: skipped 1 no video or image",
-        "in/a.avi: written as .mkv, as .avi cannot hold the result",
+        "in: skipped 1 not a video or image",
+        "in/a.avi: written as .mkv, because .avi can't hold the result",
         "in/bare: written as .mkv",
     ]
 
@@ -157,7 +161,7 @@ def test_outputs_never_share_their_reports(here: Path) -> None:
     with pytest.raises(InputError) as caught:
         require_possible(plan("in/b.mov").pairs, force=False, resume=False)
     assert str(caught.value) == (
-        "in/b_deidentified.report.json exists, without its output: use --force to replace it, or -o"
+        "in/b_deidentified.report.json exists without its output: use --force to replace it, or -o to write elsewhere"
     )
     require_possible(plan("in/b.mov").pairs, force=False, resume=True)
 
@@ -171,27 +175,27 @@ def test_outputs_never_share_their_reports(here: Path) -> None:
             "no.mp4 does not exist: give a video, an image, a folder, a pattern in quotes or a URL",
         ),
         (["*.mov"], None, "no video or image matches *.mov"),
-        (["empty"], None, "the folder empty holds no video or image that is to be de-identified"),
+        (["empty"], None, "the folder empty holds no video or image to de-identify"),
         (
             ["nested"],
             None,
-            "the folder nested holds no video or image that is to be de-identified; use --recursive for its subfolders",
+            "the folder nested holds no video or image to de-identify; use --recursive for its subfolders",
         ),
         (
             ["one/a.mp4", "two/a.mp4"],
             "out",
-            "one/a.mp4 and two/a.mp4 would both be written to out/a_deidentified.mp4: rename one, or do them one "
-            "after the other with another -o",
+            "one/a.mp4 and two/a.mp4 would both be written to out/a_deidentified.mp4: rename one, or process "
+            "them separately with different -o",
         ),
         (
             ["one/a.mp4", "one/a_deidentified.mp4"],
             None,
-            "one/a_deidentified.mp4, the output for one/a.mp4, is an input itself: choose another with -o",
+            "one/a_deidentified.mp4, the output for one/a.mp4, is itself an input: choose another with -o",
         ),
         (
             ["one/a.mp4"],
             "one/a.mp4",
-            "one/a.mp4, the output for one/a.mp4, is an input itself: choose another with -o",
+            "one/a.mp4, the output for one/a.mp4, is itself an input: choose another with -o",
         ),
     ],
 )
@@ -209,7 +213,7 @@ def test_a_wrong_pattern_is_one_sentence(here: Path) -> None:
     with pytest.raises(InputError) as caught:
         plan("***/a.mp4")
     assert str(caught.value) == (
-        "***/a.mp4 is no pattern: ** stands alone between slashes, as in 'films/**/*.mp4'"
+        "***/a.mp4 isn't a valid pattern: ** must stand alone between slashes, as in 'films/**/*.mp4'"
     )
 
 
@@ -242,7 +246,7 @@ def test_a_folder_without_permission_is_one_sentence(here: Path, monkeypatch: py
         raise PermissionError(13, "Permission denied", str(self))
 
     monkeypatch.setattr(Path, "iterdir", refuse)
-    with pytest.raises(InputError, match=r"^the folder in cannot be read \(Permission denied\): check"):
+    with pytest.raises(InputError, match=r"^the folder in can't be read \(Permission denied\): check"):
         plan("in")
 
 
@@ -252,7 +256,8 @@ def test_nothing_is_overwritten(here: Path) -> None:
     with pytest.raises(InputError) as caught:
         require_possible(pairs, force=False, resume=False)
     assert str(caught.value) == (
-        "a_deidentified.mp4 exists (and 1 more): use --force to replace, --resume to do only the rest, or -o"
+        "a_deidentified.mp4 exists (and 1 more): use --force to replace it, --resume to do only the rest, "
+        "or -o to write elsewhere"
     )
     require_possible(pairs, force=True, resume=False)
     require_possible(pairs, force=False, resume=True)
@@ -261,7 +266,7 @@ def test_nothing_is_overwritten(here: Path) -> None:
 def test_an_input_is_not_replaced_through_a_link(here: Path) -> None:
     make(here, "a.mp4")
     (here / "a_deidentified.mp4").hardlink_to(here / "a.mp4")
-    with pytest.raises(InputError, match=r"a_deidentified\.mp4, the output for a\.mp4, is an input itself"):
+    with pytest.raises(InputError, match=r"a_deidentified\.mp4, the output for a\.mp4, is itself an input"):
         require_possible(plan("a.mp4").pairs, force=True, resume=False)
 
 
@@ -270,7 +275,7 @@ def test_a_folder_that_cannot_be_written_to_is_one_sentence(
 ) -> None:
     make(here, "a.mp4")
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    with pytest.raises(InputError, match=r"cannot be written to: choose another with -o"):
+    with pytest.raises(InputError, match=r"can't be written to: choose another with -o"):
         require_possible(plan("a.mp4", output="new/deep/").pairs, force=False, resume=False)
 
 
@@ -305,7 +310,7 @@ def test_a_url_is_copied_to_and_fro(bucket: str, here: Path) -> None:
 def test_a_folder_behind_a_url(bucket: str, here: Path) -> None:
     made = plan(bucket)
     assert [pair.name for pair in made.pairs] == ["memory:///films/a.mp4", "memory:///films/c?.mp4"]
-    assert made.notes == [f"{bucket}: skipped 1 of an earlier run, 1 no video or image"]
+    assert made.notes == [f"{bucket}: skipped 1 from an earlier run, 1 not a video or image"]
 
 
 def test_a_tree_behind_a_url_is_kept(bucket: str, here: Path) -> None:
@@ -328,7 +333,7 @@ def test_the_web_only_gives(here: Path) -> None:
     (pair,) = plan(url, output="out/").pairs
     assert (pair.fetch, pair.output) == (url, here / "out/a b_deidentified.mp4")
     assert pair.name == "https://films.example/a%20b.mp4"
-    with pytest.raises(InputError, match=r"a b_deidentified\.mp4 cannot be written to: give a folder here"):
+    with pytest.raises(InputError, match=r"a b_deidentified\.mp4 can't be written to: give a local folder"):
         plan(url)
 
 
@@ -337,9 +342,9 @@ def test_the_web_only_gives(here: Path) -> None:
     [
         (
             "memory://films/no.mp4",
-            "memory://films/no.mp4 holds no video or image that is to be de-identified",
+            "memory://films/no.mp4 holds no video or image to de-identify",
         ),
-        ("gopher://x/a.mp4", "gopher://x/a.mp4 cannot be opened"),
+        ("gopher://x/a.mp4", "gopher://x/a.mp4 can't be opened"),
         ("gs://x/a.mp4", "gs://x/a.mp4 needs one more package: pip install gcsfs"),
     ],
 )
@@ -351,7 +356,7 @@ def test_a_url_that_leads_nowhere_is_one_sentence(bucket: str, url: str, sentenc
 
 def test_a_clip_of_images_is_not_written_to_a_url(bucket: str, here: Path) -> None:
     make(here, "frames/1.png", "frames/2.png")
-    with pytest.raises(InputError, match="frames is a clip of images, which cannot be written to a URL"):
+    with pytest.raises(InputError, match="frames is a folder of images, which can't be written to a URL"):
         plan("frames", output=f"{bucket}/out/")
 
 
@@ -359,7 +364,7 @@ def test_a_key_in_an_address_is_not_told(here: Path) -> None:
     pytest.importorskip("aiohttp", reason="the cluster extra is not installed")
     with pytest.raises(RemoteError) as caught:
         remote.fetch("http://127.0.0.1:1/a.mp4?key=secret", here / "a.mp4")
-    assert str(caught.value).startswith("http://127.0.0.1:1/a.mp4 cannot be read or written")
+    assert str(caught.value).startswith("http://127.0.0.1:1/a.mp4 can't be read or written")
     assert "secret" not in str(caught.value)
 
 

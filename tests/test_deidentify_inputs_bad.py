@@ -283,7 +283,7 @@ def test_a_full_disk_is_a_sentence_and_can_be_resumed(
     assert deidentify("a.mp4", "-o", str(small_disk)) == 1
     err = capsys.readouterr().err
     assert "no space left" in err.lower()
-    assert err.endswith("; what is done is kept for --resume\n")
+    assert err.endswith("; finished work is kept for --resume\n")
     subprocess.run(["mount", "-o", "remount,size=16m", small_disk], check=True)
     assert deidentify("a.mp4", "-o", str(small_disk), "--resume", "-q") == 3
     assert_hidden(shown(Path("a.mp4")), shown(small_disk / "a_deidentified.mp4"))

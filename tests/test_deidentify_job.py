@@ -17,15 +17,15 @@ from made_up import SAMPLES
 
 from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.schemes import INNER51
-from guise.app.deidentify.options import DeidentifyError, Options
+from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.run import job as module
 from guise.app.deidentify.run.job import deidentify_file
 from guise.app.deidentify.stages.jobs import Job, perform
 from guise.app.deidentify.tracks import FileReport
 from guise.app.media import EncodeOptions, MediaError
 
-LOSSLESS = Options(encode=EncodeOptions(lossless=True, preset="ultrafast"))
-QUICK = Options(encode=EncodeOptions(preset="ultrafast"))
+LOSSLESS = DeidentifyOptions(encode=EncodeOptions(lossless=True, preset="ultrafast"))
+QUICK = DeidentifyOptions(encode=EncodeOptions(preset="ultrafast"))
 FRAMES = 60
 
 
@@ -45,7 +45,7 @@ class Here:
             done(job)
 
 
-def run(source: Path, output: Path, options: Options = QUICK, **more: object) -> FileReport | None:
+def run(source: Path, output: Path, options: DeidentifyOptions = QUICK, **more: object) -> FileReport | None:
     engine = more.pop("engine", None) or Here()
     return deidentify_file(
         source, output, options, engine, progress=lambda stage, share: None, say=lambda text: None, **more

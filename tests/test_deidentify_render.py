@@ -1,11 +1,18 @@
-"""The audit's notion of a known face, covers of its finds, and pictures of tracks."""
+"""The audit's notion of a known face, covers of what it finds, and pictures of tracks."""
 
 import numpy as np
 
-from guise.app.deidentify.options import Options
+from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.stages.decide import COVERED, SWAPPED
-from guise.app.deidentify.stages.jobs import THUMB, picture
-from guise.app.deidentify.stages.render import AUDIT_REACH, Entry, Find, _inside, entries_of, with_finds
+from guise.app.deidentify.stages.jobs import PICTURE_PIXELS, picture
+from guise.app.deidentify.stages.render import (
+    LIMITS,
+    AuditDetection,
+    FaceTreatment,
+    _inside,
+    entries_of,
+    with_detections,
+)
 from guise.app.media import EncodeOptions, Frame
 
 BOX = np.array([10, 20, 50, 70], np.float32)
@@ -29,12 +36,14 @@ def test_a_segment_gets_the_entries_of_its_frames_only() -> None:
 
 
 def test_a_find_is_covered_in_the_frames_about_it_and_changes_nothing_else() -> None:
-    entries = {3: [Entry(1, SWAPPED, BOX, 1.0)]}
-    more = with_finds(entries, [Find(4, BOX + 100, 0.9)], 2, 6)
+    entries = {3: [FaceTreatment(1, SWAPPED, BOX, 1.0)]}
+    more = with_detections(entries, [AuditDetection(4, BOX + 100, 0.9)], 2, 6)
     assert sorted(more) == [2, 3, 4, 5]
     assert [e.done for e in more[3]] == [SWAPPED, COVERED]
     assert len(entries[3]) == 1
-    assert len(with_finds({}, [Find(50, BOX, 0.9)], 0, 100)) == 2 * AUDIT_REACH + 1
+    assert (
+        len(with_detections({}, [AuditDetection(50, BOX, 0.9)], 0, 100)) == 2 * LIMITS.audit_margin_frames + 1
+    )
 
 
 def test_a_box_about_a_known_face_is_that_face() -> None:
@@ -46,7 +55,7 @@ def test_a_box_about_a_known_face_is_that_face() -> None:
 def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
     rgb = np.full((100, 120, 3), 200, np.uint8)
     made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32))
-    assert made.shape == (THUMB, THUMB, 3)
+    assert made.shape == (PICTURE_PIXELS, PICTURE_PIXELS, 3)
     assert made[0, 0].max() == 0
     assert made[-1, -1].min() == 200
 
@@ -54,8 +63,8 @@ def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
 def test_options_survive_the_manifest() -> None:
     from pathlib import Path
 
-    options = Options(
+    options = DeidentifyOptions(
         donor="mean:2", gallery=(Path("a.guise"), Path("b.guise")), cover="blur", seed=3, keyfile=Path("k"),
         audio="drop", encode=EncodeOptions(crf=30),
     )  # fmt: skip
-    assert Options.from_json(options.as_json()) == options
+    assert DeidentifyOptions.from_json(options.as_json()) == options

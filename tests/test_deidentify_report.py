@@ -31,7 +31,7 @@ from guise.app.deidentify.report.report import (
     write_report,
 )
 from guise.app.deidentify.report.timeline import MAX_COLUMNS, columns
-from guise.app.deidentify.tracks import BYSTANDERS, DONE, AuditFind, FileReport, Outcome, Track
+from guise.app.deidentify.tracks import BYSTANDERS, DONE, AuditFinding, FileReport, Track, TrackOutcome
 
 ROOT = Path(__file__).parents[1]
 SCHEMA = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))
@@ -42,16 +42,16 @@ SECRET = "mean:p01+/secret/a.guise"
 RED = np.full((90, 60, 3), (250, 10, 10), np.uint8)
 
 
-def outcome_of(track: int, done: Any, first: int = 0, frames: Any = None) -> Outcome:
+def outcome_of(track: int, done: Any, first: int = 0, frames: Any = None) -> TrackOutcome:
     """An outcome with these codes in consecutive frames, or in these."""
     done = np.asarray(done, np.uint8)
     place = np.arange(first, first + len(done)) if frames is None else np.asarray(frames)
     boxes = np.stack([place, place + 1, place + 50, place + 60], axis=1).reshape(-1, 4)
     confidence = (place % 100 / 100).astype(np.float32)
-    return Outcome(track, place.astype(np.int32), done, confidence, boxes.astype(np.int32))
+    return TrackOutcome(track, place.astype(np.int32), done, confidence, boxes.astype(np.int32))
 
 
-def report_of(*outcomes: Outcome, frames: int = 40, **more: Any) -> FileReport:
+def report_of(*outcomes: TrackOutcome, frames: int = 40, **more: Any) -> FileReport:
     """A report of 25 frames a second with a track for each outcome."""
     tracks = tuple(
         Track(
@@ -89,7 +89,7 @@ def report() -> FileReport:
         outcome_of(1, [1, 1, 0, 0, 0, 1], first=3),
         outcome_of(2, [2] * 10, first=20),
         outcome_of(BYSTANDERS, [1] * 4, frames=[5, 5, 6, 9]),
-        audit=(AuditFind(31, (1, 2, 30, 40), 0.75, True),),
+        audit=(AuditFinding(31, (1, 2, 30, 40), 0.75, True),),
         settings={
             "donor": SECRET,
             "audio": "keep",
@@ -175,7 +175,7 @@ def test_a_long_report_is_small(tmp_path: Path) -> None:
 
 
 def test_a_report_is_written_piece_by_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guise.app.deidentify.report.report.PIECE", 100)
+    monkeypatch.setattr("guise.app.deidentify.report.report.NUMBERS_PER_WRITE", 100)
     report = report_of(outcome_of(1, [0] * 8000), frames=8000)
     write_report(tmp_path / "r.json", report)  # what is remembered from the first time does not count
     tracemalloc.start()
@@ -200,7 +200,7 @@ def test_spans_say_for_each_frame_the_least_hidden_face(pairs: list[tuple[int, i
 
 # -- the outcome ----------------------------------------------------------------------------------------------
 
-FOUND, STILL = AuditFind(2, (0, 0, 9, 9), 0.9, True), AuditFind(4, (0, 0, 9, 9), 0.9, False)
+FOUND, STILL = AuditFinding(2, (0, 0, 9, 9), 0.9, True), AuditFinding(4, (0, 0, 9, 9), 0.9, False)
 OUTCOMES = [
     ([], (), 0, "No face was found in 40 frames."),
     ([0, 0], (), 0, "Every face is swapped, in 2 frames."),

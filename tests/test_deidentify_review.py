@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.report.review import read_tracks, write_tracks
-from guise.app.deidentify.report.sheet import COLOURS, MOST, contact_sheet
+from guise.app.deidentify.report.sheet import ACTION_COLOURS, LAYOUT, contact_sheet
 from guise.app.deidentify.tracks import Track
 
 SECONDS = np.arange(500) / 25
@@ -116,45 +116,51 @@ def test_two_donors_for_one_person_are_refused(tmp_path: Path) -> None:
 MISTAKES: list[tuple[Callable[[dict[str, Any]], object], str]] = [
     (
         lambda v: v["tracks"][1].update(action="hide"),
-        'track 2: action is "hide", and must be one of swap, cover, leave',
+        'track 2: action must be one of swap, cover, leave, got "hide"',
     ),
-    (lambda v: v["tracks"][1].update(action=["cover"]), 'track 2: action is ["cover"], and must be one of'),
+    (
+        lambda v: v["tracks"][1].update(action=["cover"]),
+        'track 2: action must be one of swap, cover, leave, got ["cover"]',
+    ),
     (
         lambda v: v["tracks"][1].update(action="swap"),
-        "track 2: action is swap, but this face cannot be swapped (the face",
+        "track 2: action is swap, but this face can't be swapped (the face",
     ),
     (
         lambda v: v["tracks"][1].update(action="swap", can_swap=True),
-        "track 2: can_swap is not to be edited: put it back",
+        "track 2: can_swap must not be edited: put it back",
     ),
-    (lambda v: v["tracks"][0].update(person=0), "track 1: person is 0, and must be the number of a track"),
+    (lambda v: v["tracks"][0].update(person=0), "track 1: person must be the number of a track, got 0"),
     (
         lambda v: v["tracks"][0].update(person=True),
-        "track 1: person is true, and must be a whole number",
+        "track 1: person must be a whole number, got true",
     ),
     (
         lambda v: v["tracks"][0].update(person=1.5),
-        "track 1: person is 1.5, and must be a whole number",
+        "track 1: person must be a whole number, got 1.5",
     ),
-    (lambda v: v["tracks"][0].update(name=None), "track 1: name is null, and must be text in quotes"),
-    (lambda v: v["tracks"][0].update(donor=5), "track 1: donor is 5, and must be text in quotes"),
+    (
+        lambda v: v["tracks"][0].update(name=None),
+        'track 1: name must be text in quotes, "" for none, got null',
+    ),
+    (lambda v: v["tracks"][0].update(donor=5), 'track 1: donor must be text in quotes, "" for any, got 5'),
     (
         lambda v: v["tracks"][0].update(actoin="cover"),
-        'track 1: there is no field "actoin"; to be edited are action',
+        'track 1: there is no field "actoin"; the fields to edit are action',
     ),
     (lambda v: v["tracks"][0].pop("action"), 'track 1: action is missing: put it back (it was "swap")'),
     (
         lambda v: v["tracks"][0].update(frames=[0, 50]),
-        "track 1: frames is not to be edited: put it back (it was [0, 99])",
+        "track 1: frames must not be edited: put it back (it was [0, 99])",
     ),
     (lambda v: v["tracks"].pop(1), "track 2 is missing: put it back; to hide the face use action cover"),
-    (lambda v: v["tracks"].append(v["tracks"][0]), "track 1 is there twice: delete one of the two"),
+    (lambda v: v["tracks"].append(v["tracks"][0]), "track 1 appears twice: delete one of the two"),
     (lambda v: v["tracks"][0].update(track=9), "entry 1: track is 9, which this video does not have"),
     (lambda v: v["tracks"].insert(0, "cover"), "entry 1: track is null, which this video does not have"),
-    (lambda v: v.pop("tracks"), "is not a file of tracks: --review writes one as NAME.tracks.json"),
+    (lambda v: v.pop("tracks"), "isn't a file of tracks: --review writes one as NAME.tracks.json"),
     (
         lambda v: v.update(version=2),
-        "has version 2 of the format and this Guise reads 1: write it anew with --review",
+        "has version 2 of the format, and this Guise reads version 1: write a new one with --review",
     ),
 ]
 
@@ -176,15 +182,15 @@ def test_the_file_of_another_video_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('"action": "swap",', '"action": "swap"', "is not JSON at line"),
+        ('"action": "swap",', '"action": "swap"', "isn't valid JSON at line"),
         (
             '"action": "swap",',
             '"action": "leave",\n"action": "swap",',
-            "action is there twice in track 1: delete one",
+            "action appears twice in track 1: delete one",
         ),
-        ('"person": 1', '"person": NaN', "person is NaN, and must be a whole number"),
-        ("[", "[" * 100_000, "cannot be understood"),
-        ("in.mp4", "in\udcff.mp4", "is not UTF-8 text"),
+        ('"person": 1', '"person": NaN', "person must be a whole number, got NaN"),
+        ("[", "[" * 100_000, "can't be read"),
+        ("in.mp4", "in\udcff.mp4", "isn't UTF-8 text"),
     ],
 )
 def test_what_is_no_json_is_refused(tmp_path: Path, old: str, new: str, sentence: str) -> None:
@@ -194,7 +200,7 @@ def test_what_is_no_json_is_refused(tmp_path: Path, old: str, new: str, sentence
 
 
 def test_a_missing_file_is_said(tmp_path: Path) -> None:
-    assert refused(tmp_path / "no.json") == f"there is no file {tmp_path / 'no.json'}: --review writes one"
+    assert refused(tmp_path / "no.json") == f"{tmp_path / 'no.json'} does not exist: --review writes one"
 
 
 # -- the sheet ------------------------------------------------------------------------------------------------
@@ -231,13 +237,13 @@ def test_pictures_of_any_shape_fit(shape: tuple[int, int]) -> None:
 
 
 def test_the_action_is_seen_by_its_colour() -> None:
-    for action, colour in COLOURS.items():
-        sheets = [contact_sheet({}, [replace(TRACKS[0], action=a)], SECONDS) for a in COLOURS]
-        assert [count(sheet, colour) > 700 for sheet in sheets] == [a == action for a in COLOURS]
+    for action, colour in ACTION_COLOURS.items():
+        sheets = [contact_sheet({}, [replace(TRACKS[0], action=a)], SECONDS) for a in ACTION_COLOURS]
+        assert [count(sheet, colour) > 700 for sheet in sheets] == [a == action for a in ACTION_COLOURS]
 
 
 def test_the_curve_is_higher_for_more_confidence() -> None:
-    half = tuple(c // 2 for c in COLOURS["swap"])
+    half = tuple(c // 2 for c in ACTION_COLOURS["swap"])
     sheets = [contact_sheet({}, [replace(TRACKS[0], confidence=(c,) * 50)], SECONDS) for c in (0.0, 0.4, 0.8)]
     none, some, more = (count(sheet, half) for sheet in sheets)
     assert none == 0
@@ -256,7 +262,7 @@ def test_long_words_are_cut_off_at_the_end_of_their_line() -> None:
 
 
 def test_of_too_many_tracks_the_longest_are_shown() -> None:
-    tracks = some(MOST + 3)
+    tracks = some(LAYOUT.max_cards + 3)
     shown = contact_sheet({1: [RED], 2: [RED], 3: [RED]}, tracks, SECONDS)
     assert count(shown, (255, 0, 0)) == 0
     assert count(contact_sheet({4: [RED]}, tracks, SECONDS), (255, 0, 0)) > 5000

@@ -196,5 +196,5 @@ def test_live_never_imports_deidentify(tmp_path: Path) -> None:
     path.parent.mkdir(parents=True)
     path.write_text("from guise.app.deidentify.options import DeidentifyOptions", encoding="utf-8")
     assert wrong_imports(path, tmp_path) == [
-        "app/live/made_up.py:1 imports guise.app.deidentify.options.Options"
+        "app/live/made_up.py:1 imports guise.app.deidentify.options.DeidentifyOptions"
     ]

@@ -14,14 +14,14 @@ from test_landmarks_onnx import linear_model
 
 from guise.aam.landmarks import load_annotations
 from guise.app.cli.main import main
-from guise.app.measure import MeasureError, Request, measure
+from guise.app.measure import MeasureError, MeasureRequest, measure
 from guise.app.measure.curves import CURVES
-from guise.app.measure.faces import Seen
-from guise.app.measure.job import Judge
-from guise.app.measure.pair import Timing, require_alike
-from guise.app.measure.people import Gallery, embedded
-from guise.app.measure.reported import UNTOLD, read_report
-from guise.app.measure.table import FACTS, rows_of
+from guise.app.measure.faces import FaceTrack
+from guise.app.measure.job import FaceMatcher
+from guise.app.measure.pair import VideoTiming, require_alike
+from guise.app.measure.people import Gallery, embeddings_in
+from guise.app.measure.reported import NOT_REPORTED, read_report
+from guise.app.measure.table import FIRST_HEADING, rows_of
 from guise.app.media import open_input
 from guise.app.media.pictures import save_picture
 from guise.app.people.recogniser import Recogniser
@@ -87,7 +87,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def measured(folder: Path) -> dict[str, object]:
     """The figures of an equal and of a covered output, as JSON."""
     original = folder / "original.mp4"
-    request = Request(
+    request = MeasureRequest(
         original, [original, folder / "covered.mp4"], recogniser=folder / "card.toml", gallery=folder / "gallery"
     )  # fmt: skip
     result = measure(request)
@@ -150,7 +150,7 @@ def test_without_a_recogniser_only_utility_is_measured_and_it_says_so(folder: Pa
     original = folder / "original.mp4"
     truth = folder / "truth.npz"
     np.savez(truth, landmarks=np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:FRAMES])
-    result = measure(Request(original, [original], landmarks=truth), say=said.append)
+    result = measure(MeasureRequest(original, [original], landmarks=truth), say=said.append)
     assert result.as_json()["outputs"][0]["privacy"] is None
     assert result.outputs[0].utility.found == 1
     assert 0 < result.outputs[0].utility.landmark_error < 10  # found points beside the true ones
@@ -166,7 +166,7 @@ def test_the_report_says_what_was_done_with_each_face(folder: Path, tmp_path: Pa
     track = {"donor": "", "rows": rows}
     content = {"format": "guise-report", "output": "covered.mp4", "done": ["swapped", "covered", "left"]}
     report.write_text(json.dumps(content | {"tracks": [track], "bystanders": {"rows": nothing}}))
-    request = Request(
+    request = MeasureRequest(
         folder / "original.mp4", [folder / "original.mp4", folder / "covered.mp4"],
         recogniser=folder / "card.toml", reports=[report],
     )  # fmt: skip
@@ -175,7 +175,7 @@ def test_the_report_says_what_was_done_with_each_face(folder: Path, tmp_path: Pa
     assert told.privacy is not None
     assert plain.privacy.by_state == {}
     assert {state: scores.count for state, scores in told.privacy.by_state.items()} == {
-        "swapped": 5, "covered": 5, UNTOLD: FRAMES - 10,
+        "swapped": 5, "covered": 5, NOT_REPORTED: FRAMES - 10,
     }  # fmt: skip
     assert math.isnan(told.privacy.verification)
 
@@ -194,7 +194,7 @@ def test_the_command_writes_json_and_plot(
     assert content["format"] == "guise-measure"
     assert content["outputs"][0]["privacy"]["people"][0]["donor"] == "p03"
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
-    assert f"  {FACTS} " in said.out
+    assert f"  {FIRST_HEADING} " in said.out
     assert "covered.mp4" in said.out
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.json", "out.png"]
 
@@ -227,7 +227,7 @@ def sentence(folder: Path, *arguments: object, capsys: pytest.CaptureFixture[str
     ("change", "expected"),
     [
         ({"skip": 3}, "other.mp4 must have the 24 frames of original.mp4, got 21"),
-        ({"half": True}, "other.mp4 must be as large as original.mp4, 640 x 480, got 320 x 240"),
+        ({"half": True}, "other.mp4 must have the size of original.mp4, 640 x 480, got 320 x 240"),
         ({"rate": 25}, "frame 3 of other.mp4 must be at 0.100 s as in original.mp4, got 0.120 s"),
     ],
     ids=["length", "size", "rate"],
@@ -256,7 +256,7 @@ def test_a_video_without_a_face_is_refused(tmp_path: Path, capsys: pytest.Captur
         (["--recogniser", "card.toml", "--gallery", "nobody"], "no face found in the gallery nobody"),
         (["--recogniser", "card.toml", "--donor", "p99"], "there is no donor p99"),
         (["--landmarker", "magic"], "landmarker must be one of"),
-        (["--plot", "out.jpg"], "a plot is a .png file, got out.jpg"),
+        (["--plot", "out.jpg"], "a plot must be a .png file, got out.jpg"),
         (["-o", "card.toml"], "card.toml exists"),
     ],
 )
@@ -277,17 +277,17 @@ def test_the_report_of_another_video_is_refused(folder: Path, tmp_path: Path) ->
     assert read_report(report).output == "elsewhere.mp4"
     outputs = [folder / "covered.mp4", folder / "original.mp4"]
     with pytest.raises(MeasureError, match="which is not among the outputs"):
-        measure(Request(folder / "original.mp4", outputs, reports=[report]))
+        measure(MeasureRequest(folder / "original.mp4", outputs, reports=[report]))
 
 
 def test_times_may_be_rounded_but_not_by_half_a_frame() -> None:
     times = tuple(Fraction(i, 30) for i in range(90))
-    original = Timing("a", times, 64, 48)
+    original = VideoTiming("a", times, 64, 48)
     rounded = tuple(Fraction(round(t * 1000) + 80, 1000) for t in times)  # milliseconds, and a later start
-    require_alike(original, Timing("b", rounded, 64, 48))
+    require_alike(original, VideoTiming("b", rounded, 64, 48))
     late = (*times[:50], times[50] + Fraction(1, 59), *times[51:])
     with pytest.raises(MeasureError, match=r"frame 50 of c must be at 1\.667 s as in a, got 1\.684 s"):
-        require_alike(original, Timing("c", late, 64, 48))
+        require_alike(original, VideoTiming("c", late, 64, 48))
 
 
 def test_pictures_of_a_folder_show_a_person_each(tmp_path: Path) -> None:
@@ -297,7 +297,7 @@ def test_pictures_of_a_folder_show_a_person_each(tmp_path: Path) -> None:
         with av.open(str(SAMPLES / person / "talk.mp4")) as reader:
             rgb = next(reader.decode(video=0)).to_ndarray(format="rgb24")
             save_picture(folder / f"{person}.png", rgb)
-    result = measure(Request(folder, [folder], recogniser=recogniser(tmp_path)))
+    result = measure(MeasureRequest(folder, [folder], recogniser=recogniser(tmp_path)))
     assert result.faces == (1, 1)
     (figures,) = result.outputs
     assert figures.utility.found == 1
@@ -311,14 +311,14 @@ def test_pictures_of_a_folder_show_a_person_each(tmp_path: Path) -> None:
 def test_the_higher_score_of_both_places_counts(folder: Path) -> None:
     """Looked at beside the face, the original scores little; where its faces are found, it is itself."""
     original, truth = folder / "original.mp4", np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:FRAMES]
-    face = Seen(np.arange(FRAMES, dtype=np.int32), truth.astype(np.float32))
-    beside = Seen(face.frames, face.points + 60)
-    nowhere = Seen(np.zeros(0, np.int32), np.zeros((0, 81, 2), np.float32))
-    half = Seen(face.frames[::2], face.points[::2])
+    face = FaceTrack(np.arange(FRAMES, dtype=np.int32), truth.astype(np.float32))
+    beside = FaceTrack(face.frames, face.points + 60)
+    nowhere = FaceTrack(np.zeros(0, np.int32), np.zeros((0, 81, 2), np.float32))
+    half = FaceTrack(face.frames[::2], face.points[::2])
     recognise = Recogniser(folder / "card.toml")
     with open_input(original) as source:
-        rows = embedded(source, [face], recognise)[0]
-    judge = Judge(recognise, Gallery.of([]), [(beside, rows)], [])
+        rows = embeddings_in(source, [face], recognise)[0]
+    judge = FaceMatcher(recognise, Gallery.of([]), [(beside, rows)], [])
     missed, some = (judge.scores(original, [again])[0].own for again in (nowhere, half))
     assert (some[::2] > missed[::2] + 0.1).all()
     assert some[::2].mean() > 0.9

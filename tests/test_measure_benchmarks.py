@@ -8,12 +8,12 @@ from made_up import SAMPLES
 
 from benchmarks.deidentify import expression, identity
 from guise.app.measure.curves import CURVES
-from guise.app.measure.job import Compared
+from guise.app.measure.job import MatchScores
 
 
-def scores(every: list[list[float]], embeddings: list[list[float]]) -> Compared:
+def scores(every: list[list[float]], embeddings: list[list[float]]) -> MatchScores:
     values = np.array(every)
-    return Compared(values[:, 0], values, np.array(embeddings, np.float32))
+    return MatchScores(values[:, 0], values, np.array(embeddings, np.float32))
 
 
 def test_clips_of_one_person_have_one_name() -> None:

@@ -25,13 +25,13 @@ from guise.app.measure.curves import (
     angle_between,
     correlation,
     expression,
+    jitter,
     point_errors,
     pose,
-    tremble,
 )
-from guise.app.measure.faces import Seen
-from guise.app.measure.figures import Utility, mean_of, plain, together
-from guise.app.measure.people import Gallery, Known, impostor_scores, joined
+from guise.app.measure.faces import FaceTrack
+from guise.app.measure.figures import Utility, mean_of, plain, weighted_mean
+from guise.app.measure.people import Gallery, Subject, group_people, impostor_scores
 from guise.app.measure.privacy import (
     BINS,
     Scores,
@@ -128,38 +128,38 @@ def test_a_template_is_the_direction_of_the_mean() -> None:
 
 def test_impostor_scores_compare_each_face_with_every_other_person_only() -> None:
     people = [
-        Known("a", unit([1, 0, 0], [1, 0, 0])),
-        Known("b", unit([0, 1, 0])),
-        Known("c", unit([1, 1, 0])),
+        Subject("a", unit([1, 0, 0], [1, 0, 0])),
+        Subject("b", unit([0, 1, 0])),
+        Subject("c", unit([1, 1, 0])),
     ]
     half = math.sqrt(0.5)
     assert sorted(impostor_scores(people)) == pytest.approx(sorted([0, half, 0, half, 0, half, half, half]))
 
 
 def test_a_gallery_of_one_has_no_threshold() -> None:
-    gallery = Gallery.of([Known("a", unit([1, 0]))])
-    assert gallery.limit is gallery.same is None
+    gallery = Gallery.of([Subject("a", unit([1, 0]))])
+    assert gallery.limit is gallery.usable_limit is None
     assert gallery.without(unit([1, 0])[0], pytest.fail) is gallery
 
 
 def test_somebody_of_the_gallery_who_is_in_the_original_is_left_out() -> None:
     told: list[str] = []
-    people = [Known(name, unit(row)) for name, row in zip("abc", np.eye(3).tolist(), strict=True)]
+    people = [Subject(name, unit(row)) for name, row in zip("abc", np.eye(3).tolist(), strict=True)]
     crowd = np.zeros(1000)
     rest = Gallery(tuple(people), crowd, threshold(crowd)).without(unit([-0.1, 1, -0.1])[0], told.append)
     assert [one.name for one in rest.people] == ["a", "c"]
-    assert told == ["b of the gallery is taken for a person of the original"]
+    assert told == ["b of the gallery looks like a person of the original and is left out"]
 
 
 def test_tracks_of_one_person_are_joined_but_never_two_faces_of_a_frame() -> None:
-    def seen(*frames: int) -> Seen:
-        return Seen(np.array(frames, np.int32), np.zeros((len(frames), 81, 2), np.float32))
+    def seen(*frames: int) -> FaceTrack:
+        return FaceTrack(np.array(frames, np.int32), np.zeros((len(frames), 81, 2), np.float32))
 
     limit = threshold(np.array([0.1, 0.5]), 0.5)
     same, other = unit([1, 0], [1, 0]), unit([0, 1], [0, 1])
     faces = [seen(0, 1), seen(2, 3), seen(4, 5), seen(3, 9)]
-    assert joined(faces, [same, same, other, same], limit) == [[0, 1], [2], [3]]
-    assert joined(faces, [same, same, other, same], None) == [[0], [1], [2], [3]]
+    assert group_people(faces, [same, same, other, same], limit) == [[0, 1], [2], [3]]
+    assert group_people(faces, [same, same, other, same], None) == [[0], [1], [2], [3]]
 
 
 def test_scores_in_short() -> None:
@@ -280,15 +280,15 @@ def test_another_face_that_moves_alike_has_no_error_of_motion(face: np.ndarray) 
     assert np.allclose(motion, 0, atol=1e-9)
 
 
-def test_tremble_grows_with_noise_and_not_with_the_heads_motion(face: np.ndarray) -> None:
+def test_jitter_grows_with_noise_and_not_with_the_heads_motion(face: np.ndarray) -> None:
     rng, frames = np.random.default_rng(7), np.arange(40)
     still = np.repeat(face[:1], 40, axis=0)
     moving = np.stack([turned(p, 0.3 * i * i, 1 + 0.01 * i, 0.1 * i * i) for i, p in enumerate(still)])
     noise = rng.normal(size=still.shape)
-    assert tremble(moving, frames) < 1e-9
-    assert tremble(still + 2 * noise, frames) == pytest.approx(2 * tremble(still + noise, frames), rel=0.05)
-    assert math.isnan(tremble(face[:2], np.arange(2)))
-    assert math.isnan(tremble(face[:20], 2 * np.arange(20)))
+    assert jitter(moving, frames) < 1e-9
+    assert jitter(still + 2 * noise, frames) == pytest.approx(2 * jitter(still + noise, frames), rel=0.05)
+    assert math.isnan(jitter(face[:2], np.arange(2)))
+    assert math.isnan(jitter(face[:20], 2 * np.arange(20)))
 
 
 def test_a_face_that_is_kept_has_the_best_figures(face: np.ndarray) -> None:
@@ -312,7 +312,7 @@ def test_a_face_that_is_never_found_has_unknown_figures() -> None:
 def test_people_count_by_their_frames(face: np.ndarray) -> None:
     whole = Utility.of(face, face, np.arange(60), 60)
     half = Utility.of(face[:30], face[:30], np.arange(30), 60)
-    assert together([whole, half], [60, 180]).found == pytest.approx(0.25 * 1 + 0.75 * 0.5)
+    assert weighted_mean([whole, half], [60, 180]).found == pytest.approx(0.25 * 1 + 0.75 * 0.5)
 
 
 def test_means_leave_out_what_is_unknown() -> None:

@@ -102,7 +102,7 @@ def test_five_points_are_eyes_nose_and_mouth() -> None:
         ('name = "projection"', "input = 3", "must be a readable TOML file"),
     ],
 )
-def test_a_wrong_card_is_told_by_its_key(tmp_path: Path, old: str, new: str, expected: str) -> None:
+def test_a_wrong_card_is_refused_by_its_key(tmp_path: Path, old: str, new: str, expected: str) -> None:
     card = tmp_path / "card.toml"
     assert old in CARD
     card.write_text(CARD.replace(old, new))
@@ -125,7 +125,7 @@ def test_a_wrong_card_is_told_by_its_key(tmp_path: Path, old: str, new: str, exp
         ('name = "projection"', 'sha256 = "00"', "expected sha256 00, got"),
     ],
 )
-def test_a_model_that_is_not_what_the_card_says_is_told(
+def test_a_model_that_differs_from_its_card_is_refused(
     tmp_path: Path, old: str, new: str, expected: str
 ) -> None:
     card = recogniser(tmp_path)

@@ -27,8 +27,8 @@ from guise.app.cli.options import (
 
 if TYPE_CHECKING:
     from guise.app.deidentify.report.report import BatchEntry
-    from guise.app.deidentify.run.batch import Run
-    from guise.app.deidentify.run.inputs import Pair
+    from guise.app.deidentify.run.batch import BatchRun
+    from guise.app.deidentify.run.inputs import FilePair
     from guise.common.progress import Progress
 
 WORK = "guise-work"
@@ -64,18 +64,18 @@ Output = Annotated[
         "NAME_deidentified.",
     ),
 ]
-Recursive = Annotated[bool, typer.Option("--recursive", help="Folders with all that is below them.")]
+Recursive = Annotated[bool, typer.Option("--recursive", help="Include the subfolders of folders.")]
 Donor = Annotated[
     str,
     typer.Option(
         metavar="auto|NAME.guise|mean:K",
-        help="Whose faces are shown: fictional people, each person another; one model for all; or averages of K.",
+        help="Whose faces are shown: a different fictional person for each; one model for all; or averages of K.",
     ),
 ]
 Gallery = Annotated[
     list[Path] | None,
     typer.Option(
-        metavar="NAME.guise", help="A donor of your own, instead of those of Guise; may be repeated."
+        metavar="NAME.guise", help="A donor of your own instead of those of Guise; may be repeated."
     ),
 ]
 Cover = Annotated[CoverName, typer.Option(help="How a face that is not swapped is covered.")]
@@ -83,7 +83,7 @@ Review = Annotated[
     bool,
     typer.Option(
         "--review",
-        help="Stop before anything is changed, and write NAME.tracks.json to edit and NAME.tracks.jpg to look at.",
+        help="Stop before rendering, and write NAME.tracks.json to edit and NAME.tracks.jpg to look at.",
     ),
 ]
 Tracks = Annotated[
@@ -91,34 +91,34 @@ Tracks = Annotated[
 ]
 Resume = Annotated[
     bool,
-    typer.Option("--resume", help="Go on where an earlier run stopped; finished files are left as they are."),
+    typer.Option("--resume", help="Continue where an earlier run stopped; finished files are skipped."),
 ]
 EngineName = Annotated[
     str,
-    typer.Option(metavar="local|dask:ADDRESS", help="What does the work: this machine or a Dask cluster."),
+    typer.Option(metavar="local|dask:ADDRESS", help="What runs the jobs: this machine or a Dask cluster."),
 ]
 Workers = Annotated[
     int | None,
     typer.Option(min=1, metavar="N", help="Processes of the local engine; default: half as many as cores."),
 ]
-Work = Annotated[
+WorkFolder = Annotated[
     Path,
-    typer.Option(metavar="DIR", help="Where copies of what comes from or goes to a URL lie meanwhile."),
+    typer.Option(metavar="DIR", help="Folder for temporary copies of remote files."),
 ]
-Seed = Annotated[int, typer.Option(help="Of the choice of donors.")]
+Seed = Annotated[int, typer.Option(help="Seed for the choice of donors.")]
 KeyFileOption = Annotated[
     Path | None,
     typer.Option(
         "--keyfile",
         metavar="FILE",
-        help="Remember people and their donors here, so that they keep them in other files.",
+        help="Remember people and their donors here, so that a person gets the same donor in other files.",
     ),
 ]
 Audio = Annotated[AudioName, typer.Option(help="Keep the sound, drop it, or disguise the voices.")]
 KeepMetadata = Annotated[
     bool,
     typer.Option(
-        "--keep-metadata", help="Keep place, device, author, times, comments and other data streams."
+        "--keep-metadata", help="Keep location, device, author, times, comments and other data streams."
     ),
 ]
 LabelOption = Annotated[bool, typer.Option("--label", help="Draw a visible label.")]
@@ -141,7 +141,7 @@ def deidentify(
     resume: Resume = False,
     engine: EngineName = "local",
     workers: Workers = None,
-    work: Work = Path(WORK),
+    work: WorkFolder = Path(WORK),
     seed: Seed = 0,
     keyfile: KeyFileOption = None,
     audio: Audio = AudioName.keep,
@@ -158,8 +158,8 @@ def deidentify(
     json: Json = False,
 ) -> int:
     """Swap or cover every face in videos and images, and report what was done in each frame."""
-    from guise.app.deidentify.options import Options
-    from guise.app.deidentify.run.batch import Run
+    from guise.app.deidentify.options import DeidentifyOptions
+    from guise.app.deidentify.run.batch import BatchRun
     from guise.app.deidentify.run.checks import checked
     from guise.app.deidentify.run.inputs import make_plan, require_possible
     from guise.app.deidentify.run.registry import open_engine
@@ -168,7 +168,7 @@ def deidentify(
 
     console = Console(quiet=quiet, json=json)
     certificate, key = c2pa or (None, None)
-    options = Options(
+    options = DeidentifyOptions(
         donor, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label, certificate,
         key, EncodeOptions(encoder, crf, preset, lossless), renderer.value,
     )  # fmt: skip
@@ -179,28 +179,28 @@ def deidentify(
         console.note(note)
     require_possible(plan.pairs, force=force, resume=resume)
     with open_engine(engine, workers) as opened:
-        return _run(console, plan.pairs, Run(options, opened, resume, force, review, tracks))
+        return _run(console, plan.pairs, BatchRun(options, opened, resume, force, review, tracks))
 
 
-def _check_tracks(tracks: Path | None, review: bool, pairs: Sequence[Pair]) -> None:
+def _check_tracks(tracks: Path | None, review: bool, pairs: Sequence[FilePair]) -> None:
     if tracks is not None and review:
         raise typer.BadParameter("--review writes the file that --tracks reads: give one of them")
     if tracks is not None and len(pairs) > 1:
         raise typer.BadParameter(
-            f"--tracks is for one input, got {len(pairs)}: edited files beside the outputs are found with --resume"
+            f"--tracks is for one input, got {len(pairs)}: with --resume, edited files beside the outputs are found"
         )
 
 
-def _run(console: Console, pairs: Sequence[Pair], run: Run) -> int:
+def _run(console: Console, pairs: Sequence[FilePair], run: BatchRun) -> int:
     from guise.app.deidentify.run.batch import exit_code, run_batch
     from guise.common.errors import Interrupted
 
     start = time.perf_counter()
     with Board(console, len(pairs)) as board:
         try:
-            entries = run_batch(pairs, run, _Watch(console, board, len(pairs)))
+            entries = run_batch(pairs, run, _ConsoleObserver(console, board, len(pairs)))
         except KeyboardInterrupt:
-            raise Interrupted("interrupted; what is done is kept: go on with --resume") from None
+            raise Interrupted("interrupted; finished work is kept: continue with --resume") from None
     facts = {
         "code": exit_code(entries),
         "seconds": round(time.perf_counter() - start, 3),
@@ -212,8 +212,8 @@ def _run(console: Console, pairs: Sequence[Pair], run: Run) -> int:
     return exit_code(entries)
 
 
-def _summarise(console: Console, entries: Sequence[BatchEntry], pairs: Sequence[Pair]) -> str:
-    """Say and write what became of all files."""
+def _summarise(console: Console, entries: Sequence[BatchEntry], pairs: Sequence[FilePair]) -> str:
+    """Report the outcomes of all files, and write the summary."""
     from guise.app.deidentify.report.report import ALL_SWAPPED, SOME_COVERED
     from guise.app.deidentify.run.batch import write_summary
 
@@ -227,8 +227,8 @@ def _summarise(console: Console, entries: Sequence[BatchEntry], pairs: Sequence[
     return page
 
 
-class _Watch:
-    """Shows how far a batch is, and says what becomes of each file."""
+class _ConsoleObserver:
+    """Shows the progress of a batch and the outcome of each file."""
 
     def __init__(self, console: Console, board: Board, total: int) -> None:
         self._console, self._board, self._total = console, board, total
@@ -236,15 +236,15 @@ class _Watch:
         self._count = 0
 
     def file(self, name: str) -> Progress:
-        """What is called with the stage of a file and the share of it that is done."""
+        """Returns what is called with the stage of a file and the share of it that is done."""
         return lambda stage, share: self._board.show(name, stage, share)
 
     def note(self, text: str) -> None:
-        """Say something to know."""
+        """Print a remark."""
         self._console.note(text)
 
     def finished(self, entry: BatchEntry) -> None:
-        """Say what became of a file."""
+        """Print the outcome of a file."""
         with self._lock:
             self._count += 1
             self._board.finished(entry.input, self._count)

@@ -12,7 +12,7 @@ from guise.app.cli.options import Force, Json, LandmarkerSpec, Quiet
 
 
 def measure(
-    original: Annotated[Path, typer.Argument(metavar="ORIGINAL", help="The video before.")],
+    original: Annotated[Path, typer.Argument(metavar="ORIGINAL", help="The original video.")],
     outputs: Annotated[
         list[Path], typer.Argument(metavar="OUTPUT...", help="The same video, de-identified by any tool.")
     ],
@@ -25,19 +25,20 @@ def measure(
         typer.Option(metavar="DIR", help="Other people: a picture, a video or a folder of them for each."),
     ] = None,
     donor: Annotated[
-        list[str] | None, typer.Option(metavar="NAME.guise", help="Whose face the outputs show.")
+        list[str] | None, typer.Option(metavar="NAME.guise", help="A donor whose face the outputs show.")
     ] = None,
     report: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="NAME.report.json",
-            help="Of an output, by `guise deidentify`: what was done with each face.",
+            help="The report of an output by `guise deidentify`: what was done with each face.",
         ),
     ] = None,
     landmarks: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Landmarks of ORIGINAL (.npz, .json, .pts); default: they are found."
+            metavar="FILE",
+            help="Landmarks of ORIGINAL (.npz, .json, .pts); default: found by the landmarker.",
         ),
     ] = None,
     landmarker: LandmarkerSpec = None,
@@ -46,7 +47,7 @@ def measure(
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.png", help="Draw similarities and expressions here (extra: plots)."),
+        typer.Option(metavar="OUT.png", help="Plot similarities and expressions here (extra: plots)."),
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
@@ -55,9 +56,9 @@ def measure(
     """Measure how private and how useful a de-identified video is, against its original."""
     from json import dumps
 
-    from guise.app.measure import Request
+    from guise.app.measure import MeasureRequest
     from guise.app.measure import measure as run
-    from guise.app.measure.table import FACTS, rows_of
+    from guise.app.measure.table import FIRST_HEADING, rows_of
     from guise.common.files import require_free, write_whole
 
     console = Console(quiet=quiet, json=json)
@@ -67,7 +68,7 @@ def measure(
         from guise.app.measure.plot import draw, require_plots
 
         require_plots(plot)
-    request = Request(
+    request = MeasureRequest(
         original, outputs, landmarker or "builtin", landmarks, recogniser, gallery, donor or (), report or ()
     )
     with Stages(console) as stages:
@@ -78,7 +79,7 @@ def measure(
         write_whole(output, text)
     if plot is not None:
         draw(result, plot)
-    console.grid(result.original, [FACTS, *(one.name for one in result.outputs)], rows_of(result))
+    console.grid(result.original, [FIRST_HEADING, *(one.name for one in result.outputs)], rows_of(result))
     for path in filter(None, (output, plot)):
         console.say(f"written: {path}")
     console.result(facts)

@@ -1,4 +1,4 @@
-"""What the user asks of a de-identification."""
+"""The options of a de-identification."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Audio = Literal["keep", "drop", "mask"]
 
 
 class DeidentifyError(GuiseError):
-    """A de-identification that cannot be done; one sentence."""
+    """A de-identification that is not possible; one sentence."""
 
 
 @dataclass(frozen=True)
-class Options:
-    """How a file is de-identified; all of it is part of the manifest, so that a resumed run is the same run.
+class DeidentifyOptions:
+    """How a file is de-identified; stored in the manifest, so that a resumed run is the same run.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Options:
     label : draw a visible label.
     certificate, key : PEM files for a signed C2PA manifest, or None.
     encode : encoder, crf, preset, lossless.
-    renderer : who draws.
+    renderer : which renderer draws.
     """
 
     donor: str = "auto"
@@ -57,7 +57,7 @@ class Options:
         return asdict(self, dict_factory=_plain)
 
     @classmethod
-    def from_json(cls, values: dict[str, Any]) -> Options:
+    def from_json(cls, values: dict[str, Any]) -> DeidentifyOptions:
         """The options that `as_json` gave."""
         paths = {k: values[k] and Path(values[k]) for k in ("keyfile", "certificate", "key")}
         return cls(

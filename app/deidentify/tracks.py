@@ -1,4 +1,4 @@
-"""Tracks of faces through a video, what is proposed and done with them, and the report's figures.
+"""Tracks of faces through a video, what is proposed for them and done with them, and the report's figures.
 
 A track is one face seen without a long break; a person has one or more tracks (they leave and return).  Boxes are
 ``x0 y0 x1 y1`` pixels as shown; frames are counted from 0 in the order of the input's pictures.
@@ -16,12 +16,12 @@ Action = Literal["swap", "cover", "leave"]
 Done = Literal["swapped", "covered", "left"]
 ACTIONS: tuple[Action, ...] = ("swap", "cover", "leave")
 DONE: tuple[Done, ...] = ("swapped", "covered", "left")
-BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being followed
+BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being tracked
 
 
 @dataclass(frozen=True)
 class Track:
-    """A face followed through consecutive frames.
+    """A face tracked through a video.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ class Track:
     first, last : frames, inclusive, in which it was seen for the first and the last time.
     seen : number of frames in which it was seen.   width : median width of the face, pixels.
     confidence : mean confidence in [0, 1] over at most 100 equal parts of first..last; 0 where it was not seen.
-    proposed, reason : what Guise would do, and why it would not swap ("" for a swap).
-    action : what is to be done, which the user may change.
+    proposed, reason : what Guise proposes, and why not to swap ("" for a swap).
+    action : what to do, which the user may change.
     donor : whose face is shown, see `guise.app.swapping.donors.open_donor`; "" unless swapped.
     name : the user's name for the person, or "".
     can_swap : whether there is a model of the face, without which it can only be covered or left.
@@ -52,7 +52,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class TrackOutcome:
     """What was done with a track, a row for each frame in which a region was changed or left.
 
     Parameters
@@ -72,8 +72,8 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class AuditFind:
-    """A face that the detector found in the output: where, how sure, and whether it was covered then."""
+class AuditFinding:
+    """A face that the audit found in the output: where, its score, and whether it was covered afterwards."""
 
     frame: int
     box: tuple[int, int, int, int]
@@ -83,7 +83,7 @@ class AuditFind:
 
 @dataclass(frozen=True, eq=False)
 class FileReport:
-    """All that is known of a de-identified file.
+    """All that is known about a de-identified file.
 
     Parameters
     ----------
@@ -91,11 +91,11 @@ class FileReport:
     seconds : (frames,) float64, time of each frame.
     width, height : pixels as shown.
     tracks, outcomes : the tracks, and what was done with each and with bystanders.
-    audit : what the last look at the output found.
+    audit : what the audit of the output found.
     counts : frames by their worst face: "swapped" (all faces swapped), "covered" (some covered), "left" (some left as
         the user said), "without face".
     settings : what was asked for, as JSON holds it.
-    problems : sentences about what was survived in the input.
+    problems : sentences about damage in the input that was tolerated.
     wall_seconds : time of the work.
     digest : SHA-256 of the output file in hexadecimal digits, so that a signed report is of this file; "" for a folder.
     """
@@ -107,8 +107,8 @@ class FileReport:
     width: int
     height: int
     tracks: tuple[Track, ...]
-    outcomes: tuple[Outcome, ...]
-    audit: tuple[AuditFind, ...]
+    outcomes: tuple[TrackOutcome, ...]
+    audit: tuple[AuditFinding, ...]
     counts: dict[str, int]
     settings: dict[str, Any] = field(default_factory=dict)
     problems: tuple[str, ...] = ()

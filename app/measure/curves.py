@@ -1,4 +1,4 @@
-"""What a face does, from its landmarks: expression curves, pose, steadiness, and how much of it a second face keeps.
+"""What a face does, from its landmarks: expression curves, pose, jitter, and how much of it a second face keeps.
 
 Landmarks (n, 81, 2) pixels, x right, y down.  Curves are in inter-ocular distances (lids in widths of the eye), so that
 distance from the camera does not enter.  Angles in degrees: yaw to the right of the picture, pitch up, roll clockwise.
@@ -37,8 +37,8 @@ from guise.aam.landmarks.schemes import (
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F64
 
-FEWEST = 10  # frames below which a correlation says nothing
-STILL = 0.005  # standard deviation of a curve below which it did not move
+MIN_CORRELATION_FRAMES = 10
+MIN_DEVIATION_EYE_DISTANCES = 0.005  # standard deviation of a curve, below which it does not move
 # Points that move with the skull, and where they lie in inter-ocular distances from the middle between the outer eye
 # corners, x right, y down, z away: means over the clips of seven rendered people.
 SKULL = (*EYE_CORNERS, *NOSE)
@@ -97,10 +97,10 @@ def expression(points: NDArray[Any]) -> dict[str, F64]:
 def correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
     """Pearson correlation of two curves (n,); NaN when there are few values or the first one does not move.
 
-    A second curve that does not move where the first one does has lost all: 0.
+    0 when the second curve does not move where the first one does.
     """
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    if len(x) < FEWEST or x.std() < STILL:
+    if len(x) < MIN_CORRELATION_FRAMES or x.std() < MIN_DEVIATION_EYE_DISTANCES:
         return math.nan
     return float(np.corrcoef(x, y)[0, 1]) if y.std() > 1e-9 else 0.0
 
@@ -126,9 +126,9 @@ def angle_between(a: F64, b: F64) -> F64:
 
 
 def point_errors(before: NDArray[Any], after: NDArray[Any]) -> tuple[F64, F64]:
-    """Mean distances (n,) of two faces' points, in % of the first one's inter-ocular distance: all of it, and motion.
+    """Mean distances (n,) of two faces' points, in % of the first one's inter-ocular distance: total, and of motion.
 
-    For the second the constant difference of the two faces (another nose, another chin) is taken off, in the upright
+    For the second, the constant difference of the two faces (another nose, another chin) is removed, in the upright
     frame of the eyes.
     """
     first, second = _upright(before, before), _upright(after, before)
@@ -149,9 +149,9 @@ def _upright(points: NDArray[Any], by: NDArray[Any]) -> F64:
 
 
 def jitter(points: NDArray[Any], frames: NDArray[Any]) -> float:
-    """How much points shake: median over triples of consecutive frames of the mean second difference.
+    """Jitter of points: median over triples of consecutive frames of the mean second difference.
 
-    points : (n, 81, 2), the rigid motion of the head between the frames taken off.   frames : (n,) ascending.
+    points : (n, 81, 2), the rigid motion of the head between the frames is removed.   frames : (n,) ascending.
     In inter-ocular distances; NaN without a triple.
     """
     shape = np.asarray(points, np.float64)

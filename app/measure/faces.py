@@ -22,11 +22,12 @@ from guise.common.errors import GuiseError
 
 Ints = NDArray[np.int32]
 
-SAME = 0.3  # overlap of boxes from which a face of the output is the one of the original
+MIN_MATCH_IOU = 0.3  # of boxes, from which a face of the output is the one of the original
+MIN_CONFIDENCE = 0.5  # of a face in a picture
 
 
 class MeasureError(GuiseError):
-    """A measurement that cannot be done; one sentence."""
+    """A measurement that is not possible; one sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,9 @@ class FaceTrack:
 
 
 class FaceLocator:
-    """Finds and follows all faces, frame by frame.
+    """Locates all faces, frame by frame.
 
-    landmarker : Landmarker.   video : whether frames follow each other; else faces are found anew in each picture.
+    landmarker : Landmarker.   video : whether to track faces from frame to frame; otherwise pictures are independent.
     """
 
     def __init__(self, landmarker: Landmarker, *, video: bool) -> None:
@@ -49,15 +50,15 @@ class FaceLocator:
         self._numbers = count()
 
     def __call__(self, frame: Frame) -> dict[int, Face]:
-        """The faces of the next frame by their numbers; in pictures each face has its own, which comes but once."""
+        """The faces of the next frame by their numbers; in independent pictures no number comes twice."""
         if self._tracker is not None:
             return self._tracker.update(frame.rgb())
-        found = [face for face in self._landmarker.detect(frame.rgb()) if face.confidence >= 0.5]
+        found = [face for face in self._landmarker.detect(frame.rgb()) if face.confidence >= MIN_CONFIDENCE]
         return {next(self._numbers): face for face in found}
 
 
 class FaceTrackBuilder:
-    """Landmarks by the number of a face, as they come."""
+    """Collects landmarks by the number of a face."""
 
     def __init__(self) -> None:
         self._frames: dict[int, list[int]] = {}
@@ -68,24 +69,24 @@ class FaceTrackBuilder:
         self._frames.setdefault(number, []).append(frame)
         self._points.setdefault(number, []).append(np.asarray(points, np.float32))
 
-    def of(self, number: int) -> FaceTrack:
-        """One face; it may have been seen nowhere."""
+    def track(self, number: int) -> FaceTrack:
+        """The track of one face, which may be empty."""
         frames, points = self._frames.get(number, []), self._points.get(number, [])
         return FaceTrack(np.array(frames, np.int32), np.array(points, np.float32).reshape(-1, 81, 2))
 
-    def seen(self) -> list[FaceTrack]:
+    def tracks(self) -> list[FaceTrack]:
         """All faces, those seen in most frames first."""
-        return sorted(map(self.of, self._frames), key=lambda face: -len(face.frames))
+        return sorted(map(self.track, self._frames), key=lambda face: -len(face.frames))
 
 
-def faces_in(source: MediaInput, landmarker: Landmarker, tell: Callable[[int], None]) -> list[FaceTrack]:
-    """The faces of a video; MeasureError without any.   tell : called with the number of frames that are done."""
+def faces_in(source: MediaInput, landmarker: Landmarker, progress: Callable[[int], None]) -> list[FaceTrack]:
+    """The faces of a video; MeasureError without any.   progress : called with the number of frames that are done."""
     find, found = FaceLocator(landmarker, video=source.kind == "video"), FaceTrackBuilder()
     for frame in source:
         for number, face in find(frame).items():
             found.add(number, frame.index, face.points)
-        tell(frame.index + 1)
-    faces = found.seen()
+        progress(frame.index + 1)
+    faces = found.tracks()
     if not faces:
         raise MeasureError(
             f"no face found in {source.name}: give a video that shows a face, or its landmarks with --landmarks"
@@ -94,14 +95,14 @@ def faces_in(source: MediaInput, landmarker: Landmarker, tell: Callable[[int], N
 
 
 def faces_of_file(path: Path, frames: int) -> list[FaceTrack]:
-    """The face that a file of landmarks tells of; LandmarkError unless the file is for so many frames."""
+    """The face of a file of landmarks; LandmarkError unless the file is for so many frames."""
     known = load_annotations(path).require_frames(frames)
     index = np.flatnonzero(known.present).astype(np.int32)
     return [FaceTrack(index, known.points[index])]
 
 
 class FacesByFrame:
-    """The known faces by frame."""
+    """The faces of some tracks by frame."""
 
     def __init__(self, faces: Sequence[FaceTrack]) -> None:
         self._rows: dict[int, list[tuple[int, F32]]] = {}
@@ -114,7 +115,7 @@ class FacesByFrame:
         return self._rows.get(frame, [])
 
 
-def seen_again(source: MediaInput, faces: Sequence[FaceTrack], landmarker: Landmarker) -> list[FaceTrack]:
+def relocate(source: MediaInput, faces: Sequence[FaceTrack], landmarker: Landmarker) -> list[FaceTrack]:
     """The known faces as they are found in a video, each frame searched on its own."""
     at, found = FacesByFrame(faces), FaceTrackBuilder()
     for frame in source:
@@ -122,7 +123,7 @@ def seen_again(source: MediaInput, faces: Sequence[FaceTrack], landmarker: Landm
             every = dict(enumerate(landmarker.detect(frame.rgb())))
             for number, points in matched(known, every):
                 found.add(number, frame.index, points)
-    return [found.of(number) for number in range(len(faces))]
+    return [found.track(number) for number in range(len(faces))]
 
 
 def matched(known: list[tuple[int, F32]], found: dict[int, Face]) -> Iterator[tuple[int, F32]]:
@@ -130,5 +131,5 @@ def matched(known: list[tuple[int, F32]], found: dict[int, Face]) -> Iterator[tu
     for number, points in known:
         box = tight_box(points)
         best = max(found.values(), key=lambda face: iou(face.box, box), default=None)
-        if best is not None and iou(best.box, box) >= SAME:
+        if best is not None and iou(best.box, box) >= MIN_MATCH_IOU:
             yield number, best.points

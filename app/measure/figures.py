@@ -1,4 +1,4 @@
-"""What was measured of an output: the figures that are told, and the curves that are drawn.
+"""What was measured of an output: the figures that are reported, and the curves that are plotted.
 
 All figures are JSON-like; NaN stands for what could not be measured.
 """
@@ -19,9 +19,9 @@ from guise.app.measure.curves import (
     angle_between,
     correlation,
     expression,
+    jitter,
     point_errors,
     pose,
-    tremble,
 )
 from guise.app.measure.pair import SoundCheck
 from guise.app.measure.privacy import Scores
@@ -29,11 +29,11 @@ from guise.common.arrays import F64
 
 
 @dataclass(frozen=True)
-class PersonFound:
-    """How well a person is found again in an output when all frames are put together.
+class Reidentification:
+    """How well a person is re-identified in an output when all frames are combined.
 
     person : from 1.   frames : in which the face was compared.   similarity : of the mean embeddings.
-    rank : place among `of` people, 1 = found again.   donor : whose face it is most like, or "".
+    rank : among `of` people; 1 means re-identified.   donor : whose face it is most like, or "".
     """
 
     person: int
@@ -46,7 +46,7 @@ class PersonFound:
 
 @dataclass(frozen=True)
 class Privacy:
-    """How well people are found again.
+    """How well people are re-identified.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ class Privacy:
     unswapped_to_donor : the same of the original.
     rank_one, unswapped_rank_one : share of faces whose best match is their own person.   chance : of a guess.
     verification, unswapped_verification : share of faces above the threshold of the false-accept rate.
-    equal_error_rate, unswapped_equal_error_rate : 0.5 when nothing tells the person from others.
+    equal_error_rate, unswapped_equal_error_rate : 0.5 when the scores don't tell the person from others.
     by_state : scores with the source by what the report says was done with the face; {} without a report.
-    people : each person when all frames are put together.
+    people : each person when all frames are combined.
     """
 
     to_source: Scores | None
@@ -72,12 +72,12 @@ class Privacy:
     equal_error_rate: float
     unswapped_equal_error_rate: float
     by_state: Mapping[str, Scores]
-    people: tuple[PersonFound, ...]
+    people: tuple[Reidentification, ...]
 
 
 @dataclass(frozen=True)
 class Utility:
-    """How much of what a person does is kept.
+    """How much of the expression and motion is kept.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Utility:
     landmark_error, motion_error : mean distance of the landmarks, % of the inter-ocular distance; the second
         without the constant difference of the faces.
     pose_error, pose_motion_error : mean absolute difference of yaw, pitch and roll, degrees; likewise.
-    jitter_ratio : how much the output's landmarks shake, over how much the original's do.
+    jitter_ratio : jitter of the output's landmarks over that of the original's.
     """
 
     found: float
@@ -111,7 +111,7 @@ class Utility:
         kept = {name: correlation(first[name], second[name]) for name in CURVES}
         whole, motion = point_errors(before, after)
         turned = angle_between(pose(after), pose(before))
-        shaken = tremble(before, frames)
+        original_jitter = jitter(before, frames)
         return cls(
             found=len(frames) / total,
             correlation=kept,
@@ -122,7 +122,7 @@ class Utility:
             pose_motion_error=dict(
                 zip(ANGLES, np.abs(turned - turned.mean(0)).mean(0).tolist(), strict=True)
             ),
-            jitter_ratio=tremble(after, frames) / shaken if shaken > 0 else math.nan,
+            jitter_ratio=jitter(after, frames) / original_jitter if original_jitter > 0 else math.nan,
         )
 
 
@@ -134,7 +134,7 @@ def mean_of(values: Any, weights: Sequence[float] | None = None) -> float:
     return float(numbers[known] @ heavy[known] / heavy[known].sum()) if known.any() else math.nan
 
 
-def together(parts: Sequence[Utility], frames: Sequence[int]) -> Utility:
+def weighted_mean(parts: Sequence[Utility], frames: Sequence[int]) -> Utility:
     """Several people's figures as one, each weighted by its number of frames in the original."""
 
     def mean(get: Any) -> float:
@@ -153,8 +153,8 @@ def together(parts: Sequence[Utility], frames: Sequence[int]) -> Utility:
 
 
 @dataclass(frozen=True)
-class Files:
-    """What became of the file.
+class FileChecks:
+    """How the file itself compares with the original.
 
     times_identical : whether every frame has its time stamp; time_error : largest difference, seconds, from the first
     frame on.   sound : each stream.   untouched_psnr : outside the faces, dB; infinite when nothing differs.
@@ -167,8 +167,8 @@ class Files:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
-    """What the plot shows of an output.
+class PlotCurves:
+    """The curves that the plot shows of an output.
 
     seconds : (n,) of the frames in which the person seen most is found in both; before, after : their curves.
     similarity : (m,) of that person's face with the source, at the times `similarity_seconds`.
@@ -191,17 +191,17 @@ class OutputFigures:
     privacy: Privacy | None
     utility: Utility
     people: tuple[Utility, ...]
-    files: Files
-    drawn: Drawn
+    files: FileChecks
+    plot_curves: PlotCurves
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class MeasureResult:
     """All that was measured.
 
-    landmarker, recogniser : names; independent : whether the landmarker is another than the one that Guise swaps by.
+    landmarker, recogniser : names; independent : whether the landmarker is not the one that Guise swaps with.
     gallery : people, pictures, impostor_pairs, false_accept_rate, threshold, enough_pairs; {} without a recogniser.
-    impostors : scores in short, or None.   notes : sentences for the user.
+    impostors : summary of the scores, or None.   notes : sentences for the user.
     """
 
     original: str

@@ -1,8 +1,8 @@
 """A measurement from files to figures.
 
-The faces are located in the original, and the same places are looked at in the outputs, so that no privacy figure
-depends on whether the output's faces can be found.  Where one is found, it is looked at by its own landmarks too, as
-somebody would who has the output alone, and the higher score counts.
+The faces are located in the original, and the same places are compared in the outputs, so that no privacy figure
+depends on whether the output's faces can be found.  Where one is found, it is also compared by its own landmarks, as
+an attacker would who has the output alone, and the higher score counts.
 """
 
 from __future__ import annotations
@@ -18,29 +18,35 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Landmarker, open_landmarker
 from guise.app.measure.curves import expression
 from guise.app.measure.faces import (
-    At,
-    Collected,
-    Finder,
+    FaceLocator,
+    FacesByFrame,
+    FaceTrack,
+    FaceTrackBuilder,
     MeasureError,
-    Seen,
     faces_in,
     faces_of_file,
     matched,
 )
 from guise.app.measure.figures import (
-    Drawn,
-    Files,
+    FileChecks,
+    MeasureResult,
     OutputFigures,
-    PersonFound,
+    PlotCurves,
     Privacy,
-    Result,
+    Reidentification,
     Utility,
-    together,
+    weighted_mean,
 )
-from guise.app.measure.pair import Timing, Untouched, compare_sounds, require_alike, side_by_side
-from guise.app.measure.people import Gallery, Known, embedded, joined, open_gallery
+from guise.app.measure.pair import (
+    BackgroundDifference,
+    VideoTiming,
+    compare_sounds,
+    require_alike,
+    side_by_side,
+)
+from guise.app.measure.people import Gallery, Subject, embeddings_in, group_people, open_gallery
 from guise.app.measure.privacy import Scores, accepted, equal_error_rate, rank, rank_one, template
-from guise.app.measure.reported import Reported, read_report
+from guise.app.measure.reported import ReportedFaces, read_report
 from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser
 from guise.app.swapping.donors import open_donor
@@ -50,14 +56,14 @@ from guise.common.threads import one_thread
 
 
 @dataclass(frozen=True)
-class Request:
+class MeasureRequest:
     """What is to be measured.
 
     Parameters
     ----------
     original, outputs : videos, images or folders of images; the outputs show the same frames.
-    landmarker : spec of what finds the faces, "builtin" by default.
-    landmarks : of the original, instead of finding them.
+    landmarker : spec of the landmarker, "builtin" by default.
+    landmarks : file with those of the original, instead of the landmarker's.
     recogniser : TOML card of a face recogniser; without one only utility is measured.
     gallery : folder of other people.   donors : specs.   reports : of outputs, by `guise deidentify`.
     """
@@ -72,7 +78,7 @@ class Request:
     reports: Sequence[Path] = field(default=())
 
 
-def measure(request: Request, *, progress: Progress = silent, say: Say = mute) -> Result:
+def measure(request: MeasureRequest, *, progress: Progress = silent, say: Say = mute) -> MeasureResult:
     """Measure outputs against their original.
 
     Raises
@@ -87,17 +93,17 @@ def measure(request: Request, *, progress: Progress = silent, say: Say = mute) -
         )
     landmarker = open_landmarker(request.landmarker)
     reports = _reports(request)
-    timing = Timing.of(request.original)
-    timings = [Timing.of(output) for output in request.outputs]
+    timing = VideoTiming.of(request.original)
+    timings = [VideoTiming.of(output) for output in request.outputs]
     for one in timings:
         require_alike(timing, one)
     with one_thread():
         return _Measurement(request, landmarker, recogniser, timing, timings, reports, progress, say).result()
 
 
-def _reports(request: Request) -> dict[Path, Reported]:
+def _reports(request: MeasureRequest) -> dict[Path, ReportedFaces]:
     """The report of each output that has one."""
-    found: dict[Path, Reported] = {}
+    found: dict[Path, ReportedFaces] = {}
     for path in request.reports:
         report = read_report(path)
         own = [o for o in request.outputs if o.name == report.output] or list(request.outputs)
@@ -111,16 +117,16 @@ class _Measurement:
     """The work of a request whose inputs have been checked."""
 
     def __init__(
-        self, request: Request, landmarker: Landmarker, recogniser: Recogniser | None, timing: Timing,
-        timings: list[Timing], reports: dict[Path, Reported], progress: Progress, say: Say,
+        self, request: MeasureRequest, landmarker: Landmarker, recogniser: Recogniser | None, timing: VideoTiming,
+        timings: list[VideoTiming], reports: dict[Path, ReportedFaces], progress: Progress, say: Say,
     ) -> None:  # fmt: skip
         self._request, self._landmarker, self._recogniser = request, landmarker, recogniser
         self._timing, self._timings, self._reports = timing, timings, reports
-        self._progress, self._tell = progress, say
+        self._progress, self._notify = progress, say
         self._notes: list[str] = []
         self._seconds = np.array([float(t - timing.times[0]) for t in timing.times])
 
-    def result(self) -> Result:
+    def result(self) -> MeasureResult:
         """All figures."""
         independent = self._landmarker.name.partition("@")[0] != "builtin"
         if not independent:
@@ -129,33 +135,33 @@ class _Measurement:
                 "give another one with --landmarker"
             )
         faces = self._faces()
-        judge = None if self._recogniser is None else self._judge(faces, self._recogniser)
-        people = faces if judge is None else judge.faces
-        if judge is None:
+        matcher = None if self._recogniser is None else self._matcher(faces, self._recogniser)
+        people = faces if matcher is None else matcher.faces
+        if matcher is None:
             self._say("privacy is not measured without a face recogniser: give one with --recogniser")
         outputs = tuple(
-            self._output(path, timing, people, judge)
+            self._output(path, timing, people, matcher)
             for path, timing in zip(self._request.outputs, self._timings, strict=True)
         )
-        return Result(
+        return MeasureResult(
             original=self._timing.name,
             frames=len(self._timing.times),
-            seconds=float(self._timing.times[-1] - self._timing.times[0] + self._timing.step),
+            seconds=float(self._timing.times[-1] - self._timing.times[0] + self._timing.frame_interval),
             faces=tuple(len(face.frames) for face in people),
             landmarker=self._landmarker.name,
             independent=independent,
             recogniser=self._recogniser.name if self._recogniser else None,
-            gallery=judge.facts() if judge else {},
-            impostors=Scores.of(judge.gallery.impostors) if judge else None,
+            gallery=matcher.facts() if matcher else {},
+            impostors=Scores.of(matcher.gallery.impostors) if matcher else None,
             outputs=outputs,
             notes=tuple(self._notes),
         )
 
     def _say(self, text: str) -> None:
         self._notes.append(text)
-        self._tell(text)
+        self._notify(text)
 
-    def _faces(self) -> list[Seen]:
+    def _faces(self) -> list[FaceTrack]:
         """The faces of the original."""
         total = len(self._timing.times)
         if self._request.landmarks is not None:
@@ -163,18 +169,20 @@ class _Measurement:
         with open_input(self._request.original) as source:
             return faces_in(source, self._landmarker, lambda done: self._progress("faces", done / total))
 
-    def _judge(self, faces: list[Seen], recogniser: Recogniser) -> Judge:
-        """Who is in the original and in the gallery."""
+    def _matcher(self, faces: list[FaceTrack], recogniser: Recogniser) -> FaceMatcher:
+        """Enrol the people of the original and of the gallery."""
         folder = self._request.gallery
         known = open_gallery(folder, self._landmarker, recogniser, self._say) if folder else []
         gallery = Gallery.of(known)
         with open_input(self._request.original) as source:
-            embeddings = embedded(source, faces, recogniser)
-        groups = joined(faces, embeddings, gallery.same)
+            embeddings = embeddings_in(source, faces, recogniser)
+        groups = group_people(faces, embeddings, gallery.usable_limit)
         own = [_joined_face(group, faces, embeddings) for group in groups]
         for _, rows in own:
             gallery = gallery.without(template(_finite(rows)), self._say)
-        judge = Judge(recogniser, gallery, own, _donors(self._request, self._reports, recogniser, self._say))
+        matcher = FaceMatcher(
+            recogniser, gallery, own, _donors(self._request, self._reports, recogniser, self._say)
+        )
         if gallery.limit is None:
             self._say(
                 "there is no false-accept rate without at least two other people: give them with --gallery"
@@ -185,10 +193,10 @@ class _Measurement:
                 f"{gallery.limit.rate:g}, which needs {round(1 / gallery.limit.rate)}: the "
                 f"threshold is their largest score"
             )
-        return judge
+        return matcher
 
     def _output(
-        self, path: Path, timing: Timing, faces: Sequence[Seen], judge: Judge | None
+        self, path: Path, timing: VideoTiming, faces: Sequence[FaceTrack], matcher: FaceMatcher | None
     ) -> OutputFigures:
         report = self._reports.get(path)
         pairs, untouched = self._compared(path, faces)
@@ -197,22 +205,24 @@ class _Measurement:
             for face, (before, after) in zip(faces, pairs, strict=True)
         ]
         states = [report.states(face) for face in faces] if report else None
-        scores = judge.scores(path, [after for _, after in pairs]) if judge else []
-        drawn = self._drawn(faces, pairs, scores, states)
+        scores = matcher.scores(path, [after for _, after in pairs]) if matcher else []
+        curves = self._plot_curves(faces, pairs, scores, states)
         return OutputFigures(
             name=timing.name,
-            privacy=judge.privacy(scores, states) if judge else None,
-            utility=together(utilities, [len(face.frames) for face in faces]),
+            privacy=matcher.privacy(scores, states) if matcher else None,
+            utility=weighted_mean(utilities, [len(face.frames) for face in faces]),
             people=tuple(utilities),
             files=self._files(path, timing, untouched.psnr),
-            drawn=drawn,
+            plot_curves=curves,
         )
 
-    def _compared(self, path: Path, faces: Sequence[Seen]) -> tuple[list[tuple[F32, Seen]], Untouched]:
-        """For each face its landmarks before, and after, in the frames in which it is found in the output too."""
-        at, untouched = At(faces), Untouched()
-        before, after = Collected(), Collected()
-        find, total = Finder(self._landmarker, video=self._timing.video), len(self._timing.times)
+    def _compared(
+        self, path: Path, faces: Sequence[FaceTrack]
+    ) -> tuple[list[tuple[F32, FaceTrack]], BackgroundDifference]:
+        """For each face the landmarks before and after, in the frames in which it is found in the output too."""
+        at, untouched = FacesByFrame(faces), BackgroundDifference()
+        before, after = FaceTrackBuilder(), FaceTrackBuilder()
+        find, total = FaceLocator(self._landmarker, video=self._timing.video), len(self._timing.times)
         for own, other in side_by_side(self._request.original, path):
             known = at[own.index]
             places = dict(known)
@@ -221,21 +231,21 @@ class _Measurement:
                 after.add(number, own.index, points)
             untouched.add(own, other, list(places.values()))
             self._progress(path.name, (own.index + 1) / total)
-        return [(before.of(i).points, after.of(i)) for i in range(len(faces))], untouched
+        return [(before.track(i).points, after.track(i)) for i in range(len(faces))], untouched
 
-    def _files(self, path: Path, timing: Timing, psnr: float) -> Files:
+    def _files(self, path: Path, timing: VideoTiming, psnr: float) -> FileChecks:
         own, other = self._timing.times, timing.times
         apart = max(abs((b - other[0]) - (a - own[0])) for a, b in zip(own, other, strict=True))
-        return Files(own == other, float(apart), compare_sounds(self._request.original, path), psnr)
+        return FileChecks(own == other, float(apart), compare_sounds(self._request.original, path), psnr)
 
-    def _drawn(
-        self, faces: Sequence[Seen], pairs: list[tuple[F32, Seen]], scores: list[Compared],
+    def _plot_curves(
+        self, faces: Sequence[FaceTrack], pairs: list[tuple[F32, FaceTrack]], scores: list[MatchScores],
         states: list[NDArray[np.str_]] | None,
-    ) -> Drawn:  # fmt: skip
-        """The curves of the person that is seen most."""
+    ) -> PlotCurves:  # fmt: skip
+        """The curves of the person seen in most frames."""
         most = int(np.argmax([len(face.frames) for face in faces]))
         before, after = pairs[most]
-        return Drawn(
+        return PlotCurves(
             self._seconds[after.frames], expression(before), expression(after.points),
             self._seconds[faces[most].frames],
             scores[most].own if scores else np.full(len(faces[most].frames), np.nan),
@@ -244,7 +254,7 @@ class _Measurement:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class MatchScores:
     """A person's faces in an output: (n,) scores with the person, (n, people) with all, and embeddings (n, d)."""
 
     own: F64
@@ -252,14 +262,18 @@ class Compared:
     embeddings: F32
 
 
-class Judge:
+class FaceMatcher:
     """Compares faces with the people of the original, of the gallery, and with donors.
 
     own : for each person of the original the face and its embeddings (n, d).
     """
 
     def __init__(
-        self, recogniser: Recogniser, gallery: Gallery, own: list[tuple[Seen, F32]], donors: list[Known]
+        self,
+        recogniser: Recogniser,
+        gallery: Gallery,
+        own: list[tuple[FaceTrack, F32]],
+        donors: list[Subject],
     ) -> None:
         self._recogniser, self.gallery, self._donors = recogniser, gallery, donors
         self.faces = [face for face, _ in own]
@@ -280,19 +294,19 @@ class Judge:
             "enough_pairs": limit is not None and limit.enough,
         }
 
-    def scores(self, path: Path, again: Sequence[Seen]) -> list[Compared]:
-        """Each person's scores in a video: at the places of the original, or, where it scores more, where it is found.
+    def scores(self, path: Path, again: Sequence[FaceTrack]) -> list[MatchScores]:
+        """Each person's scores in a video: at the places of the original or, if higher, where the face is found.
 
         again : for each person the face as it is found in the video, in some of the original's frames.
         """
         with open_input(path) as source:
-            at_place = embedded(source, self.faces, self._recogniser)
+            at_place = embeddings_in(source, self.faces, self._recogniser)
         with open_input(path) as source:
-            as_found = embedded(source, again, self._recogniser)
+            as_found = embeddings_in(source, again, self._recogniser)
         return [self._worse(i, at_place[i], again[i].frames, as_found[i]) for i in range(len(self.faces))]
 
-    def _worse(self, number: int, rows: F32, frames: NDArray[np.int32], found: F32) -> Compared:
-        """The scores of a person's faces (n, d); where the one `found` in a frame scores higher, that counts."""
+    def _worse(self, number: int, rows: F32, frames: NDArray[np.int32], found: F32) -> MatchScores:
+        """The scores of a person's faces (n, d), or of the one `found` in the same frame where it scores higher."""
         first, second = self._compared(number, rows), self._compared(number, found)
         index = np.searchsorted(self.faces[number].frames, frames)
         higher = (second.own > first.own[index]) | np.isnan(first.own[index])
@@ -304,11 +318,11 @@ class Judge:
             old[index[higher]] = new[higher]
         return first
 
-    def _compared(self, number: int, rows: F32) -> Compared:
+    def _compared(self, number: int, rows: F32) -> MatchScores:
         every = rows.astype(np.float64) @ self._templates.T
-        return Compared(every[:, number], every, rows)
+        return MatchScores(every[:, number], every, rows)
 
-    def privacy(self, scores: list[Compared], states: list[NDArray[np.str_]] | None) -> Privacy:
+    def privacy(self, scores: list[MatchScores], states: list[NDArray[np.str_]] | None) -> Privacy:
         """The figures of an output."""
         before = [self._compared(number, rows[1::2]) for number, rows in enumerate(self._original)]
         changed, unchanged = _pooled(scores), _pooled(before)
@@ -334,14 +348,14 @@ class Judge:
     def _accepted(self, scores: F64) -> float:
         return float("nan") if self.gallery.limit is None else accepted(scores, self.gallery.limit)
 
-    def _nearest(self, one: Compared) -> Known | None:
+    def _nearest(self, one: MatchScores) -> Subject | None:
         """The donor that a person's changed face is most like."""
         mean = template(_finite(one.embeddings)) if np.isfinite(one.own).any() else None
         if mean is None:
             return None
         return max(self._donors, key=lambda donor: float(donor.template @ mean), default=None)
 
-    def _to_donors(self, scores: list[Compared], donors: list[Known | None]) -> Scores | None:
+    def _to_donors(self, scores: list[MatchScores], donors: list[Subject | None]) -> Scores | None:
         parts = [
             _finite(one.embeddings) @ donor.template
             for one, donor in zip(scores, donors, strict=True)
@@ -349,10 +363,10 @@ class Judge:
         ]
         return Scores.of(np.concatenate(parts)) if parts else None
 
-    def _found(self, number: int, one: Compared, donor: Known | None) -> PersonFound:
+    def _found(self, number: int, one: MatchScores, donor: Subject | None) -> Reidentification:
         rows = _finite(one.embeddings)
         every = self._templates @ template(rows) if len(rows) else np.full(len(self._templates), -1.0)
-        return PersonFound(
+        return Reidentification(
             number + 1, len(rows), float(every[number]), rank(every, number), len(every), donor.name if donor else ""
         )  # fmt: skip
 
@@ -362,19 +376,19 @@ def _finite(rows: NDArray[Any]) -> F32:
     return np.asarray(rows[np.isfinite(rows).all(1)], np.float32)
 
 
-def _pooled(scores: list[Compared]) -> F64:
+def _pooled(scores: list[MatchScores]) -> F64:
     """All scores with the own person that there are."""
     values = np.concatenate([one.own for one in scores])
     return np.asarray(values[np.isfinite(values)], np.float64)
 
 
-def _rank_one(scores: list[Compared]) -> float:
+def _rank_one(scores: list[MatchScores]) -> float:
     known = [np.isfinite(one.own) for one in scores]
     own = np.concatenate([np.full(int(k.sum()), i) for i, k in enumerate(known)])
     return rank_one(np.concatenate([one.every[k] for one, k in zip(scores, known, strict=True)]), own)
 
 
-def _by_state(scores: list[Compared], states: list[NDArray[np.str_]] | None) -> dict[str, Scores]:
+def _by_state(scores: list[MatchScores], states: list[NDArray[np.str_]] | None) -> dict[str, Scores]:
     if states is None:
         return {}
     told, values = np.concatenate(states), np.concatenate([one.own for one in scores])
@@ -382,23 +396,25 @@ def _by_state(scores: list[Compared], states: list[NDArray[np.str_]] | None) -> 
     return {state: part for state, part in parts.items() if part is not None}
 
 
-def _joined_face(group: list[int], faces: list[Seen], embeddings: list[F32]) -> tuple[Seen, F32]:
+def _joined_face(group: list[int], faces: list[FaceTrack], embeddings: list[F32]) -> tuple[FaceTrack, F32]:
     """Several tracks of one person as one face, in the order of time."""
     frames = np.concatenate([faces[k].frames for k in group])
     order = np.argsort(frames, kind="stable")
     points = np.concatenate([faces[k].points for k in group])[order]
-    return Seen(frames[order], points), np.concatenate([embeddings[k] for k in group])[order]
+    return FaceTrack(frames[order], points), np.concatenate([embeddings[k] for k in group])[order]
 
 
-def _donors(request: Request, reports: dict[Path, Reported], recogniser: Recogniser, say: Say) -> list[Known]:
+def _donors(
+    request: MeasureRequest, reports: dict[Path, ReportedFaces], recogniser: Recogniser, say: Say
+) -> list[Subject]:
     """The donors that were named, and those of the reports."""
     specs = dict.fromkeys([*request.donors, *(d for report in reports.values() for d in report.donors)])
     known = []
     for spec in specs:
-        still = open_donor(spec).still
+        still = open_donor(spec).rest_frame
         vector = recogniser(still.picture, still.shape)
         if vector is None:
-            say(f"the recogniser says nothing about the donor {spec}")
+            say(f"the recogniser gives no embedding of the donor {spec}")
         else:
-            known.append(Known(spec, vector[None]))
+            known.append(Subject(spec, vector[None]))
     return known

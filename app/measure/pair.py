@@ -1,6 +1,6 @@
 """The frames of an original and of its output side by side: same size, same number, same times.
 
-Also what is said of the files themselves: time stamps, sound, and the picture where nothing should have changed.
+And the files themselves: time stamps, sound, and the picture where nothing should have changed.
 """
 
 from __future__ import annotations
@@ -20,13 +20,11 @@ from guise.app.measure.faces import MeasureError
 from guise.app.media import Frame, open_input
 from guise.app.media.audio_tracks import AudioTrack, audio_tracks
 
-SAFETY = (
-    0.5  # of a face's longer side, by which the region about it that may have changed is larger on each side
-)
+CHANGED_MARGIN_FACE_SIZES = 0.5  # about a face, on each side: the region that a tool may change
 
 
 @dataclass(frozen=True)
-class Timing:
+class VideoTiming:
     """When the frames of a video are shown, and its size.
 
     times : seconds.   width, height : pixels, as shown.   video : whether the frames follow each other.
@@ -39,7 +37,7 @@ class Timing:
     video: bool = True
 
     @classmethod
-    def of(cls, path: Path) -> Timing:
+    def of(cls, path: Path) -> VideoTiming:
         """By decoding the video once."""
         with open_input(path) as source:
             size = source.width, source.height
@@ -51,30 +49,30 @@ class Timing:
             )
 
     @property
-    def step(self) -> Fraction:
-        """The usual time from frame to frame, seconds."""
+    def frame_interval(self) -> Fraction:
+        """The median time from frame to frame, seconds."""
         steps = sorted(b - a for a, b in zip(self.times, self.times[1:], strict=False))
         return steps[len(steps) // 2] if steps else Fraction(1, 30)
 
 
-def require_alike(original: Timing, output: Timing) -> None:
+def require_alike(original: VideoTiming, output: VideoTiming) -> None:
     """MeasureError unless a video has the size, the frames and the times of the original.
 
     Times count from the first frame and may differ by less than half a frame: other tools round them.
     """
     if (output.width, output.height) != (original.width, original.height):
         raise MeasureError(
-            f"{output.name} must be as large as {original.name}, {original.width} x {original.height}, "
-            f"got {output.width} x {output.height}: give the output of this very video"
+            f"{output.name} must have the size of {original.name}, {original.width} x {original.height}, "
+            f"got {output.width} x {output.height}: give an output of the same video"
         )
     if len(output.times) != len(original.times):
         raise MeasureError(
             f"{output.name} must have the {len(original.times)} frames of {original.name}, got {len(output.times)}: "
-            "give the output of this very video, whole"
+            "give the whole output of the same video"
         )
     for index, (own, other) in enumerate(zip(original.times, output.times, strict=True)):
         expected, found = own - original.times[0], other - output.times[0]
-        if abs(expected - found) >= original.step / 2:
+        if abs(expected - found) >= original.frame_interval / 2:
             raise MeasureError(
                 f"frame {index} of {output.name} must be at {float(expected):.3f} s as in {original.name}, got "
                 f"{float(found):.3f} s: give an output with the frame rate of the original"
@@ -87,8 +85,8 @@ def side_by_side(original: Path, output: Path) -> Iterator[tuple[Frame, Frame]]:
         yield from zip(first, second, strict=True)
 
 
-class Untouched:
-    """How alike two videos are outside the faces, by brightness; frames come one after the other."""
+class BackgroundDifference:
+    """How similar two videos are outside the faces, by luma; frames come one after the other."""
 
     def __init__(self) -> None:
         self._squares, self._pixels = 0.0, 0
@@ -115,14 +113,14 @@ class Untouched:
 def _region(points: NDArray[Any]) -> tuple[int, int, int, int]:
     """Pixels x0 y0 x1 y1 about a face (81, 2) that a tool may change."""
     box = tight_box(points)
-    margin = SAFETY * float((box[2:] - box[:2]).max())
+    margin = CHANGED_MARGIN_FACE_SIZES * float((box[2:] - box[:2]).max())
     x0, y0, x1, y1 = (math.floor(v) for v in (*(box[:2] - margin), *(box[2:] + margin)))
     return x0, y0, x1 + 1, y1 + 1
 
 
 @dataclass(frozen=True)
 class SoundCheck:
-    """What became of a sound stream of the original, and its length in seconds before and after (None: not there)."""
+    """How a sound stream compares with the original's, and its length in seconds before and after (None: not there)."""
 
     state: Literal["identical", "changed", "dropped", "added"]
     before: float | None

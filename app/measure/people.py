@@ -11,33 +11,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import Landmarker
-from guise.app.measure.faces import At, MeasureError, Seen
+from guise.app.measure.faces import FacesByFrame, FaceTrack, MeasureError
 from guise.app.measure.privacy import Threshold, template, threshold
 from guise.app.media import MediaError, MediaInput, open_input
 from guise.app.people.recogniser import Recogniser
 from guise.common.arrays import F32, F64
 
-LOOKS = 20  # frames of a gallery's video that are looked at
+GALLERY_VIDEO_FRAMES = 20  # about so many are used of a video
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """A person of a gallery: name, and unit embeddings (n, d), n > 0."""
+class Subject:
+    """A person with known faces: name, and unit embeddings (n, d), n > 0."""
 
     name: str
     embeddings: F32
 
     @property
     def template(self) -> F64:
-        """(d,) what all other faces are compared with."""
+        """(d,) with which other faces are compared."""
         return template(self.embeddings)
 
 
-def open_gallery(folder: Path, landmarker: Landmarker, recogniser: Recogniser, say: Say) -> list[Known]:
+def open_gallery(folder: Path, landmarker: Landmarker, recogniser: Recogniser, say: Say) -> list[Subject]:
     """The people of a folder: each picture or video in it is a person, and each folder in it is one.
 
-    Files without a face, and such as cannot be read, are told and left out; MeasureError when there is nobody.
+    Files without a face and unreadable files are reported and left out; MeasureError when nobody is left.
     """
     if not folder.is_dir():
         raise MeasureError(
@@ -48,7 +48,7 @@ def open_gallery(folder: Path, landmarker: Landmarker, recogniser: Recogniser, s
         files = sorted(p for p in entry.iterdir() if p.is_file()) if entry.is_dir() else [entry]
         found = [e for file in files for e in embeddings_of(file, landmarker, recogniser, say)]
         if found:
-            people.append(Known(entry.name, np.stack(found)))
+            people.append(Subject(entry.name, np.stack(found)))
     if not people:
         raise MeasureError(
             f"no face found in the gallery {folder}: give a folder of pictures or videos of people"
@@ -60,7 +60,7 @@ def embeddings_of(file: Path, landmarker: Landmarker, recogniser: Recogniser, sa
     """Embeddings (d,) of the largest face in a picture, or in some frames of a video."""
     try:
         with open_input(file) as source:
-            found = list(_looked_at(source, landmarker, recogniser))
+            found = list(_sampled_embeddings(source, landmarker, recogniser))
     except MediaError as error:
         say(f"left out of the gallery: {error}")
         return []
@@ -69,11 +69,11 @@ def embeddings_of(file: Path, landmarker: Landmarker, recogniser: Recogniser, sa
     return found
 
 
-def _looked_at(source: MediaInput, landmarker: Landmarker, recogniser: Recogniser) -> list[F32]:
-    step = max(1, (source.frame_count or 1) // LOOKS)
+def _sampled_embeddings(source: MediaInput, landmarker: Landmarker, recogniser: Recogniser) -> list[F32]:
+    stride = max(1, (source.frame_count or 1) // GALLERY_VIDEO_FRAMES)
     found = []
     for frame in source:
-        if frame.index % step:
+        if frame.index % stride:
             continue
         rgb = frame.rgb()
         faces = [face for face in landmarker.detect(rgb) if face.confidence >= 0.5]
@@ -83,7 +83,7 @@ def _looked_at(source: MediaInput, landmarker: Landmarker, recogniser: Recognise
     return found
 
 
-def impostor_scores(people: Sequence[Known]) -> F64:
+def impostor_scores(people: Sequence[Subject]) -> F64:
     """Cosines of every embedding with the template of every other person, (pairs,)."""
     templates = np.stack([one.template for one in people])
     parts = [(one.embeddings @ np.delete(templates, own, axis=0).T).ravel() for own, one in enumerate(people)]
@@ -92,41 +92,41 @@ def impostor_scores(people: Sequence[Known]) -> F64:
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """The people among whom somebody is to be found again.
+    """The people among whom a person is searched.
 
     people : those that are not in the original.   impostors : (pairs,) scores.
     limit : the score from which two faces are taken for one person; None with fewer than two people.
     """
 
-    people: tuple[Known, ...]
+    people: tuple[Subject, ...]
     impostors: F64
     limit: Threshold | None
 
     @classmethod
-    def of(cls, people: Sequence[Known]) -> Gallery:
-        """The gallery of some people, who are all different."""
+    def of(cls, people: Sequence[Subject]) -> Gallery:
+        """The gallery of some people, all of them different."""
         impostors = impostor_scores(people) if len(people) > 1 else np.zeros(0)
         return cls(tuple(people), impostors, threshold(impostors) if len(impostors) else None)
 
     @property
-    def same(self) -> Threshold | None:
+    def usable_limit(self) -> Threshold | None:
         """The threshold, if there are enough people for it."""
         return self.limit if self.limit and self.limit.enough else None
 
     def without(self, own: F64, say: Say) -> Gallery:
         """The gallery without those who look like a person of the original with template `own` (d,)."""
-        if self.same is None:
+        if self.usable_limit is None:
             return self
-        same = [one for one in self.people if float(one.template @ own) > self.same.score]
+        same = [one for one in self.people if float(one.template @ own) > self.usable_limit.score]
         for one in same:
-            say(f"{one.name} of the gallery is taken for a person of the original")
+            say(f"{one.name} of the gallery looks like a person of the original and is left out")
         rest = tuple(one for one in self.people if one not in same)
         return Gallery(rest, self.impostors, self.limit)
 
 
-def embedded(source: MediaInput, faces: Sequence[Seen], recogniser: Recogniser) -> list[F32]:
+def embeddings_in(source: MediaInput, faces: Sequence[FaceTrack], recogniser: Recogniser) -> list[F32]:
     """For each face the embeddings (n, d) in its frames of a video, NaN where there is none."""
-    at = At(faces)
+    at = FacesByFrame(faces)
     found: list[list[NDArray[Any]]] = [[] for _ in faces]
     nothing = np.full(recogniser.dimension, np.nan, np.float32)
     for frame in source:
@@ -139,10 +139,12 @@ def embedded(source: MediaInput, faces: Sequence[Seen], recogniser: Recogniser) 
     return [np.array(rows, np.float32).reshape(-1, recogniser.dimension) for rows in found]
 
 
-def joined(faces: Sequence[Seen], embeddings: Sequence[F32], limit: Threshold | None) -> list[list[int]]:
-    """Which faces are one person, by their places: those whose templates are more alike than the threshold.
+def group_people(
+    faces: Sequence[FaceTrack], embeddings: Sequence[F32], limit: Threshold | None
+) -> list[list[int]]:
+    """Indices of the faces of each person: faces whose templates are more similar than the threshold.
 
-    A face is joined with all that it is like, unless it shares a frame with one of them.
+    A face joins the first group that it is like, unless it shares a frame with one of the group.
     """
     groups: list[list[int]] = []
     templates = [template(rows[np.isfinite(rows).all(1)]) if len(rows) else None for rows in embeddings]
@@ -156,7 +158,7 @@ def joined(faces: Sequence[Seen], embeddings: Sequence[F32], limit: Threshold | 
 
 
 def _like(
-    number: int, own: F64 | None, group: list[int], faces: Sequence[Seen], templates: Sequence[F64 | None],
+    number: int, own: F64 | None, group: list[int], faces: Sequence[FaceTrack], templates: Sequence[F64 | None],
     limit: Threshold,
 ) -> bool:  # fmt: skip
     """Whether a face is like one of a group and is never seen together with one of them."""

@@ -1,4 +1,4 @@
-"""What a report of `guise deidentify` says of each face."""
+"""What a report of `guise deidentify` says about each face."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import tight_box
-from guise.app.measure.faces import MeasureError, Seen
+from guise.app.measure.faces import FaceTrack, MeasureError
 
-UNTOLD = "not in the report"  # of a face of which the report says nothing
+NOT_REPORTED = "not in the report"  # of a face that the report does not mention
 
 
 @dataclass(frozen=True, eq=False)
-class Reported:
+class ReportedFaces:
     """The rows of a report.
 
     Parameters
@@ -34,7 +34,7 @@ class Reported:
     boxes: NDArray[np.float64]
     donors: tuple[str, ...]
 
-    def states(self, face: Seen) -> NDArray[np.str_]:
+    def states(self, face: FaceTrack) -> NDArray[np.str_]:
         """(n,) what was done with a face in each of its frames: of the regions that hold its middle the first one."""
         return np.array([self._state(f, p) for f, p in zip(face.frames.tolist(), face.points, strict=True)])
 
@@ -46,11 +46,11 @@ class Reported:
             x0, y0, x1, y1 = self.boxes[row]
             if x0 <= x <= x1 and y0 <= y <= y1:
                 return str(self.done[int(self.codes[row])])
-        return UNTOLD
+        return NOT_REPORTED
 
 
-def read_report(path: Path) -> Reported:
-    """The report in a JSON file; MeasureError when it is none."""
+def read_report(path: Path) -> ReportedFaces:
+    """The report in a JSON file; MeasureError when it isn't one."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["format"] != "guise-report":
@@ -64,7 +64,7 @@ def read_report(path: Path) -> Reported:
         ) from error
 
 
-def _parsed(content: dict[str, Any]) -> Reported:
+def _parsed(content: dict[str, Any]) -> ReportedFaces:
     rows = [track["rows"] for track in content["tracks"]] + [content["bystanders"]["rows"]]
     columns = {
         key: np.concatenate([np.asarray(row[key], np.int64) for row in rows])
@@ -73,7 +73,7 @@ def _parsed(content: dict[str, Any]) -> Reported:
     order = np.argsort(columns["frame"], kind="stable")
     boxes = np.stack([columns[k] for k in ("x0", "y0", "x1", "y1")], axis=1).astype(np.float64)
     donors = {str(track["donor"]) for track in content["tracks"] if track["donor"]}
-    return Reported(
+    return ReportedFaces(
         Path(str(content["output"])).name, tuple(content["done"]), columns["frame"][order],
         columns["done"][order], boxes[order], tuple(sorted(donors)),
     )  # fmt: skip

@@ -6,24 +6,24 @@ import math
 from collections.abc import Callable, Iterator
 
 from guise.app.measure.curves import ANGLES, CURVES
-from guise.app.measure.figures import OutputFigures, Privacy, Result
+from guise.app.measure.figures import MeasureResult, OutputFigures, Privacy
 from guise.app.measure.privacy import Scores
 
-FACTS = "what"
-NONE = "-"
-MOST_PLACES = 4
+FIRST_HEADING = "what"
+NO_VALUE = "-"
+MAX_RANKS_SHOWN = 4
 
 _Cell = Callable[[OutputFigures], str]
 _PrivateCell = Callable[[Privacy], str]
 
 
-def rows_of(result: Result) -> list[list[str]]:
+def rows_of(result: MeasureResult) -> list[list[str]]:
     """Rows of cells: what, then a cell for each output."""
     cells = [*(_private(result) if result.recogniser else ()), *_useful(), *_files()]
     return [[name, *(cell(one) for one in result.outputs)] for name, cell in cells]
 
 
-def _private(result: Result) -> Iterator[tuple[str, _Cell]]:
+def _private(result: MeasureResult) -> Iterator[tuple[str, _Cell]]:
     for name, cell in _PRIVATE:
         yield name, _of_privacy(cell)
     rate, limit = result.gallery["false_accept_rate"], result.gallery["threshold"]
@@ -42,14 +42,14 @@ def _in_state(state: str) -> _PrivateCell:
 
 
 def _of_privacy(cell: _PrivateCell) -> _Cell:
-    return lambda one: NONE if one.privacy is None else cell(one.privacy)
+    return lambda one: NO_VALUE if one.privacy is None else cell(one.privacy)
 
 
 def _places(privacy: Privacy) -> str:
-    """The rank of each person; of many people the first ones, who are found again soonest."""
+    """The rank of each person; of many people the lowest ones."""
     places = sorted(one.rank for one in privacy.people)
-    told = ", ".join(map(str, places[:MOST_PLACES])) + (" .." if len(places) > MOST_PLACES else "")
-    return f"{told} of {privacy.people[0].of}"
+    shown = ", ".join(map(str, places[:MAX_RANKS_SHOWN])) + (" .." if len(places) > MAX_RANKS_SHOWN else "")
+    return f"{shown} of {privacy.people[0].of}"
 
 
 _PRIVATE: tuple[tuple[str, _PrivateCell], ...] = (
@@ -99,7 +99,7 @@ def number(value: float) -> str:
     >>> number(0.123), number(float("nan"))
     ('0.12', '-')
     """
-    return f"{value:.2f}" if math.isfinite(value) else NONE
+    return f"{value:.2f}" if math.isfinite(value) else NO_VALUE
 
 
 def share(value: float) -> str:
@@ -108,15 +108,15 @@ def share(value: float) -> str:
     >>> share(0.1234)
     '12.3 %'
     """
-    return f"{100 * value:.1f} %" if math.isfinite(value) else NONE
+    return f"{100 * value:.1f} %" if math.isfinite(value) else NO_VALUE
 
 
 def _scores(scores: Scores | None) -> str:
-    return NONE if scores is None else f"{scores.mean:.2f}, {scores.p99:.2f}"
+    return NO_VALUE if scores is None else f"{scores.mean:.2f}, {scores.p99:.2f}"
 
 
 def _mean(scores: Scores | None) -> str:
-    return NONE if scores is None else f"{scores.mean:.2f}"
+    return NO_VALUE if scores is None else f"{scores.mean:.2f}"
 
 
 def _times(one: OutputFigures) -> str:

@@ -18,7 +18,7 @@ from guise.app.people.montage import draw
 from guise.app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
 from guise.app.studio.dialogs import confirm, submitted
 from guise.app.studio.pictures import data_url
-from guise.app.studio.site import Studio
+from guise.app.studio.site import Studio, choice_row
 from guise.app.studio.store import JobRow
 from guise.app.swapping.donors import open_donor
 from guise.common.files import write_whole
@@ -147,8 +147,8 @@ class TrackEditor:
 
     def _settings(self) -> None:
         with ui.card().classes("w-full"):
-            self._one_of("Covers", "cover", COVERS)
-            self._one_of("Sound", "audio", SOUNDS)
+            self._setting("Covers", "cover", COVERS)
+            self._setting("Sound", "audio", SOUNDS)
             with ui.row().classes("items-center w-full no-wrap pr-4"):
                 ui.label("Expression").classes("w-24")
                 slider = ui.slider(min=0, max=1, step=0.1, value=self._choices.alpha)
@@ -156,12 +156,9 @@ class TrackEditor:
                 slider.props('label aria-label="Expression"')
             ui.label("0: only expressions in the donor's own range; 1: all of it.").classes("opacity-70")
 
-    def _one_of(self, words: str, name: str, values: dict[str, str]) -> None:
-        with ui.row().classes("items-center"):
-            ui.label(words).classes("w-24")
-            toggle = ui.toggle(values, value=getattr(self._choices, name))
-            toggle.on_value_change(lambda event: self._set(name, event.value))
-            toggle.props(f'no-caps role="group" aria-label="{words}"')
+    def _setting(self, label: str, name: str, options: dict[str, str]) -> None:
+        toggle = choice_row(label, options, getattr(self._choices, name))
+        toggle.on_value_change(lambda event: self._set(name, event.value))
 
     def _set(self, name: str, value: Any) -> None:
         setattr(self._choices, name, value)

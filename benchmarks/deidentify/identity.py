@@ -24,19 +24,20 @@ import numpy as np
 
 import guise.app as app
 from benchmarks import common
-from benchmarks.common import F32, F64, Criterion, Report, Table
+from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.deidentify.guise import deidentified
 from benchmarks.deidentify.swapped import frontal
 from benchmarks.identity import TEMPLATE, spread
 from benchmarks.landmarks.clips import real_clips
 from guise.aam.landmarks import open_landmarker
-from guise.app.measure.faces import FaceTrack, seen_again
+from guise.app.measure.faces import FaceTrack, relocate
 from guise.app.measure.job import FaceMatcher, MatchScores
-from guise.app.measure.people import Gallery, Subject, embedded, embeddings_of
+from guise.app.measure.people import Gallery, Subject, embeddings_in, embeddings_of
 from guise.app.measure.privacy import rank, rank_one, template
 from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser, RecogniserCard
 from guise.app.swapping.donors import gallery
+from guise.common.arrays import F32
 
 LOOKS = 80  # frames of a clip that are looked at
 SAME = ("address_o", "webcam_a")  # clips whose names begin alike show one person
@@ -109,14 +110,14 @@ def judged(video: Path, people: list[Subject], recognise: Recogniser) -> Outcome
     """De-identify a clip and look for its person."""
     face = sampled(video)
     with open_input(video) as source:
-        own = embedded(source, [face], recognise)[0]
+        own = embeddings_in(source, [face], recognise)[0]
     others = [one for one in people if one.name != person_of(video)]
     judge = FaceMatcher(recognise, Gallery.of(others), [(face, own)], [])
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / f"{video.parent.name}_{video.name}"
         report = deidentified(video, output.with_suffix(".mp4"), *others_than(person_of(video)))
         with open_input(output.with_suffix(".mp4")) as source:
-            again = seen_again(source, [face], open_landmarker("builtin"))
+            again = relocate(source, [face], open_landmarker("builtin"))
         after = judge.scores(output.with_suffix(".mp4"), again)[0]
     real = [0, *(i + 1 for i, one in enumerate(others) if not one.name.startswith(RENDERED))]
     return outcome(

@@ -19,7 +19,7 @@ from guise.app.deidentify.report.html import data_uri, printable, render_page
 from guise.app.deidentify.report.report import (
     ALL_SWAPPED,
     FAILED,
-    NOTHING,
+    NO_OUTCOME,
     SOME_COVERED,
     BatchEntry,
     clock,
@@ -28,7 +28,7 @@ from guise.app.deidentify.report.report import (
     verdict,
 )
 from guise.app.deidentify.report.timeline import LABELS, SCALE, Timeline, column_times
-from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Outcome, Track
+from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Track, TrackOutcome
 from guise.app.media.pictures import Picture
 from guise.app.swapping.donors import bare
 from guise.common.files import write_whole
@@ -144,7 +144,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         legend=[(done, LABELS[done]) for done in DONE],
         cards=list(_cards(report, by_track, thumbnails)),
         omitted_tracks=max(0, len(report.tracks) - LIMITS.max_tracks),
-        bystanders=_bystanders(report, by_track.get(BYSTANDERS, NOTHING), thumbnails),
+        bystanders=_bystanders(report, by_track.get(BYSTANDERS, NO_OUTCOME), thumbnails),
         finds=sorted(report.audit, key=lambda f: (f.covered, f.frame))[: LIMITS.max_table_rows],
         settings=[(name.replace("_", " ").capitalize(), value) for name, value in _flat(report.settings)],
         voice=_VOICE[report.settings.get("audio", "keep")],
@@ -196,11 +196,11 @@ def frame_shares(counts: Mapping[str, int]) -> list[FrameShare]:
 
 
 def _cards(
-    report: FileReport, by_track: Mapping[int, Outcome], thumbnails: Mapping[int, Sequence[Picture]]
+    report: FileReport, by_track: Mapping[int, TrackOutcome], thumbnails: Mapping[int, Sequence[Picture]]
 ) -> Iterator[TrackCard]:
     longest = sorted(report.tracks, key=lambda t: -t.seen)[: LIMITS.max_tracks]
     for track in sorted(longest, key=lambda t: t.number):
-        one, pictures = by_track.get(track.number, NOTHING), thumbnails.get(track.number, ())
+        one, pictures = by_track.get(track.number, NO_OUTCOME), thumbnails.get(track.number, ())
         yield _card(f"Track {track.number}", _about(track, report), one, report, pictures)
 
 
@@ -213,7 +213,7 @@ def _about(track: Track, report: FileReport) -> str:
 
 
 def _bystanders(
-    report: FileReport, one: Outcome, thumbnails: Mapping[int, Sequence[Picture]]
+    report: FileReport, one: TrackOutcome, thumbnails: Mapping[int, Sequence[Picture]]
 ) -> TrackCard | None:
     if not len(one.frames):
         return None
@@ -225,7 +225,7 @@ def _bystanders(
 
 
 def _card(
-    title: str, about: str, one: Outcome, report: FileReport, thumbnails: Sequence[Picture]
+    title: str, about: str, one: TrackOutcome, report: FileReport, thumbnails: Sequence[Picture]
 ) -> TrackCard:  # fmt: skip
     counts = [(done, int((one.done == code).sum())) for code, done in enumerate(DONE)]
     done = ", ".join(f"{LABELS[name]} {n:,} times" for name, n in counts if n)

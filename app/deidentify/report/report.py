@@ -1,7 +1,7 @@
 """NAME.report.json, what was done with each face in every frame, and the summary of a batch.
 
 docs/deidentify-report.md explains the fields.  The figures of frames are columns, written piece by piece, so that an
-hour of video needs no more memory than its arrays.
+hour of video needs no more memory than its arrays do.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Outcome, Track
+from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Track, TrackOutcome
 from guise.app.swapping.donors import bare
 from guise.common.files import write_whole
 from guise.common.version import version
 
-FORMAT = "guise-report"
+REPORT_FORMAT = "guise-report"
 BATCH_FORMAT = "guise-batch-report"
-VERSION = 1
+REPORT_VERSION = 1
 ALL_SWAPPED, FAILED, SOME_COVERED = 0, 1, 3
-PIECE = 8192  # numbers written at once
+NUMBERS_PER_WRITE = 8192
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Span:
 
 @dataclass(frozen=True)
 class BatchEntry:
-    """A file of a batch: names, exit code, what happened in a sentence, and `FileReport.counts`, {} if it failed."""
+    """A file of a batch: names, exit code, what happened in a sentence, and `FileReport.counts` ({} if it failed)."""
 
     input: str
     output: str | None
@@ -53,7 +53,7 @@ def write_report(path: Path, report: FileReport) -> None:
     """Write the report of a file as JSON; settings must be what JSON can hold."""
 
     def write(part: Path) -> None:
-        # A name that is no Unicode holds lone surrogates, which only JSON's own escapes can say.
+        # A name that isn't valid Unicode holds lone surrogates, which only JSON escapes can represent.
         with part.open("w", encoding="utf-8", errors="backslashreplace") as file:
             _write(file, report)
 
@@ -65,7 +65,7 @@ def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
     codes = [entry.code for entry in entries]
     value = {
         "format": BATCH_FORMAT,
-        "version": VERSION,
+        "version": REPORT_VERSION,
         "run": _run(),
         "files": len(entries),
         "all_swapped": codes.count(ALL_SWAPPED),
@@ -85,7 +85,7 @@ def outcome(report: FileReport) -> int:
 
 
 def verdict(report: FileReport) -> str:
-    """What came out, in a sentence or two."""
+    """The outcome, in a sentence or two."""
     if seen := [find.frame for find in report.audit if not find.covered]:
         when = clock(float(report.seconds[seen[0]]))
         return f"A face may be visible in the output, first in frame {seen[0]} ({when}): do not share it."
@@ -106,7 +106,7 @@ def frames_with(report: FileReport, done: str) -> NDArray[np.int32]:
     return np.unique(np.concatenate([np.zeros(0, np.int32), *parts]))
 
 
-def spans(one: Outcome) -> list[Span]:
+def spans(one: TrackOutcome) -> list[Span]:
     """What was done, in runs of frames; of several faces in a frame (bystanders) the least hidden one counts."""
     order = np.lexsort((one.done, one.frames))
     frames, done = one.frames[order], one.done[order]
@@ -118,7 +118,7 @@ def spans(one: Outcome) -> list[Span]:
 
 
 def clock(seconds: float) -> str:
-    """A time in a video, for people.
+    """A time in a video, to be read.
 
     >>> clock(62.34), clock(3661.0)
     ('1:02.3', '1:01:01.0')
@@ -142,16 +142,16 @@ def _write(file: TextIO, report: FileReport) -> None:
     done = {one.track: one for one in report.outcomes}
     for place, track in enumerate(report.tracks):
         file.write(",\n" if place else "\n")
-        _write_rows(file, _track(track), done.get(track.number, NOTHING), report.seconds)
+        _write_rows(file, _track(track), done.get(track.number, NO_OUTCOME), report.seconds)
     file.write('],\n"bystanders": ')
-    _write_rows(file, {}, done.get(BYSTANDERS, NOTHING), report.seconds)
+    _write_rows(file, {}, done.get(BYSTANDERS, NO_OUTCOME), report.seconds)
     file.write("\n}\n")
 
 
 def _head(report: FileReport) -> dict[str, Any]:
     return {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": REPORT_FORMAT,
+        "version": REPORT_VERSION,
         "run": {**_run(), "wall_seconds": round(report.wall_seconds, 3)},
         "input": report.input,
         "output": report.output,
@@ -181,7 +181,7 @@ def _run() -> dict[str, Any]:
 
 
 def _track(track: Track) -> dict[str, Any]:
-    """What is said of a track; the user's name for the person is not, as reports are shared."""
+    """What is reported of a track; not the user's name for the person, because reports are shared."""
     return {
         "track": track.number,
         "person": track.person,
@@ -194,7 +194,7 @@ def _track(track: Track) -> dict[str, Any]:
     }
 
 
-def _write_rows(file: TextIO, head: dict[str, Any], one: Outcome, seconds: NDArray[np.float64]) -> None:
+def _write_rows(file: TextIO, head: dict[str, Any], one: TrackOutcome, seconds: NDArray[np.float64]) -> None:
     """An object with the values of `head`, what was done in spans, and a row for each frame in columns."""
     counts = {done: int((one.done == code).sum()) for code, done in enumerate(DONE)}
     timed = [
@@ -209,7 +209,7 @@ def _write_rows(file: TextIO, head: dict[str, Any], one: Outcome, seconds: NDArr
     file.write("}}")
 
 
-def _columns(one: Outcome) -> Iterator[tuple[str, NDArray[Any], int]]:
+def _columns(one: TrackOutcome) -> Iterator[tuple[str, NDArray[Any], int]]:
     yield "frame", one.frames, 0
     yield "done", one.done, 0
     yield "confidence", one.confidence, 2
@@ -221,8 +221,8 @@ def _write_column(file: TextIO, values: NDArray[Any], digits: int) -> None:
     """A list of numbers, whole ones when digits is 0."""
     kind = np.float64 if digits else np.int64
     file.write("[")
-    for start in range(0, len(values), PIECE):
-        piece = np.round(values[start : start + PIECE].astype(kind), digits).tolist()
+    for start in range(0, len(values), NUMBERS_PER_WRITE):
+        piece = np.round(values[start : start + NUMBERS_PER_WRITE].astype(kind), digits).tolist()
         file.write(("," if start else "") + ",".join(map(repr, piece)))
     file.write("]")
 
@@ -231,7 +231,7 @@ def _json(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-NOTHING = Outcome(
+NO_OUTCOME = TrackOutcome(
     BYSTANDERS,
     np.zeros(0, np.int32),
     np.zeros(0, np.uint8),

@@ -1,6 +1,6 @@
-"""NAME.tracks.json, in which a person changes what is to be done with each track, and the sheet of pictures beside it.
+"""NAME.tracks.json, in which a reviewer changes what is done with each track.
 
-What cannot be understood in an edited file is refused, never guessed: a face could be left by a slip of the keyboard.
+An edited file that is not understood is refused, never guessed at: a typo could leave a face visible.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.tracks import ACTIONS, Track
 from guise.common.files import write_whole
 
-FORMAT = "guise-tracks"
-VERSION = 1
+TRACKS_FORMAT = "guise-tracks"
+TRACKS_VERSION = 1
 EDITABLE = ("action", "donor", "name", "person")
 HOW_TO_EDIT = (
     "A track is one face, followed through the video; the sheet of pictures beside this file shows each. Change here "
@@ -43,13 +43,13 @@ def write_tracks(
     frames: int,
     seconds: NDArray[np.float64],
 ) -> None:
-    """Write the tracks for a person to edit.
+    """Write the tracks for a reviewer to edit.
 
     input_name, fingerprint : of the video.   frames : number of them.   seconds : (frames,) time of each.
     """
     head = {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": TRACKS_FORMAT,
+        "version": TRACKS_VERSION,
         "input": input_name,
         "fingerprint": fingerprint,
         "frames": frames,
@@ -59,7 +59,7 @@ def write_tracks(
     text = (
         json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows) + "]\n}\n"
     )
-    # A name that is no Unicode holds lone surrogates, which only JSON's own escapes can say.
+    # A name that isn't valid Unicode holds lone surrogates, which only JSON escapes can represent.
     write_whole(path, text.encode("utf-8", "backslashreplace"))
 
 
@@ -75,10 +75,10 @@ def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[
         number = row.get("track") if isinstance(row, dict) else None
         if type(number) is not int or number not in known:
             raise DeidentifyError(
-                f"{path}: entry {place}: track is {_said(number)}, which this video does not have"
+                f"{path}: entry {place}: track is {_quoted(number)}, which this video does not have"
             )
         if number in edited:
-            raise DeidentifyError(f"{path}: track {number} is there twice: delete one of the two")
+            raise DeidentifyError(f"{path}: track {number} appears twice: delete one of the two")
         edited[number] = _edited(path, known[number], row, known)
     missing = [number for number in known if number not in edited]
     if missing:
@@ -126,45 +126,45 @@ def _loaded(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_once_each)
     except FileNotFoundError:
-        raise DeidentifyError(f"there is no file {path}: --review writes one") from None
+        raise DeidentifyError(f"{path} does not exist: --review writes one") from None
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         raise DeidentifyError(
-            f"{path} is not JSON at {where}: {error.msg}; look for a lost comma or quote"
+            f"{path} isn't valid JSON at {where}: {error.msg}; look for a missing comma or quote"
         ) from None
     except UnicodeDecodeError:
-        raise DeidentifyError(f"{path} is not UTF-8 text: save it as such") from None
+        raise DeidentifyError(f"{path} isn't UTF-8 text: save it as UTF-8") from None
     except (ValueError, RecursionError) as error:
-        raise DeidentifyError(f"{path} cannot be understood: {error}") from None
+        raise DeidentifyError(f"{path} can't be read: {error}") from None
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """An object, unless a key is there twice, of which JSON would forget the first."""
+    """An object, unless a key appears twice, of which JSON would ignore the first."""
     found = dict(pairs)
     if len(found) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
         track = f" in track {found['track']}" if "track" in found else ""
-        raise ValueError(f"{twice} is there twice{track}: delete one of the two")
+        raise ValueError(f"{twice} appears twice{track}: delete one of the two")
     return found
 
 
 def _rows(path: Path, value: Any, fingerprint: str) -> list[Any]:
     if (
         not isinstance(value, dict)
-        or value.get("format") != FORMAT
+        or value.get("format") != TRACKS_FORMAT
         or not isinstance(value.get("tracks"), list)
     ):
-        raise DeidentifyError(f"{path} is not a file of tracks: --review writes one as NAME.tracks.json")
-    if value.get("version") != VERSION:
+        raise DeidentifyError(f"{path} isn't a file of tracks: --review writes one as NAME.tracks.json")
+    if value.get("version") != TRACKS_VERSION:
         raise DeidentifyError(
-            f"{path} has version {_said(value.get('version'))} of the format and this Guise reads {VERSION}: "
-            "write it anew with --review"
+            f"{path} has version {_quoted(value.get('version'))} of the format, and this Guise reads version "
+            f"{TRACKS_VERSION}: write a new one with --review"
         )
     if value.get("fingerprint") != fingerprint:
         raise DeidentifyError(
-            f"{path} was written for another video ({_said(value.get('input'))}), or this one has changed since: "
-            "write it anew with --review"
+            f"{path} was written for another video ({_quoted(value.get('input'))}), or this one has changed since: "
+            "write a new one with --review"
         )
     return list(value["tracks"])
 
@@ -175,25 +175,25 @@ def _edited(path: Path, track: Track, row: dict[str, Any], known: Container[int]
     for key in row:
         if key not in fixed and key != "seconds":
             raise DeidentifyError(
-                f"{where}: there is no field {_said(key)}; to be edited are {', '.join(EDITABLE)}"
+                f"{where}: there is no field {_quoted(key)}; the fields to edit are {', '.join(EDITABLE)}"
             )
     for key, value in fixed.items():
         if key not in row:
-            raise DeidentifyError(f"{where}: {key} is missing: put it back (it was {_said(value)})")
+            raise DeidentifyError(f"{where}: {key} is missing: put it back (it was {_quoted(value)})")
         if key not in EDITABLE and row[key] != value:
             raise DeidentifyError(
-                f"{where}: {key} is not to be edited: put it back (it was {_said(value)}); "
-                f"to be edited are {', '.join(EDITABLE)}"
+                f"{where}: {key} must not be edited: put it back (it was {_quoted(value)}); "
+                f"the fields to edit are {', '.join(EDITABLE)}"
             )
     for key, fits, wanted in _WANTED:
         if not fits(row[key]):
-            raise DeidentifyError(f"{where}: {key} is {_said(row[key])}, and must be {wanted}")
+            raise DeidentifyError(f"{where}: {key} must be {wanted}, got {_quoted(row[key])}")
     if row["person"] not in known:
-        raise DeidentifyError(f"{where}: person is {row['person']}, and must be the number of a track")
+        raise DeidentifyError(f"{where}: person must be the number of a track, got {row['person']}")
     if row["action"] == "swap" and not _can_swap(track):
         why = f" ({track.reason})" if track.reason else ""
         raise DeidentifyError(
-            f"{where}: action is swap, but this face cannot be swapped{why}: use cover or leave"
+            f"{where}: action is swap, but this face can't be swapped{why}: use cover or leave"
         )
     return replace(track, **{key: row[key] for key in EDITABLE})
 
@@ -225,12 +225,12 @@ def _common(path: Path, key: Literal["donor", "name"], own: Sequence[tuple[Track
         one, other = list(given.values())[:2]
         raise DeidentifyError(
             f"{path}: tracks {one.number} and {other.number} are person {one.person} but have {key} "
-            f"{_said(getattr(one, key))} and {_said(getattr(other, key))}: give both the same, or another person"
+            f"{_quoted(getattr(one, key))} and {_quoted(getattr(other, key))}: give both the same, or another person"
         )
     return next(iter(given)) if given else str(getattr(own[0][1], key))
 
 
-def _said(value: Any) -> str:
-    """A value from the file as it is there, shortened."""
+def _quoted(value: Any) -> str:
+    """A value as it stands in the file, shortened."""
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from guise.app.deidentify.report.html import render_fragment
 from guise.app.deidentify.report.report import clock
-from guise.app.deidentify.tracks import DONE, FileReport, Outcome
+from guise.app.deidentify.tracks import DONE, FileReport, TrackOutcome
 
 MAX_COLUMNS = 500
 LABELS = {"swapped": "swapped", "covered": "covered", "left": "left as it is"}
@@ -78,7 +78,7 @@ class Timeline:
     marks: tuple[str, ...]
 
     @classmethod
-    def of(cls, one: Outcome, report: FileReport, label: str) -> Timeline:
+    def of(cls, one: TrackOutcome, report: FileReport, label: str) -> Timeline:
         """The timeline of a track."""
         parts = columns(one, report.frames)
         last = report.frames - 1
@@ -92,7 +92,7 @@ class Timeline:
         )
 
 
-def columns(one: Outcome, frames: int) -> Columns:
+def columns(one: TrackOutcome, frames: int) -> Columns:
     """What was done in each part of a video of so many frames."""
     count = min(MAX_COLUMNS, frames)
     place = one.frames.astype(np.int64) * count // frames

@@ -1,4 +1,4 @@
-"""Many files: each on its own, several at a time where the engine can; a bad one does not stop the others."""
+"""Many files: each on its own, several at a time where the engine allows; a bad one does not stop the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from guise.app.deidentify.options import Options
+from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.page import write_batch_page
 from guise.app.deidentify.report.report import (
     ALL_SWAPPED,
@@ -28,39 +28,39 @@ from guise.app.deidentify.report.report import (
 )
 from guise.app.deidentify.run import remote
 from guise.app.deidentify.run.engines import JobEngine
-from guise.app.deidentify.run.inputs import Pair, is_there, short
+from guise.app.deidentify.run.inputs import FilePair, is_there, short
 from guise.app.deidentify.run.job import beside, deidentify_file
 from guise.common.failures import explain, trace
 from guise.common.progress import Progress
 
 COPYING = "copying"
-SUMMARY = "deidentify-%Y%m%d-%H%M%S"
+SUMMARY_NAME = "deidentify-%Y%m%d-%H%M%S"
 
 
-class Watch(Protocol):
-    """Whoever is told how far a batch is; from several threads at once."""
+class BatchObserver(Protocol):
+    """Is notified of the progress of a batch, from several threads at once."""
 
     def file(self, name: str) -> Progress:
-        """A file has begun: what is to be called with its stage and the share of it that is done."""
+        """A file has begun; returns what is called with its stage and the share of it that is done."""
 
     def note(self, text: str) -> None:
-        """Something to know."""
+        """A remark for the user."""
 
     def finished(self, entry: BatchEntry) -> None:
         """A file is done, or has failed."""
 
 
 @dataclass(frozen=True)
-class Run:
-    """How all files are done.
+class BatchRun:
+    """How all files are processed.
 
     Parameters
     ----------
-    options : what is asked for.   engine : who does it.
-    resume, force, review, tracks : as in `deidentify_file`; with `resume`, files with an output are left as they are.
+    options : what is requested.   engine : what runs the jobs.
+    resume, force, review, tracks : as in `deidentify_file`; with `resume`, files that have an output are skipped.
     """
 
-    options: Options
+    options: DeidentifyOptions
     engine: JobEngine
     resume: bool = False
     force: bool = False
@@ -68,30 +68,30 @@ class Run:
     tracks: Path | None = None
 
     def at_once(self, files: int) -> int:
-        """How many files are done at the same time: one, where each may change the key file for the next."""
+        """How many files are processed at the same time: one, where each may change the key file for the next."""
         return 1 if self.options.keyfile else max(1, min(files, self.engine.workers))
 
 
-def run_batch(pairs: Sequence[Pair], run: Run, watch: Watch) -> list[BatchEntry]:
-    """De-identify all files; what became of each, in their order.
+def run_batch(pairs: Sequence[FilePair], run: BatchRun, observer: BatchObserver) -> list[BatchEntry]:
+    """De-identify all files; the outcome of each, in their order.
 
-    An interruption ends the jobs at once and comes through; finished files stay.
+    An interruption stops the jobs at once and is raised; finished files stay.
     """
 
     stopped = threading.Event()
 
-    def one(pair: Pair) -> BatchEntry:
-        entry = _attempt(pair, run, watch)
+    def process(pair: FilePair) -> BatchEntry:
+        entry = _attempt(pair, run, observer)
         if not stopped.is_set():
-            watch.finished(entry)
+            observer.finished(entry)
         return entry
 
     count = run.at_once(len(pairs))
     if count == 1:
-        return [one(pair) for pair in pairs]
+        return [process(pair) for pair in pairs]
     with ThreadPoolExecutor(count, "guise-file") as files:
         try:
-            return list(files.map(one, pairs))
+            return list(files.map(process, pairs))
         except BaseException:
             stopped.set()
             files.shutdown(wait=False, cancel_futures=True)
@@ -107,9 +107,9 @@ def exit_code(entries: Sequence[BatchEntry]) -> int:
     return FAILED
 
 
-def write_summary(pairs: Sequence[Pair], entries: Sequence[BatchEntry]) -> str:
-    """Write what became of all files, as JSON and as a page, into the folder that holds all outputs; names the page."""
-    name = time.strftime(SUMMARY)
+def write_summary(pairs: Sequence[FilePair], entries: Sequence[BatchEntry]) -> str:
+    """Write the outcomes of all files, as JSON and as a page, where all outputs are; returns the name of the page."""
+    name = time.strftime(SUMMARY_NAME)
     local = [str(pair.output.parent) for pair in pairs if not pair.put]
     if local:
         return short(_write_summary(Path(os.path.commonpath(local)), name, entries))
@@ -128,40 +128,40 @@ def _write_summary(folder: Path, name: str, entries: Sequence[BatchEntry]) -> Pa
     return page
 
 
-def _attempt(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
+def _attempt(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
     try:
-        return _done_before(pair) if run.resume and _is_done(pair) else _one(pair, run, watch)
+        return _earlier_result(pair) if run.resume and _is_done(pair) else _one(pair, run, observer)
     except Exception as error:
         trace(error)
         return BatchEntry(pair.name, None, FAILED, _why_failed(error, pair), {})
 
 
-def _why_failed(error: Exception, pair: Pair) -> str:
-    """A sentence with the input's name in it, which also says when the work can be resumed."""
+def _why_failed(error: Exception, pair: FilePair) -> str:
+    """A sentence that names the input and says when the work can be resumed."""
     sentence = _with_names(explain(error)[0], pair)
     if Path(pair.name).name not in sentence:
         sentence = f"{pair.name}: {sentence}"
     if _work_of(pair).exists() and "--resume" not in sentence and "--force" not in sentence:
-        sentence = f"{sentence.rstrip('.')}; what is done is kept for --resume"
+        sentence = f"{sentence.rstrip('.')}; finished work is kept for --resume"
     return sentence
 
 
-def _with_names(text: str, pair: Pair) -> str:
-    """A text with the names that the user knows."""
+def _with_names(text: str, pair: FilePair) -> str:
+    """A text with the paths as the user gave them."""
     for path, name in ((pair.output, pair.shown_output), (pair.source, pair.name)):
         text = text.replace(str(path), name)
     return text.replace(f"{Path.cwd()}{os.sep}", "")
 
 
-def _one(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
-    """Copy the input here when it is elsewhere, de-identify it, copy the output there, and clear up."""
-    progress = watch.file(pair.name)
-    entry = _made_before(pair) if run.resume and pair.put else None
+def _one(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
+    """Download the input if needed, de-identify it, upload the output if needed, and clean up."""
+    progress = observer.file(pair.name)
+    entry = _earlier_output(pair) if run.resume and pair.put else None
     if entry is None:
         _prepare(pair, run, progress)
         report = deidentify_file(
             pair.source, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
-            tracks=run.tracks, progress=progress, say=lambda text: watch.note(_with_names(text, pair)),
+            tracks=run.tracks, progress=progress, say=lambda text: observer.note(_with_names(text, pair)),
         )  # fmt: skip
         if report is None:  # stopped for a review
             return BatchEntry(pair.name, None, ALL_SWAPPED, "The tracks are ready to be reviewed.", {})
@@ -170,12 +170,12 @@ def _one(pair: Pair, run: Run, watch: Watch) -> BatchEntry:
         progress(COPYING, 0.0)
         _send(pair)
     if pair.fetch:
-        _clear(pair.source.parent)
+        _remove_copy(pair.source.parent)
     return entry
 
 
-def _prepare(pair: Pair, run: Run, progress: Progress) -> None:
-    """Make the folders, and copy the input here when it is elsewhere."""
+def _prepare(pair: FilePair, run: BatchRun, progress: Progress) -> None:
+    """Make the folders, and download the input if needed."""
     if pair.put:
         _make_private(pair.output.parent)
     pair.output.parent.mkdir(parents=True, exist_ok=True)
@@ -185,45 +185,45 @@ def _prepare(pair: Pair, run: Run, progress: Progress) -> None:
         remote.fetch(pair.fetch, pair.source)
 
 
-def _is_done(pair: Pair) -> bool:
+def _is_done(pair: FilePair) -> bool:
     """Whether the output is there, and its reports are, too."""
     return is_there(pair) and not _work_of(pair).exists()
 
 
-def _work_of(pair: Pair) -> Path:
+def _work_of(pair: FilePair) -> Path:
     return pair.output.with_name(pair.output.name + ".work")
 
 
-def _done_before(pair: Pair) -> BatchEntry:
-    """What an earlier run has told of a file in its report."""
+def _earlier_result(pair: FilePair) -> BatchEntry:
+    """The entry of a file that an earlier run finished, from its report."""
     path = beside(pair.output, ".report.json")
     if not pair.put:
-        return _retold(pair, path.read_bytes() if path.exists() else None)
+        return _entry_from(pair, path.read_bytes() if path.exists() else None)
     url = remote.join(remote.folder_of(pair.put), path.name)
-    return _retold(pair, remote.read(url) if remote.exists(url) else None)
+    return _entry_from(pair, remote.read(url) if remote.exists(url) else None)
 
 
-def _made_before(pair: Pair) -> BatchEntry | None:
-    """What an earlier run has told of an output that has only to be copied to its URL, if there is one."""
+def _earlier_output(pair: FilePair) -> BatchEntry | None:
+    """The entry of an output that an earlier run made and that only has to be uploaded, if there is one."""
     path = beside(pair.output, ".report.json")
     made = pair.output.exists() and path.exists() and not _work_of(pair).exists()
-    return _retold(pair, path.read_bytes()) if made else None
+    return _entry_from(pair, path.read_bytes()) if made else None
 
 
-def _retold(pair: Pair, report: bytes | None) -> BatchEntry:
+def _entry_from(pair: FilePair, report: bytes | None) -> BatchEntry:
     if report is None:
-        said = "It was there already, without a report."
-        return BatchEntry(pair.name, pair.shown_output, ALL_SWAPPED, said, {})
-    told = json.loads(report)
-    return BatchEntry(pair.name, pair.shown_output, told["outcome"], told["sentence"], told["counts"])
+        sentence = "It existed already, without a report."
+        return BatchEntry(pair.name, pair.shown_output, ALL_SWAPPED, sentence, {})
+    known = json.loads(report)
+    return BatchEntry(pair.name, pair.shown_output, known["outcome"], known["sentence"], known["counts"])
 
 
-def _send(pair: Pair) -> None:
-    """Copy the output and its reports to where they belong, the output last: where it is, all is."""
+def _send(pair: FilePair) -> None:
+    """Upload the output and its reports, the output last: where it is, the others are too."""
     made = sorted(pair.output.parent.iterdir(), key=lambda path: path == pair.output)
     for path in made:
         remote.put(path, remote.join(remote.folder_of(pair.put), path.name))
-    _clear(pair.output.parent)
+    _remove_copy(pair.output.parent)
 
 
 def _make_private(folder: Path) -> None:
@@ -232,7 +232,7 @@ def _make_private(folder: Path) -> None:
     folder.chmod(0o700)
 
 
-def _clear(folder: Path) -> None:
+def _remove_copy(folder: Path) -> None:
     """Delete a copy, and the folder of copies when it was the last."""
     shutil.rmtree(folder, ignore_errors=True)
     with contextlib.suppress(OSError):

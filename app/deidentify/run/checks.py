@@ -1,4 +1,4 @@
-"""What a user asks for, looked at before any work: paths made absolute, and wrong values refused."""
+"""Checks of the options before any work: paths are made absolute, and wrong values refused."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from guise.app.deidentify.options import DeidentifyError, Options
+from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.media.encoder import encoder_settings, find_encoder
 from guise.app.media.provenance import check_signing
-from guise.app.swapping.donors import MEAN, SUFFIX, KeyFile, assign, open_donor, parts
+from guise.app.swapping.donors import MEAN_PREFIX, MODEL_SUFFIX, KeyFile, assign, open_donor, parts
 from guise.render import GLMissing, RendererError, probe_gl
 
 
-def checked(options: Options, outputs: Iterable[Path]) -> Options:
-    """The same options with absolute paths, as workers have another current folder.
+def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOptions:
+    """The same options with absolute paths, as workers run in another current folder.
 
     outputs : what is to be written.
 
     Raises
     ------
     MediaError, ModelError, RendererError, DeidentifyError
-        When something in them does not exist or cannot be used; one sentence.
+        When something in them does not exist or can't be used; one sentence.
     """
     find_encoder(options.encode.encoder)
     encoder_settings(options.encode)
@@ -43,13 +43,13 @@ def checked(options: Options, outputs: Iterable[Path]) -> Options:
 
 def _absolute(donor: str) -> str:
     """The spec of a donor with absolute paths in it."""
-    found = [str(Path(part).absolute()) if part.endswith(SUFFIX) else part for part in parts(donor)]
-    return MEAN * donor.startswith(MEAN) + "+".join(found)
+    found = [str(Path(part).absolute()) if part.endswith(MODEL_SUFFIX) else part for part in parts(donor)]
+    return MEAN_PREFIX * donor.startswith(MEAN_PREFIX) + "+".join(found)
 
 
 def _existing(path: Path | None, what: str) -> Path | None:
     if path is not None and not path.is_file():
-        raise DeidentifyError(f"there is no {what} {path}: give a PEM file")
+        raise DeidentifyError(f"the {what} {path} does not exist: give a PEM file")
     return path and path.absolute()
 
 
@@ -58,7 +58,7 @@ def _key_file(path: Path | None) -> Path | None:
         return None
     if not path.parent.is_dir():
         raise DeidentifyError(
-            f"the key file {path} cannot be written, there is no folder {path.parent}: make it"
+            f"the key file {path} can't be written because the folder {path.parent} does not exist: create it"
         )
     if path.exists():
         KeyFile.open(path)

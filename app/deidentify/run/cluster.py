@@ -1,6 +1,6 @@
-"""Jobs on a Dask cluster: the command submits them to a scheduler, and workers on any machine do them.
+"""Jobs on a Dask cluster: the command submits them to a scheduler, and workers on any machine run them.
 
-All machines must see the input and the work folder under the same path, and have the same versions of what computes.
+All machines must see the input and the work folder under the same path, and have the same versions of the libraries.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from guise.common.version import version
 if TYPE_CHECKING:
     from guise.app.deidentify.stages.jobs import Job
 
-PATIENCE = 5  # seconds to wait for the scheduler
-RETRIES = 2  # times that a job is begun again whose worker could not take or return it
+CONNECT_SECONDS = 5  # to wait for the scheduler
+MAX_RETRIES = 2  # of a job whose worker could not take or return it
 LIBRARIES = (
     "av",
     "numpy",
@@ -32,11 +32,11 @@ LIBRARIES = (
     "onnxruntime",
     "opencv-contrib-python-headless",
 )  # what results depend on
-_ONE = threading.Lock()
+_ONE_AT_A_TIME = threading.Lock()
 
 
 class DaskEngine(JobEngine):
-    """Does the jobs on the workers of a scheduler.  A job whose worker is lost goes to another."""
+    """Runs the jobs on the workers of a scheduler.  A job whose worker is lost goes to another."""
 
     def __init__(self, address: str, work: Perform = perform) -> None:
         self._address, self._work = address, work
@@ -51,7 +51,7 @@ class DaskEngine(JobEngine):
     def run(self, jobs: Sequence[Job], done: Done) -> None:
         ours = versions()
         futures = {
-            self._client.submit(attempt_there, job, self._work, ours, pure=False, retries=RETRIES): job
+            self._client.submit(attempt_there, job, self._work, ours, pure=False, retries=MAX_RETRIES): job
             for job in jobs
         }
         try:
@@ -69,14 +69,15 @@ class DaskEngine(JobEngine):
         return iter(as_completed(futures, loop=self._client.loop))
 
     def _require_done(self, future: Any) -> None:
-        """Raise the error of a job, or why it was not done."""
+        """Raise the error of a job, or the reason why it was not done."""
         if future.status == "finished":
             error = future.result()
         elif future.status == "error":
             error = _explain(future.exception())
         else:
             error = EngineError(
-                f"the Dask scheduler at {self._address} is gone: start it and its workers again, then use --resume"
+                f"the Dask scheduler at {self._address} is gone: start it and its workers again, then "
+                "continue with --resume"
             )
         if error is not None:
             raise error
@@ -100,28 +101,29 @@ def _connect(address: str) -> Any:
         from distributed import Client
     except ImportError as error:
         raise EngineError('--engine dask needs more packages: pip install "guise-video[cluster]"') from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in a sentence
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported in one sentence instead
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of versions: `attempt_there` compares those that matter
-            return Client(address, timeout=PATIENCE, set_as_default=False, name="guise")
+            warnings.simplefilter("ignore")  # about versions: `attempt_there` compares those that matter
+            return Client(address, timeout=CONNECT_SECONDS, set_as_default=False, name="guise")
     except (OSError, ValueError, TypeError) as error:
         raise EngineError(
-            f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the address it says"
+            f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the "
+            "address that it prints"
         ) from error
 
 
 def _explain(error: Exception) -> EngineError:
-    """Why a job did not come back, of what Dask says."""
+    """Why a job did not come back, from what Dask reports."""
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):
         return EngineError(
-            "a job was given up, as each worker that had it was killed, mostly for want of memory: give the workers "
-            "more, and continue with --resume"
+            "a job was abandoned because every worker that ran it was killed, most likely because memory ran out: give "
+            "the workers more and continue with --resume"
         )
     return EngineError(
-        f"a worker cannot do jobs ({error}): install the same guise-video[cluster] on every machine"
+        f"a worker can't run jobs ({error}): install the same version of guise-video[cluster] on every machine"
     )
 
 
@@ -129,22 +131,26 @@ def attempt_there(job: Job, work: Perform, theirs: dict[str, str]) -> Exception 
     """Do a job on this worker for a command that has the versions `theirs`; its error is returned."""
     differing = {name for name, number in versions().items() if theirs[name] != number}
     if differing:
-        said = ", ".join(f"{name} {versions()[name]} and not {theirs[name]}" for name in sorted(differing))
-        return EngineError(f"the worker on {node()} has {said}: install the same versions on every machine")
+        differences = ", ".join(
+            f"{name} {versions()[name]} and not {theirs[name]}" for name in sorted(differing)
+        )
+        return EngineError(
+            f"the worker on {node()} has {differences}: install the same versions on every machine"
+        )
     if not Path(job.work).is_dir():
         return EngineError(
-            f"the worker on {node()} sees no folder {job.work}: write to a file system that every machine has under "
-            "the same path"
+            f"the worker on {node()} doesn't see the folder {job.work}: write to a file system that every machine has "
+            "under the same path"
         )
-    with _ONE, _alone(job):  # a worker with several threads does one job at a time, too
+    with _ONE_AT_A_TIME, _alone(job):  # also in a worker with several threads
         return attempt(job, work)
 
 
 @contextlib.contextmanager
 def _alone(job: Job) -> Iterator[None]:
-    """Wait for whoever else does this job: a worker that was taken for lost, or one of a command that was stopped.
+    """Wait for another worker that runs this job: one that was believed lost, or one of a command that was stopped.
 
-    The system takes the lock away from a process that ends; where it has no locks for that file system, nobody waits.
+    The system releases the lock of a process that ends.  On a file system without locks nobody waits.
     """
     with (Path(job.work) / f"{job.stage}.{job.index}.lock").open("w") as file:
         with contextlib.suppress(OSError, ImportError):

@@ -1,8 +1,8 @@
-"""From the command's INPUT... to pairs of an input and its output.  Nothing is read, written or made here.
+"""From the command's INPUT... to pairs of an input and its output.  Nothing is read or written here.
 
 A folder stands for the videos and images in it; one with images alone is one clip, as everywhere in Guise.  Outputs go
 beside the inputs or, with their part of the tree, into a folder, and always say ``_deidentified`` in the name unless
-the user names the one output himself.
+the user names the single output.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from guise.app.deidentify.run import remote
 from guise.app.media.images import looks_like_image
 from guise.common.files import natural_key
 
-MARK = "_deidentified"
-OURS = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
+OUTPUT_MARK = "_deidentified"
+OWN_SUFFIXES = (".report.json", ".report.html", ".tracks.json", ".tracks.jpg", ".part", ".work")
 VIDEO_SUFFIXES = frozenset(
     {
         ".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mpg", ".mpeg", ".ts", ".mts", ".m2ts", ".3gp", ".3g2",
@@ -31,19 +31,19 @@ _PATTERN = frozenset("*?[")
 
 
 class InputError(DeidentifyError):
-    """Inputs or outputs that cannot be as they were given; one sentence."""
+    """Inputs or outputs that can't be used as given; one sentence."""
 
 
 @dataclass(frozen=True)
-class Pair:
+class FilePair:
     """An input and its output.
 
     Parameters
     ----------
     source, output : where they are on this machine, absolute.
     name : the input as the user knows it.
-    fetch : URL from which the source is copied first, or "".
-    put : URL to which the output is copied last, or "".
+    fetch : URL from which the source is downloaded first, or "".
+    put : URL to which the output is uploaded last, or "".
     """
 
     source: Path
@@ -59,15 +59,15 @@ class Pair:
 
 
 @dataclass
-class Plan:
-    """What is to be done, and sentences about what is not."""
+class BatchPlan:
+    """What will be done, and sentences about what won't."""
 
-    pairs: list[Pair] = field(default_factory=list)
+    pairs: list[FilePair] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
-class _Found:
+class _FoundInput:
     """An input: a path or a URL; and the folder of it below the folder or pattern that was given."""
 
     place: Path | str
@@ -81,50 +81,53 @@ def make_plan(
     suffix_for: Callable[[Path], str],
     *,
     recursive: bool,
-) -> Plan:
+) -> BatchPlan:
     """What is read and written.
 
     Parameters
     ----------
     inputs : files, folders, patterns, URLs.
     output : the output of the one input, or a folder for all; beside the inputs when None.
-    work : where copies of what is elsewhere lie.
+    work : where copies of remote files lie.
     suffix_for : the suffix of the container for a video's result.
-    recursive : folders with all that is below them.
+    recursive : include the subfolders of folders.
 
     Raises
     ------
     InputError, RemoteError
         Nothing to do, something that does not exist, or two inputs with one output.
     """
-    plan = Plan()
+    plan = BatchPlan()
     found = [one for text in inputs for one in _find(text, recursive, plan.notes)]
     found = list({_identity(one.place): one for one in reversed(found)}.values())[::-1]
-    target = _Target(output, single=len(found) == 1 and _is_file(inputs, found[0]))
-    plan.pairs += _apart([_Namer(one, target, work, suffix_for) for one in found])
+    target = _OutputTarget(output, single=len(found) == 1 and _is_file(inputs, found[0]))
+    plan.pairs += _apart([_OutputNamer(one, target, work, suffix_for) for one in found])
     plan.notes += [note for pair in plan.pairs for note in _renamed(pair)]
     _require_apart(plan.pairs)
     return plan
 
 
-def require_possible(pairs: Sequence[Pair], *, force: bool, resume: bool) -> None:
+def require_possible(pairs: Sequence[FilePair], *, force: bool, resume: bool) -> None:
     """Raise InputError when an output could not be written, or would replace something."""
     there = [pair for pair in pairs if is_there(pair)]
     if there and not (force or resume):
         more = f" (and {len(there) - 1} more)" if len(there) > 1 else ""
         raise InputError(
-            f"{there[0].shown_output} exists{more}: use --force to replace, --resume to do only the rest, or -o"
+            f"{there[0].shown_output} exists{more}: use --force to replace it, --resume to do only the rest, "
+            "or -o to write elsewhere"
         )
     reports = [pair.output.with_suffix(".report.json") for pair in pairs]
     if not (force or resume) and (report := next(filter(Path.exists, reports), None)):
-        raise InputError(f"{short(report)} exists, without its output: use --force to replace it, or -o")
+        raise InputError(
+            f"{short(report)} exists without its output: use --force to replace it, or -o to write elsewhere"
+        )
     for folder in dict.fromkeys(_nearest_folder(pair.output) for pair in pairs):
         if not os.access(folder, os.W_OK):
-            raise InputError(f"the folder {short(folder)} cannot be written to: choose another with -o")
+            raise InputError(f"the folder {short(folder)} can't be written to: choose another with -o")
     _require_no_input_replaced(pairs)
 
 
-def is_there(pair: Pair) -> bool:
+def is_there(pair: FilePair) -> bool:
     """Whether the output exists."""
     return remote.exists(pair.put) if pair.put else os.path.lexists(pair.output)
 
@@ -138,27 +141,29 @@ def short(path: Path) -> str:
 # -- finding inputs ---------------------------------------------------------------------------------------------
 
 
-def _find(text: str, recursive: bool, notes: list[str]) -> list[_Found]:
+def _find(text: str, recursive: bool, notes: list[str]) -> list[_FoundInput]:
     if remote.is_url(text):
-        return _find_there(text, recursive, notes)
+        return _find_remote(text, recursive, notes)
     path = Path(text)
     if path.is_dir():
         return _find_in(path, recursive, notes)
     if os.path.lexists(path):
-        return [_Found(path.absolute())]
+        return [_FoundInput(path.absolute())]
     if _PATTERN & set(text):
         return _find_matches(text, notes)
     raise InputError(f"{text} does not exist: give a video, an image, a folder, a pattern in quotes or a URL")
 
 
-def _find_in(folder: Path, recursive: bool, notes: list[str]) -> list[_Found]:
+def _find_in(folder: Path, recursive: bool, notes: list[str]) -> list[_FoundInput]:
     """The inputs in a folder, which may be one itself."""
     skipped: Counter[str] = Counter()
-    found = [_Found(path.absolute(), below) for path, below in _walk(folder, PurePath(), recursive, skipped)]
+    found = [
+        _FoundInput(path.absolute(), below) for path, below in _walk(folder, PurePath(), recursive, skipped)
+    ]
     notes += _skipped(str(folder), skipped)
     if not found:
         hint = "" if recursive or not skipped["subfolders"] else "; use --recursive for its subfolders"
-        raise InputError(f"the folder {folder} holds no video or image that is to be de-identified{hint}")
+        raise InputError(f"the folder {folder} holds no video or image to de-identify{hint}")
     return found
 
 
@@ -181,12 +186,12 @@ def _walk(
 
 
 def _content(folder: Path, skipped: Counter[str]) -> tuple[list[Path], list[Path]]:
-    """Videos and images, and folders; what is neither, or ours, or hidden is counted."""
+    """Videos and images, and folders; other, hidden and earlier output files are counted."""
     try:
         entries = sorted(folder.iterdir(), key=lambda path: natural_key(path.name))
     except OSError as error:
         raise InputError(
-            f"the folder {folder} cannot be read ({error.strerror}): check its permissions, or leave it out"
+            f"the folder {folder} can't be read ({error.strerror}): check its permissions, or leave it out"
         ) from error
     reasons = {path: _why_not(path.name, folder=path.is_dir()) for path in entries}
     skipped.update(reason for reason in reasons.values() if reason)
@@ -195,13 +200,13 @@ def _content(folder: Path, skipped: Counter[str]) -> tuple[list[Path], list[Path
 
 
 def _why_not(name: str, *, folder: bool = False) -> str:
-    """Why a file of a folder is no input; "" when it is one."""
+    """Why a file of a folder isn't an input; "" when it is."""
     if name.startswith("."):
         return "hidden"
-    if name.endswith(OURS) or (name if folder else PurePath(name).stem).endswith(MARK):
-        return "of an earlier run"
+    if name.endswith(OWN_SUFFIXES) or (name if folder else PurePath(name).stem).endswith(OUTPUT_MARK):
+        return "from an earlier run"
     known = folder or PurePath(name).suffix.lower() in VIDEO_SUFFIXES or looks_like_image(Path(name))
-    return "" if known else "no video or image"
+    return "" if known else "not a video or image"
 
 
 def _skipped(where: str, counts: Counter[str]) -> list[str]:
@@ -211,7 +216,7 @@ def _skipped(where: str, counts: Counter[str]) -> list[str]:
     return [f"{where}: skipped {', '.join(f'{count} {reason}' for reason, count in counts.items())}"]
 
 
-def _find_matches(text: str, notes: list[str]) -> list[_Found]:
+def _find_matches(text: str, notes: list[str]) -> list[_FoundInput]:
     """The files that a pattern stands for."""
     parts = Path(text).parts
     first = next(i for i, part in enumerate(parts) if _PATTERN & set(part))
@@ -220,7 +225,7 @@ def _find_matches(text: str, notes: list[str]) -> list[_Found]:
         matches = sorted(root.glob(str(Path(*parts[first:]))), key=lambda path: natural_key(str(path)))
     except ValueError as error:
         raise InputError(
-            f"{text} is no pattern: ** stands alone between slashes, as in 'films/**/*.mp4'"
+            f"{text} isn't a valid pattern: ** must stand alone between slashes, as in 'films/**/*.mp4'"
         ) from error
     files = [path for path in matches if not path.is_dir()]
     hidden = [any(part.startswith(".") for part in path.relative_to(root).parts) for path in files]
@@ -229,20 +234,20 @@ def _find_matches(text: str, notes: list[str]) -> list[_Found]:
     found = [path for path, reason in zip(files, reasons, strict=True) if not reason]
     if not found:
         raise InputError(f"no video or image matches {text}")
-    return [_Found(path.absolute(), path.relative_to(root).parent) for path in found]
+    return [_FoundInput(path.absolute(), path.relative_to(root).parent) for path in found]
 
 
-def _find_there(url: str, recursive: bool, notes: list[str]) -> list[_Found]:
+def _find_remote(url: str, recursive: bool, notes: list[str]) -> list[_FoundInput]:
     """The files that a URL stands for."""
     files = dict(remote.files_at(url, recursive=recursive))
     if list(files) == [url]:
-        return [_Found(url)]
+        return [_FoundInput(url)]
     reasons = {one: _why_not(remote.name_of(one)) for one in files}
     notes += _skipped(url, Counter(reason for reason in reasons.values() if reason))
     found = sorted((one for one, reason in reasons.items() if not reason), key=natural_key)
     if not found:
-        raise InputError(f"{url} holds no video or image that is to be de-identified")
-    return [_Found(one, PurePath(files[one]).parent) for one in found]
+        raise InputError(f"{url} holds no video or image to de-identify")
+    return [_FoundInput(one, PurePath(files[one]).parent) for one in found]
 
 
 def _identity(place: Path | str) -> str:
@@ -252,7 +257,7 @@ def _identity(place: Path | str) -> str:
 # -- naming outputs ---------------------------------------------------------------------------------------------
 
 
-class _Target:
+class _OutputTarget:
     """What -o says: `file`, the one output, `folder` for all, or neither; each a path or a URL."""
 
     def __init__(self, output: str | None, *, single: bool) -> None:
@@ -271,43 +276,45 @@ class _Target:
             )
 
 
-def _is_file(inputs: Sequence[str], one: _Found) -> bool:
+def _is_file(inputs: Sequence[str], one: _FoundInput) -> bool:
     """Whether the only input was named itself, or is a clip of images, so that its output can be named, too."""
     return len(inputs) == 1 and (
         isinstance(one.place, str) or not Path(inputs[0]).is_dir() or one.place.is_dir()
     )
 
 
-class _Namer:
+class _OutputNamer:
     """Names the output of an input."""
 
-    def __init__(self, one: _Found, target: _Target, work: Path, suffix_for: Callable[[Path], str]) -> None:
+    def __init__(
+        self, one: _FoundInput, target: _OutputTarget, work: Path, suffix_for: Callable[[Path], str]
+    ) -> None:
         self._url = one.place if isinstance(one.place, str) else ""
         self._source = _copy_of(self._url, work) if self._url else Path(one.place)
         self._below, self._target, self._work = one.below, target, work
         image = self._source.is_dir() or looks_like_image(self._source)
         self._suffix = self._source.suffix if image else suffix_for(self._source)
 
-    def pair(self, *, whole: bool = False) -> Pair:
+    def pair(self, *, whole: bool = False) -> FilePair:
         """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""
         output = self._target.file or self._output(whole or self._suffix != self._source.suffix)
         name = remote.shown(self._url) or short(self._source)
         if not remote.is_url(output):
-            return Pair(self._source, Path(os.path.abspath(output)), name, self._url)
+            return FilePair(self._source, Path(os.path.abspath(output)), name, self._url)
         if not remote.is_writable(output):
             raise InputError(
-                f"{output} cannot be written to: give a folder here, or one at s3:// or gs://, with -o"
+                f"{output} can't be written to: give a local folder, or one at s3:// or gs://, with -o"
             )
         if self._source.is_dir():
             raise InputError(
-                f"{name} is a clip of images, which cannot be written to a URL: give a folder here with -o"
+                f"{name} is a folder of images, which can't be written to a URL: give a local folder with -o"
             )
-        return Pair(self._source, _copy_of(output, self._work), name, self._url, output)
+        return FilePair(self._source, _copy_of(output, self._work), name, self._url, output)
 
     def _output(self, whole: bool) -> str:
         folder = self._source.is_dir()
         stem = self._source.name if whole or folder else self._source.stem
-        name = stem + MARK + ("" if folder else self._suffix)
+        name = stem + OUTPUT_MARK + ("" if folder else self._suffix)
         if self._target.folder:
             return remote.join(self._target.folder, str(self._below / name))
         return (
@@ -315,7 +322,7 @@ class _Namer:
         )
 
 
-def _apart(namers: Sequence[_Namer]) -> list[Pair]:
+def _apart(namers: Sequence[_OutputNamer]) -> list[FilePair]:
     """The pairs; outputs that differ in their suffix alone get the whole names of their inputs, as do their reports."""
     pairs = [namer.pair() for namer in namers]
     names = Counter(_report_name(pair) for pair in {pair.shown_output: pair for pair in pairs}.values())
@@ -324,12 +331,12 @@ def _apart(namers: Sequence[_Namer]) -> list[Pair]:
     ]
 
 
-def _report_name(pair: Pair) -> str:
+def _report_name(pair: FilePair) -> str:
     return str(PurePath(pair.put or pair.output).with_suffix(".report.json"))
 
 
 def _copy_of(url: str, work: Path) -> Path:
-    """Where the copy of a file elsewhere lies; a later run finds it again."""
+    """Where the local copy of a remote file lies; a later run finds it again."""
     return (
         work.absolute()
         / hashlib.sha256(url.encode(errors="surrogateescape")).hexdigest()[:16]
@@ -337,23 +344,25 @@ def _copy_of(url: str, work: Path) -> Path:
     )
 
 
-def _renamed(pair: Pair) -> list[str]:
-    """The sentence that tells that an output is of another kind than its input."""
+def _renamed(pair: FilePair) -> list[str]:
+    """A note when an output has another format than its input."""
     old, new = pair.source.suffix.lower(), pair.output.suffix.lower()
     if pair.source.is_dir() or old == new:
         return []
-    return [f"{pair.name}: written as {new}" + ("" if old == "" else f", as {old} cannot hold the result")]
+    return [
+        f"{pair.name}: written as {new}" + ("" if old == "" else f", because {old} can't hold the result")
+    ]
 
 
-def _require_apart(pairs: Sequence[Pair]) -> None:
+def _require_apart(pairs: Sequence[FilePair]) -> None:
     """Raise InputError when two inputs have one output, or an output is an input."""
-    taken: dict[str, Pair] = {}
+    taken: dict[str, FilePair] = {}
     for pair in pairs:
         output = os.path.normcase(pair.put or pair.output)
         if output in taken:
             raise InputError(
                 f"{taken[output].name} and {pair.name} would both be written to {pair.shown_output}: rename one, or "
-                "do them one after the other with another -o"
+                "process them separately with different -o"
             )
         taken[output] = pair
     for pair in pairs:
@@ -362,7 +371,7 @@ def _require_apart(pairs: Sequence[Pair]) -> None:
             raise _replaces_input(clash)
 
 
-def _require_no_input_replaced(pairs: Sequence[Pair]) -> None:
+def _require_no_input_replaced(pairs: Sequence[FilePair]) -> None:
     """Raise InputError when an output is an input under another name (a link)."""
     inputs = {(facts.st_dev, facts.st_ino) for pair in pairs if (facts := _stat(pair.source))}
     for pair in pairs:
@@ -371,9 +380,9 @@ def _require_no_input_replaced(pairs: Sequence[Pair]) -> None:
             raise _replaces_input(pair)
 
 
-def _replaces_input(pair: Pair) -> InputError:
+def _replaces_input(pair: FilePair) -> InputError:
     return InputError(
-        f"{pair.shown_output}, the output for {pair.name}, is an input itself: choose another with -o"
+        f"{pair.shown_output}, the output for {pair.name}, is itself an input: choose another with -o"
     )
 
 

@@ -13,19 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.recognition import same_person
-from guise.app.deidentify.options import DeidentifyError, Options
+from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.report.page import write_page
 from guise.app.deidentify.report.report import write_report
 from guise.app.deidentify.report.review import read_tracks, write_tracks
 from guise.app.deidentify.report.sheet import contact_sheet
-from guise.app.deidentify.stages.case import Case, Linked, track_from, track_json
-from guise.app.deidentify.stages.decide import COVERED, LEFT, SWAPPED, Bystanders, Decision, Rows, decide
+from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from, track_json
+from guise.app.deidentify.stages.decide import (
+    COVERED,
+    LEFT,
+    SWAPPED,
+    Bystanders,
+    Decision,
+    TrackObservations,
+    decide,
+)
 from guise.app.deidentify.stages.jobs import Job, result_of
-from guise.app.deidentify.stages.link import Piece, link
+from guise.app.deidentify.stages.link import Tracklet, link
 from guise.app.deidentify.stages.people import why_not
 from guise.app.deidentify.stages.pieces import publish
-from guise.app.deidentify.stages.work import MANIFEST, Work
-from guise.app.deidentify.tracks import BYSTANDERS, Action, AuditFind, FileReport, Outcome, Track
+from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
+from guise.app.deidentify.tracks import BYSTANDERS, Action, AuditFinding, FileReport, Track, TrackOutcome
 from guise.app.media import MediaError, open_input, open_sink
 from guise.app.media.pictures import save_picture
 from guise.app.media.segments import scan
@@ -35,16 +43,15 @@ from guise.common.arrays import F32
 from guise.common.progress import Progress, Say
 from guise.common.version import version
 
-PARTS = 100  # of a track's confidence curve
-SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap, or else it is covered
-SHARES = {"detect": 0.25, "person": 0.15, "fit": 0.1, "render": 0.5}  # of the work, roughly, for the progress
+MAX_CONFIDENCE_PARTS = 100  # of a track's curve
+MIN_SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap; otherwise all of it is covered
 
 
-class Jobs(Protocol):
-    """Whoever does jobs, see `guise.app.deidentify.run.engines`."""
+class JobRunner(Protocol):
+    """What runs jobs, see `guise.app.deidentify.run.engines`."""
 
     def run(self, jobs: Sequence[Job], done: Callable[[Job], None]) -> None:
-        """Do all of them, in any order."""
+        """Run all of them, in any order."""
 
 
 def beside(output: Path, suffix: str) -> Path:
@@ -53,8 +60,8 @@ def beside(output: Path, suffix: str) -> Path:
 
 
 def deidentify_file(
-    source: Path, output: Path, options: Options, engine: Jobs, *, resume: bool = False, force: bool = False,
-    review: bool = False, tracks: Path | None = None, names: tuple[str, str] | None = None,
+    source: Path, output: Path, options: DeidentifyOptions, engine: JobRunner, *, resume: bool = False,
+    force: bool = False, review: bool = False, tracks: Path | None = None, names: tuple[str, str] | None = None,
     progress: Progress, say: Say,
 ) -> FileReport | None:  # fmt: skip
     """De-identify a file; None when it stops for a review.
@@ -63,42 +70,42 @@ def deidentify_file(
     ----------
     source : a video, an image or a folder of images.
     output : where the result goes; reports and the work folder lie beside it.
-    engine : does the jobs.
-    resume : go on with what an earlier run left; after a review with these options instead of those given there.
-    force : replace outputs and what was left.
-    review : stop before anything is changed, and write NAME.tracks.json and NAME.tracks.jpg.
+    engine : runs the jobs.
+    resume : continue what an earlier run left; after a review, with these options instead of the earlier ones.
+    force : replace outputs and the work folder of an earlier run.
+    review : stop before rendering, and write NAME.tracks.json and NAME.tracks.jpg.
     tracks : the edited NAME.tracks.json.
     names : what the reports call input and output, if not by their files' names.
 
     Raises
     ------
     MediaError, DeidentifyError, ModelError, OutputError
-        One sentence; the work folder stays where something can be resumed.
+        One sentence; the work folder is kept where the run can be resumed.
     """
     start = time.perf_counter()
     work = _opened(source, output, options, resume=resume or tracks is not None, force=force)
-    steps = _Steps(Case(work), engine, progress)
-    steps.analyse()
+    stages = _Stages(Case(work), engine, progress)
+    stages.analyse()
     if review:
-        _write_review(steps.case, output)
+        _write_review(stages.case, output)
         say(
             f"{source.name}: edit the actions in {beside(output, '.tracks.json')}, then run again with --resume"
         )
         return None
     edited = tracks or beside(output, ".tracks.json")
     if edited.exists() or tracks:
-        say(f"{source.name}: what is to be done is taken from {edited.name}")
-    steps.plan(edited if edited.exists() or tracks else None)
-    steps.render()
-    publish(steps.case, output, force=force)
-    report = _report(steps.case, names or (source.name, output.name), output, time.perf_counter() - start)
-    _write_report(steps.case, report, output)
+        say(f"{source.name}: the actions are taken from {edited.name}")
+    stages.plan(edited if edited.exists() or tracks else None)
+    stages.render()
+    publish(stages.case, output, force=force)
+    report = _report(stages.case, names or (source.name, output.name), output, time.perf_counter() - start)
+    _write_report(stages.case, report, output)
     work.remove()
     return report
 
 
 def fingerprint(path: Path) -> str:
-    """What tells an input from another: SHA-256 of its size and of its first and last mebibyte; names for a folder."""
+    """Identifies an input: SHA-256 of its size and its first and last mebibyte; of names and sizes for a folder."""
     digest = hashlib.sha256()
     if path.is_dir():
         for entry in sorted(path.iterdir()):
@@ -113,9 +120,11 @@ def fingerprint(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _opened(source: Path, output: Path, options: Options, *, resume: bool, force: bool) -> Work:
+def _opened(
+    source: Path, output: Path, options: DeidentifyOptions, *, resume: bool, force: bool
+) -> WorkFolder:
     """The work folder, with the manifest of this very run in it."""
-    work = Work(output.with_name(output.name + ".work"))
+    work = WorkFolder(output.with_name(output.name + ".work"))
     if not (resume and work.has("published.json")):
         _require_possible(source, output, options, force)
     manifest = {
@@ -129,26 +138,26 @@ def _opened(source: Path, output: Path, options: Options, *, resume: bool, force
         return work
     if work.folder.exists() and not force:
         raise DeidentifyError(
-            f"{work.folder} was left by a run that did not finish: go on with --resume, or start anew with --force"
+            f"{work.folder} was left by a run that did not finish: continue with --resume, or start over with --force"
         )
     work.create()
     work.save_json(MANIFEST, manifest)
     return work
 
 
-def _require_same(work: Work, manifest: dict[str, Any]) -> None:
-    """Raise DeidentifyError when what was left is of another run; options count once something was made with them."""
+def _require_same(work: WorkFolder, manifest: dict[str, Any]) -> None:
+    """Raise DeidentifyError when a work folder is of another run; options count once a result depends on them."""
     left = work.load_json(MANIFEST)
     if not work.has("tracks.json"):
         left["options"] = manifest["options"]
     if left != manifest:
         raise DeidentifyError(
-            f"{work.folder} is of a run with another input, other options or another version: give the same, "
-            "or start anew with --force"
+            f"{work.folder} is from a run with another input, other options or another version: give the same, "
+            "or start over with --force"
         )
 
 
-def _require_possible(source: Path, output: Path, options: Options, force: bool) -> None:
+def _require_possible(source: Path, output: Path, options: DeidentifyOptions, force: bool) -> None:
     """Raise what reading the input or writing the output would raise, before any work is done."""
     with open_input(source) as media:
         check_free(output, media, force)
@@ -159,10 +168,10 @@ def _require_possible(source: Path, output: Path, options: Options, force: bool)
             raise MediaError(str(error).replace(probe.name, output.name)) from error
 
 
-class _Steps:
-    """The stages of a case, and how far they are."""
+class _Stages:
+    """The stages of a case, and their progress."""
 
-    def __init__(self, case: Case, engine: Jobs, progress: Progress) -> None:
+    def __init__(self, case: Case, engine: JobRunner, progress: Progress) -> None:
         self.case, self._engine, self._progress = case, engine, progress
 
     def analyse(self) -> None:
@@ -170,14 +179,14 @@ class _Steps:
         case = self.case
         self._once("scan.json", lambda: scan(case.input).as_json())
         self._map("detect", len(case.scan.segments))
-        self._once("link.json", lambda: _linked(case))
+        self._once("link.json", lambda: _link_tracks(case))
         self._map("person", len(case.linked))
         self._once("people.json", lambda: _people(case))
         self._map("fit", len(case.scan.segments))
         self._once("proposed.json", lambda: [track_json(track) for track in _proposed(case)])
 
     def plan(self, edited: Path | None) -> None:
-        """What the user wants, whose faces are shown, and what happens to each face in each frame."""
+        """The actions of the user, the donors, and what happens to each face in each frame."""
         case = self.case
         self._once("tracks.json", lambda: [track_json(track) for track in _ordered(case, edited)])
         if not case.work.has("plan.npz"):
@@ -199,19 +208,19 @@ class _Steps:
         def done(job: Job) -> None:
             nonlocal finished
             finished += 1
-            self._progress(_WORDS[stage], finished / max(len(missing), 1))
+            self._progress(_STAGE_LABELS[stage], finished / max(len(missing), 1))
 
-        self._progress(_WORDS[stage], 0.0)
+        self._progress(_STAGE_LABELS[stage], 0.0)
         self._engine.run(missing, done)
 
 
-_WORDS = {"detect": "finding faces", "person": "enrolling", "fit": "following", "render": "rendering"}
+_STAGE_LABELS = {"detect": "finding faces", "person": "enrolling", "fit": "tracking", "render": "rendering"}
 
 
 # -- between the stages ---------------------------------------------------------------------------------------
 
 
-def _linked(case: Case) -> dict[str, Any]:
+def _link_tracks(case: Case) -> dict[str, Any]:
     found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
     chains, cuts = link(found, [s.first for s in case.scan.segments], case.rate)
     tracks = []
@@ -221,7 +230,7 @@ def _linked(case: Case) -> dict[str, Any]:
     return {"cuts": cuts, "tracks": tracks}
 
 
-def _linked_track(number: int, chain: Sequence[Piece], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
+def _linked_track(number: int, chain: Sequence[Tracklet], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
     frames = np.concatenate([one.frame[r] for one, r in rows])
     boxes = np.concatenate([one.box[r] for one, r in rows])
     sure = np.concatenate([one.confidence[r] for one, r in rows])
@@ -235,7 +244,7 @@ def _linked_track(number: int, chain: Sequence[Piece], rows: Sequence[tuple[Any,
 
 
 def _people(case: Case) -> dict[str, int]:
-    """Tracks of one person, who left and returned, under the number of the first of them."""
+    """By track, the person: tracks of one person who left and returned have the number of the first of them."""
     people: dict[str, int] = {}
     for track in case.linked:
         model = case.enrolled(track.number)
@@ -247,17 +256,17 @@ def _people(case: Case) -> dict[str, int]:
     return people
 
 
-def _same(case: Case, track: Linked, model: Any) -> bool:
+def _same(case: Case, track: LinkedTrack, model: Any) -> bool:
     other = case.enrolled(track.number)
     return other is not None and same_person(other, model)
 
 
-def _together(a: Linked, b: Linked) -> bool:
+def _together(a: LinkedTrack, b: LinkedTrack) -> bool:
     return a.first <= b.last and b.first <= a.last
 
 
-def _rows(case: Case, track: Linked) -> tuple[Rows, F32]:
-    """What is known of a track, and the confidence of its landmarks (n,)."""
+def _observations(case: Case, track: LinkedTrack) -> tuple[TrackObservations, F32]:
+    """The observations of a track, and the confidence of its landmarks (n,)."""
     frames, boxes, trust, sure = [], [], [], []
     for segment, number in track.pieces:
         found, fits = case.found(segment, points=False), case.fits(segment)
@@ -268,20 +277,20 @@ def _rows(case: Case, track: Linked) -> tuple[Rows, F32]:
         boxes.append(found.box[rows])
         trust.append([known.get(int(f), 0.0) for f in found.frame[rows]])
         sure.append(found.confidence[rows])
-    return Rows(
+    return TrackObservations(
         np.concatenate(frames), np.concatenate(boxes), np.concatenate(trust).astype(np.float32)
     ), np.concatenate(sure)
 
 
-def _decided(case: Case, track: Linked, action: Any) -> Decision:
-    rows, _ = _rows(case, track)
+def _decided(case: Case, track: LinkedTrack, action: Any) -> Decision:
+    rows, _ = _observations(case, track)
     return decide(rows, action, total=case.scan.frames, rate=case.rate, cuts=case.cuts)
 
 
 def _proposed(case: Case) -> list[Track]:
     tracks = []
     for one in case.linked:
-        rows, sure = _rows(case, one)
+        rows, sure = _observations(case, one)
         decision = decide(rows, "swap", total=case.scan.frames, rate=case.rate, cuts=case.cuts)
         inside = (decision.frames >= one.first) & (decision.frames <= one.last)
         share = float((decision.done[inside] == SWAPPED).mean())
@@ -295,16 +304,16 @@ def _proposed(case: Case) -> list[Track]:
     return tracks
 
 
-def _why_cover(case: Case, track: Linked, share: float) -> str:
+def _why_cover(case: Case, track: LinkedTrack, share: float) -> str:
     if case.model_of(track.number) is None:
         return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
-    return "" if share >= SWAP_SHARE else "hardly any frame shows the face well enough"
+    return "" if share >= MIN_SWAP_SHARE else "hardly any frame shows the face well enough"
 
 
-def _curve(track: Linked, frames: NDArray[np.int32], values: F32) -> tuple[float, ...]:
+def _curve(track: LinkedTrack, frames: NDArray[np.int32], values: F32) -> tuple[float, ...]:
     whole = np.zeros(track.last - track.first + 1)
     whole[frames - track.first] = values
-    parts = np.array_split(whole, min(PARTS, len(whole)))
+    parts = np.array_split(whole, min(MAX_CONFIDENCE_PARTS, len(whole)))
     return tuple(round(float(part.mean()), 3) for part in parts)
 
 
@@ -321,7 +330,7 @@ def _ordered(case: Case, edited: Path | None) -> list[Track]:
 
 
 def _donors(case: Case, people: Sequence[int]) -> dict[int, str]:
-    """Whose face each person gets; with a key file, the one that they have had before."""
+    """The donor of each person; with a key file, the one that they had before."""
     options, salt = case.options, case.manifest["name"]
     if options.keyfile is None:
         return assign(people, options.donor, own=options.gallery, seed=options.seed, salt=salt)
@@ -366,7 +375,9 @@ def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) ->
     problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
     problems += [p for r in renders for p in r["problems"]] + case.work.load_json("published.json")
     finds = [
-        AuditFind(a["frame"], tuple(a["box"]), a["score"], a["covered"]) for r in renders for a in r["audit"]
+        AuditFinding(a["frame"], tuple(a["box"]), a["score"], a["covered"])
+        for r in renders
+        for a in r["audit"]
     ]
     plan = case.plan
     with open_input(case.input) as media:
@@ -379,8 +390,8 @@ def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) ->
     )  # fmt: skip
 
 
-def _settings(options: Options) -> dict[str, Any]:
-    """The options as a report tells them: files by their names, as folders may say who somebody is."""
+def _settings(options: DeidentifyOptions) -> dict[str, Any]:
+    """The options as reported: files without their folders, whose names may identify somebody."""
     named = {
         k: v and Path(v).name for k, v in options.as_json().items() if k in ("keyfile", "certificate", "key")
     }
@@ -396,13 +407,13 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _outcome(plan: dict[str, NDArray[Any]], track: int) -> Outcome:
+def _outcome(plan: dict[str, NDArray[Any]], track: int) -> TrackOutcome:
     mine = np.flatnonzero(plan["track"] == track)
     boxes = np.round(plan["box"][mine]).astype(np.int32)
-    return Outcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
+    return TrackOutcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
 
 
-def _counts(plan: dict[str, NDArray[Any]], frames: int, finds: Sequence[AuditFind]) -> dict[str, int]:
+def _counts(plan: dict[str, NDArray[Any]], frames: int, finds: Sequence[AuditFinding]) -> dict[str, int]:
     worst = np.full(frames, -1)
     for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
         these = plan["frame"][plan["done"] == code]

@@ -1,4 +1,4 @@
-"""Files behind URLs (s3://, gs://, https://, ..): listed, copied here, and copied there when the work is done."""
+"""Files behind URLs (s3://, gs://, https://, ..): listed, downloaded, and uploaded when the work is done."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _WEB = ("http://", "https://")
 
 
 class RemoteError(DeidentifyError):
-    """A URL that cannot be read or written; one sentence."""
+    """A URL that can't be read or written; one sentence."""
 
 
 def is_url(text: str) -> bool:
-    """Whether a name is that of a file elsewhere.
+    """Whether a text is a URL rather than a path.
 
     >>> is_url("s3://films/a.mp4"), is_url("films/a.mp4"), is_url("C:/a.mp4")
     (True, False, False)
@@ -30,12 +30,12 @@ def is_url(text: str) -> bool:
 
 
 def is_writable(url: str) -> bool:
-    """Whether files can be put there; the web only gives."""
+    """Whether files can be uploaded there; web servers are read only."""
     return not url.startswith(_WEB)
 
 
 def is_pattern(text: str) -> bool:
-    """Whether a URL stands for several; in one of the web a question mark begins a query."""
+    """Whether a URL is a pattern; in a web address a question mark begins the query."""
     return not text.startswith(_WEB) and _PATTERN.search(text) is not None
 
 
@@ -50,7 +50,7 @@ def name_of(url: str) -> str:
 
 
 def shown(url: str) -> str:
-    """The URL for people and reports, without the query, which may be a key.
+    """The URL for messages and reports, without the query, which may hold a key.
 
     >>> shown("https://films.org/a.mp4?signature=secret")
     'https://films.org/a.mp4'
@@ -86,7 +86,7 @@ def files_at(url: str, *, recursive: bool) -> list[tuple[str, str]]:
     Returns the URL of each, with its path below the folder or the fixed part of the pattern.
     """
     files, path = _open(url)
-    with _Sentence(url):
+    with _ExplainedErrors(url):
         if is_pattern(url):
             found = [p for p, facts in files.glob(path, detail=True).items() if facts["type"] == "file"]
             root = path[: path.rindex("/", 0, _PATTERN.search(path).start()) + 1]  # type: ignore[union-attr]
@@ -100,28 +100,28 @@ def files_at(url: str, *, recursive: bool) -> list[tuple[str, str]]:
 def exists(url: str) -> bool:
     """Whether there is a file."""
     files, path = _open(url)
-    with _Sentence(url):
+    with _ExplainedErrors(url):
         return bool(files.exists(path))
 
 
 def read(url: str) -> bytes:
-    """What is in a small file."""
+    """The content of a small file."""
     files, path = _open(url)
-    with _Sentence(url):
+    with _ExplainedErrors(url):
         return bytes(files.cat_file(path))
 
 
 def fetch(url: str, path: Path) -> None:
-    """Copy a file here."""
+    """Download a file."""
     files, place = _open(url)
-    with _Sentence(url):
+    with _ExplainedErrors(url):
         write_whole(path, lambda part: files.get_file(place, str(part)))
 
 
 def put(path: Path, url: str) -> None:
-    """Copy a file there; object storage shows it when it is whole."""
+    """Upload a file; object storage shows it when it is complete."""
     files, place = _open(url)
-    with _Sentence(url):
+    with _ExplainedErrors(url):
         files.makedirs(folder_of(place), exist_ok=True)
         files.put_file(str(path), place)
 
@@ -135,17 +135,17 @@ def _open(url: str) -> tuple[Any, str]:
     try:
         return fsspec.core.url_to_fs(url)  # type: ignore[no-any-return]
     except ImportError as error:
-        told = re.search(r"nstall (\S+)", str(error))
-        package = told[1] if told else "its package of fsspec"
+        hint = re.search(r"nstall (\S+)", str(error))
+        package = hint[1] if hint else "its package of fsspec"
         raise RemoteError(f"{shown(url)} needs one more package: pip install {package}") from error
     except Exception as error:
         raise RemoteError(
-            f"{shown(url)} cannot be opened ({_short(error)}): give a path, s3://, gs:// or https://"
+            f"{shown(url)} can't be opened ({_short(error)}): give a path, s3://, gs:// or https://"
         ) from error
 
 
-class _Sentence:
-    """Turns what a file system says in the block into one sentence."""
+class _ExplainedErrors:
+    """Turns the errors of a file system in the block into one sentence."""
 
     def __init__(self, url: str) -> None:
         self._url = url
@@ -155,13 +155,15 @@ class _Sentence:
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
         url = shown(self._url)
         if isinstance(error, FileNotFoundError):
-            raise RemoteError(f"there is no {url}: give a file, a folder or a pattern that exists") from error
+            raise RemoteError(
+                f"{url} does not exist: give a file, a folder or a pattern that does"
+            ) from error
         if isinstance(error, OSError) and error.filename is not None and not is_url(str(error.filename)):
             return  # a full disk here
         if isinstance(error, Exception):
-            said = _short(error).replace(self._url, url)
+            reason = _short(error).replace(self._url, url)
             raise RemoteError(
-                f"{url} cannot be read or written ({said}): check the address and your credentials"
+                f"{url} can't be read or written ({reason}): check the address and your credentials"
             ) from error
 
 

@@ -1,7 +1,7 @@
-"""What happens to a track in every frame: swapped where that is trusted, covered everywhere else, also where it may be.
+"""What happens to a track in every frame: swapped where the fit is trusted, covered wherever else the face may be.
 
-Fail closed: a gap is covered along the line between its ends, a track's ends for a margin of time beyond them, a frame
-next to one that is not trusted as if it were not trusted either.  Boxes ``x0 y0 x1 y1`` of the 68 iBUG points, pixels.
+Fail closed: a gap is covered along the line between its ends, a track for a margin of time beyond its ends, and a frame
+next to one that is not trusted is not trusted either.  Boxes ``x0 y0 x1 y1`` of the 68 iBUG points, pixels.
 """
 
 from __future__ import annotations
@@ -18,17 +18,28 @@ from guise.common.arrays import F32
 Bools = NDArray[np.bool_]
 
 SWAPPED, COVERED, LEFT = (DONE.index(done) for done in ("swapped", "covered", "left"))
-TRUST = 0.5  # confidence from which a face is swapped
-AROUND = 0.1  # seconds about a frame that is not trusted which are not either
-SHORTEST = 0.3  # seconds for which a swap must last
-MARGIN = 0.4  # seconds for which a track is covered beyond its ends
-BYSTANDER = 0.2  # the same for a bystander
-GROWTH = 0.03  # by which the region grows with each frame away from the last sight, and
-MOST = 1.6  # its limit
+
+
+@dataclass(frozen=True)
+class DecisionLimits:
+    """Thresholds of swap and cover."""
+
+    min_swap_confidence: float = 0.5
+    distrust_seconds: float = 0.1  # about a frame that is not trusted, which are not trusted either
+    min_swap_seconds: float = 0.3
+    track_margin_seconds: float = 0.4  # covered beyond a track's ends
+    bystander_margin_seconds: float = 0.2  # covered before and after each detection of a bystander
+    growth_per_frame: float = (
+        0.03  # of the covered region, away from the nearest frame in which the face was seen
+    )
+    max_growth: float = 1.6
+
+
+LIMITS = DecisionLimits()
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class TrackObservations:
     """What is known of a track: (n,) frames, ascending; (n, 4) boxes; (n,) confidence that a swap is right."""
 
     frames: NDArray[np.int32]
@@ -43,7 +54,7 @@ class Decision:
     Parameters
     ----------
     frames : (n,) int32, consecutive.   done : (n,) uint8, index into DONE.
-    boxes : (n, 4) of the face, seen or supposed.   growth : (n,) of the covered region.
+    boxes : (n, 4) of the face, seen or interpolated.   growth : (n,) of the covered region.
     confidence : (n,) that a swap is right; 0 where the face was not seen.
     """
 
@@ -54,13 +65,15 @@ class Decision:
     confidence: F32
 
 
-def decide(rows: Rows, action: Action, *, total: int, rate: float, cuts: Sequence[int]) -> Decision:
+def decide(
+    rows: TrackObservations, action: Action, *, total: int, rate: float, cuts: Sequence[int]
+) -> Decision:
     """What happens to a track in the frames about it.
 
     total : frames of the video.   rate : a second.   cuts : first frames of new shots.
     """
     first, last = int(rows.frames[0]), int(rows.frames[-1])
-    margin = max(1, round(MARGIN * rate))
+    margin = max(1, round(LIMITS.track_margin_seconds * rate))
     start = max([0, first - margin, *(c for c in cuts if c <= first)])
     stop = min([total, last + margin + 1, *(c for c in cuts if c > last)])
     frames = np.arange(start, stop, dtype=np.int32)
@@ -78,25 +91,25 @@ def _done(confidence: F32, action: Action, rate: float) -> NDArray[np.uint8]:
         return np.full(len(confidence), LEFT, np.uint8)
     if action == "cover":
         return np.full(len(confidence), COVERED, np.uint8)
-    swapped = eroded(confidence >= TRUST, round(AROUND * rate))
-    swapped = without_short(swapped, round(SHORTEST * rate))
+    swapped = eroded(confidence >= LIMITS.min_swap_confidence, round(LIMITS.distrust_seconds * rate))
+    swapped = without_short(swapped, round(LIMITS.min_swap_seconds * rate))
     return np.where(swapped, SWAPPED, COVERED).astype(np.uint8)
 
 
-def eroded(trusted: Bools, steps: int) -> Bools:
-    """Without the `steps` elements next to a false one.
+def eroded(trusted: Bools, count: int) -> Bools:
+    """Without the `count` elements next to a false one.
 
     >>> eroded(np.array([1, 1, 1, 0, 1, 1], bool), 1).astype(int).tolist()
     [1, 1, 0, 0, 0, 1]
     """
-    near = np.convolve(~trusted, np.ones(2 * steps + 1), "same") > 0.5
+    near = np.convolve(~trusted, np.ones(2 * count + 1), "same") > 0.5
     return (
-        np.asarray(trusted & ~near[: len(trusted)]) if len(trusted) > 2 * steps else trusted & trusted.all()
+        np.asarray(trusted & ~near[: len(trusted)]) if len(trusted) > 2 * count else trusted & trusted.all()
     )
 
 
-def without_short(flags: Bools, least: int) -> Bools:
-    """Without runs of fewer than `least` true elements.
+def without_short(flags: Bools, min_length: int) -> Bools:
+    """Without runs of fewer than `min_length` true elements.
 
     >>> without_short(np.array([1, 1, 0, 1], bool), 2).astype(int).tolist()
     [1, 1, 0, 0]
@@ -104,7 +117,7 @@ def without_short(flags: Bools, least: int) -> Bools:
     kept = flags.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.view(np.int8), [0]])))
     for start, stop in edges.reshape(-1, 2):
-        if stop - start < least:
+        if stop - start < min_length:
             kept[start:stop] = False
     return kept
 
@@ -116,20 +129,20 @@ def _growth(frames: NDArray[np.int32], known: NDArray[np.int32]) -> F32:
     distance = np.minimum(
         np.abs(frames - known[before]), np.abs(known[np.clip(after, 0, len(known) - 1)] - frames)
     )
-    return np.asarray(np.minimum(1 + GROWTH * distance, MOST), np.float32)
+    return np.asarray(np.minimum(1 + LIMITS.growth_per_frame * distance, LIMITS.max_growth), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class Bystanders:
-    """Faces that are covered without being followed: (n,) frames, ascending; (n, 4) boxes; (n,) scores."""
+    """Faces that are covered without being tracked: (n,) frames, ascending; (n, 4) boxes; (n,) scores."""
 
     frames: NDArray[np.int32]
     boxes: F32
     scores: F32
 
     def spread(self, *, total: int, rate: float, cuts: Sequence[int]) -> Bystanders:
-        """With the frames about each sight, not beyond cuts; where sights are near in time, the nearest box of each."""
-        reach = max(1, round(BYSTANDER * rate))
+        """With the frames about each detection, as far as the shot goes; a frame may get the boxes of several."""
+        reach = max(1, round(LIMITS.bystander_margin_seconds * rate))
         frames, boxes, scores = [], [], []
         edges = np.array([0, *cuts, total])
         for frame, box, score in zip(self.frames, self.boxes, self.scores, strict=True):

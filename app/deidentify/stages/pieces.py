@@ -1,4 +1,4 @@
-"""The output while it is made: a piece for each segment of a video, or the pictures themselves; and the whole."""
+"""The output in the making: a piece for each segment of a video, or the pictures themselves, and then the whole."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from guise.app.media.synthetic import synthetic_tags
 
 
 def open_piece(case: Case, source: MediaInput, segment: int) -> Sink:
-    """Where the frames of a segment are written."""
+    """The sink for the frames of a segment."""
     if isinstance(source, VideoInput):
         return PacketSink(_piece(case, segment), source, case.options.encode)
     made = _made(case)
@@ -39,7 +39,7 @@ def read_piece(case: Case, segment: int) -> Iterator[Frame]:
 
 
 def publish(case: Case, output: Path, *, force: bool) -> None:
-    """Put the pieces together, sign the whole if that is wished, and give it its name; once is enough."""
+    """Join the pieces, sign the whole if requested, and give it its name, unless that has been done."""
     options = case.options
     if case.work.has("published.json") and not _made(case).exists():
         return

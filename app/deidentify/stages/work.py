@@ -1,7 +1,7 @@
 """The work folder of a file: its manifest and the results of finished jobs, each written whole or not at all.
 
-It lies beside the output as OUTPUT.work, readable by its owner only, as it holds faces; it goes when the output is
-complete, and stays after a failure, so that the run can be resumed.
+It lies beside the output as OUTPUT.work, readable by its owner only, because it holds faces.  It is deleted when the
+output is complete, and kept after a failure, so that the run can be resumed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
-class Work:
+class WorkFolder:
     """A work folder."""
 
     folder: Path
