@@ -29,8 +29,9 @@ from guise.aam.landmarks.schemes import (
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, U8, Bool, Floating
+from guise.common.errors import GuiseError
 
-SHAPE = 2 * POINTS  # leading entries of an appearance vector
+SHAPE_ENTRIES = 2 * POINTS  # leading entries of an appearance vector
 
 
 @dataclass(frozen=True)
@@ -112,10 +113,10 @@ def _modes_to_keep(values: F64, retain: float | int) -> int:
     useful = max(1, int((values > 1e-9 * max(values[0], 1e-30)).sum()))
     if isinstance(retain, int):
         if retain < 1:
-            raise ValueError(f"the number of modes must be at least 1, got {retain}")
+            raise GuiseError(f"the number of modes must be at least 1, got {retain}")
         return min(retain, useful)
     if not 0 < retain <= 1:
-        raise ValueError(f"the retained variance must be in (0, 1], got {retain}")
+        raise GuiseError(f"the retained variance must be in (0, 1], got {retain}")
     share = np.cumsum(values) / max(float(values.sum()), 1e-30)
     return min(int(np.searchsorted(share, retain)) + 1, useful)
 
@@ -174,11 +175,11 @@ class AppearanceModel:
 
     def shape_of(self, vector: F32) -> F64:
         """Landmarks (81, 2), grid pixels, of an appearance vector."""
-        return np.asarray(vector[:SHAPE].reshape(POINTS, 2), np.float64) / self.reference.shape_weight
+        return np.asarray(vector[:SHAPE_ENTRIES].reshape(POINTS, 2), np.float64) / self.reference.shape_weight
 
     def texture_of(self, vector: F32) -> F32:
         """RGB (n, 3) of an appearance vector."""
-        return vector[SHAPE:].reshape(-1, 3)
+        return vector[SHAPE_ENTRIES:].reshape(-1, 3)
 
     def picture(self, vector: F32) -> U8:
         """RGB picture (h, w, 3) uint8 of an appearance vector's texture on the grid."""
@@ -193,7 +194,7 @@ def appearance_vectors(
     weights (n,) in [0, 1] damp the variation of pixels that aren't face (hair, background): outside the learned mask
     every frame shows the mean.
     """
-    aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), SHAPE)
+    aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), SHAPE_ENTRIES)
     if weights is not None:
         mean = textures.mean(0)
         textures = mean + (textures - mean) * weights[:, None]

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.mask import expressive_mask
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
@@ -79,7 +79,7 @@ class Extrapolator:
     @alpha.setter
     def alpha(self, value: float) -> None:
         if not 0 <= value <= 1:
-            raise ValueError(f"alpha must be in [0, 1], got {value}")
+            raise GuiseError(f"alpha must be in [0, 1], got {value}")
         self._alpha = float(value)
         np.multiply(self._outside, np.float32(value), out=self._matrix)
         self._matrix += self._projected
@@ -97,7 +97,7 @@ class Extrapolator:
 def _gate(reference: ReferenceFrame, gate: float) -> F32:
     """(n,) weights of an appearance vector's entries: 1 for shape, eyes and mouth, `gate` elsewhere."""
     soft = gate + (1 - gate) * expressive_mask(reference)[reference.mask]
-    return np.concatenate([np.ones(SHAPE, np.float32), np.repeat(soft.astype(np.float32), 3)])
+    return np.concatenate([np.ones(SHAPE_ENTRIES, np.float32), np.repeat(soft.astype(np.float32), 3)])
 
 
 def _turned(target: AppearanceModel, source: AppearanceModel) -> F32:
@@ -106,5 +106,5 @@ def _turned(target: AppearanceModel, source: AppearanceModel) -> F32:
     yaw = np.clip(reference.yaw(source.neutral_shape), -MAX_NEUTRAL_YAW_DEGREES, MAX_NEUTRAL_YAW_DEGREES)
     yaw -= reference.yaw(target.neutral_shape)
     neutral = target.neutral.copy()
-    neutral[:SHAPE] += (yaw * reference.shape_weight * reference.yaw_mode).ravel().astype(np.float32)
+    neutral[:SHAPE_ENTRIES] += (yaw * reference.shape_weight * reference.yaw_mode).ravel().astype(np.float32)
     return neutral

@@ -5,6 +5,8 @@ Light scales what it falls on, so two lights are compared by the ratio of their 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from guise.aam.reference import ReferenceFrame
@@ -13,10 +15,17 @@ from guise.common.arrays import F32, F64, Bool, Floating
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # weights of R, G and B (BT.601)
 BLACK_GREY_LEVELS = 8  # added before a ratio is taken, as near-black says nothing of the light
 
-# `skin_colours`: a robust fit of 1, x, y, x^2.
-_FIT_ROUNDS = 3
-_OUTLIER_MEDIAN_ERRORS = 2.5
-_KEPT_QUANTILES = (0.02, 0.98)
+
+@dataclass(frozen=True)
+class SkinFit:
+    """The robust fit of `skin_colours`."""
+
+    rounds: int = 3
+    max_error_medians: float = 2.5  # beyond which a pixel is left out of the next round
+    kept_quantiles: tuple[float, float] = (0.02, 0.98)  # to which colours are clamped
+
+
+SKIN_FIT = SkinFit()
 
 
 def grid_places(reference: ReferenceFrame) -> F64:
@@ -61,10 +70,10 @@ def skin_colours(picture: F32, known: Bool, reference: ReferenceFrame) -> F32:
     x, y = xs - xs.mean(), ys - ys.mean()
     fields = np.stack([np.ones_like(x), x, y, x * x], axis=-1)
     a, b = fields[known], picture[known]
-    for _ in range(_FIT_ROUNDS):
+    for _ in range(SKIN_FIT.rounds):
         coefficients, *_ = np.linalg.lstsq(a, b, rcond=None)
         error = np.abs(a @ coefficients - b).mean(1)
-        keep = error < _OUTLIER_MEDIAN_ERRORS * max(float(np.median(error)), 1.0)
+        keep = error < SKIN_FIT.max_error_medians * max(float(np.median(error)), 1.0)
         a, b = a[keep], b[keep]
-    low, high = (np.quantile(b, q, axis=0) for q in _KEPT_QUANTILES)
+    low, high = (np.quantile(b, q, axis=0) for q in SKIN_FIT.kept_quantiles)
     return np.asarray(np.clip(fields @ coefficients, low, high), np.float32)

@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.appearance import SHAPE, AppearanceModel, Components
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel, Components
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.tracker import POSE, Quality, Tracker
+from guise.aam.tracker import POSE_ENTRIES, Quality, Tracker
 from guise.common.arrays import F32, F64, U8
 from guise.common.errors import GuiseError
 from guise.common.files import write_whole
@@ -212,13 +212,13 @@ def _compacted(t: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     The texture's share of each mode is 8 bits with one scale a mode; shapes keep their precision.
     """
     basis = t["appearance.basis"].astype(np.float32)
-    scale = np.maximum(np.abs(basis[SHAPE:]).max(0), 1e-12) / 127
+    scale = np.maximum(np.abs(basis[SHAPE_ENTRIES:]).max(0), 1e-12) / 127
     return {
-        "appearance.shape_basis": basis[:SHAPE].astype(np.float16),
-        "appearance.texture_basis": np.round(basis[SHAPE:] / scale).astype(np.int8),
+        "appearance.shape_basis": basis[:SHAPE_ENTRIES].astype(np.float16),
+        "appearance.texture_basis": np.round(basis[SHAPE_ENTRIES:] / scale).astype(np.int8),
         "appearance.texture_scale": scale.astype(np.float32),
-        **{f"{key}.shape": t[key][:SHAPE] for key in _VECTORS},
-        **{key: t[key][SHAPE:].astype(np.float16) for key in _VECTORS},
+        **{f"{key}.shape": t[key][:SHAPE_ENTRIES] for key in _VECTORS},
+        **{key: t[key][SHAPE_ENTRIES:].astype(np.float16) for key in _VECTORS},
         "mask": np.packbits(t["mask"].astype(bool)),
     }
 
@@ -262,16 +262,16 @@ def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
 def _check_lengths(t: dict[str, NDArray[Any]], reference: ReferenceFrame) -> None:
     """ValueError unless the tensors fit the reference frame and each other."""
     h, w = reference.size
-    appearance, pixels = SHAPE + 3 * len(reference.pixels), len(t["tracker.pixels"])
-    modes, corrections = len(t["appearance.deviations"]), POSE + len(t["tracker.shapes.deviations"])
+    appearance, pixels = SHAPE_ENTRIES + 3 * len(reference.pixels), len(t["tracker.pixels"])
+    modes, corrections = len(t["appearance.deviations"]), POSE_ENTRIES + len(t["tracker.shapes.deviations"])
     expected = {
         "neutral": (appearance,),
         "mask": (h, w),
         "detail": (2 * h, 2 * w),
         "appearance.mean": (appearance,),
         "appearance.basis": (appearance, modes),
-        "tracker.shapes.mean": (SHAPE,),
-        "tracker.shapes.basis": (SHAPE, corrections - POSE),
+        "tracker.shapes.mean": (SHAPE_ENTRIES,),
+        "tracker.shapes.basis": (SHAPE_ENTRIES, corrections - POSE_ENTRIES),
         "tracker.texture.mean": (pixels,),
         "tracker.texture.basis": (pixels, len(t["tracker.texture.deviations"])),
         "tracker.quality": (3,),

@@ -45,7 +45,7 @@ class OnnxModel:
     Raises
     ------
     GuiseError
-        The card's own, when the model is not there, is no ONNX file, or is not what the card says.
+        The card's own, when the model is missing, isn't an ONNX file, or differs from what the card says.
     """
 
     def __init__(self, card: ModelCard, output: str | None = None, threads: int = 1) -> None:

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.light import grid_places
 from guise.aam.mask import skin_mask
 from guise.aam.reference import MeshSampler
@@ -40,15 +40,17 @@ class ParameterEstimator:
         self.sampler: MeshSampler = model.reference.sampler[self.texels]
         basis, mean = model.components.basis, model.components.mean
         grow = np.sqrt(len(model.reference.pixels) / len(self.texels))
-        texture = basis[SHAPE:].reshape(-1, 3, basis.shape[1])[self.texels].reshape(-1, basis.shape[1])
-        self._mean_shape = mean[:SHAPE]
+        texture = (
+            basis[SHAPE_ENTRIES:].reshape(-1, 3, basis.shape[1])[self.texels].reshape(-1, basis.shape[1])
+        )
+        self._mean_shape = mean[:SHAPE_ENTRIES]
         self._mean_texels = model.texture_of(mean)[self.texels]
         k = basis.shape[1]
         light = self._light_columns()
-        design = np.zeros((SHAPE + len(texture), k + light.shape[1]))
-        design[:SHAPE, :k] = basis[:SHAPE]
-        design[SHAPE:, :k] = texture * grow
-        design[SHAPE:, k:] = light * grow
+        design = np.zeros((SHAPE_ENTRIES + len(texture), k + light.shape[1]))
+        design[:SHAPE_ENTRIES, :k] = basis[:SHAPE_ENTRIES]
+        design[SHAPE_ENTRIES:, :k] = texture * grow
+        design[SHAPE_ENTRIES:, k:] = light * grow
         prior = np.concatenate(
             [
                 (TEXEL_NOISE_GREY_LEVELS / np.maximum(model.components.deviations, 1e-3)) ** 2,
@@ -56,8 +58,8 @@ class ParameterEstimator:
             ]
         )
         solved = np.linalg.solve(design.T @ design + np.diag(prior), design.T)[:k]
-        self._from_shape = solved[:, :SHAPE].astype(np.float32)
-        self._from_texels = np.ascontiguousarray(solved[:, SHAPE:] * grow, np.float32)
+        self._from_shape = solved[:, :SHAPE_ENTRIES].astype(np.float32)
+        self._from_texels = np.ascontiguousarray(solved[:, SHAPE_ENTRIES:] * grow, np.float32)
 
     @cached_property
     def skin(self) -> Int:

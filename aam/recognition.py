@@ -31,7 +31,7 @@ from guise.aam.reference import MARGIN_GRID_PIXELS, ReferenceFrame, remap_points
 from guise.common.arrays import F32, Bool
 
 SIGNATURE_RESOLUTION = 32  # grid pixels across the face
-DIRECTIONS = 64  # values of a signature
+SIGNATURE_LENGTH = 64  # of its vector
 MIN_SAME_PERSON_SIMILARITY = 0.80  # cosine, from which two enrolments are of one person
 BLUR_PIXELS = 0.44  # of the small frame, standard deviation, against aliasing
 LOG_OFFSET_GREY_LEVELS = 16.0  # added before the logarithm

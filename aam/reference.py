@@ -18,6 +18,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import MIRROR, NOSE_ROOT, RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
+from guise.common.errors import GuiseError
 
 DEFAULT_RESOLUTION = 160
 POINTS = 81
@@ -206,7 +207,7 @@ def _data() -> dict[str, list[list[float]]]:
 @lru_cache(maxsize=4)
 def _canonical(resolution: int) -> ReferenceFrame:
     if not 32 <= resolution <= 512:
-        raise ValueError(f"the texture resolution must be 32 to 512 pixels across the face, got {resolution}")
+        raise GuiseError(f"the texture resolution must be 32 to 512 pixels across the face, got {resolution}")
     unit = np.array(_data()["points"])
     points = (unit - unit.min(0)) * resolution + MARGIN_GRID_PIXELS
     width, height = np.ceil(points.max(0)).astype(int) + MARGIN_GRID_PIXELS

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE, AppearanceModel, Components
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel, Components
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, U8
@@ -55,11 +55,11 @@ class _GridChange:
 
     def vectors(self, vectors: F32, *, offsets: bool = True) -> F32:
         """Appearance vectors (m, 162 + 3 n) on the new frame; without `offsets` they are differences of vectors."""
-        shapes = vectors[:, :SHAPE].reshape(-1, POINTS, 2) / self._old.shape_weight * self.scale
+        shapes = vectors[:, :SHAPE_ENTRIES].reshape(-1, POINTS, 2) / self._old.shape_weight * self.scale
         shapes = (shapes + (self.offset if offsets else 0.0)) * self._new.shape_weight
-        textures = [self._texture(v[SHAPE:].reshape(-1, 3)) for v in vectors]
+        textures = [self._texture(v[SHAPE_ENTRIES:].reshape(-1, 3)) for v in vectors]
         return np.concatenate(
-            [shapes.reshape(len(vectors), SHAPE), np.stack(textures)], axis=1, dtype=np.float32
+            [shapes.reshape(len(vectors), SHAPE_ENTRIES), np.stack(textures)], axis=1, dtype=np.float32
         )
 
     def _texture(self, texture: F32) -> F32:

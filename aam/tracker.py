@@ -1,7 +1,7 @@
 """Discriminative-iterative tracker: a cascade of linear regressors from texture to pose and shape.
 
-Each stage looks at the photometrically normalised grey texture under the current shape and predicts the correction
-of pose and shape parameters (Saragih and Goecke 2007; supervised descent).  Stages are trained by simulation on
+Each stage samples the photometrically normalised grey texture under the current shape and predicts the correction of
+pose and shape parameters (Saragih and Goecke 2007; supervised descent).  Stages are trained by simulation on
 perturbed copies of the training frames; stage k + 1 sees the residuals that stage k leaves on frames it was not
 trained with.  Pixels, x right, y down.
 """
@@ -22,7 +22,7 @@ from guise.aam.similarity import Failed, PlanarSimilarity, align_planar
 from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
 
 FEATURE_RESOLUTION = 48  # feature grid pixels across the face
-POSE = 4  # leading entries of a correction: scale, rotation, x, y
+POSE_ENTRIES = 4  # leading entries of a correction: scale, rotation, x, y
 FRONTAL_BOX_TO_SHAPE = (
     0.0,
     0.08,
@@ -324,9 +324,9 @@ class ShapeSpace:
         """A pose and parameters after a correction (4 + k,), which acts on the feature grid."""
         a, b = 1 + float(correction[0]), float(correction[1])
         turn = PlanarSimilarity(a, b, 0.0, 0.0).linear
-        shift = self._centre - self._centre @ turn + correction[2:POSE] * self.reference.resolution
+        shift = self._centre - self._centre @ turn + correction[2:POSE_ENTRIES] * self.reference.resolution
         moved = Pose(turn @ pose.linear, shift @ pose.linear + pose.offset)
-        return moved, _clipped(parameters + correction[POSE:])
+        return moved, _clipped(parameters + correction[POSE_ENTRIES:])
 
     def correction(self, pose: Pose, parameters: F64, true: tuple[Pose, F64]) -> F64:
         """The correction (4 + k,) that takes a pose and parameters to the true ones."""

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import (
-    SHAPE,
+    SHAPE_ENTRIES,
     AppearanceModel,
     appearance_vectors,
     neutral_frames,
@@ -276,7 +276,7 @@ def _appearance(
         components = replace(components, basis=components.basis[:, :k], deviations=components.deviations[:k])
     raw = appearance_vectors(shapes, textures, reference)
     neutral = rest_weights(shapes, reference).astype(np.float32) @ raw
-    neutral[SHAPE:] = _without_hair(neutral[SHAPE:].reshape(-1, 3), mask, reference).ravel()
+    neutral[SHAPE_ENTRIES:] = _without_hair(neutral[SHAPE_ENTRIES:].reshape(-1, 3), mask, reference).ravel()
     return AppearanceModel(reference, components, neutral, mask)
 
 

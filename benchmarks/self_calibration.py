@@ -1,14 +1,15 @@
-"""Self-calibration at enrolment: models of found landmarks, refined over all frames together or left as found.
+"""Self-calibration at enrolment: models from detected landmarks, refined over all frames together or left as detected.
 
-Rendered people have exact truth: a landmarker finds the points of the first clip; told are their errors in the frames
-that are trained with, and the errors of the models' trackers in the second clip.  Landmarkers define points in other
-places than the renderer does, so the mean error of each point in the head's frame is taken off first: what is left
-differs from frame to frame.  Jitter is the root mean square second difference in time of the error, and the size of
+Rendered people have ground truth.  A landmarker detects the points of the first clip; reported are their errors in the
+training frames, and the errors of the models' trackers in the second clip.  Landmarkers define points in other places
+than the renderer does, so the mean error of each point in the head's frame is subtracted first: what is left varies
+from frame to frame.  Jitter is the root mean square second difference in time of the error, and the size of
 blinks and of speech is the slope of the tracked lid and mouth opening over the true one.
 
-Of real clips the first part is enrolled and the rest is tracked.  The texture residual is what twelve modes of the
-model's appearance leave of the texture under the tracked points, root mean square in grey levels: blurred, misaligned
-training pictures leave more.  Jitter is that of benchmarks.tracker_real.  Lengths in % of the inter-ocular distance.
+Of real clips the first part is enrolled and the rest is tracked.  The texture residual is the part of the texture under
+the tracked points that twelve modes of the model's appearance do not explain, root mean square in grey levels: blurred,
+misaligned training pictures make it larger.  Jitter is that of benchmarks.tracker_real.  Lengths are in % of the
+inter-ocular distance.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from numpy.typing import NDArray
 
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
-from benchmarks.tracker_real import FEWEST_STILL, jitter, still_frames
-from guise.aam.appearance import SHAPE, appearance_vectors, openness, sample_texture
+from benchmarks.tracker_real import MIN_STILL_FRAMES, jitter, still_frames
+from guise.aam.appearance import SHAPE_ENTRIES, appearance_vectors, openness, sample_texture
 from guise.aam.landmarks import Face, Landmarker, interocular, open_landmarker, track_video
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
@@ -36,15 +37,15 @@ from guise.aam.training import TrainingOptions, choose_frames
 from guise.app.enrolment.enrol import LandmarkSource, enrol
 
 REAL = ("franck", "webcam_a1", "studio_d6", "address_o1", "phone_d13", "room_s18")
-MOST = 900  # frames of a real clip
-SHARE = 1 / 3
+MAX_FRAMES = 900  # frames of a real clip
+ENROLLED_SHARE = 1 / 3
 MODES = 12
-EVERY = 5  # of the tracked frames, for the texture residual
-WAYS = (("as found", False), ("refined", True))
+TEXTURE_FRAME_STEP = 5  # between tracked frames for the texture residual
+VARIANTS = (("as found", False), ("refined", True))
 
 
 class Replayed:
-    """A landmarker that gives the points (t, 81, 2) that were found before, frame by frame."""
+    """A landmarker that replays earlier points (t, 81, 2), frame by frame."""
 
     name = "replayed"
 
@@ -57,7 +58,7 @@ class Replayed:
         return [] if points is None or not np.isfinite(points).all() else [Face.around(points, 1.0)]
 
     def refine(self, rgb: Picture, previous: Face) -> Face | None:
-        """Nothing, so that `detect` is asked."""
+        """None, so that `detect` is called."""
         return None
 
 
@@ -76,7 +77,7 @@ class Points:
 
 @dataclass(frozen=True)
 class Row:
-    """One person and one way of enrolment; NaN for what takes exact truth to tell."""
+    """One person and one way of enrolment; NaN for what needs ground truth."""
 
     clip: str
     way: str
@@ -139,20 +140,20 @@ def tracked(person: Identity, clip: Clip, first: int, last: int) -> tuple[F64, f
         shape = common.shape_of(person_tracker.update(frame.luma))
         if shape is not None:
             shapes[frame.index] = shape
-            if frame.index % EVERY == 0:
+            if frame.index % TEXTURE_FRAME_STEP == 0:
                 residuals.append(texture_residual(person, frame.rgb(), shape))
     return shapes, float(np.mean(residuals))
 
 
 def texture_residual(person: Identity, rgb: Picture, shape: F64) -> float:
-    """What some modes of the appearance leave of the texture under a shape, root mean square in grey levels."""
+    """The texture under a shape that some modes do not explain, root mean square in grey levels."""
     look = person.appearance.components
     texture = sample_texture(rgb, shape, person.reference)
     vector = appearance_vectors(shape[None], texture[None], person.reference)[0]
     kept = np.repeat(person.appearance.mask[person.reference.mask], 3)
     centred = vector - look.mean
     basis = look.basis[:, :MODES]
-    left = (centred - basis @ (basis.T @ centred))[SHAPE:]
+    left = (centred - basis @ (basis.T @ centred))[SHAPE_ENTRIES:]
     return float(np.sqrt((left[kept] ** 2).mean()))
 
 
@@ -169,16 +170,16 @@ def points_of(clip: Clip, points: F64) -> Points:
 def rendered(points: F64, seconds: float, first: Clip, second: Clip) -> list[Row]:
     """A rendered person enrolled in both ways on points of the first clip, and tracked in the second."""
     rows = []
-    for way, refine in WAYS:
+    for way, refine in VARIANTS:
         person, more = enrolled(first, points, refine)
         shapes, residual = tracked(person, second, 0, len(second.points))
         seen = np.isfinite(shapes).all((1, 2))
         shapes, truth = shapes[seen], second.points[seen]
         errors = off(shapes, truth)
-        shaking = jitter(errors, np.full(len(errors), 100.0), np.ones(len(errors), np.bool_))
+        jittering = jitter(errors, np.full(len(errors), 100.0), np.ones(len(errors), np.bool_))
         rows.append(
             Row(
-                second.name, way, len(errors), shaking, residual, seconds + more,
+                second.name, way, len(errors), jittering, residual, seconds + more,
                 float(np.linalg.norm(errors, axis=2).mean()), slope(shapes, truth, 1), slope(shapes, truth, 0),
             )
         )  # fmt: skip
@@ -187,23 +188,23 @@ def rendered(points: F64, seconds: float, first: Clip, second: Clip) -> list[Row
 
 def real(landmarker: Landmarker, clip: Clip) -> list[Row]:
     """The first part of a real clip enrolled in both ways, and the rest tracked."""
-    last = min(MOST, len(clip.points))
-    first = round(SHARE * last)
+    last = min(MAX_FRAMES, len(clip.points))
+    first = round(ENROLLED_SHARE * last)
     found_points, seconds = found(landmarker, clip, first)
     points = np.full(clip.points.shape, np.nan)
     points[:first] = found_points
     first += int(np.flatnonzero(np.isfinite(clip.points[first:]).all((1, 2)))[0])
     still = still_frames(clip.points[:last], clip.interocular[:last])
     rows = []
-    for way, refine in WAYS:
+    for way, refine in VARIANTS:
         person, more = enrolled(clip, points, refine)
         shapes, residual = tracked(person, clip, first, last)
         whole = np.asarray(np.isfinite(shapes).all((1, 2)))
         steady = still.copy()
         steady[1:-1] &= whole[:-2] & whole[1:-1] & whole[2:]
-        told = int(np.count_nonzero(steady)) >= FEWEST_STILL
-        shaking = jitter(shapes, np.asarray(interocular(shapes)), steady) if told else float("nan")
-        rows.append(Row(clip.name, way, int(whole.sum()), shaking, residual, seconds + more))
+        enough = int(np.count_nonzero(steady)) >= MIN_STILL_FRAMES
+        jittering = jitter(shapes, np.asarray(interocular(shapes)), steady) if enough else float("nan")
+        rows.append(Row(clip.name, way, int(whole.sum()), jittering, residual, seconds + more))
     return rows
 
 

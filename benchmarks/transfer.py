@@ -28,8 +28,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import common
-from benchmarks.common import F32, F64, Clip, Criterion, Report, Table
-from guise.aam.appearance import SHAPE, sample_texture
+from benchmarks.common import F64, Clip, Criterion, Report, Table
+from guise.aam.appearance import SHAPE_ENTRIES, sample_texture
 from guise.aam.extrapolation import DEFAULT_ALPHA, DEFAULT_GATE, Extrapolator
 from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, RIGID_WEIGHTS
 from guise.aam.mask import expressive_mask
@@ -39,11 +39,12 @@ from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import Similarity, align
 from guise.app.media import open_input
+from guise.common.arrays import F32
 
 REST_FRAMES = 8
 WEIGHT_UNITS = np.array([1.0] * 34 + [30.0] * 2)  # expression units, then gaze in degrees
 LABELS = {"landmarks": "landmarks", "change": "face region, change", "level": "face region, level"}
-POOR = 0.25  # share of the clip that a target with few expressions is enrolled on
+FEW_EXPRESSIONS_SHARE = 0.25  # share of the clip that a target with few expressions is enrolled on
 Results = dict[str, list["Errors"]]  # by setting, for each pair
 
 
@@ -134,7 +135,7 @@ def synthesised(setting: Setting, source: Identity, target: Identity, rho: F32) 
 
 def landmark_error(appearance: F32, truth: F64, frame: ReferenceFrame) -> float:
     """See the module."""
-    shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
+    shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
     move = align(shape, truth, RIGID_WEIGHTS)
     assert isinstance(move, Similarity)
     miss = common.point_error(move.apply(shape)[INNER51], truth[INNER51])
@@ -149,7 +150,7 @@ def errors(setting: Setting, source: Identity, target: Identity, rho: dict[int, 
     made = synthesised(setting, source, target, np.stack([rho[i] for i in index]))
     rows = []
     for i, y in zip(index, made, strict=True):
-        textures = y[SHAPE:].reshape(-1, 3)[inside], truth.textures[i][inside]
+        textures = y[SHAPE_ENTRIES:].reshape(-1, 3)[inside], truth.textures[i][inside]
         misses = change_error(*textures, truth.own_rest[inside], truth.rest[inside]), level_error(*textures)
         whole, part = ([float(np.average(m, weights=w)) for m in misses] for w in (None, features))
         rows.append((landmark_error(y, truth.shapes[i], frame), *whole, *part))
@@ -187,7 +188,8 @@ def measure(options: argparse.Namespace) -> Report:
     for a, b in chosen:
         common.say(f"{a} drives {b}")
         rho = driven(common.synthetic_clip(options.shared, a, "talk2"), people[a])
-        truth, less = truth_of(options.shared, a, b, people[b].reference), common.enrolled(clips[b], POOR)
+        truth = truth_of(options.shared, a, b, people[b].reference)
+        less = common.enrolled(clips[b], FEW_EXPRESSIONS_SHARE)
         for setting in SETTINGS:
             rich[setting.name].append(errors(setting, people[a], people[b], rho, truth))
             poor[setting.name].append(errors(setting, people[a], less, rho, truth))

@@ -15,7 +15,9 @@ from guise.common.arrays import F32, F64, I32, U8, Floating, Int
 from guise.render.errors import RendererError
 
 SUBPIXELS = 256
-MAX_COORDINATE = 8000  # pixels; the mesh fits GL's viewport, and every product here is exact in float64
+MAX_COORDINATE_PIXELS = (
+    8000  # pixels; the mesh fits GL's viewport, and every product here is exact in float64
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +90,10 @@ def snap(vertices: Floating, count: int) -> F64:
     points = np.asarray(vertices, np.float64)
     if points.shape != (count, 2):
         raise RendererError(f"vertices must be ({count}, 2), got {points.shape}")
-    if not (np.abs(points) <= MAX_COORDINATE).all():  # false for nan too
-        raise RendererError(f"vertices must be finite and within {MAX_COORDINATE} pixels of the rectangle")
+    if not (np.abs(points) <= MAX_COORDINATE_PIXELS).all():  # false for nan too
+        raise RendererError(
+            f"vertices must be finite and within {MAX_COORDINATE_PIXELS} pixels of the rectangle"
+        )
     return np.rint(points * SUBPIXELS)
 
 

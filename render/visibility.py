@@ -23,7 +23,7 @@ from guise.render.compositor import Renderer
 from guise.render.context import GLMissing, check, create_context, probe_gl
 from guise.render.errors import RendererError
 from guise.render.gl import program
-from guise.render.mesh import MAX_COORDINATE, SUBPIXELS, outline_box, snap, spans
+from guise.render.mesh import MAX_COORDINATE_PIXELS, SUBPIXELS, outline_box, snap, spans
 from guise.render.pixel_centres import to_clip_space
 
 MAX_TRIANGLES = 1 << 24  # a float holds each number below
@@ -110,8 +110,8 @@ def _checked(points: ArrayLike, triangles: ArrayLike, size: tuple[int, int]) -> 
     bad = corners.dtype.kind not in "iu" or corners.min(initial=0) < 0
     if bad or corners.max(initial=-1) >= len(place):
         raise RendererError(f"triangles must hold integers from 0 to {len(place) - 1}")
-    if min(size) < 1 or max(size) > MAX_COORDINATE:
-        raise RendererError(f"size must be from 1 to {MAX_COORDINATE} pixels, got {size}")
+    if min(size) < 1 or max(size) > MAX_COORDINATE_PIXELS:
+        raise RendererError(f"size must be from 1 to {MAX_COORDINATE_PIXELS} pixels, got {size}")
     if not np.isfinite(place[:, 2]).all():
         raise RendererError("depths must be finite")
     return snap(place[:, :2], len(place)), place[:, 2], np.asarray(corners, np.intp)

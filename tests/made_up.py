@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.aam.appearance import SHAPE, AppearanceModel, Components
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel, Components
 from guise.aam.reference import ReferenceFrame
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
@@ -28,8 +28,8 @@ def appearance(
 ) -> AppearanceModel:
     """A person whose mean shape is near the reference points and whose neutral face is one of their own."""
     rng = np.random.default_rng(seed)
-    found = components(rng, SHAPE + 3 * len(reference.pixels), modes, spread)
+    found = components(rng, SHAPE_ENTRIES + 3 * len(reference.pixels), modes, spread)
     near = reference.points + rng.normal(size=reference.points.shape) * 0.01 * reference.resolution
-    found.mean[:SHAPE] = (reference.align(near) * reference.shape_weight).ravel()
+    found.mean[:SHAPE_ENTRIES] = (reference.align(near) * reference.shape_weight).ravel()
     neutral = found.synthesise((rng.normal(size=modes) * found.deviations).astype(np.float32))
     return AppearanceModel(reference, found, neutral, reference.mask)

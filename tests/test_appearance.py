@@ -9,7 +9,7 @@ from made_up import FRAME, SAMPLES, appearance
 from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.aam.appearance import (
-    SHAPE,
+    SHAPE_ENTRIES,
     appearance_vectors,
     neutral_frames,
     openness,
@@ -146,7 +146,7 @@ def test_vectors_come_apart_into_shape_and_texture(seed: int) -> None:
     shapes = FRAME.points + rng.normal(size=(4, 81, 2))
     textures = rng.uniform(0, 255, (4, len(FRAME.pixels), 3)).astype(np.float32)
     vectors = appearance_vectors(shapes, textures, FRAME)
-    assert vectors.shape == (4, SHAPE + textures[0].size)
+    assert vectors.shape == (4, SHAPE_ENTRIES + textures[0].size)
     for vector, shape, texture in zip(vectors, shapes, textures, strict=True):
         assert_allclose(model.shape_of(vector), FRAME.align(shape), atol=1e-3)
         assert_array_equal(model.texture_of(vector), texture)
@@ -158,7 +158,7 @@ def test_pixels_of_no_weight_show_the_mean_in_every_frame() -> None:
     weights = np.ones(len(FRAME.pixels), np.float32)
     weights[:7] = 0
     vectors = appearance_vectors(np.stack([FRAME.points] * 5), textures, FRAME, weights)
-    damped = vectors[:, SHAPE:].reshape(textures.shape)
+    damped = vectors[:, SHAPE_ENTRIES:].reshape(textures.shape)
     assert_allclose(damped[:, :7], np.broadcast_to(textures[:, :7].mean(0), (5, 7, 3)), rtol=1e-4)
     assert_allclose(damped[:, 7:], textures[:, 7:], rtol=1e-4)
 

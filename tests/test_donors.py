@@ -14,7 +14,7 @@ from models import model_file
 from guise.aam.extrapolation import ReferenceMismatchError
 from guise.aam.model import Identity, ModelError
 from guise.aam.recognition import signature
-from guise.app.swapping.donors import COMMON, DonorError, KeyFile, assign, gallery, open_donor, parts
+from guise.app.swapping.donors import COMMON_FACES, DonorError, KeyFile, assign, gallery, open_donor, parts
 
 ROOT = Path(__file__).parents[1]
 
@@ -93,9 +93,9 @@ def test_every_donor_but_the_common_ones_is_given_to_the_first_person_of_some_vi
     firsts = [assign([1], "auto", seed=0, salt=f"{k}.mp4")[1] for k in range(300)]
     counts = {name: firsts.count(name) for name in gallery()}
     assert sum(counts.values()) == 300
-    assert {name for name, count in counts.items() if count < 20} == set(COMMON)
+    assert {name for name, count in counts.items() if count < 20} == set(COMMON_FACES)
     seven = list(assign(range(7), "auto", seed=0, salt="x").values())
-    assert set(seven[5:]) == set(COMMON)
+    assert set(seven[5:]) == set(COMMON_FACES)
 
 
 def test_the_seed_changes_the_choice() -> None:

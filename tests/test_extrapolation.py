@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from made_up import FRAME, appearance
 from numpy.testing import assert_allclose
 
-from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.extrapolation import DEFAULT_ALPHA, Extrapolator, ReferenceMismatchError
 from guise.aam.landmarks.schemes import RIGHT_EYE, RIGHT_MOUTH_CORNER
 from guise.aam.reference import ReferenceFrame
@@ -98,7 +98,7 @@ def test_between_the_ends_the_answer_is_their_blend(alpha: float) -> None:
 def test_the_neutral_face_becomes_the_neutral_face(alpha: float) -> None:
     """Texture exactly; the shape is turned, but only as far as the two neutral faces differ in yaw."""
     moved = Extrapolator(SOURCE, TARGET, alpha).apply(SOURCE.neutral_parameters)
-    assert_allclose(moved[SHAPE:], TARGET.neutral[SHAPE:], atol=1e-4)
+    assert_allclose(moved[SHAPE_ENTRIES:], TARGET.neutral[SHAPE_ENTRIES:], atol=1e-4)
     yaw = FRAME.yaw(TARGET.shape_of(moved))
     assert yaw == pytest.approx(FRAME.yaw(SOURCE.neutral_shape), abs=0.5)
     turn = TARGET.shape_of(moved) - TARGET.neutral_shape
@@ -115,8 +115,8 @@ def test_unanchored_means_map_to_means() -> None:
 def test_the_gate_holds_back_texture_away_from_eyes_and_mouth_only() -> None:
     rho = some_parameters(6)
     open_, closed = (Extrapolator(SOURCE, TARGET, 1.0, gate=g).apply(rho) for g in (1.0, 0.0))
-    assert_allclose(closed[:SHAPE], open_[:SHAPE], atol=1e-3)
-    held = FRAME.scatter(np.abs(open_ - closed)[SHAPE:].reshape(-1, 3).mean(1))
+    assert_allclose(closed[:SHAPE_ENTRIES], open_[:SHAPE_ENTRIES], atol=1e-3)
+    held = FRAME.scatter(np.abs(open_ - closed)[SHAPE_ENTRIES:].reshape(-1, 3).mean(1))
     eye, cheek = (
         FRAME.points[RIGHT_EYE].mean(0),
         (FRAME.points[RIGHT_EYE].mean(0) + FRAME.points[RIGHT_MOUTH_CORNER]) / 2,

@@ -8,13 +8,13 @@ import pytest
 from models import SMALL as OPTIONS
 from models import model_file
 
-from guise.aam.appearance import SHAPE
+from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks import open_landmarker
 from guise.aam.mask import core_mask
 from guise.aam.model import Identity
 from guise.aam.recognition import (
-    DIRECTIONS,
     MIN_SAME_PERSON_SIMILARITY,
+    SIGNATURE_LENGTH,
     cosine_similarity,
     features,
     same_person,
@@ -33,13 +33,13 @@ def lit(identity: Identity, change) -> Identity:
     """The same model with another mean texture (n, 3)."""
     parts = identity.appearance.components
     mean = parts.mean.copy()
-    mean[SHAPE:] = change(mean[SHAPE:].reshape(-1, 3)).ravel()
+    mean[SHAPE_ENTRIES:] = change(mean[SHAPE_ENTRIES:].reshape(-1, 3)).ravel()
     return replace(identity, appearance=replace(identity.appearance, components=replace(parts, mean=mean)))
 
 
 def test_a_signature_has_length_one() -> None:
     found = signature(open_donor("p01"))
-    assert found.shape == (DIRECTIONS,)
+    assert found.shape == (SIGNATURE_LENGTH,)
     assert found.dtype == np.float32
     assert float(found @ found) == pytest.approx(1, abs=1e-5)
     assert cosine_similarity(found, found) == pytest.approx(1, abs=1e-5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from models import model_file
 
-from guise.aam.appearance import SHAPE
+from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.resampling import resampled, resampled_detail
@@ -38,7 +38,7 @@ def test_there_and_back_changes_a_texture_little(person: Identity) -> None:
     inside = person.appearance.mask[person.reference.mask]
     off = np.abs(back.neutral_texture - person.appearance.neutral_texture)[inside]
     assert off.mean() < 3.0
-    assert np.abs(back.neutral[:SHAPE] - person.appearance.neutral[:SHAPE]).max() < 1e-1
+    assert np.abs(back.neutral[:SHAPE_ENTRIES] - person.appearance.neutral[:SHAPE_ENTRIES]).max() < 1e-1
 
 
 def test_a_mode_moves_the_resampled_face_as_it_moved_the_old_one(person: Identity) -> None:

@@ -20,7 +20,7 @@ from guise.aam.landmarks.schemes import (
 from guise.aam.model import Identity, RestFrame
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, open_input
-from guise.app.swapping.puppet import PINNED, PoseRemover, Puppet, fitted, puppet_file, uncrossed
+from guise.app.swapping.puppet import PINNED_POINTS, PoseRemover, Puppet, fitted, puppet_file, uncrossed
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_skull_points_stay_and_the_jaw_moves(p01: Identity, p06: Identity) -> No
         for _ in range(5):
             rho = p01.appearance.neutral_parameters + rng.normal(size=len(deviations)) * deviations
             mesh = puppet.mesh(puppet.extrapolator.apply(rho.astype(np.float32)))
-            np.testing.assert_allclose(mesh[PINNED], p06.rest_frame.shape[PINNED], atol=1e-9)
+            np.testing.assert_allclose(mesh[PINNED_POINTS], p06.rest_frame.shape[PINNED_POINTS], atol=1e-9)
             assert np.abs(mesh[6:11] - p06.rest_frame.shape[6:11]).max() > 0.05
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE
+from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.schemes import (
     LEFT_BROW,
@@ -55,8 +55,8 @@ def donor(folder: Path) -> Identity:
     person = enrol([folder / take for take in TAKES], landmarks, name=folder.name, options=OPTIONS)
     look = person.appearance
     neutral = look.neutral.copy()
-    neutral[:SHAPE] = (at_ease(look.neutral_shape) * look.reference.shape_weight).ravel()
-    neutral[SHAPE:] = calm_eyes(look.neutral_texture, look.reference).ravel()
+    neutral[:SHAPE_ENTRIES] = (at_ease(look.neutral_shape) * look.reference.shape_weight).ravel()
+    neutral[SHAPE_ENTRIES:] = calm_eyes(look.neutral_texture, look.reference).ravel()
     facts = {**person.facts, "guise": version(), "licence": "CC0-1.0"}
     return replace(person, appearance=replace(look, neutral=neutral), facts=facts)
 

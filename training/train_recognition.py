@@ -21,7 +21,7 @@ import numpy as np
 from guise.aam.appearance import sample_texture
 from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
-from guise.aam.recognition import DIRECTIONS, SIGNATURE_RESOLUTION, features
+from guise.aam.recognition import SIGNATURE_LENGTH, SIGNATURE_RESOLUTION, features
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, F64, Int
 from training.data import load_parts, london_people
@@ -74,7 +74,7 @@ def discriminant(values: F32, person: Int) -> F64:
     within = rest.T @ rest / (len(rest) - len(counts))
     spread, turn = np.linalg.eigh(within + RIDGE * np.trace(within) / MODES * np.eye(MODES))
     whiten = turn / np.sqrt(spread)
-    between = np.linalg.eigh(whiten.T @ np.cov(means.T) @ whiten)[1][:, ::-1][:, :DIRECTIONS]
+    between = np.linalg.eigh(whiten.T @ np.cov(means.T) @ whiten)[1][:, ::-1][:, :SIGNATURE_LENGTH]
     return np.asarray(modes @ whiten @ between)
 
 

@@ -25,7 +25,7 @@ from guise.app.people.montage import montage
 from guise.app.studio.live_run import LiveRun
 from guise.app.studio.rtc import Peer, PeerOutput
 from guise.app.studio.site import Studio, camera_error, heading, page, script
-from guise.app.swapping.donors import SUFFIX, open_donor
+from guise.app.swapping.donors import MODEL_SUFFIX, open_donor
 
 BROWSER, COMPUTER = "browser", "server"
 CAMERAS = {BROWSER: "This browser's camera", COMPUTER: "The computer's camera"}
@@ -191,7 +191,9 @@ class _LivePage:
 
     def _session_config(self, person: str) -> SessionConfig:
         """Load the models.  ModelError when one cannot be used."""
-        faces = [Identity.load(face) if face.endswith(SUFFIX) else open_donor(face) for face in self._faces]
+        faces = [
+            Identity.load(face) if face.endswith(MODEL_SUFFIX) else open_donor(face) for face in self._faces
+        ]
         known = Identity.load(self.studio.store.person(person).path) if person else None
         return SessionConfig(faces, known, name="Me", keep=self._keep)
 
@@ -294,7 +296,7 @@ class _LivePage:
 
     def _fictional(self) -> int:
         """Index of the first face of the gallery."""
-        return next(i for i, face in enumerate(self._faces) if not face.endswith(SUFFIX))
+        return next(i for i, face in enumerate(self._faces) if not face.endswith(MODEL_SUFFIX))
 
     def _people(self) -> dict[str, str]:
         """Ids and names of the people who can be at the camera."""

@@ -26,17 +26,17 @@ import numpy as np
 
 from guise.aam.averaging import average
 from guise.aam.model import Identity, ModelError
-from guise.aam.recognition import DIRECTIONS, MIN_SAME_PERSON_SIMILARITY, cosine_similarity, signature
+from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, SIGNATURE_LENGTH, cosine_similarity, signature
 from guise.common.arrays import F32
 from guise.common.files import write_whole
 
-MEAN = "mean:"
-SUFFIX = ".guise"
-COMMON = (
+MEAN_PREFIX = "mean:"
+MODEL_SUFFIX = ".guise"
+COMMON_FACES = (
     "p01",
     "p06",
 )  # faces that a recogniser finds similar to many others, so they hide a person less well
-KEY_FORMAT, KEY_VERSION = "guise-key", 1
+KEY_FILE_FORMAT, KEY_FILE_VERSION = "guise-key", 1
 
 
 class DonorError(ModelError):
@@ -47,7 +47,7 @@ class DonorError(ModelError):
 def gallery() -> tuple[str, ...]:
     """Names of the donors that ship with Guise: rendered, fictional people (docs/gallery.md)."""
     names = (entry.name for entry in resources.files("guise.app").joinpath("gallery").iterdir())
-    return tuple(sorted(name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)))
+    return tuple(sorted(name.removesuffix(MODEL_SUFFIX) for name in names if name.endswith(MODEL_SUFFIX)))
 
 
 @lru_cache(maxsize=8)
@@ -61,12 +61,12 @@ def open_donor(spec: str) -> Identity:
     ReferenceMismatchError
         When people with different reference frames are to be averaged.
     """
-    if spec.startswith(MEAN):
+    if spec.startswith(MEAN_PREFIX):
         return average([open_donor(part) for part in parts(spec)], spec)
     if spec in gallery():
-        with resources.as_file(resources.files("guise.app").joinpath("gallery", spec + SUFFIX)) as path:
+        with resources.as_file(resources.files("guise.app").joinpath("gallery", spec + MODEL_SUFFIX)) as path:
             return Identity.load(path)
-    if not spec.endswith(SUFFIX):
+    if not spec.endswith(MODEL_SUFFIX):
         raise DonorError(f"there is no donor {spec}; use NAME.guise, or one of {', '.join(gallery())}")
     return Identity.load(spec)
 
@@ -77,11 +77,11 @@ def parts(spec: str) -> list[str]:
     >>> parts("mean:p01+a+b.guise"), parts("mine.guise")
     (['p01', 'a+b.guise'], ['mine.guise'])
     """
-    if not spec.startswith(MEAN):
+    if not spec.startswith(MEAN_PREFIX):
         return [spec]
     found: list[str] = []
-    for piece in spec.removeprefix(MEAN).split("+"):
-        whole = not found or found[-1] in gallery() or found[-1].endswith(SUFFIX)
+    for piece in spec.removeprefix(MEAN_PREFIX).split("+"):
+        whole = not found or found[-1] in gallery() or found[-1].endswith(MODEL_SUFFIX)
         found = [*found, piece] if whole else [*found[:-1], f"{found[-1]}+{piece}"]
     return found
 
@@ -92,7 +92,7 @@ def bare(spec: str) -> str:
     >>> bare("/home/ann/mine.guise"), bare("mean:p01+b/c.guise")
     ('mine.guise', 'mean:p01+c.guise')
     """
-    return MEAN * spec.startswith(MEAN) + "+".join(Path(part).name for part in parts(spec))
+    return MEAN_PREFIX * spec.startswith(MEAN_PREFIX) + "+".join(Path(part).name for part in parts(spec))
 
 
 def assign(
@@ -125,9 +125,11 @@ def assign(
 
 
 def _names(own: Sequence[Path]) -> tuple[str, ...]:
-    wrong = [path for path in own if path.suffix != SUFFIX]
+    wrong = [path for path in own if path.suffix != MODEL_SUFFIX]
     if wrong:
-        raise DonorError(f"a donor is a file NAME{SUFFIX}, got {wrong[0]}; make one with: guise enroll VIDEO")
+        raise DonorError(
+            f"a donor is a file NAME{MODEL_SUFFIX}, got {wrong[0]}; make one with: guise enroll VIDEO"
+        )
     return tuple(dict.fromkeys(map(str, own))) or gallery()
 
 
@@ -147,7 +149,7 @@ def _sizes(donor: str, most: int) -> range:
     """Numbers of donors that are averaged, in order; empty when the donor is a spec."""
     if donor == "auto":
         return range(1, most + 1)
-    text = donor.removeprefix(MEAN)
+    text = donor.removeprefix(MEAN_PREFIX)
     if text == donor or not text.isdigit():
         return range(0)
     if not 1 <= int(text) <= most:
@@ -156,16 +158,18 @@ def _sizes(donor: str, most: int) -> range:
 
 
 def _subsets(names: Sequence[str], size: int, seed: int, salt: str) -> Iterator[str]:
-    """Every subset of a size once, as a spec, in an order given by SHA-256; of single donors COMMON come last."""
+    """Every subset of a size once, as a spec, in an order given by SHA-256; of single donors COMMON_FACES come last."""
     if size == 1:
-        yield from sorted(names, key=lambda name: (name in COMMON, _digest(seed, salt, Path(name).name)))
+        yield from sorted(
+            names, key=lambda name: (name in COMMON_FACES, _digest(seed, salt, Path(name).name))
+        )
         return
     seen: set[str] = set()
     for draw in count():
         if len(seen) == comb(len(names), size):
             return
         order = sorted(names, key=lambda name: _digest(seed, salt, size, draw, Path(name).name))
-        spec = MEAN + "+".join(sorted(order[:size]))
+        spec = MEAN_PREFIX + "+".join(sorted(order[:size]))
         if spec not in seen:
             seen.add(spec)
             yield spec
@@ -274,7 +278,9 @@ def _locked(path: Path) -> Iterator[None]:
 
 def _write_key(path: Path, seed: int, people: Sequence[KnownPerson]) -> None:
     entries = [asdict(person) for person in people]
-    text = json.dumps({"format": KEY_FORMAT, "version": KEY_VERSION, "seed": seed, "people": entries})
+    text = json.dumps(
+        {"format": KEY_FILE_FORMAT, "version": KEY_FILE_VERSION, "seed": seed, "people": entries}
+    )
 
     def write(part: Path) -> None:
         part.unlink(missing_ok=True)
@@ -294,9 +300,10 @@ def _read_key(path: Path) -> tuple[int, tuple[KnownPerson, ...]]:
         raise DonorError(
             f"{path} isn't a key file or is damaged: use a backup of it, or another name"
         ) from error
-    if (form, version) != (KEY_FORMAT, KEY_VERSION):
+    if (form, version) != (KEY_FILE_FORMAT, KEY_FILE_VERSION):
         raise DonorError(
-            f"{path} is {form} of version {version}, expected {KEY_FORMAT} of version {KEY_VERSION}: use another name"
+            f"{path} is {form} of version {version}, expected {KEY_FILE_FORMAT} of version {KEY_FILE_VERSION}: "
+            "use another name"
         )
     try:
         return int(content["seed"]), tuple(_known_person(entry) for entry in content["people"])
@@ -306,6 +313,6 @@ def _read_key(path: Path) -> tuple[int, tuple[KnownPerson, ...]]:
 
 def _known_person(entry: dict[str, Any]) -> KnownPerson:
     face = tuple(float(value) for value in entry["signature"])
-    if len(face) != DIRECTIONS or not np.isfinite(face).all():
-        raise ValueError(f"a signature of {len(face)} values instead of {DIRECTIONS}")
+    if len(face) != SIGNATURE_LENGTH or not np.isfinite(face).all():
+        raise ValueError(f"a signature of {len(face)} values instead of {SIGNATURE_LENGTH}")
     return KnownPerson(str(entry["name"]), str(entry["donor"]), face)

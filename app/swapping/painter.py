@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE
+from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
@@ -69,9 +69,9 @@ class Painter:
 
         texels (t, 3): the frame's RGB at the estimator's texels; None keeps the last palette.
         """
-        shape = appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
+        shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
         mesh, zoom = self.place(shape, head)
-        texture = appearance[SHAPE:].reshape(-1, 3)
+        texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         if texels is not None:
             self._palette.update(texture[self._texels], texels)
         self.blend(frame, mesh, texture, zoom)

@@ -20,7 +20,7 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Scale, Similarity, align
 from guise.common.arrays import F32, F64, Bool, Floating, Int
 
-QUADRATIC = 6  # leading fields: those of `quadratic_fields`
+QUADRATIC_FIELDS = 6  # leading fields: those of `quadratic_fields`
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Palette:
         self._skin = np.flatnonzero(shown & skin_mask(reference)[reference.mask][texels])
         self._planes = np.ascontiguousarray(self._field.T)
         self._at = self._field[texels].astype(np.float64)
-        inner = self._at[:, QUADRATIC:].max(1) > 0.5
+        inner = self._at[:, QUADRATIC_FIELDS:].max(1) > 0.5
         self._fitted = np.union1d(self._skin, np.flatnonzero(inner))
         known = self._at[self._fitted]
         ridge = LIMITS.ridge * len(known) * np.diag([0, 0, 0, 1, 1, 1, 0.1, 0.1])
@@ -91,11 +91,9 @@ class Palette:
         if self._frames % LIMITS.update_interval_frames and not self._fresh:
             return
         keep = 0.0 if self._fresh else LIMITS.memory
-        own, there = (
-            _with_grey_slopes(self._solve @ face[self._fitted]),
-            _with_grey_slopes(self._solve @ seen[self._fitted]),
-        )
-        there[QUADRATIC:] = _grey(there[QUADRATIC:]) + own[QUADRATIC:] - _grey(own[QUADRATIC:])
+        own, there = (_with_grey_slopes(self._solve @ rgb[self._fitted]) for rgb in (face, seen))
+        levels = own[QUADRATIC_FIELDS:]
+        there[QUADRATIC_FIELDS:] = _grey(there[QUADRATIC_FIELDS:]) + levels - _grey(levels)
         keep *= float(np.exp(-(((there[0] - self._there[0]).mean() / LIMITS.light_jump_grey_levels) ** 2)))
         self._own = keep * self._own + (1 - keep) * own
         self._there = keep * self._there + (1 - keep) * there
@@ -138,8 +136,8 @@ class Palette:
 
 def _with_grey_slopes(fields: F64) -> F64:
     """Fields (8, 3) with less colour in their slopes: slopes of colour would give one head two eye colours."""
-    slopes = fields[1:QUADRATIC]
-    fields[1:QUADRATIC] = _grey(slopes) + LIMITS.slope_tint * (slopes - _grey(slopes))
+    slopes = fields[1:QUADRATIC_FIELDS]
+    fields[1:QUADRATIC_FIELDS] = _grey(slopes) + LIMITS.slope_tint * (slopes - _grey(slopes))
     return fields
 
 

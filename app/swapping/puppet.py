@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE, AppearanceModel
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks.schemes import (
     FOREHEAD,
@@ -65,8 +65,8 @@ class PuppetLimits:
 LIMITS = PuppetLimits()
 
 # Points that belong to the skull, not to the expression: upper jaw and forehead.
-PINNED = np.zeros(POINTS, bool)
-PINNED[[*JAW[:4], *JAW[-4:], *FOREHEAD]] = True
+PINNED_POINTS = np.zeros(POINTS, bool)
+PINNED_POINTS[[*JAW[:4], *JAW[-4:], *FOREHEAD]] = True
 
 
 class Puppet(Closing):
@@ -124,7 +124,7 @@ class Puppet(Closing):
     def mesh(self, appearance: F32) -> F64:
         """The face (81, 2) in the still's pixels for an appearance."""
         moved = self._pose.without(self._shape(appearance) - self._rest)
-        moved[PINNED] = 0
+        moved[PINNED_POINTS] = 0
         return uncrossed(self._still.shape + moved @ self._linear)
 
     def close(self) -> None:
@@ -135,12 +135,12 @@ class Puppet(Closing):
     def _drawn(self) -> Frame:
         mesh = self.mesh(self._appearance)
         made = Frame.from_rgb(self._surroundings.around(mesh))
-        self.painter.blend(made, mesh, self._appearance[SHAPE:].reshape(-1, 3), self.zoom)
+        self.painter.blend(made, mesh, self._appearance[SHAPE_ENTRIES:].reshape(-1, 3), self.zoom)
         return made
 
     def _shape(self, appearance: F32) -> F64:
         frame = self.painter.reference
-        return appearance[:SHAPE].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
+        return appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
 
     def _fit_palette(self, target: Identity, own: ParameterEstimator) -> None:
         """Fit the palette to the light of the still."""
@@ -172,7 +172,7 @@ class PoseRemover:
         modes = np.stack([np.column_stack(c).ravel() for c in columns], axis=1)
         self._degree = float(np.linalg.norm(frame.yaw_mode[:, 0]))
         self._modes = modes / np.linalg.norm(modes, axis=0)
-        weights = np.repeat(RIGID_WEIGHTS + LIMITS.pinned_weight * PINNED, 2)
+        weights = np.repeat(RIGID_WEIGHTS + LIMITS.pinned_weight * PINNED_POINTS, 2)
         weighted = self._modes * weights[:, None]
         self._solve = np.linalg.solve(
             weighted.T @ self._modes + LIMITS.pose_ridge * np.eye(len(columns)), weighted.T
@@ -184,7 +184,7 @@ class PoseRemover:
         With rho of covariance D and turns A^T rho, known to within `turn_noise_degrees`, it is
         I - D A (A^T D A + noise)^-1 A^T.
         """
-        shapes = model.components.basis[:SHAPE].astype(np.float64) / model.reference.shape_weight
+        shapes = model.components.basis[:SHAPE_ENTRIES].astype(np.float64) / model.reference.shape_weight
         turns = (self._solve[4:] @ shapes).T
         spread = (model.components.deviations.astype(np.float64) ** 2)[:, None] * turns
         known = turns.T @ spread + (LIMITS.turn_noise_degrees * self._degree) ** 2 * np.eye(2)
