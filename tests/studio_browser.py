@@ -1,8 +1,8 @@
-"""The studio in a process of its own and Debian's Chromium before it, for tests.
+"""The studio in a process of its own and a Chromium browser, for tests.
 
 `from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` is a new browser
-context that has come in by the printed address, and its test fails when the browser had something to complain about
-or asked for anything elsewhere.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
+context that was opened at the printed address; its test fails when the browser logs an error or requests anything
+from another host.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
 """
 
 import json
@@ -23,8 +23,8 @@ import av
 import pytest
 from made_up import SAMPLES
 
-PATIENCE = 60_000  # milliseconds, until a browser's step has failed
-LIMIT = 50  # MB, of the servers in tests
+TIMEOUT_MS = 60_000  # after which a browser action has failed
+LIMIT = 50  # MB, largest upload to the servers in tests
 CAMERA = SAMPLES / "p01" / "talk.mp4"
 
 
@@ -90,7 +90,7 @@ def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioSe
 
 @pytest.fixture(scope="module")  # ended with it: while Playwright runs there is an event loop in this thread
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Chromium without a window, whose camera shows the first sample person's clip again and again."""
+    """Chromium without a window, whose camera loops the first sample person's clip."""
     chromium = _require_chromium()
     from playwright.sync_api import sync_playwright
 
@@ -109,20 +109,20 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture
 def page(studio_server: StudioServer, browser: Any) -> Iterator[Any]:
-    """A new visitor, who has come in by the printed address."""
+    """A new visitor who has opened the printed address."""
     with visit(browser, studio_server) as visitor:
         yield visitor
 
 
 @contextmanager
 def visit(browser: Any, server: StudioServer, path: str = "/people", **context: Any) -> Iterator[Any]:
-    """A page of a browser context of its own; complaints and requests to elsewhere fail the test at its end.
+    """A page of a browser context of its own; errors and requests to other hosts fail the test at its end.
 
-    A test that makes the browser complain on purpose clears `page.complaints`.
+    A test that causes errors on purpose clears `page.complaints`.
     """
     visitor = browser.new_context(**context)
     page = visitor.new_page()
-    page.set_default_timeout(PATIENCE)
+    page.set_default_timeout(TIMEOUT_MS)
     complaints: list[str] = []
     page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
     page.on("pageerror", lambda error: complaints.append(str(error)))

@@ -63,10 +63,10 @@ def feed(
     enrolling: OnScreenEnrolment, pictures: list[Picture], *, start: int = 0, every: int = 1
 ) -> list[EnrolmentStatus]:
     """Frames at 30 a second, from a number on; what is said to each."""
-    steps = range(start, start + every * len(pictures), every)
+    statuses = range(start, start + every * len(pictures), every)
     return [
         enrolling.observe(Frame.from_rgb(picture, at, Fraction(1, FPS), at))
-        for picture, at in zip(pictures, steps, strict=True)
+        for picture, at in zip(pictures, statuses, strict=True)
     ]
 
 
@@ -76,28 +76,31 @@ Enrolled = tuple[list[EnrolmentStatus], Identity, list[tuple[str, float]]]
 @pytest.fixture(scope="module")
 def enrolled(landmarker: Landmarker) -> Enrolled:
     enrolling = OnScreenEnrolment("Anna", 8.0, landmarker, SMALL)
-    steps = feed(enrolling, clip("p01", 300))
+    statuses = feed(enrolling, clip("p01", 300))
     progress: list[tuple[str, float]] = []
-    return steps, enrolling.train(lambda stage, share: progress.append((stage, share))), progress
+    return statuses, enrolling.train(lambda stage, share: progress.append((stage, share))), progress
 
 
 def test_the_ring_fills_in_the_time_asked_for_and_says_what_to_do(
     enrolled: Enrolled,
 ) -> None:
-    steps = enrolled[0]
-    rings = np.array([step.ring for step in steps])
+    statuses = enrolled[0]
+    rings = np.array([status.ring for status in statuses])
     assert rings[0] == 0
     assert rings[120] == pytest.approx(0.5)
     assert (np.diff(rings) >= 0).all()
-    assert [step.done for step in steps] == [at >= 240 for at in range(300)]
-    assert list(dict.fromkeys(step.sentence for step in steps)) == [*(text for _, text in PROMPTS), DONE]
+    assert [status.done for status in statuses] == [at >= 240 for at in range(300)]
+    assert list(dict.fromkeys(status.sentence for status in statuses)) == [
+        *(text for _, text in PROMPTS),
+        DONE,
+    ]
 
 
 def test_the_face_is_where_it_is(enrolled: Enrolled) -> None:
     truth = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"]
-    for step, points in zip(enrolled[0], truth[: len(enrolled[0])], strict=True):
-        assert step.face is not None
-        assert np.linalg.norm(step.face.points - points, axis=1).mean() < 6
+    for status, points in zip(enrolled[0], truth[: len(enrolled[0])], strict=True):
+        assert status.face is not None
+        assert np.linalg.norm(status.face.points - points, axis=1).mean() < 6
 
 
 def error(person: Identity, talk2: tuple[list[Picture], Picture]) -> float:
@@ -113,8 +116,8 @@ def error(person: Identity, talk2: tuple[list[Picture], Picture]) -> float:
 def test_the_model_tracks_another_clip_as_one_enrolled_from_the_file_does(
     enrolled: Enrolled, talk2: tuple[list[Picture], Picture], tmp_path: Path
 ) -> None:
-    steps, person, _ = enrolled
-    np.savez(tmp_path / "found.npz", landmarks=[step.face.points for step in steps if step.face])
+    statuses, person, _ = enrolled
+    np.savez(tmp_path / "found.npz", landmarks=[status.face.points for status in statuses if status.face])
     source = LandmarkSource([tmp_path / "found.npz"])
     whole = enrol([SAMPLES / "p01" / "talk.mp4"], source, name="p01", options=SMALL)
     assert (person.name, person.reference.resolution) == ("Anna", SMALL.resolution)
@@ -122,7 +125,7 @@ def test_the_model_tracks_another_clip_as_one_enrolled_from_the_file_does(
     assert person.facts["held_out_error"] < 1.3 * whole.facts["held_out_error"]
 
 
-def test_progress_is_told_to_the_end(enrolled: Enrolled) -> None:
+def test_progress_is_reported_to_the_end(enrolled: Enrolled) -> None:
     stages, shares = zip(*enrolled[2], strict=True)
     assert set(stages) == {"training"}
     assert (shares[0], shares[-1]) == (0.0, 1.0)
@@ -201,24 +204,24 @@ def test_what_is_wrong_is_said_and_the_ring_waits(
     assert not wrong[-1].done
 
 
-def test_a_small_face_in_the_background_is_no_matter(enrolling: OnScreenEnrolment) -> None:
+def test_a_small_face_in_the_background_does_not_matter(enrolling: OnScreenEnrolment) -> None:
     pictures = [picture.copy() for picture in clip("p01", 20)]
     for picture in pictures:
         picture[-120:, :160] = clip("p02", 1)[0][1::4, 1::4]
     assert len(enrolling._landmarker.detect(pictures[0])) == 2
-    steps = feed(enrolling, pictures)
-    assert {step.sentence for step in steps} == {PROMPTS[0][1]}
-    assert steps[-1].ring == pytest.approx(19 / FPS / 4)
+    statuses = feed(enrolling, pictures)
+    assert {status.sentence for status in statuses} == {PROMPTS[0][1]}
+    assert statuses[-1].ring == pytest.approx(19 / FPS / 4)
 
 
-def test_a_quick_head_is_told_so(enrolling: OnScreenEnrolment) -> None:
+def test_a_fast_head_is_a_complaint(enrolling: OnScreenEnrolment) -> None:
     still = clip("p01", 1)[0]
-    steps = feed(enrolling, [np.roll(still, 12 * at, axis=1) for at in range(12)])
-    assert steps[-1].sentence == "Move more slowly"
-    assert steps[-1].ring == steps[2].ring
+    statuses = feed(enrolling, [np.roll(still, 12 * at, axis=1) for at in range(12)])
+    assert statuses[-1].sentence == "Move more slowly"
+    assert statuses[-1].ring == statuses[2].ring
 
 
-def test_a_head_turned_too_far_is_told_so() -> None:
+def test_a_head_turned_too_far_is_a_complaint() -> None:
     grid = ReferenceFrame.canonical(160)
     turned = {degrees: grid.points + degrees * grid.yaw_mode for degrees in (-45, -20, 0, 20, 45)}
     said = {degrees: enrolment._fault_of_pose(shape, None, 0.03) for degrees, shape in turned.items()}
@@ -227,9 +230,9 @@ def test_a_head_turned_too_far_is_told_so() -> None:
 
 def test_a_complaint_stays_to_be_read_and_goes(enrolling: OnScreenEnrolment) -> None:
     empty = np.full_like(clip("p01", 1)[0], 90)
-    steps = feed(enrolling, [empty, *clip("p01", 30)])
-    told = [step.sentence == "Come into view" for step in steps]
-    assert told == [at < LIMITS.complaint_seconds * FPS for at in range(31)]
+    statuses = feed(enrolling, [empty, *clip("p01", 30)])
+    complains = [status.sentence == "Come into view" for status in statuses]
+    assert complains == [at < LIMITS.complaint_seconds * FPS for at in range(31)]
 
 
 def test_somebody_else_may_come_after_a_long_absence(enrolling: OnScreenEnrolment) -> None:
@@ -247,8 +250,8 @@ def test_what_is_done_stays_done(landmarker: Landmarker) -> None:
     assert feed(enrolling, clip("p01", 20))[-1].done
     kept = enrolling._album.frames()
     empty = [np.full_like(clip("p01", 1)[0], 90)] * int((LIMITS.max_absence_seconds + 1) * FPS)
-    steps = feed(enrolling, [*empty, *clip("p01", 3)], start=20)
-    assert all(step.done and step.sentence == DONE for step in steps)
+    statuses = feed(enrolling, [*empty, *clip("p01", 3)], start=20)
+    assert all(status.done and status.sentence == DONE for status in statuses)
     assert [frame is before for frame, before in zip(enrolling._album.frames(), kept, strict=True)] == [
         True
     ] * len(kept)
@@ -263,7 +266,7 @@ def test_too_few_frames(enrolling: OnScreenEnrolment) -> None:
     )
 
 
-def test_training_is_given_up_at_once(enrolling: OnScreenEnrolment) -> None:
+def test_training_is_cancelled_at_once(enrolling: OnScreenEnrolment) -> None:
     feed(enrolling, clip("p01", 60))
     shares: list[float] = []
 

@@ -53,7 +53,7 @@ def telling(path: Path, seconds: float, *, first: float = 0.0, rate: int = 8000)
 
 
 class Clock:
-    """Time that passes when it is told to."""
+    """A clock that is advanced by hand."""
 
     now = 1000.0
 

@@ -117,18 +117,18 @@ def test_a_face_is_covered_and_the_report_comes_with_the_video(case: Any, tmp_pa
     assert videos.count() == before + 1
     cells = case.locator("tr", has_text="a face covered").first.locator("td")
     assert cells.all_inner_texts() == ["a face covered", str(FRAMES)]
-    video, told, shown = (
+    video, report_file, page_file = (
         downloaded(case, f"Download {words}", tmp_path)
         for words in ("video", "report (JSON)", "report (HTML)")
     )
-    assert [p.name for p in (video, told, shown)] == [
+    assert [p.name for p in (video, report_file, page_file)] == [
         f"party_deidentified{suffix}" for suffix in (".mp4", ".report.json", ".report.html")
     ]
-    report = json.loads(told.read_text())
+    report = json.loads(report_file.read_text())
     assert report["counts"] == {"without face": 0, "swapped": 0, "covered": FRAMES, "left": 0}
     assert report["sha256"] == hashlib.sha256(video.read_bytes()).hexdigest()
     assert (report["input"], report["output"]) == ("party.mp4", "party_deidentified.mp4")
-    assert "party_deidentified.mp4" in shown.read_text()
+    assert "party_deidentified.mp4" in page_file.read_text()
     detector = FaceDetector(min_score=0.5)
     grey = [np.repeat(picture[..., None], 3, axis=2) for picture in pictures(video)[::10]]
     assert [len(detector.detect(picture)) for picture in grey] == [0] * len(grey)
@@ -245,7 +245,7 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
 
 @pytest.fixture(scope="module")
 def work(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What a rendering of the reviewed clip is told."""
+    """The choices for a rendering of the reviewed clip."""
     folder = tmp_path_factory.mktemp("review")
     found = review({"source": str(clip), "name": "Party: Ann's"}, folder, silent)
     assert found["pictures"] == {"1": len(list(folder.glob("1.*.jpg")))}
@@ -257,7 +257,7 @@ def work(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
 
 
 def test_a_video_is_rendered_again_with_other_choices(work: dict[str, Any], tmp_path: Path) -> None:
-    told = []
+    results = []
     for donor, audio in (("p02", "keep"), ("p05", "drop")):
         folder = tmp_path / donor
         folder.mkdir()
@@ -267,9 +267,11 @@ def test_a_video_is_rendered_again_with_other_choices(work: dict[str, Any], tmp_
         assert made["counts"]["swapped"] == FRAMES
         report = json.loads((folder / "out.report.json").read_text())
         with av.open(str(folder / "out.mp4")) as video:
-            told.append((report["tracks"][0]["donor"], report["settings"]["audio"], len(video.streams.audio)))
+            results.append(
+                (report["tracks"][0]["donor"], report["settings"]["audio"], len(video.streams.audio))
+            )
         assert not (folder / "out.mp4.work").exists()
-    assert told == [("p02", "keep", 1), ("p05", "drop", 0)]
+    assert results == [("p02", "keep", 1), ("p05", "drop", 0)]
 
 
 def test_a_deleted_review_is_said(work: dict[str, Any], tmp_path: Path) -> None:

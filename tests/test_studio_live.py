@@ -23,7 +23,7 @@ from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNE
 from guise.aam.model import Identity
 from guise.app.studio.store import Store
 
-PATIENCE = 60_000  # milliseconds
+TIMEOUT_MS = 60_000
 OF_A_RUN = 8  # threads: capture, work, three outputs, what runs them, the decoder and the detector
 READ = """(label) => {
   const video = document.querySelector(`video[aria-label="${label}"]`);
@@ -106,7 +106,7 @@ def result(page: Any) -> np.ndarray:
 
 
 def until(page: Any, condition: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE / 1000
+    end = time.monotonic() + TIMEOUT_MS / 1000
     while time.monotonic() < end:
         if condition():
             return
@@ -169,10 +169,10 @@ def test_recordings_and_snapshots_are_downloads_of_the_result(
     with visit(chrome, server, "/") as page:
         go_live(page)
         page.get_by_role("button", name="Record").click()
-        with page.expect_download(timeout=PATIENCE) as film:
+        with page.expect_download(timeout=TIMEOUT_MS) as film:
             page.get_by_role("button", name="Stop recording").click()
         film.value.save_as(tmp_path / "film.mp4")
-        with page.expect_download(timeout=PATIENCE) as still:
+        with page.expect_download(timeout=TIMEOUT_MS) as still:
             page.get_by_role("button", name="Snapshot").click()
         still.value.save_as(tmp_path / "still.png")
         page.get_by_role("button", name="Stop").click()
@@ -219,7 +219,7 @@ def test_a_camera_that_is_not_allowed_is_one_sentence(chrome: Any, server: Studi
             }"""
         )
         page.get_by_role("button", name="Start").click()
-        page.get_by_text("allow it next to the address bar").wait_for(timeout=PATIENCE)
+        page.get_by_text("allow it next to the address bar").wait_for(timeout=TIMEOUT_MS)
         assert page.get_by_role("button", name="Start").is_enabled()
 
 
@@ -233,7 +233,7 @@ def test_a_browser_without_a_network_is_one_sentence(chrome: Any, server: Studio
             }"""
         )
         page.get_by_role("button", name="Start").click()
-        page.get_by_text("on no network: join one").wait_for(timeout=PATIENCE)
+        page.get_by_text("on no network: join one").wait_for(timeout=TIMEOUT_MS)
         assert page.evaluate("document.querySelector('video').srcObject") is None
 
 
@@ -242,8 +242,8 @@ def test_a_computer_without_a_camera_is_one_sentence(chrome: Any, server: Studio
     with visit(chrome, server, "/") as page:
         choose(page, "Camera", "The computer's camera")
         page.get_by_role("button", name="Start").click()
-        page.get_by_text("the computer's camera cannot be opened").wait_for(timeout=PATIENCE)
-        page.get_by_role("button", name="Start").wait_for(timeout=PATIENCE)
+        page.get_by_text("the computer's camera cannot be opened").wait_for(timeout=TIMEOUT_MS)
+        page.get_by_role("button", name="Start").wait_for(timeout=TIMEOUT_MS)
 
 
 def test_on_a_phone_the_pictures_are_stacked_and_nothing_is_cut_off(

@@ -33,7 +33,7 @@ from guise.app.studio.rtc import BrowserCamera, Peer, PeerOutput, ResultTrack, p
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_donor
 
-PATIENCE = 20.0  # seconds
+TIMEOUT_SECONDS = 20.0
 CLIP = SAMPLES / "p01" / "talk2.mp4"
 
 
@@ -65,7 +65,7 @@ class Camera(MediaStreamTrack):
 
 
 class Brighter:
-    """Work that can be told from its picture."""
+    """A processor whose effect can be seen in the picture."""
 
     def process(self, frame: Frame, arrived: float, stats: PipelineStats) -> OutputFrame:
         brighter = np.full((frame.height, frame.width, 3), 128, np.uint8)
@@ -96,14 +96,14 @@ async def connected(camera: MediaStreamTrack | None) -> AsyncIterator[tuple[Peer
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE):
+    async with asyncio.timeout(TIMEOUT_SECONDS):
         while not condition():
             await asyncio.sleep(0.02)
 
 
 def ran(test: Callable[[], Awaitable[None]]) -> None:
     async def limited() -> None:
-        await asyncio.wait_for(test(), 3 * PATIENCE)
+        await asyncio.wait_for(test(), 3 * TIMEOUT_SECONDS)
 
     asyncio.run(limited())
 
@@ -146,7 +146,7 @@ def test_pictures_come_back_worked_on_and_a_dropped_connection_ends_all() -> Non
             seen = [brightness(await track.recv()) for _ in range(5)]
             assert np.allclose(seen, 150, atol=4)
             await browser.close()
-            stats = await asyncio.wait_for(running, PATIENCE)
+            stats = await asyncio.wait_for(running, TIMEOUT_SECONDS)
             assert stats.frames >= 5
             await until(lambda: not peer.alive())
             assert peer.track.readyState == "ended"
@@ -180,10 +180,10 @@ def test_another_run_takes_the_camera_over() -> None:
             first = run_pipeline(peer)
             await track.recv()
             second = run_pipeline(peer)
-            await asyncio.wait_for(first, PATIENCE)
+            await asyncio.wait_for(first, TIMEOUT_SECONDS)
             await track.recv()
             await peer.close()
-            assert (await asyncio.wait_for(second, PATIENCE)).frames > 0
+            assert (await asyncio.wait_for(second, TIMEOUT_SECONDS)).frames > 0
             assert list(peer.camera()) == []
 
     ran(test)

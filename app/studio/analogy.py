@@ -16,7 +16,7 @@ from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, TARGET, ZIP, head, p
 from guise.app.studio.analogy_view import HeadScene
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
-from guise.app.studio.site import Studio, heading, page, script, show_job
+from guise.app.studio.site import Studio, choice_row, heading, page, script, show_job
 from guise.app.studio.store import Clip, JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
 from guise.app.studio.uploads import PICTURE as IMAGE
@@ -30,7 +30,7 @@ HEAD_METHODS = {
     "cloning": "Expression cloning",
 }
 MOUTHS = {"fill": "Filled", "none": "As in the paper"}
-PHOTO_INTRO = "S is to S' as T is to T': the expression that turns S into S' is transferred to T, wrinkles and shading included."
+PHOTO_INTRO = "S is to S' as T is to T': what turns S into S' is transferred to T, with wrinkles and shading."
 HEAD_INTRO = (
     "The expressions of one head are transferred to another, whatever their numbers of vertices. You need not set "
     "landmarks: faces are found."
@@ -120,8 +120,8 @@ class _PhotoForm(_AnalogyForm):
             ui.label(
                 "With a clip, S is optional: the frame closest to a face at rest is used instead."
             ).classes("opacity-70")
-            self._method = one_of("Method", PHOTO_METHODS)
-            self._mouth = one_of("Open mouth", MOUTHS)
+            self._method = choice_row("Method", PHOTO_METHODS, next(iter(PHOTO_METHODS)))
+            self._mouth = choice_row("Open mouth", MOUTHS, next(iter(MOUTHS)))
             with ui.row().classes("items-center w-full no-wrap pr-4"):
                 ui.label("Strength").classes("w-24")
                 self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
@@ -169,7 +169,7 @@ class _HeadForm(_AnalogyForm):
                     self.studio, "Expressions", "Its expressions, unless it is a rig", (MESH,), several=True
                 )
                 self._target = FilePicker(self.studio, "Target", "Target: another head at rest", (MESH,))
-            self._method = one_of("Method", HEAD_METHODS)
+            self._method = choice_row("Method", HEAD_METHODS, next(iter(HEAD_METHODS)))
             self._keep_rigid = ui.switch("Keep eyes and teeth in place")
             ui.button("Transfer", on_click=lambda: self._start(self._about))
         self._results()
@@ -190,11 +190,3 @@ class _HeadForm(_AnalogyForm):
         with ui.row():
             self._link("Download rig (GLB)", folder / TARGET, job.about["title"])
             self._link("Download a mesh for each expression (ZIP)", folder / ZIP, job.about["title"])
-
-
-def one_of(words: str, values: dict[str, str]) -> ui.toggle:
-    """A row of buttons; the first one is chosen."""
-    with ui.row().classes("items-center"):
-        ui.label(words).classes("w-24")
-        toggle = ui.toggle(values, value=next(iter(values)))
-    return toggle.props(f'no-caps role="group" aria-label="{words}"')

@@ -29,7 +29,7 @@ from guise.aam.landmarks import (
 from guise.aam.landmarks.plausible import is_plausible_motion
 from guise.aam.landmarks.schemes import mean_geometry
 from guise.aam.similarity import align_planar
-from guise.app.landmarks.formats import About, Found, open_landmark_file
+from guise.app.landmarks.formats import FileHeader, TrackedFace, open_landmark_file
 from guise.app.media import open_input
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.files import write_whole
@@ -290,12 +290,12 @@ def find_landmarks(clip: Path, output: Path, landmarker: Landmarker, progress: P
     """
     count = 0
     with open_input(clip) as source, one_thread():
-        about = About.of(source, landmarker.name, smoothed=False)
+        about = FileHeader.of(source, landmarker.name, smoothed=False)
         tracker, total = FaceTracker(landmarker, LIMITS.min_confidence), source.frame_count or 1
         with open_landmark_file(output, source, about, "npz", force=True) as file:
             for frame in source:
                 face = tracker.update(frame.rgb())
-                file.add(frame, [] if face is None else [Found(face, 0)])
+                file.add(frame, [] if face is None else [TrackedFace(face, 0)])
                 count += face is not None
                 progress("landmarks", min(1.0, (frame.index + 1) / total))
             if not count:

@@ -129,6 +129,14 @@ def heading(text: str, level: int = 2) -> ui.label:
     return ui.label(text).props(f"role=heading aria-level={level}").classes(classes)
 
 
+def choice_row(label: str, options: dict[str, str], value: str) -> ui.toggle:
+    """A labelled row of buttons, one of which is chosen."""
+    with ui.row().classes("items-center"):
+        ui.label(label).classes("w-24")
+        toggle = ui.toggle(options, value=value)
+    return toggle.props(f'no-caps role="group" aria-label="{label}"')
+
+
 @contextmanager
 def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
     """The header with links and the choice of colours; the page's own content goes inside."""
