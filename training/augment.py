@@ -35,7 +35,6 @@ SIZE = 128  # pixels, the side of the network's input
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
 
 Picture = U8
-F32 = F32
 Rng = np.random.Generator
 
 

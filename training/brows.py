@@ -12,8 +12,6 @@ import numpy as np
 
 from guise.common.arrays import F64
 
-F64 = F64
-
 OPAQUE = 0.4  # alpha from which the brow's texture counts as hair
 FINE = 8  # samples along a triangle's side
 WINDOW = 0.09  # of a brow's length, within which its upper edge is looked for

@@ -1,13 +1,13 @@
-"""What the points mean: brings the meshes' points and MediaPipe's, which differ, to one definition near to iBUG's.
+"""Landmark definitions: converts the points of rendered meshes and of MediaPipe to one definition close to iBUG's.
 
-A renderer's vertex, a vertex of MediaPipe's mesh and a point placed by hand have the same number and not quite the same
-place. A network that learned from rendered people alone tells by how much: its answers on real photographs, less their
-labels, averaged over many people in the frame of the face. With that,
+A vertex of a rendered mesh, a vertex of MediaPipe's mesh and a point placed by hand have the same number, but not quite
+the same position. A network trained on rendered people alone measures the differences: its predictions on real photos
+minus their labels, averaged over many people in the frame of the face. With these differences,
 
 - the jaw's points are spread evenly along the jaw, as hand-placed ones are, for both kinds of labels;
 - rendered eyes, nose, mouth and the height of the brows move to where MediaPipe, and people, put them;
 - along the brows MediaPipe's points move to the rendered ones, which follow the hair;
-- MediaPipe's forehead moves to the rendered one, which the package's reference frame is made of.
+- MediaPipe's forehead moves to the rendered one, which defines the package's reference frame.
 
 Everything is a linear map of the 81 points, so it turns with the head.
 """
@@ -35,27 +35,29 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.common.arrays import F32, F64
 
-_DROP = 0.78  # from the eyes' middle to the mouth's, in outer-eye distances, of a face seen from the front
+_EYES_TO_MOUTH = (
+    0.78  # from the eyes' middle to the mouth's, in outer-eye distances, of a face seen from the front
+)
 
 
-def frame(points: NDArray[Any]) -> tuple[F64, F64]:
-    """Across and down the face (n, 1, 2) each, one outer-eye distance long when seen from the front."""
+def face_axes(points: NDArray[Any]) -> tuple[F64, F64]:
+    """Vectors across and down the face (n, 1, 2), one outer-eye distance long when seen from the front."""
     points = np.asarray(points, np.float64)
     eyes, lips = points[:, OUTER_EYE_CORNERS].mean(1), points[:, MOUTH_CORNERS].mean(1)
     across = points[:, LEFT_EYE_OUTER] - points[:, RIGHT_EYE_OUTER]
-    return across[:, None], ((lips - eyes) / _DROP)[:, None]
+    return across[:, None], ((lips - eyes) / _EYES_TO_MOUTH)[:, None]
 
 
 def difference(found: NDArray[Any], labels: NDArray[Any]) -> F64:
-    """Mean of found less labels (n, 81, 2) along and down the faces, made symmetric: (81, 2)."""
-    across, down = frame(labels)
+    """Mean of found minus labels (n, 81, 2), across and down the faces, made symmetric: (81, 2)."""
+    across, down = face_axes(labels)
     basis = np.concatenate([across, down], axis=1)  # (n, 2, 2), rows are the axes
     parts = np.einsum("nki,nij->nkj", found - labels, np.linalg.inv(basis))
     mean = np.median(parts, axis=0)
     return np.asarray((mean + mean[list(MIRROR)] * (-1, 1)) / 2)
 
 
-def evenly(jaws: NDArray[Any]) -> F64:
+def even_spacing(jaws: NDArray[Any]) -> F64:
     """Matrix (17, 17) that spreads the points of jaws (n, 17, 2) evenly along their mean course."""
     steps = np.linalg.norm(np.diff(np.asarray(jaws, np.float64), axis=1), axis=2)
     course = np.concatenate([[0], np.cumsum(steps.mean(0))])
@@ -64,21 +66,21 @@ def evenly(jaws: NDArray[Any]) -> F64:
     return np.asarray(CubicSpline(course, np.eye(17))(np.linspace(0, 1, 17)))
 
 
-def aligned(points: F32, jaw: F64, move: F64) -> F32:
+def align_labels(points: F32, jaw: F64, move: F64) -> F32:
     """Labels (n, 81, 2), the jaw respaced by a matrix (17, 17) and points moved (81, 2) across and down the face."""
-    across, down = frame(points)
+    across, down = face_axes(points)
     out = points + move[:, :1] * across + move[:, 1:] * down
     out[:, JAW] = np.einsum("ij,njk->nik", jaw, points[:, JAW].astype(np.float64))
     return np.asarray(out, np.float32)
 
 
-def shipped(kind: str) -> tuple[F64, F64]:
+def load_alignment(kind: str) -> tuple[F64, F64]:
     """Jaw matrix and moves with which the built-in landmarker was trained; kind: rendered or real."""
     stored = json.loads((Path(__file__).parent / "alignment.json").read_text())
     return np.array(stored[f"{kind}_jaw"]), np.array(stored[f"{kind}_moves"])
 
 
-def moves(mesh_less_label: F64) -> tuple[F64, F64]:
+def definition_moves(mesh_less_label: F64) -> tuple[F64, F64]:
     """How rendered points and real labels move (81, 2 each), from the `difference` of the definitions."""
     rendered, real = np.zeros((81, 2)), np.zeros((81, 2))
     rendered[BELOW_BROWS] = -mesh_less_label[BELOW_BROWS]

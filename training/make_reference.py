@@ -2,8 +2,8 @@
 
     python training/make_reference.py
 
-Near-frontal frames of every sample person are aligned, averaged and made symmetric.  The lips come from the
-frames with the widest mouth, so that teeth and the inside of the mouth get pixels of their own.  How the points move
+Near-frontal frames of every sample person are aligned, averaged and made symmetric.  The lips come from the frames with
+the widest mouth, so that teeth and the inside of the mouth get pixels of their own.  How the points move
 when a head turns to the side (yaw) is regressed from all frames and made antisymmetric.
 """
 

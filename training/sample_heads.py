@@ -2,9 +2,9 @@
 
     python -m training.sample_heads ../shared/data/synthetic/mesh sample_videos/heads
 
-All of the people's heads have the vertices and quads of one base, so that the mean is taken vertex by vertex; it is
-nobody's head.  Decimetres, x to the person's left, y up, z forward.  Written are mean.obj, mean_smile.obj and
-mean_surprise.obj; mean.glb, with all of EXPRESSIONS; and other.obj, the dual of the mean, with a vertex for each face.
+All heads share the vertices and quads of one base, so the mean is taken vertex by vertex; it is a fictional head.
+Decimetres, x to the person's left, y up, z forward.  Writes mean.obj, mean_smile.obj and mean_surprise.obj; mean.glb,
+with all of EXPRESSIONS; and other.obj, the dual of the mean, with one vertex per face.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Faces = list[list[int]]
 
 PEOPLE = ("p01", "p02", "p04", "p05", "p07", "p10")
 EXPRESSIONS = ("anger", "blink", "open", "pucker", "smile", "surprise")
-FILES = ("smile", "surprise")  # that also are OBJ files
+OBJ_EXPRESSIONS = ("smile", "surprise")  # that are also written as OBJ files
 
 
 def mean_head(meshes: Path) -> tuple[F64, Faces, F64]:
@@ -35,7 +35,7 @@ def mean_head(meshes: Path) -> tuple[F64, Faces, F64]:
 
 
 def other_head(rest: F64, quads: Faces) -> tuple[F64, Faces]:
-    """The dual of a head, of which each face is a vertex, in another shape."""
+    """The dual of a head, with one vertex per face, in another shape."""
     x, y, z = rest[np.array(quads)].mean(axis=1).T
     shaped = np.stack([x * (1.06 + 0.05 * np.sin(3 * y)), 0.95 * y, 1.05 * z], axis=1)
     beside = {(quad[k], quad[k - 1]): f for f, quad in enumerate(quads) for k in range(4)}
@@ -45,7 +45,7 @@ def other_head(rest: F64, quads: Faces) -> tuple[F64, Faces]:
 
 
 def _ring(vertex: int, first: int, quads: Faces, beside: dict[tuple[int, int], int]) -> list[int]:
-    """The faces about a vertex in their order; none when it lies at an edge of the mesh."""
+    """The faces around a vertex in order; none if it lies on a border."""
     ring, face = [], first
     while face >= 0:
         ring.append(face)
@@ -63,7 +63,7 @@ def write_obj(path: Path, vertices: F64, faces: Faces) -> None:
 
 
 def main() -> None:
-    """Make the files."""
+    """Write the sample heads."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("meshes", type=Path)
     parser.add_argument("folder", type=Path)
@@ -71,7 +71,7 @@ def main() -> None:
     rest, quads, faces = mean_head(options.meshes)
     options.folder.mkdir(exist_ok=True)
     write_obj(options.folder / "mean.obj", rest, quads)
-    for name in FILES:
+    for name in OBJ_EXPRESSIONS:
         write_obj(options.folder / f"mean_{name}.obj", faces[EXPRESSIONS.index(name)], quads)
     write_obj(options.folder / "other.obj", *other_head(rest, quads))
     write_rig(options.folder / "mean.glb", read_mesh(options.folder / "mean.obj"), EXPRESSIONS, faces)

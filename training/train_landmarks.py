@@ -259,17 +259,19 @@ def main() -> None:
 def align(net: LandmarkNet, rendered: Pictures, real: Pictures) -> dict[str, F64]:
     """What brings both kinds of labels to one definition, see `training/definitions.py`."""
     crops, labels = plain_crops(real, len(real))
-    rendered_moves, real_moves = definitions.moves(definitions.difference(answers(net, crops), labels))
+    rendered_moves, real_moves = definitions.definition_moves(
+        definitions.difference(answers(net, crops), labels)
+    )
     frontal = plain_crops(rendered.only(np.abs(asymmetry(rendered.points)) < 0.05), 500)[1]
     return {
-        "rendered_jaw": definitions.evenly(frontal[:, JAW]), "rendered_moves": rendered_moves,
-        "real_jaw": definitions.evenly(labels[:, JAW]), "real_moves": real_moves,
+        "rendered_jaw": definitions.even_spacing(frontal[:, JAW]), "rendered_moves": rendered_moves,
+        "real_jaw": definitions.even_spacing(labels[:, JAW]), "real_moves": real_moves,
     }  # fmt: skip
 
 
 def apply(alignment: Mapping[str, F64], pictures: Pictures, kind: str) -> Pictures:
     """The pictures with their labels in the common definition; kind: rendered or real."""
-    points = definitions.aligned(pictures.points, alignment[f"{kind}_jaw"], alignment[f"{kind}_moves"])
+    points = definitions.align_labels(pictures.points, alignment[f"{kind}_jaw"], alignment[f"{kind}_moves"])
     return replace(pictures, points=points)
 
 

@@ -1,13 +1,13 @@
-"""Trains what tells people apart (aam/data/recognition.npz) on rendered people who do not exist.
+"""Trains the recognition of people (aam/data/recognition.npz) on rendered, fictional people.
 
     python -m training.train_recognition --parts PARTS --photographs DIR
 
-PARTS is what render_people.py wrote.  The within-class covariance holds light, expression, pose and the landmarks'
-slips, the between-class covariance what differs from person to person.
+PARTS is the output of render_people.py.  The within-class covariance holds light, expression, pose and landmark errors,
+the between-class covariance what differs from person to person.
 
 DIR holds photographs of real people (Face Research Lab London Set, CC BY 4.0; those of evaluation_only.txt are not
-read).  Real faces have a part in common that rendered ones lack, by which all would seem alike: signatures are taken
-about a mean halfway between the two kinds, which serves both.
+read).  Real faces share a component that rendered ones lack, which would make all of them look alike: signatures are
+taken about a mean halfway between the two kinds, which suits both.
 """
 
 from __future__ import annotations
@@ -27,26 +27,27 @@ from guise.common.arrays import F32, F64, Int
 from training.data import load_parts, london_people
 
 OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"
-SLIP = 0.012  # standard deviation of the landmarks' errors, inter-ocular distances
-MOST_YAW = 45.0  # degrees
-MODES = 300  # of the features, before
-RIDGE = 0.1  # share of the mean within-class variance added to all directions
-
-F32 = F32
-F64 = F64
+LANDMARK_ERROR_INTEROCULAR = 0.012  # standard deviation
+MAX_YAW_DEGREES = 45.0
+FEATURE_MODES = 300  # to which the features are reduced first
+RIDGE_SHARE = 0.1  # of the mean within-class variance, added to all directions
 
 
 def observed(folder: Path) -> tuple[F32, Int]:
-    """Features (n, m) of all pictures of the people that are trained with, and the person (n,) of each."""
+    """Features (n, m) of all pictures of the people trained with, and the person (n,) of each."""
     frame, rng = ReferenceFrame.canonical(SIGNATURE_RESOLUTION), np.random.default_rng(0)
     pictures = load_parts(folder, held_out=False)
     textures, people = [], []
     for image, points, person in zip(pictures.images, pictures.points, pictures.person, strict=True):
         shape = points.astype(np.float64)
-        if abs(frame.yaw(frame.align(shape))) > MOST_YAW:
+        if abs(frame.yaw(frame.align(shape))) > MAX_YAW_DEGREES:
             continue
         size = np.linalg.norm(shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER])
-        textures.append(sample_texture(image, shape + rng.normal(0, SLIP * size, shape.shape), frame))
+        textures.append(
+            sample_texture(
+                image, shape + rng.normal(0, LANDMARK_ERROR_INTEROCULAR * size, shape.shape), frame
+            )
+        )
         people.append(person)
     return features(np.stack(textures)), np.unique(people, return_inverse=True)[1]
 
@@ -66,13 +67,15 @@ def photographed(folder: Path) -> F32:
 def discriminant(values: F32, person: Int) -> F64:
     """The projection (m, 64) of features (n, m) onto the discriminants."""
     centred = values - values.mean(0, dtype=np.float64)
-    modes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1][:, :MODES]
+    modes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1][:, :FEATURE_MODES]
     reduced = centred @ modes
     counts = np.bincount(person)
     means = np.stack([np.bincount(person, column) for column in reduced.T], 1) / counts[:, None]
     rest = reduced - means[person]
     within = rest.T @ rest / (len(rest) - len(counts))
-    spread, turn = np.linalg.eigh(within + RIDGE * np.trace(within) / MODES * np.eye(MODES))
+    spread, turn = np.linalg.eigh(
+        within + RIDGE_SHARE * np.trace(within) / FEATURE_MODES * np.eye(FEATURE_MODES)
+    )
     whiten = turn / np.sqrt(spread)
     between = np.linalg.eigh(whiten.T @ np.cov(means.T) @ whiten)[1][:, ::-1][:, :SIGNATURE_LENGTH]
     return np.asarray(modes @ whiten @ between)
