@@ -228,8 +228,8 @@ def test_bad_json(tmp_path: Path, content: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "got another text"),
-        ("1 2\n3 4\n", "got another text"),
+        ("", "got other text"),
+        ("1 2\n3 4\n", "got other text"),
         (pts_text(some_points(1)[0], header=68), "the 68 points of its header, got 81"),
         (pts_text(some_points(1, 5)[0]), r"81 \(face81\), 68 \(ibug68\); got 5"),
         ("version: 1\nn_points: 1\n{\n1 2 3\n}\n", "two numbers a line"),

@@ -30,7 +30,7 @@ def landmarker() -> BuiltinLandmarker:
 def frames(person: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pictures (h, w, 3) and true points (81, 2) of some frames of a person's first clip."""
     truth = np.load(SAMPLES / person / "talk.npz")["landmarks"]
-    truth = definitions.aligned(truth, *definitions.shipped("rendered")).astype(float)
+    truth = definitions.align_labels(truth, *definitions.load_alignment("rendered")).astype(float)
     with open_input(SAMPLES / person / "talk.mp4") as source:
         return [(f.rgb().copy(), truth[f.index]) for f in source if f.index in FRAMES]
 
@@ -109,7 +109,7 @@ def test_a_hundred_faces_are_all_found() -> None:
 
 
 @pytest.mark.parametrize("animal", ["cat", "chelsea"])
-def test_an_animal_is_no_face(animal: str) -> None:
+def test_an_animal_is_not_a_face(animal: str) -> None:
     faces = landmarker().detect(np.ascontiguousarray(getattr(skimage.data, animal)()[..., :3]))
     assert not [face for face in faces if face.confidence >= 0.5]
 
@@ -124,7 +124,7 @@ def test_a_face_cut_by_the_edge_keeps_its_visible_points() -> None:
     assert miss < 0.06
 
 
-def test_hidden_points_are_less_sure() -> None:
+def test_hidden_points_have_less_confidence() -> None:
     picture, truth = frames("p02")[0]
     before = landmarker().refine(picture, Face.around(truth, 0.9))
     covered = picture.copy()
@@ -163,7 +163,7 @@ def test_refining_where_there_is_no_face_gives_none_or_a_low_confidence() -> Non
     assert face is None or face.confidence < 0.5
 
 
-def test_a_cartoon_is_no_face() -> None:
+def test_a_cartoon_is_not_a_face() -> None:
     picture = np.full((300, 300, 3), 255, np.uint8)
     cv2.circle(picture, (150, 150), 100, (255, 220, 60), -1)
     for x in (115, 185):
@@ -172,7 +172,7 @@ def test_a_cartoon_is_no_face() -> None:
     assert [f for f in landmarker().detect(picture) if f.confidence >= 0.5] == []
 
 
-def test_grey_pictures_serve() -> None:
+def test_grey_pictures_work() -> None:
     picture, truth = frames("p02")[1]
     grey = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
     assert error(landmarker().detect(grey)[0].points, truth) < 0.05

@@ -166,7 +166,7 @@ def test_every_face_of_every_frame_with_its_track_and_time(
     assert face["box"] == [*points.min(axis=0), *points.max(axis=0)]
 
 
-def test_smoothing_is_said_and_steadies_points(
+def test_smoothing_is_reported_and_reduces_jitter(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(0)
@@ -255,7 +255,7 @@ def test_pts_of_a_video_go_into_a_folder(here: Path, capsys: pytest.CaptureFixtu
     code, _, err = run(capsys, "clip.mkv", "-o", "one.pts")
     assert (code, err) == (
         2,
-        "error: a .pts file holds one picture, which clip.mkv is not: name a folder, such as one\n",
+        "error: a .pts file holds one picture, and clip.mkv has more: name a folder, such as one\n",
     )
 
 
@@ -397,11 +397,14 @@ def test_faces_below_the_confidence_are_left_out(here: Path, capsys: pytest.Capt
     ("arguments", "sentence"),
     [
         (["none.mp4", "-o", "out.json"], "none.mp4 does not exist: give a video file"),
-        (["clip.mkv", "-o", "out.txt"], "out.txt must end in .json, .npz or .pts, or --format must say"),
+        (
+            ["clip.mkv", "-o", "out.txt"],
+            "out.txt must end in .json, .npz or .pts; to use another name, add --format",
+        ),
         (["clip.mkv", "-o", "old.json"], "old.json exists: use --force to replace it"),
         (["clip.mkv", "-o", "no/out.json"], "no/out.json cannot be written, there is no folder no"),
         (["clip.mkv", "-o", "clip.mkv", "--format", "json", "--force"], "clip.mkv is the input itself"),
-        (["clip.mkv", "-o", "mixed", "--force"], "mixed holds other files than .pts"),
+        (["clip.mkv", "-o", "mixed", "--force"], "mixed holds files other than .pts"),
         (["clip.mkv", "-o", "full"], "full exists: use --force to replace it"),
         (["clip.mkv", "-o", "out.json", "--overlay", "old.json"], "old.json exists"),
         (["clip.mkv", "-o", "out.json", "--overlay", "a.png"], "a.png is one image but clip.mkv is not"),
@@ -508,7 +511,7 @@ def test_a_changed_file_is_refused_in_one_sentence(here: Path, change: dict, sen
         load_annotations(here / "a.json")
 
 
-# -- following several faces --------------------------------------------------------------------------------
+# -- tracking several faces  --------------------------------------------------------------------------------
 
 
 def numbers(tracker: MultiFaceTracker, scenes: list[list[Disc]]) -> list[list[int]]:
@@ -528,7 +531,7 @@ def test_a_jump_is_another_track() -> None:
     assert numbers(MultiFaceTracker(Discs()), [[(60, 60, 30)], [(240, 160, 30)]]) == [[0], [1]]
 
 
-def test_the_detector_looks_now_and_then_and_when_a_face_is_missing() -> None:
+def test_the_detector_runs_now_and_then_and_when_a_face_is_missing() -> None:
     discs = Discs()
     tracker = MultiFaceTracker(discs, TrackingLimits(detection_frames=5))
     one, two = (60, 100, 30), (220, 100, 30)
@@ -570,7 +573,7 @@ def test_a_face_that_was_seen_once_only_is_given_up(seen: list[int], frames: int
     assert found == frames
 
 
-def test_unsure_faces_are_not_followed() -> None:
+def test_faces_of_low_confidence_are_not_tracked() -> None:
     class Unsure(Discs):
         def all(self, rgb: np.ndarray) -> list[Face]:
             return [face_at(80, 100, confidence=0.4)]

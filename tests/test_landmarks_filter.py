@@ -32,7 +32,7 @@ def smoothed(points: np.ndarray, rate: float = 30.0, confidence: np.ndarray | No
     )
 
 
-def tremble(points: np.ndarray) -> float:
+def jitter(points: np.ndarray) -> float:
     """Root mean square second difference of points (t, 81, 2)."""
     return float(np.sqrt(((points[:-2] - 2 * points[1:-1] + points[2:]) ** 2).sum(2).mean()))
 
@@ -71,32 +71,32 @@ def talk(request: pytest.FixtureRequest) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("rate", [24.0, 30.0, 60.0])
 def test_noise_on_a_still_face_is_taken_out(rate: float) -> None:
     seen = FACE + noise(200)
-    steady = smoothed(seen, rate)[20:]
-    assert tremble(steady) < 0.35 * tremble(seen)
-    assert np.abs(steady.mean(0) - FACE).max() < NOISE
+    filtered = smoothed(seen, rate)[20:]
+    assert jitter(filtered) < 0.35 * jitter(seen)
+    assert np.abs(filtered.mean(0) - FACE).max() < NOISE
 
 
 def test_blinks_and_speech_of_a_clip_are_not_delayed_and_not_flattened(
     talk: tuple[np.ndarray, np.ndarray],
 ) -> None:
     truth, seen = talk
-    steady = smoothed(seen)
-    assert lag(lids(steady), lids(truth)) <= 0.3
-    assert lag(mouth(steady), mouth(truth)) <= 0.3
+    filtered = smoothed(seen)
+    assert lag(lids(filtered), lids(truth)) <= 0.3
+    assert lag(mouth(filtered), mouth(truth)) <= 0.3
     shut = lids(truth) < 0.5 * np.median(lids(truth))
     assert shut.any()
     depth = np.median(lids(truth)) - lids(truth)[shut]
-    assert (np.median(lids(truth)) - lids(steady)[shut]).mean() > 0.93 * depth.mean()
+    assert (np.median(lids(truth)) - lids(filtered)[shut]).mean() > 0.93 * depth.mean()
 
 
-def test_a_talking_moving_head_trembles_less_and_is_not_delayed(
+def test_a_talking_moving_head_jitters_less_and_is_not_delayed(
     talk: tuple[np.ndarray, np.ndarray],
 ) -> None:
     truth, seen = talk
-    steady = smoothed(seen)
-    assert tremble(steady - truth) < 0.85 * tremble(seen - truth)
+    filtered = smoothed(seen)
+    assert jitter(filtered - truth) < 0.85 * jitter(seen - truth)
     rigid = [*NOSE_BRIDGE, *EYE_CORNERS]
-    assert lag(steady[:, rigid, 0].mean(1), truth[:, rigid, 0].mean(1)) <= 0.8
+    assert lag(filtered[:, rigid, 0].mean(1), truth[:, rigid, 0].mean(1)) <= 0.8
 
 
 def test_a_moving_head_does_not_hold_its_features_back() -> None:
@@ -106,12 +106,12 @@ def test_a_moving_head_does_not_hold_its_features_back() -> None:
     assert late < 0.2 * 0.05 * SIZE
 
 
-def test_sizes_are_alike() -> None:
+def test_the_size_of_a_face_does_not_matter() -> None:
     seen = FACE + noise(40)
     assert_allclose(smoothed(7 * seen + 100), 7 * smoothed(seen) + 100, atol=1e-3 * 7)
 
 
-def test_frame_rates_are_alike() -> None:
+def test_the_frame_rate_does_not_matter() -> None:
     """A step towards the same place is as far after the same time."""
     moved = FACE + 0.004 * SIZE
     slow = smoothed(np.concatenate([FACE[None], np.repeat(moved[None], 6, 0)]), 30)[-1]
@@ -153,7 +153,7 @@ def test_the_past_is_forgotten(gap: str) -> None:
     )
 
 
-def test_what_cannot_be_a_face_is_told() -> None:
+def test_arrays_of_a_wrong_shape_are_refused() -> None:
     with pytest.raises(ValueError, match=r"points must have shape \(81, 2\), got \(68, 2\)"):
         LandmarkFilter().update(np.zeros((68, 2)), None, 0.0)
     landmark_filter = LandmarkFilter()

@@ -166,7 +166,7 @@ def test_face_beyond_the_picture_is_lost(tmp_path: Path) -> None:
     assert landmarker.refine(PICTURE, outside) is None
 
 
-def test_points_that_are_no_face_are_no_face(tmp_path: Path) -> None:
+def test_points_unlike_a_face_are_dropped(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).random(162)
     assert (
         OnnxLandmarker(write_card(tmp_path, bias=noise), FixedBoxes((50, 40, 150, 140))).detect(PICTURE) == []
@@ -177,7 +177,7 @@ def test_points_that_are_no_face_are_no_face(tmp_path: Path) -> None:
     )
 
 
-def test_points_that_do_not_settle_are_no_face(tmp_path: Path) -> None:
+def test_points_that_do_not_settle_are_dropped(tmp_path: Path) -> None:
     drifting = (mean_face() + np.array([0.05, 0])).ravel()
     landmarker = OnnxLandmarker(write_card(tmp_path, bias=drifting), FixedBoxes((50, 40, 150, 140)))
     assert landmarker.detect(PICTURE) == []
@@ -394,7 +394,9 @@ def test_specs_open_cards_also_in_odd_folders(tmp_path: Path) -> None:
         assert open_landmarker(spec).name == "card@lbp"
 
 
-def test_another_kind_of_landmarker_can_join(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_another_kind_of_landmarker_can_be_registered(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     from guise.aam.landmarks import registry
 
     monkeypatch.setattr(registry, "_LANDMARKERS", dict(registry._LANDMARKERS))

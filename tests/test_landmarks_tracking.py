@@ -82,7 +82,7 @@ def test_no_frames_give_an_empty_result() -> None:
     assert track_video(Scripted([], []), []).shape == (0, 81, 2)
 
 
-def test_largest_face_is_taken_and_told_once() -> None:
+def test_largest_face_is_taken_and_reported_once() -> None:
     both = [face_at(60, size=30), face_at(10)]
     notes: list[str] = []
     points = track_video(Scripted([both] * 3, [None] * 3), frames(3), report=notes.append)
@@ -112,7 +112,7 @@ def test_recheck_keeps_a_track_that_the_detector_misses() -> None:
     assert places(track_video(script, frames(6), recheck=2)) == [middle(there)] * 6
 
 
-def test_a_step_that_no_head_makes_is_refused() -> None:
+def test_a_motion_that_no_head_makes_is_refused() -> None:
     before = face_at(100, size=50).points
     rng = np.random.default_rng(0)
     assert is_plausible_motion(before, before)
@@ -151,7 +151,7 @@ def test_visible_share_counts_points_inside() -> None:
 
 
 @pytest.mark.skipif(not PFLD.is_file(), reason="the PFLD model is not there")
-def test_pfld_follows_a_sample_clip(tmp_path: Path) -> None:
+def test_pfld_tracks_a_sample_clip(tmp_path: Path) -> None:
     card = tmp_path / "pfld.toml"
     card.write_text(
         f'model = "{PFLD}"\nscheme = "ibug68"\n[input]\nsize = [112, 112]\n[crop]\nenlarge = 1.1\n'
@@ -227,11 +227,11 @@ def test_a_face_that_is_lost_is_refined_on_and_then_given_up() -> None:
 
 @pytest.mark.parametrize(("confidence", "last"), [(0.9, 9), (0.7, 4)])
 def test_a_face_without_boxes_ends_unless_its_points_are_confident(confidence: float, last: int) -> None:
-    class Unsure(Moving):
+    class Doubtful(Moving):
         def there(self, rgb: np.ndarray) -> Face | None:
             return face_at(10, confidence=confidence)
 
-    tracker, (first, *others) = MultiFaceTracker(Unsure(set()), LIMITS), frames(10)
+    tracker, (first, *others) = MultiFaceTracker(Doubtful(set()), LIMITS), frames(10)
     tracker.update(first, [])
     tracker.start(face_at(10))
     assert [i for i, frame in enumerate(others, 1) if tracker.update(frame, [])] == list(range(1, last + 1))
@@ -249,7 +249,7 @@ def test_of_two_tracks_that_come_together_the_one_that_moved_less_stays_alone() 
     assert [list(tracker.update(frame, [face_at(12).box])) for frame in others] == [[0]] * 3
 
 
-def test_a_new_face_is_followed_back_until_it_is_lost() -> None:
+def test_a_new_face_is_tracked_backward_until_it_is_lost() -> None:
     tracker = boxed({2, 3, 4, 5}, lookback_bytes=1000)
     for frame in frames(6):
         tracker.update(frame, [])

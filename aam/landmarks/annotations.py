@@ -353,7 +353,7 @@ def _read_pts(path: Path) -> F64:
     match = re.fullmatch(r"(?s)\s*(?:version:\s*\S+\s+)?n_points:\s*([0-9]{1,6})\s*\{([^{}]*)\}\s*", text)
     if match is None:
         raise LandmarkError(
-            f"{path} must be 'version: 1', 'n_points: N' and N lines 'x y' in braces, got another text"
+            f"{path} must be 'version: 1', 'n_points: N' and N lines 'x y' in braces, got other text"
         )
     try:
         rows = [[float(word) for word in line.split()] for line in match[2].splitlines() if line.strip()]

@@ -1,6 +1,6 @@
 """Landmarks of all faces of a video, a picture or a folder of pictures, to a file and drawn onto a copy.
 
-In a video faces are followed and have numbers; each picture of a folder stands for itself.
+In a video faces are tracked and numbered; each picture of a folder stands for itself.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 from guise.aam.landmarks import Face, Landmarker, tight_box
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
-from guise.app.landmarks.formats import About, Found, LandmarkFile, format_of, open_landmark_file
+from guise.app.landmarks.formats import FileHeader, LandmarkFile, TrackedFace, format_of, open_landmark_file
 from guise.app.landmarks.overlay import draw_face
 from guise.app.media import EncodeOptions, Frame, MediaInput, Sink, open_input, open_sink, process
 from guise.common.arrays import F32
@@ -30,7 +30,7 @@ class LandmarkOptions:
 
     Parameters
     ----------
-    form : "json", "npz", "pts", or None for what the output's suffix says.
+    form : "json", "npz" or "pts"; None takes it from the output's suffix.
     overlay : a copy of the video or picture with the landmarks drawn on it.
     min_confidence : in [0, 1]; faces below are left out.
     smooth : whether points are smoothed over the frames of a video.
@@ -48,12 +48,12 @@ class LandmarkOptions:
 
 @dataclass(frozen=True)
 class LandmarkReport:
-    """What a run found.
+    """Result of a run.
 
     Parameters
     ----------
     frames : number read; `with_face` of them have a face.   faces : number written.
-    tracks : number of faces followed in a video.   seconds : wall time.
+    tracks : number of faces tracked in a video.   seconds : wall time.
     """
 
     output: str
@@ -105,16 +105,18 @@ def landmarks_file(
         raise OutputError(f"{output} cannot be both output and overlay: give two names")
     with open_input(video) as media, contextlib.ExitStack() as outputs:
         smooth = options.smooth and media.kind == "video"
-        about = About.of(media, landmarker.name, smoothed=smooth)
+        header = FileHeader.of(media, landmarker.name, smoothed=smooth)
         file = outputs.enter_context(
-            open_landmark_file(output, media, about, form, force=options.force)
+            open_landmark_file(output, media, header, form, force=options.force)
         )  # closed last: it appears only when the overlay is complete
         sink = _sink(outputs, media, options)
-        work = _Work(_Finder(landmarker, media, options.min_confidence, smooth), file, sink is not None)
+        work = _FrameWork(
+            _VideoFaces(landmarker, media, options.min_confidence, smooth), file, sink is not None
+        )
         total = media.frame_count or 0
         with one_thread():
             stats = process(
-                media, sink or _Nowhere(output, force=True), work,
+                media, sink or _NullSink(output, force=True), work,
                 progress=lambda done: progress("landmarks", done / total if total else 0.0),
             )  # fmt: skip
     for problem in stats.problems:
@@ -126,8 +128,8 @@ def landmarks_file(
     )  # fmt: skip
 
 
-class _Finder:
-    """The faces of each frame: followed and smoothed in a video, found anew in each picture."""
+class _VideoFaces:
+    """The faces of each frame: tracked and filtered in a video, detected in each picture."""
 
     def __init__(
         self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
@@ -139,18 +141,18 @@ class _Finder:
         self._smooth = smooth
         self._filters: dict[int, LandmarkFilter] = {}
 
-    def __call__(self, frame: Frame) -> list[Found]:
+    def __call__(self, frame: Frame) -> list[TrackedFace]:
         """The faces of a frame: by their numbers, or the largest first."""
         if self._tracker is None:
             faces = self._landmarker.detect(frame.rgb())
-            return [Found(face) for face in faces if face.confidence >= self._min_confidence]
+            return [TrackedFace(face) for face in faces if face.confidence >= self._min_confidence]
         tracked = self._tracker.update(frame.rgb())
         if self._smooth:
             tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
-        return [Found(face, number) for number, face in tracked.items()]
+        return [TrackedFace(face, number) for number, face in tracked.items()]
 
     def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
-        """Each face by the filter of its track, which begins anew after a gap."""
+        """Each face after the filter of its track, which starts afresh after a gap."""
         kept = self._filters
         self._filters = {number: kept[number] if number in kept else LandmarkFilter() for number in tracked}
         return {
@@ -159,10 +161,10 @@ class _Finder:
         }
 
 
-class _Work:
-    """Finds the faces of a frame, writes them and draws them onto it; counts."""
+class _FrameWork:
+    """Finds the faces of a frame, writes them, draws them onto it and counts them."""
 
-    def __init__(self, find: _Finder, file: LandmarkFile, draw: bool) -> None:
+    def __init__(self, find: _VideoFaces, file: LandmarkFile, draw: bool) -> None:
         self._find, self._file, self._draw = find, file, draw
         self.with_face = self.faces = 0
         self.tracks: set[int] = set()
@@ -178,8 +180,8 @@ class _Work:
             _draw(frame, found)
 
 
-class _Nowhere(Sink):
-    """Takes the frames of a run without an overlay."""
+class _NullSink(Sink):
+    """Drops the frames of a run without an overlay."""
 
     def write(self, frame: Frame) -> None:
         pass
@@ -191,7 +193,7 @@ def _sink(outputs: contextlib.ExitStack, media: MediaInput, options: LandmarkOpt
     return outputs.enter_context(open_sink(options.overlay, media, options.encode, force=options.force))
 
 
-def _draw(frame: Frame, found: Sequence[Found]) -> None:
+def _draw(frame: Frame, found: Sequence[TrackedFace]) -> None:
     for one in found:
         draw_face(frame, one.face, one.track)
 

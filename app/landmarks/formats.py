@@ -1,6 +1,6 @@
-"""Files of landmarks that grow frame by frame: JSON, npz and iBUG .pts (docs/landmarks.md tells the formats).
+"""Files of landmarks that grow frame by frame: JSON, npz and iBUG .pts (docs/landmarks.md describes the formats).
 
-A file lies in NAME.part until it is complete and is then renamed; on any exception it is removed.
+A file is written as NAME.part and renamed when it is complete; on any exception it is removed.
 Pixels, x right, y down, pixel centres at integers; in .pts files they are counted from 1.
 """
 
@@ -22,26 +22,26 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.annotations import TRACKED_FORMAT, TRACKED_VERSION, pts_bytes, shortest
+from guise.aam.landmarks.schemes import IBUG68
 from guise.app.media import Frame, MediaInput
 from guise.common.errors import OutputError
 from guise.common.files import PartFile, require_free
 from guise.common.version import version
 
 SCHEME = "face81"
-_IBUG = 68  # points of a .pts file
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """A face of a frame, with the number of its track; pictures that are no video have none."""
+class TrackedFace:
+    """A face of a frame, with the number of its track, which only videos have."""
 
     face: Face
     track: int | None = None
 
 
 @dataclass(frozen=True)
-class About:
-    """What is the same for all frames of a file."""
+class FileHeader:
+    """What is the same for all frames of a file: its first lines."""
 
     source: str
     kind: str
@@ -50,8 +50,8 @@ class About:
     time_base: Fraction
 
     @classmethod
-    def of(cls, source: MediaInput, landmarker: str, *, smoothed: bool) -> About:
-        """What is known about an opened source."""
+    def of(cls, source: MediaInput, landmarker: str, *, smoothed: bool) -> FileHeader:
+        """The header for an opened input."""
         return cls(source.name, source.kind, landmarker, smoothed, source.time_base)
 
     def as_json(self) -> dict[str, Any]:
@@ -75,18 +75,18 @@ class LandmarkFile:
     Parameters
     ----------
     path : of the file, or of a folder of .pts files.
-    about : see `About`.
+    header : see `FileHeader`.
     force : replace an existing one.
     """
 
     is_folder = False
 
-    def __init__(self, path: Path, about: About, *, force: bool = False) -> None:
-        self.path, self.about = path, about
+    def __init__(self, path: Path, header: FileHeader, *, force: bool = False) -> None:
+        self.path, self.header = path, header
         self._force = force
         self._part = PartFile(path, force=force, folder=self.is_folder)
 
-    def add(self, frame: Frame, found: Sequence[Found]) -> None:
+    def add(self, frame: Frame, found: Sequence[TrackedFace]) -> None:
         """The faces of the next frame."""
         raise NotImplementedError
 
@@ -131,10 +131,10 @@ class JsonFile(LandmarkFile):
     def _begin(self) -> None:
         super()._begin()
         self._text = self._part.path.open("w", encoding="utf-8")
-        self._text.write(json.dumps(self.about.as_json())[:-1] + ', "frames": [')
+        self._text.write(json.dumps(self.header.as_json())[:-1] + ', "frames": [')
         self._count = 0
 
-    def add(self, frame: Frame, found: Sequence[Found]) -> None:
+    def add(self, frame: Frame, found: Sequence[TrackedFace]) -> None:
         entry = {
             "index": frame.index,
             "pts": frame.pts,
@@ -159,13 +159,13 @@ class JsonFile(LandmarkFile):
 
 
 class NpzFile(LandmarkFile):
-    """Arrays over frames and faces, NaN where there is none; kept in memory until all frames came."""
+    """Arrays over frames and faces, NaN where there is none; kept in memory until the last frame."""
 
     def _begin(self) -> None:
         super()._begin()
-        self._rows: list[tuple[int, tuple[int, int], list[Found]]] = []
+        self._rows: list[tuple[int, tuple[int, int], list[TrackedFace]]] = []
 
-    def add(self, frame: Frame, found: Sequence[Found]) -> None:
+    def add(self, frame: Frame, found: Sequence[TrackedFace]) -> None:
         self._rows.append((frame.pts, (frame.width, frame.height), list(found)))
 
     def _finish(self) -> None:
@@ -189,7 +189,7 @@ class NpzFile(LandmarkFile):
         return arrays | {
             "pts": np.array([pts for pts, _, _ in self._rows], np.int64),
             "size": np.array([size for _, size, _ in self._rows], np.int32).reshape(-1, 2),
-            "about": np.array(json.dumps(self.about.as_json())),
+            "about": np.array(json.dumps(self.header.as_json())),
         }
 
 
@@ -202,11 +202,11 @@ class PtsFolder(LandmarkFile):
 
     is_folder = True
 
-    def add(self, frame: Frame, found: Sequence[Found]) -> None:
+    def add(self, frame: Frame, found: Sequence[TrackedFace]) -> None:
         for rank, one in enumerate(found):
             number = rank if one.track is None else one.track
             first = one.track is None and rank == 0
-            self._write(self._stem(frame) + ("" if first else f"_{number}"), one.face.points[:_IBUG])
+            self._write(self._stem(frame) + ("" if first else f"_{number}"), one.face.points[IBUG68])
         if not found and frame.name is not None:
             self._write(self._stem(frame), np.zeros((0, 2), np.float32))
 
@@ -227,7 +227,7 @@ class PtsFolder(LandmarkFile):
         if not self.path.is_dir():
             require_free(self.path, force=self._force)
         elif any(file.suffix.lower() != ".pts" for file in self.path.iterdir()):
-            raise OutputError(f"{self.path} holds other files than .pts: choose a folder of its own")
+            raise OutputError(f"{self.path} holds files other than .pts: choose another folder")
         elif any(self.path.iterdir()) and not self._force:
             raise OutputError(f"{self.path} exists: use --force to replace it, or choose another name")
 
@@ -257,7 +257,7 @@ class PtsPicture(PtsFolder):
 
 
 def open_landmark_file(
-    path: Path, source: MediaInput, about: About, form: str, *, force: bool
+    path: Path, source: MediaInput, header: FileHeader, form: str, *, force: bool
 ) -> LandmarkFile:
     """The file for a format: "json", "npz" or "pts"; see the classes.
 
@@ -266,21 +266,21 @@ def open_landmark_file(
     if path.exists() and path.samefile(source.path):
         raise OutputError(f"{path} is the input itself: choose another name for the output")
     if form != "pts":
-        return {"json": JsonFile, "npz": NpzFile}[form](path, about, force=force)
+        return {"json": JsonFile, "npz": NpzFile}[form](path, header, force=force)
     if path.suffix.lower() != ".pts":
-        return PtsFolder(path, about, force=force)
+        return PtsFolder(path, header, force=force)
     if source.kind != "image":
         raise OutputError(
-            f"a .pts file holds one picture, which {source.name} is not: name a folder, such as {path.stem}"
+            f"a .pts file holds one picture, and {source.name} has more: name a folder, such as {path.stem}"
         )
-    return PtsPicture(path, about, force=force)
+    return PtsPicture(path, header, force=force)
 
 
 def format_of(path: Path) -> str:
-    """The format that a name stands for; no suffix is a folder of .pts files."""
+    """The format that a name stands for; without a suffix, a folder of .pts files."""
     form = path.suffix.lower().removeprefix(".") or "pts"
     if form not in ("json", "npz", "pts"):
-        raise OutputError(f"{path} must end in .json, .npz or .pts, or --format must say what it is")
+        raise OutputError(f"{path} must end in .json, .npz or .pts; to use another name, add --format")
     return form
 
 
@@ -304,18 +304,20 @@ def face_columns(tracks: Sequence[Sequence[int | None]]) -> list[list[int]]:
     return columns
 
 
-def _face_entry(one: Found) -> dict[str, Any]:
-    face, sure = one.face, one.face.point_confidence
+def _face_entry(one: TrackedFace) -> dict[str, Any]:
+    face, confidence = one.face, one.face.point_confidence
     return {
         "track": one.track,
         "confidence": round(face.confidence, 4),
         "box": shortest(face.box),
         "points": shortest(face.points),
-        "point_confidence": None if sure is None else np.round(sure.astype(np.float64), 4).tolist(),
+        "point_confidence": None
+        if confidence is None
+        else np.round(confidence.astype(np.float64), 4).tolist(),
     }
 
 
-def _fill(arrays: dict[str, NDArray[Any]], place: tuple[int, int], one: Found) -> None:
+def _fill(arrays: dict[str, NDArray[Any]], place: tuple[int, int], one: TrackedFace) -> None:
     arrays["face81"][place], arrays["box"][place] = one.face.points, one.face.box
     arrays["confidence"][place] = one.face.confidence
     if one.face.point_confidence is not None:
@@ -326,7 +328,7 @@ def _fill(arrays: dict[str, NDArray[Any]], place: tuple[int, int], one: Found) -
 
 @contextlib.contextmanager
 def _as_output_error(path: Path) -> Iterator[None]:
-    """A full disk or a lost drive, as one sentence; a file that is there already is the caller's matter."""
+    """A full disk or a lost drive, in one sentence; an existing file is left to the caller."""
     try:
         yield
     except FileExistsError:

@@ -20,12 +20,12 @@ Colour = tuple[int, int, int]
 _OUTLINES: tuple[Colour, ...] = (
     (80, 200, 255), (255, 170, 60), (190, 130, 255), (120, 230, 120), (255, 110, 150), (240, 230, 90)
 )  # fmt: skip
-_SURE, _UNSURE = np.array([90, 255, 120]), np.array([255, 60, 40])  # points, by their confidence
-_PAPER = (24, 24, 24)
+_CONFIDENT_COLOUR, _DOUBTFUL_COLOUR = np.array([90, 255, 120]), np.array([255, 60, 40])  # of points
+_LABEL_BACKGROUND = (24, 24, 24)
 _CLOSED = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
 _OPEN = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
-_BITS = 4  # of a pixel's fraction, in OpenCV's drawing
-_FAR = 2**14  # pixels beyond which points are not drawn: OpenCV's drawing takes 16 bits and the fraction
+_FRACTION_BITS = 4  # of a pixel, in OpenCV's drawing
+_MAX_COORDINATE_PIXELS = 2**14  # beyond, points are not drawn: OpenCV takes 16 bits and the fraction
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
@@ -38,7 +38,7 @@ def draw_face(frame: Frame, face: Face, number: int | None = None) -> None:
     face : its points are drawn from red to green by their confidence, or by the face's.
     number : of its track, shown beside the confidence and chosen for the outline's colour.
     """
-    if not (np.abs(face.points) < _FAR).all():
+    if not (np.abs(face.points) < _MAX_COORDINATE_PIXELS).all():
         return
     size = float(np.ptp(face.points, axis=0).max())
     text = f"{'' if number is None else f'#{number} '}{face.confidence:.2f}"
@@ -63,22 +63,22 @@ def draw_face(frame: Frame, face: Face, number: int | None = None) -> None:
 def _draw_points(
     picture: Picture, face: Face, points: NDArray[np.float32], outline: Colour, size: float
 ) -> None:
-    fixed = np.round(points * (1 << _BITS)).astype(np.int32)
+    fixed = np.round(points * (1 << _FRACTION_BITS)).astype(np.int32)
     thickness = max(1, round(size / 250))
     for group, closed in [*((g, True) for g in _CLOSED), *((g, False) for g in _OPEN)]:
-        cv2.polylines(picture, [fixed[group]], closed, outline, thickness, cv2.LINE_AA, _BITS)
-    sure = (
+        cv2.polylines(picture, [fixed[group]], closed, outline, thickness, cv2.LINE_AA, _FRACTION_BITS)
+    confidence = (
         face.point_confidence if face.point_confidence is not None else np.full(len(points), face.confidence)
     )
-    radius = round(max(1.0, size / 150) * (1 << _BITS))
-    for (x, y), share in zip(fixed.tolist(), np.clip(sure, 0, 1), strict=True):
-        red, green, blue = (share * _SURE + (1 - share) * _UNSURE).tolist()
-        cv2.circle(picture, (x, y), radius, (red, green, blue), -1, cv2.LINE_AA, _BITS)
+    radius = round(max(1.0, size / 150) * (1 << _FRACTION_BITS))
+    for (x, y), share in zip(fixed.tolist(), np.clip(confidence, 0, 1), strict=True):
+        red, green, blue = (share * _CONFIDENT_COLOUR + (1 - share) * _DOUBTFUL_COLOUR).tolist()
+        cv2.circle(picture, (x, y), radius, (red, green, blue), -1, cv2.LINE_AA, _FRACTION_BITS)
 
 
 def _draw_label(
     picture: Picture, text: str, corner: tuple[int, int], size: tuple[int, int], scale: float
 ) -> None:
     (x, y), (wide, high) = corner, size
-    cv2.rectangle(picture, (x, y), (x + wide + 5, y + high + 7), _PAPER, -1)
+    cv2.rectangle(picture, (x, y), (x + wide + 5, y + high + 7), _LABEL_BACKGROUND, -1)
     cv2.putText(picture, text, (x + 3, y + high + 3), _FONT, scale, (255, 255, 255), 1, cv2.LINE_AA)

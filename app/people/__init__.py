@@ -1,1 +1,1 @@
-"""People: models described and kept, and the recogniser that tells who is who."""
+"""People: models described and kept, and the recogniser."""

@@ -84,7 +84,7 @@ class Recogniser:
     Raises
     ------
     RecogniserError
-        When the model is not there, is no ONNX file, or is not what the card says.
+        When the model is missing, isn't an ONNX file, or differs from what the card says.
     """
 
     def __init__(self, card: Path | RecogniserCard) -> None:
@@ -94,13 +94,13 @@ class Recogniser:
 
     @property
     def name(self) -> str:
-        """For reports."""
+        """Shown in reports."""
         return self.card.name
 
     def __call__(self, rgb: U8, points: NDArray[Any]) -> F32 | None:
         """The embedding (d,), of length one, of the face with landmarks (81, 2) in a picture (h, w, 3).
 
-        None when the points have no extent, or the model says nothing about the face.
+        None when the points have no extent, or the model gives no usable numbers.
         """
         move = align(five_points(points), self.card.template)
         if isinstance(move, Failed):

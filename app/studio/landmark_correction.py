@@ -278,8 +278,8 @@ def propagated(landmarker: Landmarker, pictures: Iterable[U8], start: F32) -> It
             or not is_plausible_motion(seen.points, face.points)
         ):
             return
-        a, b, _, _ = align_planar(first, face.points.astype(np.float64), _UNIFORM)
-        yield np.asarray(face.points + correction @ np.array([[a, b], [-b, a]]), np.float32)
+        moved = align_planar(first, face.points.astype(np.float64), _UNIFORM)
+        yield np.asarray(face.points + correction @ moved.linear, np.float32)
         seen = face
 
 
