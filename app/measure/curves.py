@@ -168,5 +168,4 @@ def _second_difference(before: F64, now: F64, after: F64) -> float:
 
 def _onto(shape: F64, target: F64) -> F64:
     """A shape moved onto another by a similarity of the rigid points."""
-    a, b, tx, ty = align_planar(shape, target, RIGID_WEIGHTS)
-    return np.asarray(shape @ np.array([[a, b], [-b, a]]) + (tx, ty))
+    return align_planar(shape, target, RIGID_WEIGHTS).apply(shape)

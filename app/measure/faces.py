@@ -81,9 +81,9 @@ class FaceTrackBuilder:
 
 def faces_in(source: MediaInput, landmarker: Landmarker, progress: Callable[[int], None]) -> list[FaceTrack]:
     """The faces of a video; MeasureError without any.   progress : called with the number of frames that are done."""
-    find, found = FaceLocator(landmarker, video=source.kind == "video"), FaceTrackBuilder()
+    locate, found = FaceLocator(landmarker, video=source.kind == "video"), FaceTrackBuilder()
     for frame in source:
-        for number, face in find(frame).items():
+        for number, face in locate(frame).items():
             found.add(number, frame.index, face.points)
         progress(frame.index + 1)
     faces = found.tracks()

@@ -222,11 +222,11 @@ class _Measurement:
         """For each face the landmarks before and after, in the frames in which it is found in the output too."""
         at, untouched = FacesByFrame(faces), BackgroundDifference()
         before, after = FaceTrackBuilder(), FaceTrackBuilder()
-        find, total = FaceLocator(self._landmarker, video=self._timing.video), len(self._timing.times)
+        locate, total = FaceLocator(self._landmarker, video=self._timing.video), len(self._timing.times)
         for own, other in side_by_side(self._request.original, path):
             known = at[own.index]
             places = dict(known)
-            for number, points in matched(known, find(other)):
+            for number, points in matched(known, locate(other)):
                 before.add(number, own.index, places[number])
                 after.add(number, own.index, points)
             untouched.add(own, other, list(places.values()))
@@ -391,8 +391,8 @@ def _rank_one(scores: list[MatchScores]) -> float:
 def _by_state(scores: list[MatchScores], states: list[NDArray[np.str_]] | None) -> dict[str, Scores]:
     if states is None:
         return {}
-    told, values = np.concatenate(states), np.concatenate([one.own for one in scores])
-    parts = {str(s): Scores.of(values[(told == s) & np.isfinite(values)]) for s in np.unique(told)}
+    reported, values = np.concatenate(states), np.concatenate([one.own for one in scores])
+    parts = {str(s): Scores.of(values[(reported == s) & np.isfinite(values)]) for s in np.unique(reported)}
     return {state: part for state, part in parts.items() if part is not None}
 
 

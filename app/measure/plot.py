@@ -72,7 +72,7 @@ def _histograms(axis: Axes, result: MeasureResult) -> None:
 
 
 def _histogram(
-    axis: Axes, scores: Scores | None, label: str, colour: str, *, filled: bool = False, **look: Any
+    axis: Axes, scores: Scores | None, label: str, colour: str, *, filled: bool = False, **style: Any
 ) -> None:
     if scores is None:
         return
@@ -80,7 +80,7 @@ def _histogram(
     if filled:
         axis.stairs(shares, BINS, fill=True, color=colour, alpha=0.35, label=label)
     else:
-        axis.stairs(shares, BINS, color=colour, label=label, linewidth=1.6, **look)
+        axis.stairs(shares, BINS, color=colour, label=label, linewidth=1.6, **style)
 
 
 def _timeline(axis: Axes, result: MeasureResult) -> None:

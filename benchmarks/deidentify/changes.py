@@ -19,12 +19,10 @@ from guise.aam.landmarks.schemes import IBUG68
 from guise.app.media import open_input
 
 LOSSLESS, LOSSY = 1, 6  # grey levels from which a pixel counts as changed
-CLOSE = (
-    0.15  # face widths over which unchanged specks within a changed area are closed: skin may be like skin
-)
-SPECK = 0.02  # of the squared width of the face, below which a changed area is nothing
-ENOUGH = 0.9  # share of a true box that must lie in a changed area
-INSIDE = 0.25  # share of the face's points that must be in the picture and before everything else
+CLOSING_FACE_WIDTHS = 0.15  # of unchanged specks within a changed area: skin may resemble skin
+MIN_AREA_SQUARE_FACE_WIDTHS = 0.02  # below which a changed area does not count
+MIN_CHANGED_SHARE = 0.9  # of a true box, in a changed area
+MIN_VISIBLE_SHARE = 0.25  # of the face's points, in the picture and before everything else
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,7 @@ def shares(before: Path, after: Path, truth: Truth, least: int) -> Iterator[Shar
     """The frames in which the face can be seen, and how much of it was changed by `least` grey levels."""
     with open_input(before) as one, open_input(after) as other:
         for frame, made in zip(one, other, strict=True):
-            if truth.visible[frame.index].mean() >= INSIDE:
+            if truth.visible[frame.index].mean() >= MIN_VISIBLE_SHARE:
                 changed = np.abs(frame.rgb().astype(np.int16) - made.rgb()).max(2) >= least
                 yield share(frame.index, changed, truth.points[frame.index], truth.visible[frame.index])
 
@@ -70,13 +68,13 @@ def shares(before: Path, after: Path, truth: Truth, least: int) -> Iterator[Shar
 def share(index: int, changed: NDArray[np.bool_], points: F64, visible: NDArray[np.bool_]) -> Share:
     """How much of a face with points (68, 2) lies in the changed pixels (h, w)."""
     width = float(np.ptp(points[:, 0]))
-    reach = max(3, round(CLOSE * width))
+    reach = max(3, round(CLOSING_FACE_WIDTHS * width))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     area = cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
     boxes = np.zeros_like(area)
     count, _, stats, _ = cv2.connectedComponentsWithStats(area)
     for left, top, w, h, size in stats[1:count]:
-        if size > SPECK * width**2:
+        if size > MIN_AREA_SQUARE_FACE_WIDTHS * width**2:
             boxes[top : top + h, left : left + w] = 1
     face = np.zeros_like(area)
     cv2.fillConvexPoly(face, cv2.convexHull(np.round(points[visible]).astype(np.int32)), 1)

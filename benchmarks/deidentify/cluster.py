@@ -21,7 +21,7 @@ from benchmarks.deidentify.guise import SOME_COVERED
 CLIPS = ("leave_reenter", "light_change", "two_people", "yaw40")
 PORT = 18786
 ADDRESS = f"tcp://127.0.0.1:{PORT}"
-KILL_AFTER = 0.4  # of the time that the run without a cluster took
+KILL_AFTER_SHARE = 0.4  # of the duration of the run without a cluster
 
 
 @contextmanager
@@ -86,7 +86,7 @@ def measure(options: argparse.Namespace) -> Report:
         usual = time.perf_counter() - start
         with cluster() as workers:
             process = subprocess.Popen(command(videos, together, "--engine", f"dask:{ADDRESS}"))
-            time.sleep(KILL_AFTER * usual)
+            time.sleep(KILL_AFTER_SHARE * usual)
             running = process.poll() is None
             os.kill(workers[0].pid, signal.SIGKILL)
             code = process.wait()

@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.children import GUISE, Ran, ran
 
-WITHOUT_LOSS = ("--lossless", "--preset", "ultrafast")
+LOSSLESS_OPTIONS = ("--lossless", "--preset", "ultrafast")
 SOME_COVERED = 3
 
 

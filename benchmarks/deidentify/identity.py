@@ -39,10 +39,10 @@ from guise.app.people.recogniser import Recogniser, RecogniserCard
 from guise.app.swapping.donors import gallery
 from guise.common.arrays import F32
 
-LOOKS = 80  # frames of a clip that are looked at
-SAME = ("address_o", "webcam_a")  # clips whose names begin alike show one person
+SAMPLED_FRAMES = 80  # of each clip
+CLIPS_OF_ONE_PERSON = ("address_o", "webcam_a")  # prefixes of clips' names
 GALLERY = Path(app.__file__).parent / "gallery"
-RENDERED = "rendered "  # begins the names of people who do not exist
+RENDERED = "rendered "  # prefix of the names of fictional people
 
 
 def recogniser(shared: Path) -> Recogniser:
@@ -60,7 +60,7 @@ def person_of(video: Path) -> str:
     """Whom a clip shows."""
     if video.parent.parent.name == "people":
         return RENDERED + video.parent.name
-    return next((name for name in SAME if video.stem.startswith(name)), video.stem)
+    return next((name for name in CLIPS_OF_ONE_PERSON if video.stem.startswith(name)), video.stem)
 
 
 def pictures(shared: Path) -> Iterator[tuple[str, Path]]:
@@ -154,7 +154,7 @@ def sampled(video: Path) -> FaceTrack:
     clip = common.clip_at(video)
     face = FaceTrack(np.arange(len(clip.points), dtype=np.int32), clip.points.astype(np.float32))
     known = np.flatnonzero(np.isfinite(face.points).all(axis=(1, 2)))
-    some = known[spread(len(known), LOOKS)]
+    some = known[spread(len(known), SAMPLED_FRAMES)]
     return FaceTrack(face.frames[some], face.points[some])
 
 
@@ -203,7 +203,7 @@ def summary(outcomes: list[Outcome], people: int) -> Report:
         ],
         [
             Table(
-                f"Gallery of {people} people, {LOOKS} frames of each clip",
+                f"Gallery of {people} people, {SAMPLED_FRAMES} frames of each clip",
                 columns,
                 [row(o) for o in outcomes],
             )

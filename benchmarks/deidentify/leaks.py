@@ -15,10 +15,10 @@ import numpy as np
 from benchmarks import common
 from benchmarks.children import ran
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.deidentify.changes import ENOUGH, LOSSLESS, LOSSY, Share, Truth, shares
-from benchmarks.deidentify.guise import WITHOUT_LOSS, deidentified
+from benchmarks.deidentify.changes import LOSSLESS, LOSSY, MIN_CHANGED_SHARE, Share, Truth, shares
+from benchmarks.deidentify.guise import LOSSLESS_OPTIONS, deidentified
 
-BEST = '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"]}'
+NEARLY_LOSSLESS = '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"]}'
 
 
 def clips(shared: Path) -> dict[Path, list[Truth]]:
@@ -32,15 +32,15 @@ def clips(shared: Path) -> dict[Path, list[Truth]]:
 
 def deface(python: Path, video: Path, output: Path) -> None:
     """De-identify with deface and its default options, but at its encoder's best."""
-    ran([python.with_name("deface"), video, "-o", output, "--ffmpeg-config", BEST])
+    ran([python.with_name("deface"), video, "-o", output, "--ffmpeg-config", NEARLY_LOSSLESS])
 
 
 def row(name: str, tool: str, found: list[Share]) -> tuple[object, ...]:
-    """A line of the table: for each kind of share, how many frames are under ENOUGH, and the least."""
+    """A line of the table: for each kind of share, how many frames are under MIN_CHANGED_SHARE, and the least."""
     cells: list[object] = []
     for kind in ("seen", "box", "face"):
         values = np.array([getattr(s, kind) for s in found])
-        cells += [int((values < ENOUGH).sum()), round(100 * float(values.min()), 1)]
+        cells += [int((values < MIN_CHANGED_SHARE).sum()), round(100 * float(values.min()), 1)]
     return name, tool, len(found), *cells
 
 
@@ -52,7 +52,7 @@ def measure(options: argparse.Namespace) -> Report:
             continue
         with tempfile.TemporaryDirectory() as folder:
             output = Path(folder) / "out.mkv"
-            counted = deidentified(video, output, *WITHOUT_LOSS)["counts"]
+            counted = deidentified(video, output, *LOSSLESS_OPTIONS)["counts"]
             ours = [s for truth in truths for s in shares(video, output, truth, LOSSLESS)]
             counts.append((video.stem, *counted.values()))
             rows.append(row(video.stem, "guise", ours))

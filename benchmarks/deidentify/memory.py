@@ -18,7 +18,7 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.guise import done, guise_command
 
 CLIP = "room_s18"
-EVERY = 0.5  # seconds
+SAMPLE_SECONDS = 0.5
 
 
 def third(run: Ran, number: int) -> float:
@@ -40,7 +40,7 @@ def measure(options: argparse.Namespace) -> Report:
         for length in (minutes / 3, minutes):
             clip = looped(large, 60 * length, folder / f"long{length:g}.mp4")
             output = folder / f"out{length:g}.mp4"
-            runs[length] = done(guise_command(clip, output, "--preset", "ultrafast"), EVERY)
+            runs[length] = done(guise_command(clip, output, "--preset", "ultrafast"), SAMPLE_SECONDS)
             output.unlink()
             common.say(f"{length:g} minutes: {runs[length].peak_mb:.0f} MB, {runs[length].seconds:.0f} s")
     rows = [

@@ -22,7 +22,7 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.guise import done, guise_command
 
 CLIP = Path("data") / "synthetic" / "hard" / "yaw40.mp4"
-TIMES = 4  # that the clip is repeated: two segments and more
+REPEATS = 4  # of the clip: two segments and more
 KILLS = 50
 
 
@@ -50,7 +50,7 @@ def measure(options: argparse.Namespace) -> Report:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         clip = folder / "clip.mp4"
-        ran(ffmpeg("-stream_loop", str(TIMES - 1), "-i", options.shared / CLIP, "-vf", "scale=320:240",
+        ran(ffmpeg("-stream_loop", str(REPEATS - 1), "-i", options.shared / CLIP, "-vf", "scale=320:240",
                    "-c:v", "libx264", "-preset", "ultrafast", "-g", "60", "-c:a", "copy", clip))  # fmt: skip
         start = time.perf_counter()
         done(guise_command(clip, folder / "whole.mp4", "--preset", "ultrafast"))

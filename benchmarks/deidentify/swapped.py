@@ -16,12 +16,12 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.deidentify.guise import deidentified
 from benchmarks.landmarks.clips import HARD, real_clips
 
-LONGEST = 2000  # frames; longer clips are left out, for time
+MAX_CLIP_FRAMES = 2000  # longer clips are left out, to save time
 
 
 def frontal(shared: Path) -> list[Path]:
     """The clips of data/real that show one person from the front, and the synthetic people's second clips."""
-    real = [c.video for c in real_clips(shared) if c.name not in HARD and len(c.points) <= LONGEST]
+    real = [c.video for c in real_clips(shared) if c.name not in HARD and len(c.points) <= MAX_CLIP_FRAMES]
     rendered = sorted((shared / "data" / "synthetic" / "people").glob("*/talk2.mp4"))
     return [*real, *rendered]
 

@@ -1,1 +1,1 @@
-"""What is said of a de-identification: reports, pages, the sheet for review."""
+"""What is reported of a de-identification: reports, pages, the sheet for review."""

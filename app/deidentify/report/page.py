@@ -40,7 +40,7 @@ class PageLimits:
     """How much a page shows; the JSON report has the rest."""
 
     max_tracks: int = 150  # those that are seen longest
-    max_table_rows: int = 200  # of spans or finds
+    max_table_rows: int = 200  # of spans or findings
     thumbnail_pixels: int = 160  # the longer side
     thumbnail_jpeg_quality: int = 75
 
@@ -145,7 +145,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         cards=list(_cards(report, by_track, thumbnails)),
         omitted_tracks=max(0, len(report.tracks) - LIMITS.max_tracks),
         bystanders=_bystanders(report, by_track.get(BYSTANDERS, NO_OUTCOME), thumbnails),
-        finds=sorted(report.audit, key=lambda f: (f.covered, f.frame))[: LIMITS.max_table_rows],
+        findings=sorted(report.audit, key=lambda f: (f.covered, f.frame))[: LIMITS.max_table_rows],
         settings=[(name.replace("_", " ").capitalize(), value) for name, value in _flat(report.settings)],
         voice=_VOICE[report.settings.get("audio", "keep")],
         today=_today(),

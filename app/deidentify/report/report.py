@@ -79,30 +79,32 @@ def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
 
 def outcome(report: FileReport) -> int:
     """The exit code: 0 all swapped or left as the user said, 3 some covered, 1 a face may be visible."""
-    if any(not find.covered for find in report.audit):
+    if any(not finding.covered for finding in report.audit):
         return FAILED
     return SOME_COVERED if len(frames_with(report, "covered")) else ALL_SWAPPED
 
 
 def verdict(report: FileReport) -> str:
     """The outcome, in a sentence or two."""
-    if seen := [find.frame for find in report.audit if not find.covered]:
+    if seen := [finding.frame for finding in report.audit if not finding.covered]:
         when = clock(float(report.seconds[seen[0]]))
         return f"A face may be visible in the output, first in frame {seen[0]} ({when}): do not share it."
     swapped, covered, left = (len(frames_with(report, done)) for done in DONE)
     if not swapped + covered + left:
         return f"No face was found in {_frames(report.frames)}."
-    told = f" A face is left as it is in {_frames(left)}, as you said." if left else ""
+    about_left = f" A face is left as it is in {_frames(left)}, as you said." if left else ""
     if covered:
-        return f"Every face is swapped or covered; a covered one is in {_frames(covered)}.{told}"
-    return (f"Every face is swapped, in {_frames(swapped)}." if swapped else "No face is changed.") + told
+        return f"Every face is swapped or covered; a covered one is in {_frames(covered)}.{about_left}"
+    return (
+        f"Every face is swapped, in {_frames(swapped)}." if swapped else "No face is changed."
+    ) + about_left
 
 
 def frames_with(report: FileReport, done: str) -> NDArray[np.int32]:
     """The frames, ascending, in which this was done with a face."""
     parts = [one.frames[one.done == DONE.index(done)] for one in report.outcomes]
     if done == "covered":
-        parts.append(np.array([find.frame for find in report.audit if find.covered], np.int32))
+        parts.append(np.array([finding.frame for finding in report.audit if finding.covered], np.int32))
     return np.unique(np.concatenate([np.zeros(0, np.int32), *parts]))
 
 
@@ -166,11 +168,11 @@ def _head(report: FileReport) -> dict[str, Any]:
         "problems": report.problems,
         "audit": [
             {
-                **vars(find),
-                "seconds": round(float(report.seconds[find.frame]), 3),
-                "score": round(find.score, 3),
+                **vars(finding),
+                "seconds": round(float(report.seconds[finding.frame]), 3),
+                "score": round(finding.score, 3),
             }
-            for find in report.audit
+            for finding in report.audit
         ],
         "done": DONE,
     }

@@ -22,15 +22,15 @@ TRACKS_FORMAT = "guise-tracks"
 TRACKS_VERSION = 1
 EDITABLE = ("action", "donor", "name", "person")
 HOW_TO_EDIT = (
-    "A track is one face, followed through the video; the sheet of pictures beside this file shows each. Change here "
-    "what is to be done, then run the same command again with --resume instead of --review.",
-    'action: "swap" shows another face, "cover" hides the face, "leave" leaves it as it is, for all to recognise. '
+    "A track is one face, tracked through the video; the sheet of pictures beside this file shows each. Change the "
+    "actions here, then run the same command again with --resume instead of --review.",
+    'action: "swap" shows another face, "cover" hides the face, "leave" leaves the face as it is, for everybody to see. '
     "A face can be swapped only where can_swap is true; reason says why Guise would not.",
     "person: tracks with the same number are the same person and get the same donor; it is the number of one of the "
-    "tracks. Give two tracks one number when they are one person, or a track its own number when it is another one.",
+    "tracks. Give two tracks one number when they are one person, or a track its own number when it is another person.",
     'donor: whose face is shown, for all tracks of the person; "" lets Guise choose.',
-    "name: what you call the person, for yourself; it is in no report.",
-    "Nothing else is to be changed. Faces that are no track here are covered.",
+    "name: what you call the person, for your own use; it is in no report.",
+    "Do not change anything else. Faces that are not in a track here are covered.",
 )
 
 

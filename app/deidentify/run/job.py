@@ -30,6 +30,7 @@ from guise.app.deidentify.stages.decide import (
 )
 from guise.app.deidentify.stages.jobs import Job, result_of
 from guise.app.deidentify.stages.link import Tracklet, link
+from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
 from guise.app.deidentify.stages.people import why_not
 from guise.app.deidentify.stages.pieces import publish
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
@@ -233,13 +234,13 @@ def _link_tracks(case: Case) -> dict[str, Any]:
 def _linked_track(number: int, chain: Sequence[Tracklet], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
     frames = np.concatenate([one.frame[r] for one, r in rows])
     boxes = np.concatenate([one.box[r] for one, r in rows])
-    sure = np.concatenate([one.confidence[r] for one, r in rows])
+    confidence = np.concatenate([one.confidence[r] for one, r in rows])
     parts = np.array_split(np.arange(len(frames)), min(6, len(frames)))
-    shown = [int(frames[part[np.argmax(sure[part])]]) for part in parts]
+    shown = [int(frames[part[np.argmax(confidence[part])]]) for part in parts]
     return {
         "number": number, "pieces": [[p.segment, p.number] for p in chain], "first": int(frames[0]),
         "last": int(frames[-1]), "seen": len(frames), "width": float(np.median(boxes[:, 2] - boxes[:, 0])),
-        "sure": int((sure >= 0.5).sum()), "shown": shown,
+        "sure": int((confidence >= ENROLMENT.min_confidence).sum()), "shown": shown,
     }  # fmt: skip
 
 
@@ -267,7 +268,7 @@ def _together(a: LinkedTrack, b: LinkedTrack) -> bool:
 
 def _observations(case: Case, track: LinkedTrack) -> tuple[TrackObservations, F32]:
     """The observations of a track, and the confidence of its landmarks (n,)."""
-    frames, boxes, trust, sure = [], [], [], []
+    frames, boxes, trust, confidence = [], [], [], []
     for segment, number in track.pieces:
         found, fits = case.found(segment, points=False), case.fits(segment)
         rows = np.flatnonzero(found.tracklet == number)
@@ -276,10 +277,10 @@ def _observations(case: Case, track: LinkedTrack) -> tuple[TrackObservations, F3
         frames.append(found.frame[rows])
         boxes.append(found.box[rows])
         trust.append([known.get(int(f), 0.0) for f in found.frame[rows]])
-        sure.append(found.confidence[rows])
+        confidence.append(found.confidence[rows])
     return TrackObservations(
         np.concatenate(frames), np.concatenate(boxes), np.concatenate(trust).astype(np.float32)
-    ), np.concatenate(sure)
+    ), np.concatenate(confidence)
 
 
 def _decided(case: Case, track: LinkedTrack, action: Any) -> Decision:
@@ -290,7 +291,7 @@ def _decided(case: Case, track: LinkedTrack, action: Any) -> Decision:
 def _proposed(case: Case) -> list[Track]:
     tracks = []
     for one in case.linked:
-        rows, sure = _observations(case, one)
+        rows, confidence = _observations(case, one)
         decision = decide(rows, "swap", total=case.scan.frames, rate=case.rate, cuts=case.cuts)
         inside = (decision.frames >= one.first) & (decision.frames <= one.last)
         share = float((decision.done[inside] == SWAPPED).mean())
@@ -298,7 +299,7 @@ def _proposed(case: Case) -> list[Track]:
         action: Action = "cover" if reason else "swap"
         tracks.append(Track(
             one.number, case.people[one.number], one.first, one.last, one.seen, round(one.width, 1),
-            _curve(one, rows.frames, rows.trust if rows.trust.any() else sure), action, reason, action,
+            _curve(one, rows.frames, rows.trust if rows.trust.any() else confidence), action, reason, action,
             can_swap=case.model_of(one.number) is not None,
         ))  # fmt: skip
     return tracks
@@ -374,7 +375,7 @@ def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) ->
     renders = [case.work.load_json(f"render.{k}.json") for k in range(len(case.scan.segments))]
     problems = [p for k in range(len(case.scan.segments)) for p in case.work.load_json(f"problems.{k}.json")]
     problems += [p for r in renders for p in r["problems"]] + case.work.load_json("published.json")
-    finds = [
+    findings = [
         AuditFinding(a["frame"], tuple(a["box"]), a["score"], a["covered"])
         for r in renders
         for a in r["audit"]
@@ -384,8 +385,8 @@ def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) ->
         width, height = media.width, media.height
     return FileReport(
         *names, case.scan.frames, case.times, width, height, case.tracks,
-        tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(finds),
-        _counts(plan, case.scan.frames, finds), {**_settings(case.options), "renderer": renders[0]["renderer"]},
+        tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(findings),
+        _counts(plan, case.scan.frames, findings), {**_settings(case.options), "renderer": renders[0]["renderer"]},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output),
     )  # fmt: skip
 
@@ -413,12 +414,12 @@ def _outcome(plan: dict[str, NDArray[Any]], track: int) -> TrackOutcome:
     return TrackOutcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
 
 
-def _counts(plan: dict[str, NDArray[Any]], frames: int, finds: Sequence[AuditFinding]) -> dict[str, int]:
+def _counts(plan: dict[str, NDArray[Any]], frames: int, findings: Sequence[AuditFinding]) -> dict[str, int]:
     worst = np.full(frames, -1)
     for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
         these = plan["frame"][plan["done"] == code]
         worst[these] = np.maximum(worst[these], rank)
-    covered = [find.frame for find in finds]
+    covered = [finding.frame for finding in findings]
     worst[covered] = np.maximum(worst[covered], 1)
     names = ("without face", "swapped", "covered", "left")
     return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}

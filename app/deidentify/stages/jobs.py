@@ -131,14 +131,14 @@ def render(case: Case, segment: int) -> None:
         for attempt in range(1 + LIMITS.max_repeats):
             segment_renderer.entries = with_detections(entries, covered, first, last)
             _encode(case, source, segment, segment_renderer)
-            finds = list(audit(read_piece(case, segment), segment_renderer))
-            if not finds or attempt == LIMITS.max_repeats:
+            detections = list(audit(read_piece(case, segment), segment_renderer))
+            if not detections or attempt == LIMITS.max_repeats:
                 break
-            covered += finds
+            covered += detections
         renderer, problems = segment_renderer.renderer, list(source.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
-    findings = [_finding(find, True) for find in covered] + [_finding(find, False) for find in finds]
+    findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
     case.work.save_json(
         f"render.{segment}.json", {"audit": findings, "renderer": renderer, "problems": problems}
     )
@@ -153,9 +153,9 @@ def _encode(case: Case, source: MediaInput, segment: int, segment_renderer: Segm
         process(frames, _SinkFromFrame(sink, first), segment_renderer.draw)
 
 
-def _finding(find: AuditDetection, covered: bool) -> dict[str, Any]:
-    box = [round(float(v)) for v in find.box]
-    return {"frame": find.frame, "box": box, "score": round(find.score, 3), "covered": covered}
+def _finding(one: AuditDetection, covered: bool) -> dict[str, Any]:
+    box = [round(float(v)) for v in one.box]
+    return {"frame": one.frame, "box": box, "score": round(one.score, 3), "covered": covered}
 
 
 def _output_pictures(

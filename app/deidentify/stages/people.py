@@ -81,9 +81,9 @@ def _confident_points(case: Case, track: LinkedTrack) -> tuple[NDArray[np.int32]
         points.append(found.points[rows])
         confidence.append(found.confidence[rows])
     all_frames, all_points = np.concatenate(frames), np.concatenate(points).astype(np.float64)
-    sure = np.concatenate(confidence)
-    is_clear = (sure >= LIMITS.clear_confidence).sum() >= LIMITS.min_clear_frames
-    all_points[sure < (LIMITS.clear_confidence if is_clear else LIMITS.min_confidence)] = np.nan
+    confidences = np.concatenate(confidence)
+    is_clear = (confidences >= LIMITS.clear_confidence).sum() >= LIMITS.min_clear_frames
+    all_points[confidences < (LIMITS.clear_confidence if is_clear else LIMITS.min_confidence)] = np.nan
     return all_frames, all_points
 
 
