@@ -1,4 +1,4 @@
-"""Commands in child processes: wall time, peak memory, and memory over time."""
+"""Child processes: commands with their wall time and memory, and peers that answer requests."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ import time
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
+# Keeps MediaPipe quiet.
+PEER_ENVIRONMENT = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "PATH": "/usr/bin:/bin"}
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 GUISE = (sys.executable, "-c", "from guise.app.cli.main import main; raise SystemExit(main())")
 
 
 class CommandError(RuntimeError):
-    """A command that failed; its last words."""
+    """A command that failed, with the end of its error output."""
 
 
 @dataclass(frozen=True)
 class Ran:
-    """Wall and processor seconds, peak resident memory in MB, and (seconds, MB) samples if they were asked for."""
+    """Wall and processor seconds, peak resident memory in MB, and (seconds, MB) samples if requested."""
 
     seconds: float
     processor: float
@@ -36,7 +39,7 @@ def ran(
     Parameters
     ----------
     sample_every : seconds between samples of its resident memory; None takes none.
-    allowed : exit codes that are no failure.
+    allowed : exit codes that do not count as failures.
 
     Raises
     ------
@@ -76,12 +79,53 @@ def _resident_mb(pid: int) -> float:
         return 0.0
 
 
+class PeerProcess:
+    """A process of the peers' environment that is ready when its first line comes, and ends with its stdin.
+
+    Parameters
+    ----------
+    python : of that environment.
+    script : that it runs, of ours, with these arguments.
+    """
+
+    def __init__(self, python: Path, script: Path, *arguments: object) -> None:
+        self._process = subprocess.Popen(
+            [str(python), str(script), *map(str, arguments)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=PEER_ENVIRONMENT,
+        )  # fmt: skip
+        self.line()
+
+    def send(self, data: bytes) -> None:
+        """Write to its stdin."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(data)
+        self._process.stdin.flush()
+
+    def line(self) -> bytes:
+        """The next line of its stdout.  RuntimeError when it has stopped."""
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError("a peer stopped; is the peers' environment complete?")
+        return line
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        self._process.stdout.close()
+        self._process.wait(timeout=30)
+
+
 def ffmpeg(*arguments: str | Path) -> Sequence[str | Path]:
-    """An ffmpeg command that replaces its output and says errors only."""
+    """An ffmpeg command that replaces its output and prints errors only."""
     return ("ffmpeg", "-nostdin", "-v", "error", "-y", *arguments)
 
 
 def looped(video: Path, seconds: float, output: Path) -> Path:
-    """A video repeated to a length without encoding it again."""
+    """A video repeated to a length without re-encoding."""
     ran(ffmpeg("-stream_loop", "-1", "-i", video, "-map", "0", "-c", "copy", "-t", f"{seconds:g}", output))
     return output

@@ -1,4 +1,4 @@
-"""What the benchmarks share: data, people, the machine's description, tables with targets.
+"""Shared by the benchmarks: data, people, the description of the machine, tables with targets.
 
 Pixels, x right, y down, pixel centres at integers; RGB 0..255.
 """
@@ -19,17 +19,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.landmarks import LbpDetector, interocular, load_annotations
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
 from guise.app.enrolment.enrol import LandmarkSource, enrol, landmark_file
 from guise.app.media import Frame, open_input
+from guise.common.arrays import F64 as F64
+from guise.common.arrays import U8
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Picture = NDArray[np.uint8]
+Picture = U8
 Sense = Literal["<=", ">=", "<", ">"]
 
 SHARED = Path(__file__).parents[2] / "shared"
@@ -72,15 +71,15 @@ def synthetic_clip(shared: Path, person: str, take: str = "talk") -> Clip:
 
 
 def synthetic_people(shared: Path) -> list[str]:
-    """Names of the synthetic people that are there."""
+    """Names of the available synthetic people."""
     folder = shared / "data" / "synthetic" / "people"
     return sorted(p.parent.name for p in folder.glob("*/talk.mp4"))
 
 
 def frames(clip: Clip) -> Iterator[Frame]:
     """The clip's frames, in order."""
-    with open_input(clip.video) as source:
-        yield from source
+    with open_input(clip.video) as media:
+        yield from media
 
 
 def enrolled(clip: Clip, share: float = 1.0) -> Identity:
@@ -99,7 +98,7 @@ def detector() -> LbpDetector:
 
 
 def shape_of(fit: object) -> F64 | None:
-    """The shape of a fit, or None of a failure."""
+    """The shape of a fit, or None for a failure."""
     return fit.shape if isinstance(fit, Fit) else None
 
 
@@ -203,7 +202,7 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> 
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, load, Python, libraries and revision that the figures were taken with."""
+    """Processor, cores, load, Python, libraries and revision with which the figures were taken."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -246,23 +245,23 @@ def arguments(description: str | None) -> argparse.ArgumentParser:
     """The options that every benchmark has."""
     parser = argparse.ArgumentParser(description=(description or "").split("\n")[0])
     parser.add_argument("--shared", type=Path, default=SHARED, help="folder that holds data/ and models/")
-    parser.add_argument("--json", type=Path, help="write the figures here too")
-    parser.add_argument("--quick", action="store_true", help="a part of the work only, to try the script")
+    parser.add_argument("--json", type=Path, help="also write the figures here")
+    parser.add_argument("--quick", action="store_true", help="do only part of the work, to check the script")
     return parser
 
 
 def with_peers(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """Adds where the peers are installed."""
+    """Add the option for the peers' environment."""
     parser.add_argument("--peers-python", type=Path, help="Python of the peers' environment, see README.md")
     return parser
 
 
 def run(measure: Callable[[argparse.Namespace], Report], parser: argparse.ArgumentParser) -> None:
-    """Measure, print, and write the JSON file if one is asked for."""
+    """Measure, print, and write the JSON file if requested."""
     options = parser.parse_args()
     report = measure(options)
     if options.quick:
-        report.notes.append("Quick run: not the figures to quote.")
+        report.notes.append("Quick run: do not quote these figures.")
     print(report.markdown())
     if options.json:
         options.json.parent.mkdir(parents=True, exist_ok=True)
@@ -271,5 +270,5 @@ def run(measure: Callable[[argparse.Namespace], Report], parser: argparse.Argume
 
 
 def say(text: str) -> None:
-    """Progress for whoever waits."""
+    """Print progress on stderr."""
     print(text, file=sys.stderr, flush=True)

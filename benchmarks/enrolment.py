@@ -1,6 +1,6 @@
 """Enrolment of 20 s clips by the command: wall time of the whole process, and its peak resident memory.
 
-The landmarks are given.  One clip is 20 s long as it is; the other is 720p, repeated to 20 s.
+The landmarks are given.  One clip is 20 s long; the other is 720p, repeated to 20 s.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from benchmarks.children import GUISE, Ran, looped, ran
 from benchmarks.common import Clip, Criterion, Report, Table
 
 NATIVE, LOOPED = "address_o1", "room_s18"
-SECONDS = 20.0
+CLIP_SECONDS = 20.0
 ROUNDS = 3
 
 
 def prepared(clip: Clip, folder: Path) -> tuple[Path, Path, int]:
     """A 20 s video, its landmark file and the number of its frames."""
-    video = looped(clip.video, SECONDS, folder / f"{clip.name}.mp4")
+    video = looped(clip.video, CLIP_SECONDS, folder / f"{clip.name}.mp4")
     count = sum(1 for _ in common.frames(Clip(clip.name, video, clip.points)))
     file = folder / f"{clip.name}.landmarks.npz"
     np.savez(file, face81=clip.points[np.arange(count) % len(clip.points)].astype(np.float32))
@@ -31,7 +31,7 @@ def prepared(clip: Clip, folder: Path) -> tuple[Path, Path, int]:
 
 
 def enrolments(video: Path, landmarks: Path, rounds: int) -> list[Ran]:
-    """The command, some times."""
+    """Repeated runs of the command."""
     output = video.with_suffix(".guise")
     command = (*GUISE, "enroll", video, "--landmarks", landmarks, "-o", output, "--quiet", "--force")
     return [ran(command) for _ in range(rounds)]

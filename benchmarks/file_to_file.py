@@ -1,4 +1,4 @@
-"""File to file: a 720p clip with sound swapped by the command, beside ffmpeg's transcoding and beside deface.
+"""File to file: a 720p clip with sound swapped by the command, compared with ffmpeg's transcoding and with deface.
 
 All write H.264; Guise and ffmpeg use libx264, preset veryfast, crf 20, and copy the sound; both models are given.
 Times are wall times of whole processes, start-up included.  Guise and ffmpeg alternate, and their ratio is the median

@@ -28,15 +28,15 @@ from guise.render.compositor import Renderer
 CLIP, DONOR = "room_s18", "studio_d7"
 RENDERERS: tuple[Renderer, ...] = ("gl", "cpu")
 PASSES = 5
-RUN = 40  # frames decoded ahead
-WARM_UP = 5
+DECODED_AHEAD = 40  # frames decoded ahead
+WARM_UP_FRAMES = 5
 
 
 def in_runs(video: Path) -> Iterator[Frame]:
     """Every frame, decoded some at a time."""
     with open_input(video) as source:
         frames = iter(source)
-        while run := list(islice(frames, RUN)):
+        while run := list(islice(frames, DECODED_AHEAD)):
             while run:
                 yield run.pop(0)
 
@@ -51,7 +51,7 @@ def times(clip: Clip, source: Identity, donor: Identity, renderer: Renderer) -> 
             seconds = time.perf_counter() - start
             if result.outcome == "swapped":
                 taken.append(1e3 * seconds)
-        return np.array(taken[WARM_UP:]), engine.painter.renderer
+        return np.array(taken[WARM_UP_FRAMES:]), engine.painter.renderer
 
 
 def measure(options: argparse.Namespace) -> Report:

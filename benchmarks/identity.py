@@ -16,11 +16,12 @@ import numpy as np
 import onnxruntime as ort
 
 from benchmarks import common
-from benchmarks.common import F32, F64, Clip, Criterion, Picture, Report, Table
+from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, MOUTH_CORNERS, NOSE_TIP, RIGHT_EYE
 from guise.aam.model import Identity
 from guise.aam.similarity import Similarity, align
 from guise.app.swapping.engine import Engine
+from guise.common.arrays import F32
 
 # (video, donor): across sex, skin, age and light; chosen before the first figure was seen, and kept.
 PAIRS = (
@@ -31,7 +32,7 @@ PAIRS = (
     ("talk_r2", "talk_r1"),
     ("studio_d5", "webcam_a1"),
 )
-JUDGED = 20
+COMPARED_FRAMES = 20
 TEMPLATE = np.array([[38.29, 51.70], [73.53, 51.50], [56.03, 71.74], [41.55, 92.37], [70.73, 92.20]])
 SHEET_FRAMES, SHEET_HEIGHT = 6, 420
 
@@ -138,9 +139,9 @@ def judge(
     clip: Clip, donor_clip: Clip, people: dict[str, Identity], recognise: Recogniser, sheet: Path | None
 ) -> PairResult:
     """Swap one pair and compare."""
-    every = spread(len(clip.points), 2 * JUDGED)
+    every = spread(len(clip.points), 2 * COMPARED_FRAMES)
     own = person(clip, set(every[1::2]), recognise)
-    theirs = person(donor_clip, set(spread(len(donor_clip.points), JUDGED)), recognise)
+    theirs = person(donor_clip, set(spread(len(donor_clip.points), COMPARED_FRAMES)), recognise)
     judged, outcomes = swapped(clip, people[clip.name], people[donor_clip.name], set(every[::2]))
     after = np.array([recognise(j.swapped, j.shape) for j in judged])
     before = np.array([recognise(j.original, j.shape) for j in judged])
@@ -185,7 +186,7 @@ def summary(pairs: tuple[tuple[str, str], ...], results: list[PairResult]) -> Re
             Criterion("mean similarity to the source", source, "<=", 0.15),
             Criterion("mean similarity to the donor", donor, ">=", 0.60),
         ],
-        [Table(f"Cosine similarity, mean over {JUDGED} frames", columns, rows)],
+        [Table(f"Cosine similarity, mean over {COMPARED_FRAMES} frames", columns, rows)],
     )
 
 

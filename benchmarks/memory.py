@@ -18,14 +18,14 @@ from benchmarks.children import GUISE, Ran, looped, ran
 from benchmarks.common import Criterion, Report, Table
 
 CLIP, DONOR = "room_s18", "studio_d7"
-EVERY = 0.5  # seconds
+SAMPLE_SECONDS = 0.5  # seconds
 DEFAULT_PRESET_MINUTES = 1.0
 
 
 def swapped(video: Path, models: tuple[Path, Path], preset: str) -> Ran:
     """One run of the command, with samples."""
     given = ("--source", models[0], "--identity", models[1], "--preset", preset, "--quiet", "--force")
-    return ran((*GUISE, "swap", video, *given, "-o", video.with_name("out.mp4")), EVERY)
+    return ran((*GUISE, "swap", video, *given, "-o", video.with_name("out.mp4")), SAMPLE_SECONDS)
 
 
 def fifth(run: Ran, number: int) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from mediapipe.tasks import python as tasks
 from mediapipe.tasks.python import vision
 
-STEP = 33  # milliseconds from frame to frame
+FRAME_MILLISECONDS = 33  # milliseconds from frame to frame
 
 
 def main() -> None:
@@ -32,7 +32,7 @@ def main() -> None:
             times, found = [], 0
             for frame in frames:
                 picture = mp.Image(image_format=mp.ImageFormat.SRGB, data=np.ascontiguousarray(frame))
-                clock += STEP
+                clock += FRAME_MILLISECONDS
                 start = time.perf_counter()
                 answer = landmarker.detect_for_video(picture, clock)
                 times.append(1e3 * (time.perf_counter() - start))

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from benchmarks import common
-from benchmarks.common import F32, Criterion, Report, Table
+from benchmarks.common import Criterion, Report, Table
 from guise.aam.appearance import sample_texture
 from guise.aam.landmarks import Landmarker, open_landmarker, track_video
 from guise.aam.model import Identity
@@ -34,6 +34,7 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import LandmarkSource, enrol
 from guise.app.media import open_input
+from guise.common.arrays import F32
 
 OPTIONS = TrainingOptions(frames=48)
 # Clips of one person under different names.

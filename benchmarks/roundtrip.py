@@ -2,7 +2,7 @@
 
 PSNR of RGB between the original and the swapped frame over the pixels whose blending weight exceeds 0.5 (the shared
 mask, feathered and drawn by the mesh of that frame), from the squared error pooled over all frames.  The landmark
-shift is told twice: between the tracked shape and the mesh that was drawn, and between the shapes tracked in the
+shift is reported twice: between the tracked shape and the mesh that was drawn, and between the shapes tracked in the
 original and in the swapped frames.
 """
 

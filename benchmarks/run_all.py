@@ -1,6 +1,6 @@
 """Run every benchmark, one after the other, and write the figures as Markdown and JSON into a folder.
 
-Each runs in its own process, so that thread counts and memory are its own.  One that fails is told and the rest go on.
+Each runs in its own process, with its own threads and memory.  One that fails is reported, and the rest continue.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LANDMARKS = (
     "landmarks.real_clips",
     "landmarks.small_faces",
     "landmarks.rendered",
-    "landmarks.steadiness",
+    "landmarks.jitter",
     "landmarks.speed",
     "landmarks.footprint",
     "landmarks.false_faces",

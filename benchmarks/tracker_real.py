@@ -1,12 +1,12 @@
-"""Tracker on real footage: enrolled on the first third of a clip, tracked through the rest.
+"""Tracker on real footage: enrolled on the first third of a clip, tracked in the rest.
 
-Errors are to the given landmarks, which are another tracker's answers and not the truth: mean distance over all 81,
-in % of the inter-ocular distance, of frames that have landmarks.  A frame is lost when it has landmarks and the
-tracker gives nothing.
+Errors are relative to the given landmarks, which are another tracker's output and not ground truth: mean distance over
+all 81, in % of the inter-ocular distance, of frames that have landmarks.  A frame is lost when it has landmarks and
+the tracker returns none.
 
 Jitter is the root mean square, over points and frames, of the second difference of the points in time, in % of the
-inter-ocular distance, on still stretches: frames around which the given landmarks, averaged over seven frames, move by
-less than 0.15 % per frame.  Both trackers are judged on the same frames.
+inter-ocular distance, where the face is still: frames around which the given landmarks, averaged over seven frames,
+move by less than 0.15 % per frame.  Both trackers are compared on the same frames.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from benchmarks.tracker_synthetic import percent_errors, tracked
 from guise.aam.landmarks.schemes import INNER51
 
 CLIPS = ("franck", "webcam_a1", "studio_d6", "address_o1", "phone_d13", "studio_d3", "address_o3", "room_s18")
-SHARE = 1 / 3
-WINDOW = 7
-STILL = 0.15  # % of the inter-ocular distance per frame
-FEWEST_STILL = 10  # frames, for jitter to be told
-PEOPLE = 4  # for whom the targets must be met
-ERROR, LOST = 3.5, 1.0  # %
+ENROLLED_SHARE = 1 / 3
+SMOOTHING_FRAMES = 7
+MAX_STILL_MOTION = 0.15  # % of the inter-ocular distance per frame
+MIN_STILL_FRAMES = 10  # from which jitter is reported
+MIN_PEOPLE = 4  # who must meet the targets
+MAX_ERROR, MAX_LOST = 3.5, 1.0  # %
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Result:
     @property
     def right(self) -> bool:
         """Whether this clip alone reaches the targets for error and loss."""
-        return self.error <= ERROR and self.lost <= LOST
+        return self.error <= MAX_ERROR and self.lost <= MAX_LOST
 
     @property
     def ratio(self) -> float:
@@ -57,14 +57,14 @@ class Result:
 
 
 def still_frames(points: F64, interocular: F64) -> NDArray[np.bool_]:
-    """(t,) bool: where smoothed points (t, n, 2) hardly move; never near a frame without landmarks."""
-    half = WINDOW // 2
+    """(t,) bool: where smoothed points (t, n, 2) hardly move; never beside a frame without landmarks."""
+    half = SMOOTHING_FRAMES // 2
     still = np.zeros(len(points), bool)
-    kernel = np.ones(WINDOW) / WINDOW
+    kernel = np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES
     smooth = np.apply_along_axis(lambda v: np.convolve(v, kernel, "valid"), 0, points)
     step = np.linalg.norm(np.diff(smooth, axis=0), axis=2).mean(1)  # step k: from frame k + half to the next
-    calm = 100 * step / interocular[half : half + len(step)] < STILL
-    still[half + 1 : half + len(calm)] = calm[:-1] & calm[1:]
+    is_still = 100 * step / interocular[half : half + len(step)] < MAX_STILL_MOTION
+    still[half + 1 : half + len(is_still)] = is_still[:-1] & is_still[1:]
     return still
 
 
@@ -77,8 +77,8 @@ def jitter(points: F64, interocular: F64, chosen: NDArray[np.bool_]) -> float:
 
 def result(clip: Clip) -> Result:
     """Enrol, track and compare one clip."""
-    first = round(SHARE * len(clip.points))
-    shapes = tracked(clip, clip, SHARE, first)
+    first = round(ENROLLED_SHARE * len(clip.points))
+    shapes = tracked(clip, clip, ENROLLED_SHARE, first)
     errors = percent_errors(shapes, clip)[first:]
     known = np.isfinite(clip.points[first:]).all((1, 2))
     found = known & np.isfinite(errors).all(1)
@@ -87,8 +87,8 @@ def result(clip: Clip) -> Result:
     steady = np.zeros(len(whole), bool)
     steady[1:-1] = whole[:-2] & whole[1:-1] & whole[2:]
     chosen = still_frames(clip.points, clip.interocular) & steady
-    told = chosen.sum() >= FEWEST_STILL
-    values = [jitter(p, clip.interocular, chosen) if told else float("nan") for p in (shapes, clip.points)]
+    enough = chosen.sum() >= MIN_STILL_FRAMES
+    values = [jitter(p, clip.interocular, chosen) if enough else float("nan") for p in (shapes, clip.points)]
     lost = 100 * float((known & ~found).sum() / known.sum())
     error, p95 = float(each.mean()), float(np.quantile(each, 0.95))
     return Result(
@@ -124,16 +124,19 @@ def measure(options: argparse.Namespace) -> Report:
 
 def criteria(results: list[Result]) -> list[Criterion]:
     """Targets for each person, and for the mean of all; jitter only of clips that hold still."""
-    told = [r.ratio for r in results if np.isfinite(r.ratio)] or [float("nan")]
-    people = min(PEOPLE, len(results))
+    ratios = [r.ratio for r in results if np.isfinite(r.ratio)] or [float("nan")]
+    people = min(MIN_PEOPLE, len(results))
     return [
         Criterion(
-            f"clips with error <= {ERROR} % and loss <= {LOST} %", sum(r.right for r in results), ">=", people
+            f"clips with error <= {MAX_ERROR} % and loss <= {MAX_LOST} %",
+            sum(r.right for r in results),
+            ">=",
+            people,
         ),
-        Criterion("mean error, all clips", float(np.mean([r.error for r in results])), "<=", ERROR, "%"),
-        Criterion("frames lost, all clips", float(np.mean([r.lost for r in results])), "<=", LOST, "%"),
-        Criterion("jitter over the landmarks' own, mean of clips", float(np.mean(told)), "<", 1.0),
-        Criterion("the same, worst clip", float(np.max(told)), "<", 1.0),
+        Criterion("mean error, all clips", float(np.mean([r.error for r in results])), "<=", MAX_ERROR, "%"),
+        Criterion("frames lost, all clips", float(np.mean([r.lost for r in results])), "<=", MAX_LOST, "%"),
+        Criterion("jitter over the landmarks' own, mean of clips", float(np.mean(ratios)), "<", 1.0),
+        Criterion("the same, worst clip", float(np.max(ratios)), "<", 1.0),
     ]
 
 

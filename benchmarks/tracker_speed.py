@@ -1,7 +1,7 @@
-"""Tracker speed per frame, one thread, beside MediaPipe's Face Landmarker in the same run.
+"""Tracker time per frame on one thread, compared with MediaPipe's Face Landmarker in the same run.
 
 Both see the same frames of a 720p clip, decoded beforehand; passes alternate, and figures are medians over all frames
-of all passes but the first.  Guise follows its person on one thread; MediaPipe uses as many threads as it likes.
+of all passes but the first.  Guise tracks its person on one thread; MediaPipe uses as many threads as it chooses.
 """
 
 from __future__ import annotations
@@ -13,16 +13,14 @@ if __name__ == "__main__":
 
 import argparse
 import json
-import subprocess
 import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from benchmarks import common
+from benchmarks.children import PeerProcess
 from benchmarks.common import F64, Criterion, Picture, Report, Table
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
@@ -30,44 +28,17 @@ from guise.aam.person_tracker import PersonTracker
 CLIP = "room_s18"
 FRAMES = 90
 PASSES = 6
-QUIET = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "PATH": "/usr/bin:/bin"}
+PEER_SCRIPT = Path(__file__).with_name("peer_mediapipe.py")
 
 
-class MediaPipe:
-    """A process of the peers' environment that waits for passes."""
-
-    def __init__(self, python: Path, model: Path, frames: Path) -> None:
-        script = Path(__file__).with_name("peer_mediapipe.py")
-        self._process = subprocess.Popen(
-            [str(python), str(script), str(model), str(frames)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=QUIET,
-        )  # fmt: skip
-        self._answer()
-
-    def _answer(self) -> str:
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline()
-        if not line:
-            raise RuntimeError("MediaPipe did not start; is the peers' environment complete?")
-        return line
+class MediaPipe(PeerProcess):
+    """MediaPipe, which waits for passes."""
 
     def once(self) -> tuple[F64, int]:
         """Milliseconds of every frame, and in how many a face was found."""
-        assert self._process.stdin is not None
-        self._process.stdin.write("go\n")
-        self._process.stdin.flush()
-        answer = json.loads(self._answer())
+        self.send(b"go\n")
+        answer = json.loads(self.line())
         return np.array(answer["ms"]), int(answer["found"])
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        self._process.wait(timeout=30)
 
 
 def ours(person: Identity, lumas: list[Picture]) -> tuple[F64, int]:
@@ -103,7 +74,7 @@ def measure(options: argparse.Namespace) -> Report:
             mine = [ours(person, lumas) for _ in range(PASSES)]
         else:
             with MediaPipe(
-                options.peers_python, options.shared / "models" / "face_landmarker.task", file
+                options.peers_python, PEER_SCRIPT, options.shared / "models" / "face_landmarker.task", file
             ) as peer:
                 for _ in range(2 if options.quick else PASSES):
                     mine.append(ours(person, lumas))

@@ -1,4 +1,4 @@
-"""Tracker accuracy on rendered people: enrolled on the first clip, tracked through the second against exact truth.
+"""Tracker accuracy on rendered people: enrolled on the first clip, tracked in the second, against ground truth.
 
 The error is the mean distance over all 81 landmarks in % of the true inter-ocular distance (outer eye corners).
 """

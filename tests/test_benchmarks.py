@@ -94,8 +94,8 @@ def test_recogniser_sees_the_template_where_the_face_is() -> None:
 
 
 def test_judged_and_enrolled_frames_of_a_person_differ() -> None:
-    every = identity.spread(282, 2 * identity.JUDGED)
-    assert len(every) == 2 * identity.JUDGED
+    every = identity.spread(282, 2 * identity.COMPARED_FRAMES)
+    assert len(every) == 2 * identity.COMPARED_FRAMES
     assert not set(every[::2]) & set(every[1::2])
 
 

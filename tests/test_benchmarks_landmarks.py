@@ -11,7 +11,8 @@ import pytest
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
 from benchmarks import run_all
-from benchmarks.landmarks import annotated, false_faces, metrics, rendered, small_faces, steadiness
+from benchmarks.landmarks import annotated, false_faces, metrics, rendered, small_faces
+from benchmarks.landmarks import jitter as jitter_benchmark
 from benchmarks.landmarks.mediapipe_mesh import FACE81, face81
 from benchmarks.landmarks.stills import at_faces, own_faces
 from guise.aam.landmarks import Face
@@ -220,11 +221,11 @@ def test_groups_divide_the_people() -> None:
 
 def test_picture_motion_sees_a_shift_and_not_a_still() -> None:
     rng = np.random.default_rng(0)
-    size = steadiness.FLOW_SIZE
+    size = jitter_benchmark.FLOW_SIZE
     big = cv2.resize(rng.uniform(0, 255, (20, 20)), (2 * size, 2 * size), interpolation=cv2.INTER_CUBIC)
     big = np.clip(big, 0, 255).astype(np.uint8)
-    still = steadiness.picture_motion(iter([big[:size, :size].copy()] * 9))
-    moving = steadiness.picture_motion(iter([big[:size, k : k + size].copy() for k in range(9)]))
+    still = jitter_benchmark.picture_motion(iter([big[:size, :size].copy()] * 9))
+    moving = jitter_benchmark.picture_motion(iter([big[:size, k : k + size].copy() for k in range(9)]))
     assert len(still) == len(moving) == 9
     assert np.nanmax(still) < 0.1
     assert np.nanmin(moving) > 3  # six pixels between the ends of the span

@@ -69,8 +69,9 @@ def anchors(page: Path) -> set[str]:
 def test_python_on_the_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sample_videos").symlink_to(ROOT / "sample_videos")
+    names: dict[str, Any] = {"__name__": "docs"}  # the blocks of a page follow each other
     for block in blocks(page, "python"):
-        exec(compile(block, str(page), "exec"), {"__name__": "docs"})
+        exec(compile(block, str(page), "exec"), names)
 
 
 @pytest.mark.parametrize("line", command_lines())

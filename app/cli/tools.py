@@ -11,14 +11,14 @@ from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import Force, Json, Quiet
 from guise.app.cli.video import say_report
 
+Samples = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="A folder with the sample people; default: those that come with Guise."),
+]
+
 
 def demo(
-    samples: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="A folder with the sample people; default: those that come with Guise."
-        ),
-    ] = None,
+    samples: Samples = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="The folder for the files.")
     ] = Path("guise-demo"),
@@ -68,12 +68,7 @@ def bench(
             metavar="NAME.guise", help="Model of the face that is shown; default: the same person's."
         ),
     ] = None,
-    samples: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="A folder with the sample people; default: those that come with Guise."
-        ),
-    ] = None,
+    samples: Samples = None,
     frames: Annotated[int, typer.Option(min=20, help="Number of frames to measure.")] = 150,
     quiet: Quiet = False,
     json: Json = False,

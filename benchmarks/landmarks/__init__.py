@@ -1,1 +1,1 @@
-"""Benchmarks of landmarkers: accuracy, finding, steadiness, speed, size and confidence, beside their peers."""
+"""Benchmarks of landmarkers: accuracy, detection rate, jitter, speed, size and confidence, compared with peers."""

@@ -37,14 +37,14 @@ from guise.aam.landmarks.schemes import IBUG68
 from training import definitions
 
 NAME, TITLE = "landmarks.calibration", "Calibration of the confidence"
-RIGHT = 5.0  # %, the mean error below which a face is right
-EDGES = np.array([0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0])
+MAX_CORRECT_ERROR = 5.0  # %, the mean error below which a face is right
+BIN_EDGES = np.array([0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0])
 PICTURES = 400
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Confidences (n,) and mean errors (n,) in %; `known` faces were there, n of them told."""
+    """Confidences (n,) and mean errors (n,) in %; `known` faces were there, n of them found."""
 
     confidence: F64
     error: F64
@@ -53,7 +53,7 @@ class Judged:
     @property
     def right(self) -> Bools:
         """Which are right (n,)."""
-        return np.asarray(self.error < RIGHT)
+        return np.asarray(self.error < MAX_CORRECT_ERROR)
 
     def __add__(self, other: Judged) -> Judged:
         """Both together."""
@@ -63,8 +63,8 @@ class Judged:
         )  # fmt: skip
 
 
-def told(landmarker: Any, rgb: Picture, boxes: F64, count: int) -> tuple[F64, F64]:
-    """Confidences (n,) and points (n, count, 2) of the faces told on boxes (n, 4), NaN where none is."""
+def predicted(landmarker: Any, rgb: Picture, boxes: F64, count: int) -> tuple[F64, F64]:
+    """Confidences (n,) and points (n, count, 2) of the faces found on boxes (n, 4), NaN where none is."""
     faces = landmarker.detect(rgb)
     points, confidence = np.full((len(boxes), count, 2), np.nan), np.full(len(boxes), np.nan)
     for index, match in enumerate(matches(setting.boxes_of(setting.points_of(faces)), boxes)):
@@ -75,7 +75,7 @@ def told(landmarker: Any, rgb: Picture, boxes: F64, count: int) -> tuple[F64, F6
 
 def of_stills(landmarker: Any, pictures: list[Still]) -> Judged:
     """Of a data set."""
-    rows = [told(landmarker, still.rgb(), still.boxes, 68) for still in pictures]
+    rows = [predicted(landmarker, still.rgb(), still.boxes, 68) for still in pictures]
     confidence, points = (np.concatenate(column) for column in zip(*rows, strict=True))
     error = face_errors(offset_removed_errors(points, np.concatenate([still.points for still in pictures])))
     there = np.isfinite(confidence) & np.isfinite(error)
@@ -89,7 +89,7 @@ def of_parts(
     rng = np.random.default_rng(5)
     confidence, error, known = [], [], 0
     for one in pictures:
-        sure, points = told(landmarker, harden(one, rng), setting.boxes_of(one.points[:, IBUG68]), 81)
+        sure, points = predicted(landmarker, harden(one, rng), setting.boxes_of(one.points[:, IBUG68]), 81)
         known += 1
         if np.isfinite(sure[0]):
             confidence.append(float(sure[0]))
@@ -153,7 +153,7 @@ def measure(options: argparse.Namespace) -> Report:
         real.append(judged[name])
     if options.parts:
         pictures = held_out(options.parts, 40 if options.quick else options.pictures)
-        defined = definitions.aligned(pictures.points, *definitions.shipped("rendered"))
+        defined = definitions.align_labels(pictures.points, *definitions.load_alignment("rendered"))
         pictures = replace(pictures, points=defined)
         for name, harden in HARDER.items():
             judged[f"parts, {name}"] = of_parts(landmarker, part_pictures(pictures), harden)
@@ -179,17 +179,17 @@ def overview(judged: dict[str, Judged]) -> Table:
     rows = []
     for name, j in judged.items():
         share = mean_of(j.right.astype(float))
-        error = calibration_error(j.confidence, j.right, EDGES)
+        error = calibration_error(j.confidence, j.right, BIN_EDGES)
         score, order = brier(j.confidence, j.right), ranking(j.confidence, j.right)
         rows.append((name, j.known, len(j.error), mean_of(j.confidence), share, score, error, order))
-    return Table(f"Each set; right is a mean error under {RIGHT:g} %", columns, rows)
+    return Table(f"Each set; right is a mean error under {MAX_CORRECT_ERROR:g} %", columns, rows)
 
 
 def bins(name: str, judged: Judged) -> Table:
     """Predicted probability against observed share."""
     rows = [
         (f"{low:g} to {high:g}", *rest)
-        for low, high, *rest in reliability(judged.confidence, judged.right, EDGES)
+        for low, high, *rest in reliability(judged.confidence, judged.right, BIN_EDGES)
     ]
     return Table(f"Reliability, all {name}", ("confidence", "faces", "mean confidence", "share right"), rows)
 

@@ -164,13 +164,13 @@ def measure(options: argparse.Namespace) -> Report:
     for number, (kind, rgb) in enumerate(faceless(options.shared, 50 if options.quick else PICTURES)):
         faces = landmarker.detect(rgb)
         boxes = 0 if detector is None else len(detector.detect(rgb))
-        told = (1, boxes, len(faces), len(setting.sure(faces)))
-        counts[kind] = [a + b for a, b in zip(counts.get(kind, [0] * 4), told, strict=True)]
+        counted = (1, boxes, len(faces), len(setting.sure(faces)))
+        counts[kind] = [a + b for a, b in zip(counts.get(kind, [0] * 4), counted, strict=True)]
         for face in faces:
             if face.confidence > most:
                 most, worst = face.confidence, f"picture {number}, {kind}"
-        if told[3]:
-            common.say(f"picture {number}, {kind}: {told[3]} false")
+        if counted[3]:
+            common.say(f"picture {number}, {kind}: {counted[3]} false")
     false = sum(row[3] for row in counts.values())
     report = Report(NAME, TITLE)
     total = sum(row[0] for row in counts.values())

@@ -1,9 +1,9 @@
 """Size of the weights that the package holds, and the time to the first face in a fresh process.
 
 The time is from the first line of a new Python process on: import, opening the landmarker, and finding the faces of a
-720p frame; starting Python itself comes on top and is told apart.  One thread; the first process, which may read from
-a cold disk, is thrown away.  The target is judged by processor time, which other load on the machine hardly changes;
-the time on the clock stands beside it.
+720p frame; starting Python itself is reported separately.  One thread; the first process, which may read from a cold
+disk, is discarded.  The target applies to processor time, which other load on the machine hardly changes; wall time is
+reported beside it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is computed from points, boxes and confidences.  Pixels, x right, y down; iBUG-68 order; NaN where missing."""
+"""Metrics of points, boxes and confidences.  Pixels, x right, y down; iBUG-68 order; NaN where missing."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 
 Bools = NDArray[np.bool_]
 
-FAILURE = 10.0  # %, a face with a larger error is a failure
-MATCH = 0.3  # overlap of boxes from which they are one face
+FAILURE_ERROR = 10.0  # %, a face with a larger error is a failure
+MIN_MATCH_IOU = 0.3  # of boxes, from which they are one face
 
 
 # -- points ---------------------------------------------------------------------------------------------------
@@ -38,7 +38,7 @@ def offset_removed_errors(found: F64, truth: F64) -> F64:
     """Errors (n, p) as :func:`percent_errors` after each point's mean residual is taken off, two-fold.
 
     Schemes put a point of the same name to other places.  The mean of the first half of the faces is taken off the
-    second half and the other way round; with fewer than two faces found in a half nothing is told (NaN).
+    second half and the other way round; with fewer than two faces found in a half the result is NaN.
     """
     residual = eye_frame_residuals(found, truth)
     errors = np.full(residual.shape, np.nan)
@@ -51,7 +51,7 @@ def offset_removed_errors(found: F64, truth: F64) -> F64:
 
 
 def face_errors(errors: F64, points: slice = slice(None)) -> F64:
-    """Mean (n,) of errors (n, p) over the points that are told; NaN for faces without any."""
+    """Mean (n,) of errors (n, p) over the points that are known; NaN for faces without any."""
     chosen = errors[:, points]
     known = np.isfinite(chosen)
     total = np.where(known, chosen, 0).sum(1)
@@ -59,9 +59,9 @@ def face_errors(errors: F64, points: slice = slice(None)) -> F64:
 
 
 def mean_of(values: F64) -> float:
-    """Mean of those that are told; NaN of none."""
-    told = np.asarray(values)[np.isfinite(values)]
-    return float(told.mean()) if told.size else float("nan")
+    """Mean of the finite values; NaN if there are none."""
+    finite = np.asarray(values)[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else float("nan")
 
 
 @dataclass(frozen=True)
@@ -92,20 +92,20 @@ def accuracy(found: F64, truth: F64) -> Accuracy:
     return Accuracy(
         len(truth), mean_of(each), mean_of(face_errors(raw, INNER51)),
         mean_of(face_errors(removed)), mean_of(face_errors(removed, INNER51)),
-        int((each > FAILURE).sum()), int(np.isnan(each).sum()),
+        int((each > FAILURE_ERROR).sum()), int(np.isnan(each).sum()),
     )  # fmt: skip
 
 
 # -- boxes ----------------------------------------------------------------------------------------------------
 
 
-def matches(found: F64, wanted: F64, least: float = MATCH) -> list[int | None]:
-    """For each wanted box (n, 4) the found one (m, 4) that is the same face, by largest overlap first, or None."""
+def matches(found: F64, wanted: F64, min_iou: float = MIN_MATCH_IOU) -> list[int | None]:
+    """For each wanted box (n, 4) the found one (m, 4) that is the same face, by largest IoU first, or None."""
     pairs = [(iou(f, w), j, i) for i, f in enumerate(found) for j, w in enumerate(wanted)]
     answer: list[int | None] = [None] * len(wanted)
     used: set[int] = set()
-    for share, j, i in sorted(pairs, key=lambda pair: -pair[0]):
-        if share >= least and answer[j] is None and i not in used:
+    for overlap, j, i in sorted(pairs, key=lambda pair: -pair[0]):
+        if overlap >= min_iou and answer[j] is None and i not in used:
             answer[j] = i
             used.add(i)
     return answer
@@ -117,17 +117,17 @@ def matches(found: F64, wanted: F64, least: float = MATCH) -> list[int | None]:
 def motion(points: F64, eyes: F64, order: int) -> F64:
     """Size (t,) of the first or second difference in time of points (t, p, 2): root mean square over the points.
 
-    In % of eyes (t,), pixels.  Told at the later (first) or middle (second) frame, NaN where a frame is missing.
+    In % of eyes (t,), pixels.  Given at the later (first) or middle (second) frame, NaN where a frame is missing.
     """
     size = np.full(len(points), np.nan)
     difference = np.diff(points, n=order, axis=0)
-    told = np.sqrt((difference**2).sum(2).mean(1))
-    size[1 : 1 + len(told)] = 100 * told / eyes[1 : 1 + len(told)]
+    sizes = np.sqrt((difference**2).sum(2).mean(1))
+    size[1 : 1 + len(sizes)] = 100 * sizes / eyes[1 : 1 + len(sizes)]
     return size
 
 
 def root_mean_square(values: F64) -> float:
-    """Of those that are told; NaN of none."""
+    """Root mean square of the finite values; NaN if there are none."""
     return float(np.sqrt(mean_of(np.asarray(values) ** 2)))
 
 
@@ -139,8 +139,8 @@ def opening(points: F64, pairs: tuple[tuple[int, int], ...]) -> F64:
     )
 
 
-def lag(curve: F64, reference: F64, most: int = 5) -> float:
-    """Frames by which a curve (t,) comes after the reference: peak of their correlation, between frames.
+def lag(curve: F64, reference: F64, max_lag: int = 5) -> float:
+    """Frames by which a curve (t,) lags behind the reference: peak of their correlation, between frames.
 
     The peak of a parabola through the best whole shift and its neighbours; NaN when either does not vary or when
     the best shift is the largest tried.
@@ -150,14 +150,14 @@ def lag(curve: F64, reference: F64, most: int = 5) -> float:
     1.5
     """
     known = np.isfinite(curve) & np.isfinite(reference)
-    scores = np.array([_correlation(curve, reference, known, s) for s in range(-most, most + 1)])
+    scores = np.array([_correlation(curve, reference, known, s) for s in range(-max_lag, max_lag + 1)])
     if not np.isfinite(scores).all():
         return float("nan")
     best = int(scores.argmax())
-    if best in {0, 2 * most}:
+    if best in {0, 2 * max_lag}:
         return float("nan")
     before, peak, after = scores[best - 1 : best + 2]
-    return float(best - most + (before - after) / (2 * (before - 2 * peak + after)))
+    return float(best - max_lag + (before - after) / (2 * (before - 2 * peak + after)))
 
 
 def _correlation(curve: F64, reference: F64, known: Bools, shift: int) -> float:
@@ -182,7 +182,7 @@ def depth(curve: F64) -> float:
 
 
 def brier(confidence: F64, right: Bools) -> float:
-    """Mean squared difference of predicted probability (n,) and what came true (n,)."""
+    """Mean squared difference of predicted probability (n,) and outcome (n,)."""
     return float(np.mean((confidence - right) ** 2)) if len(confidence) else float("nan")
 
 

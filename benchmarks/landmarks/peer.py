@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 Find = Callable[[Any], list[Any]]
-STEP = 33  # milliseconds from frame to frame
-FACES = 20  # of a picture, at most; a video is searched for one
+FRAME_MILLISECONDS = 33  # milliseconds from frame to frame
+MAX_FACES = 20  # of a picture, at most; a video is searched for one
 
 
 def mediapipe(mode: str, path: str) -> Find:
@@ -32,14 +32,14 @@ def mediapipe(mode: str, path: str) -> Find:
     options = vision.FaceLandmarkerOptions(
         base_options=tasks.BaseOptions(model_asset_path=path),
         running_mode=vision.RunningMode.VIDEO if video else vision.RunningMode.IMAGE,
-        num_faces=1 if video else FACES,
+        num_faces=1 if video else MAX_FACES,
     )
     landmarker = vision.FaceLandmarker.create_from_options(options)
     clock = 0
 
     def find(rgb: np.ndarray[Any, Any]) -> list[Any]:
         nonlocal clock
-        clock += STEP
+        clock += FRAME_MILLISECONDS
         picture = mp.Image(image_format=mp.ImageFormat.SRGB, data=rgb)
         found = landmarker.detect_for_video(picture, clock) if video else landmarker.detect(picture)
         height, width = rgb.shape[:2]

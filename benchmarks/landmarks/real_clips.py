@@ -1,7 +1,7 @@
-"""Real clips: faces followed as the commands follow them, against the landmarks beside the clips.
+"""Real clips: faces tracked as the commands track them, against the landmarks beside the clips.
 
-Those are MediaPipe's answers, not the truth, and only frames that have them are counted.  A face is found when one
-that is followed overlaps the given one.  Errors are mean distances in % of the given distance between the outer eye
+Those are MediaPipe's output, not ground truth, and only frames that have them count.  A face is found when a tracked
+one overlaps the given one.  Errors are mean distances in % of the given distance between the outer eye
 corners, over the frames found.  Other faces are those that overlap no given one: false, or people whom MediaPipe did
 not see.
 """
@@ -45,7 +45,7 @@ class Result:
 
 
 def result(clip: RealClip, landmarker: Landmarker, count: int | None) -> Result:
-    """Follow one clip."""
+    """Track the faces of one clip."""
     tracker, points = MultiFaceTracker(landmarker), np.full(clip.points.shape, np.nan)
     other = 0
     for index, rgb in enumerate(clip.frames(count)):
@@ -63,10 +63,10 @@ def summary(clip: RealClip, points: F64, given: F64, other: int) -> Result:
     """Shares and errors of points (t, 81, 2), NaN where not found."""
     errors = percent_errors(points, given)
     each = face_errors(errors)
-    told = each[np.isfinite(each)]
-    p95 = float(np.quantile(told, 0.95)) if len(told) else float("nan")
+    finite = each[np.isfinite(each)]
+    p95 = float(np.quantile(finite, 0.95)) if len(finite) else float("nan")
     known = int(np.isfinite(given).all((1, 2)).sum())
-    return Result(clip, known, len(told), mean_of(each), mean_of(face_errors(errors, INNER51)), p95, other)
+    return Result(clip, known, len(finite), mean_of(each), mean_of(face_errors(errors, INNER51)), p95, other)
 
 
 def measure(options: argparse.Namespace) -> Report:

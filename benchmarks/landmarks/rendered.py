@@ -1,4 +1,4 @@
-"""Rendered people whom training has not seen, against exact truth: data/synthetic, and held-out parts with --parts.
+"""Rendered people not seen in training, against ground truth: data/synthetic, and held-out parts with --parts.
 
 Errors are mean distances to the true points in % of the true distance between the outer eye corners, over the faces
 found; hidden points count, and "visible" leaves them out.  The brows of data/synthetic are on the skin below the hair,
@@ -28,7 +28,7 @@ from guise.aam.landmarks.schemes import BELOW_BROWS, FOREHEAD, IBUG68, INNER51, 
 from training import definitions
 
 NAME, TITLE = "landmarks.rendered", "Landmarks on rendered people not seen in training"
-EVERY, PICTURES = 10, 1500
+FRAME_STEP, PICTURES = 10, 1500
 ANCESTRIES = ("caucasian", "african", "asian")
 NO_BROWS = np.r_[JAW, BELOW_BROWS, FOREHEAD]
 
@@ -53,9 +53,9 @@ class Found:
     @property
     def defined(self) -> Found:
         """The same with the truth in the landmarker's definition."""
-        jaw, move = definitions.shipped("rendered")
+        jaw, move = definitions.load_alignment("rendered")
         return replace(
-            self, truth=definitions.aligned(self.truth.astype(np.float32), jaw, move).astype(np.float64)
+            self, truth=definitions.align_labels(self.truth.astype(np.float32), jaw, move).astype(np.float64)
         )
 
     @property
@@ -71,11 +71,11 @@ class Found:
     def row(self) -> tuple[object, ...]:
         """Faces, found, errors of all, visible, without brows, inner points, 95th percentile."""
         errors, each = self.errors, self.each
-        told = each[np.isfinite(each)]
+        finite = each[np.isfinite(each)]
         return (
-            len(each), 100 * len(told) / max(len(each), 1), mean_of(each),
+            len(each), 100 * len(finite) / max(len(each), 1), mean_of(each),
             mean_of(face_errors(np.where(self.visible, errors, np.nan))), mean_of(face_errors(errors[:, NO_BROWS])),
-            mean_of(face_errors(errors, INNER51)), float(np.quantile(told, 0.95)) if len(told) else float("nan"),
+            mean_of(face_errors(errors, INNER51)), float(np.quantile(finite, 0.95)) if len(finite) else float("nan"),
         )  # fmt: skip
 
     def both(self) -> tuple[object, ...]:
@@ -84,7 +84,7 @@ class Found:
 
 
 def found_in(landmarker: Any, pictures: Iterable[Known], true_box: bool = False) -> Found:
-    """Search all pictures; faces of which most is hidden are not asked for."""
+    """Search all pictures; faces that are mostly hidden are left out."""
     points, truth, visible = [], [], []
     for known in pictures:
         asked = known.visible.mean(1) >= 0.5
@@ -211,15 +211,15 @@ def add_groups(report: Report, result: Found, pictures: Any) -> None:
     chosen = groups(pictures.attributes, pictures.attribute_names)
     rows = []
     for name, members in chosen.items():
-        told = each[members]
+        chosen = each[members]
         people = len(np.unique(pictures.person[members]))
         rows.append(
             (
                 name,
                 people,
-                len(told),
-                100 * float(np.isfinite(told).mean()) if len(told) else 0.0,
-                mean_of(told),
+                len(chosen),
+                100 * float(np.isfinite(chosen).mean()) if len(chosen) else 0.0,
+                mean_of(chosen),
             )
         )
     mean = mean_of(each)
@@ -234,7 +234,7 @@ def add_groups(report: Report, result: Found, pictures: Any) -> None:
 def parser() -> argparse.ArgumentParser:
     """The options."""
     made = setting.with_parts(setting.arguments(__doc__))
-    made.add_argument("--every", type=int, default=EVERY, help="take one frame of the clips in so many")
+    made.add_argument("--every", type=int, default=FRAME_STEP, help="take one frame of the clips in so many")
     made.add_argument("--pictures", type=int, default=PICTURES, help="about so many pictures of the parts")
     return made
 

@@ -16,9 +16,9 @@ from guise.aam.landmarks import Face, Landmarker, open_landmarker
 from guise.aam.landmarks.tracking import LIMITS
 
 # Faces of less confidence are not taken; what the trackers do by default.
-CONFIDENCE = LIMITS.min_confidence
+MIN_CONFIDENCE = LIMITS.min_confidence
 MEDIAPIPE = "face_landmarker.task"
-CENTERFACE = 0.5  # the score from which CenterFace's boxes count
+CENTERFACE_MIN_SCORE = 0.5  # the score from which CenterFace's boxes count
 
 
 def arguments(description: str | None) -> argparse.ArgumentParser:
@@ -71,4 +71,4 @@ def boxes_of(points: NDArray[Any]) -> F64:
 
 def sure(faces: list[Face]) -> list[Face]:
     """Those that the trackers would take."""
-    return [face for face in faces if face.confidence >= CONFIDENCE]
+    return [face for face in faces if face.confidence >= MIN_CONFIDENCE]

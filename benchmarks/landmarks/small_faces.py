@@ -24,7 +24,7 @@ from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.landmarks.tracking import MultiFaceTracker
 
 NAME, TITLE = "landmarks.small_faces", "Small and many faces"
-EVERY = 3
+FRAME_STEP = 3
 
 
 @dataclass
@@ -172,7 +172,7 @@ def crowd_table(crowds: dict[str, Crowd]) -> Table:
 def parser() -> argparse.ArgumentParser:
     """The options."""
     made = setting.arguments(__doc__)
-    made.add_argument("--every", type=int, default=EVERY, help="take one frame in so many")
+    made.add_argument("--every", type=int, default=FRAME_STEP, help="take one frame in so many")
     return made
 
 

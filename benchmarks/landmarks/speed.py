@@ -1,4 +1,4 @@
-"""Speed at 720p on one thread: refine for each face, detect for each frame, beside MediaPipe in the same run.
+"""Speed at 720p on one thread: refine per face, detect per frame, compared with MediaPipe in the same run.
 
 All see the same frames, decoded beforehand, in alternating blocks; the first block of each is thrown away.  MediaPipe
 follows its face in video mode, on as many threads as it likes, in a process of its own; its time is that of the search
@@ -33,7 +33,7 @@ from guise.aam.landmarks import Face
 
 NAME, TITLE = "landmarks.speed", "Landmarker speed"
 CLIP = "room_s18"
-BLOCK = 30  # frames
+BLOCK_FRAMES = 30  # frames
 BLOCKS = 9  # 270 frames of the clip's 282
 DETECT_EVERY = 3
 Times = tuple[float, float]  # milliseconds on the clock, of the processor
@@ -85,7 +85,7 @@ def measure(options: argparse.Namespace) -> Report:
             peer = stack.enter_context(Peer(options.peers_python, "video", model))
         face = None
         for block in range(3 if options.quick else BLOCKS):
-            pictures = [frame.rgb() for frame in islice(frames, BLOCK)]
+            pictures = [frame.rgb() for frame in islice(frames, BLOCK_FRAMES)]
             face = face or next(iter(landmarker.detect(pictures[0])), None)
             if face is None:
                 return setting.skipped(NAME, TITLE, f"{landmarker.name} finds no face in {CLIP}")

@@ -1,10 +1,10 @@
-"""Annotated stills: errors of the landmarker beside PFLD and MediaPipe, per data set.
+"""Annotated stills: errors of the landmarker per data set, compared with PFLD and MediaPipe.
 
 Errors are mean distances to the annotated points in % of the annotated distance between the outer eye corners, over
 the faces that were found.  "Offset removed": each point's mean residual in the frame of the eyes is taken off,
 two-fold (first and second half of the faces), because schemes put points of the same name to other places.  A face with
-a mean error over 10 % is a failure, and so is one that was not found; those found with less confidence than the
-trackers take are unsure, and not found.
+a mean error over 10 % is a failure, and so is one that was not found; those with less confidence than the
+trackers require are unsure, and count as not found.
 
 PFLD is started from the true box, enlarged by 1.1 and made square; it was probably trained on lfpw.  MediaPipe finds
 the faces itself.  The landmarker does too, and with --faces true-box it is started from the true box.
@@ -67,7 +67,7 @@ def own_faces(landmarker: Any) -> tuple[Finder, list[int]]:
 
 
 def true_boxes(landmarker: Any) -> Finder:
-    """A finder that is told where the faces are."""
+    """A finder that gets the true boxes."""
 
     def find(rgb: Picture, still: Still) -> F64:
         faces = [landmarker.points_in_box(rgb, box) for box in still.boxes]

@@ -1,15 +1,15 @@
-"""Steadiness: jitter where the face is still, beside MediaPipe's landmarks; lag where lids and lips move.
+"""Jitter where the face is still, compared with MediaPipe's landmarks; lag where eyelids and lips move.
 
 Jitter is the root mean square, over points and frames, of the first and of the second difference in time, in % of the
-distance between the outer eye corners, on the same still frames for all.  Still is decided by neither: a frame is
-still when the picture is, which dense optical flow (OpenCV's DIS) tells between the frames SPAN before and SPAN after
-it: nine tenths of the face's rectangle move by less than STILL % of the distance between the eye corners.  Motion and
-tremble slower than that are left in all of them alike.  MediaPipe's landmarks are those beside the clips, which its
-video mode gave, with its own smoothing.
+distance between the outer eye corners, on the same still frames for all.  No landmarker decides which frames are still:
+dense optical flow (OpenCV's DIS) does, between the pictures FLOW_FRAMES before and after a frame.  It is still when
+nine tenths of the face's rectangle move by less than MAX_STILL_MOTION % of the distance between the eye corners.
+Slower motion remains in all figures alike.  MediaPipe's landmarks are those beside the clips, by its video mode with
+its own smoothing.
 
-Lag is measured on rendered clips against exact truth: the shift, in frames and fractions, at which the opening of lids
-(lips) correlates best with the true one.  Depth is how far the lids' opening falls below its median (to the second
-percentile), over the true depth.
+Lag is measured on rendered clips against ground truth: the shift, in frames and fractions, at which the opening of the
+eyelids (lips) correlates best with the true one.  Depth is how far the eyelids' opening falls below its median (to the
+second percentile), over the true depth.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ from guise.aam.landmarks import Face, FaceTracker, Landmarker, interocular
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.schemes import LOWER_INNER_LIP, LOWER_LIDS, UPPER_INNER_LIP, UPPER_LIDS
 
-NAME, TITLE = "landmarks.steadiness", "Steadiness and lag"
+NAME, TITLE = "landmarks.jitter", "Jitter and lag"
 CLIPS = (
     "franck", "webcam_a1", "webcam_a2", "studio_d5", "studio_d6", "studio_d7", "studio_d18", "phone_d13", "address_o3",
     "room_s18",
 )  # fmt: skip
 FRAMES = 300  # of a clip
-SPAN = 3  # frames
-STILL = 1.0  # % of the distance between the outer eye corners
+FLOW_FRAMES = 3  # frames
+MAX_STILL_MOTION = 1.0  # % of the distance between the outer eye corners
 FLOW_SIZE = 160  # pixels of the rectangle in which the flow is taken
-FEWEST_STILL = 10  # frames, for jitter to be told
+MIN_STILL_FRAMES = 10  # from which jitter is reported
 LIDS = tuple(zip(UPPER_LIDS, LOWER_LIDS, strict=True))
 INNER_LIP = tuple(zip(UPPER_INNER_LIP, LOWER_INNER_LIP, strict=True))
 
@@ -101,16 +101,16 @@ def patch(rgb: Picture, square: F64) -> Picture:
 
 
 def picture_motion(patches: Iterator[Picture]) -> list[float]:
-    """How far nine tenths of the pixels stay below from SPAN frames before to SPAN after; NaN at the ends."""
+    """The 0.9 quantile of the motion from FLOW_FRAMES before each frame to FLOW_FRAMES after; NaN at the ends."""
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    kept: deque[Picture] = deque(maxlen=2 * SPAN + 1)
+    kept: deque[Picture] = deque(maxlen=2 * FLOW_FRAMES + 1)
     moved = []
     for grey in patches:
         kept.append(grey)
         if len(kept) == kept.maxlen:
             field = flow.calc(kept[0], kept[-1], None)  # type: ignore[call-overload]
             moved.append(float(np.quantile(np.linalg.norm(field, axis=2), 0.9)))
-    ends = [float("nan")] * SPAN
+    ends = [float("nan")] * FLOW_FRAMES
     return ends + moved + ends if moved else []
 
 
@@ -120,7 +120,7 @@ def still_frames(clip: RealClip, count: int | None) -> Bools:
     square = rectangle(points)
     moved = picture_motion(patch(rgb, square) for rgb in clip.frames(count))
     eyes = float(np.nanmedian(interocular(points))) * FLOW_SIZE / (square[2] - square[0])
-    return np.asarray(100 * np.array(moved) / eyes < STILL)
+    return np.asarray(100 * np.array(moved) / eyes < MAX_STILL_MOTION)
 
 
 # -- jitter ---------------------------------------------------------------------------------------------------
@@ -147,9 +147,9 @@ def jitter(clip: RealClip, landmarker: Landmarker, count: int | None) -> Jitter:
     for sizes in values.values():
         for size in sizes.values():
             chosen &= np.isfinite(size)
-    told = int(chosen.sum()) >= FEWEST_STILL
+    enough = int(chosen.sum()) >= MIN_STILL_FRAMES
     rms = {
-        o: {n: root_mean_square(v[chosen]) if told else float("nan") for n, v in sizes.items()}
+        o: {n: root_mean_square(v[chosen]) if enough else float("nan") for n, v in sizes.items()}
         for o, sizes in values.items()
     }
     return Jitter(clip.name, int(chosen.sum()), rms[1], rms[2])
@@ -238,7 +238,7 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 def lag_criteria(rows: list[tuple[object, ...]]) -> list[Criterion]:
-    """Mean and worst lag; a clip in which the lids' opening cannot be told at all is not met."""
+    """Mean and worst lag; a clip in which the lids' opening cannot be measured does not meet the target."""
     lids, lips = (np.array([row[i] for row in rows], float) for i in (1, 4))
     return [
         Criterion("lag on blinks, mean of clips", mean_of(lids), "<=", 1.0, "frames"),
