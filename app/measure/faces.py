@@ -79,17 +79,17 @@ class FaceTrackBuilder:
         return sorted(map(self.track, self._frames), key=lambda face: -len(face.frames))
 
 
-def faces_in(source: MediaInput, landmarker: Landmarker, progress: Callable[[int], None]) -> list[FaceTrack]:
+def faces_in(media: MediaInput, landmarker: Landmarker, progress: Callable[[int], None]) -> list[FaceTrack]:
     """The faces of a video; MeasureError without any.   progress : called with the number of frames that are done."""
-    locate, found = FaceLocator(landmarker, video=source.kind == "video"), FaceTrackBuilder()
-    for frame in source:
+    locate, found = FaceLocator(landmarker, video=media.kind == "video"), FaceTrackBuilder()
+    for frame in media:
         for number, face in locate(frame).items():
             found.add(number, frame.index, face.points)
         progress(frame.index + 1)
     faces = found.tracks()
     if not faces:
         raise MeasureError(
-            f"no face found in {source.name}: give a video that shows a face, or its landmarks with --landmarks"
+            f"no face found in {media.name}: give a video that shows a face, or its landmarks with --landmarks"
         )
     return faces
 
@@ -115,10 +115,10 @@ class FacesByFrame:
         return self._rows.get(frame, [])
 
 
-def relocate(source: MediaInput, faces: Sequence[FaceTrack], landmarker: Landmarker) -> list[FaceTrack]:
+def relocate(media: MediaInput, faces: Sequence[FaceTrack], landmarker: Landmarker) -> list[FaceTrack]:
     """The known faces as they are found in a video, each frame searched on its own."""
     at, found = FacesByFrame(faces), FaceTrackBuilder()
-    for frame in source:
+    for frame in media:
         if known := at[frame.index]:
             every = dict(enumerate(landmarker.detect(frame.rgb())))
             for number, points in matched(known, every):

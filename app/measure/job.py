@@ -166,16 +166,16 @@ class _Measurement:
         total = len(self._timing.times)
         if self._request.landmarks is not None:
             return faces_of_file(self._request.landmarks, total)
-        with open_input(self._request.original) as source:
-            return faces_in(source, self._landmarker, lambda done: self._progress("faces", done / total))
+        with open_input(self._request.original) as media:
+            return faces_in(media, self._landmarker, lambda done: self._progress("faces", done / total))
 
     def _matcher(self, faces: list[FaceTrack], recogniser: Recogniser) -> FaceMatcher:
         """Enrol the people of the original and of the gallery."""
         folder = self._request.gallery
         known = open_gallery(folder, self._landmarker, recogniser, self._say) if folder else []
         gallery = Gallery.of(known)
-        with open_input(self._request.original) as source:
-            embeddings = embeddings_in(source, faces, recogniser)
+        with open_input(self._request.original) as media:
+            embeddings = embeddings_in(media, faces, recogniser)
         groups = group_people(faces, embeddings, gallery.usable_limit)
         own = [_joined_face(group, faces, embeddings) for group in groups]
         for _, rows in own:
@@ -299,10 +299,10 @@ class FaceMatcher:
 
         again : for each person the face as it is found in the video, in some of the original's frames.
         """
-        with open_input(path) as source:
-            at_place = embeddings_in(source, self.faces, self._recogniser)
-        with open_input(path) as source:
-            as_found = embeddings_in(source, again, self._recogniser)
+        with open_input(path) as media:
+            at_place = embeddings_in(media, self.faces, self._recogniser)
+        with open_input(path) as media:
+            as_found = embeddings_in(media, again, self._recogniser)
         return [self._worse(i, at_place[i], again[i].frames, as_found[i]) for i in range(len(self.faces))]
 
     def _worse(self, number: int, rows: F32, frames: NDArray[np.int32], found: F32) -> MatchScores:

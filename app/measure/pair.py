@@ -39,13 +39,13 @@ class VideoTiming:
     @classmethod
     def of(cls, path: Path) -> VideoTiming:
         """By decoding the video once."""
-        with open_input(path) as source:
-            size = source.width, source.height
+        with open_input(path) as media:
+            size = media.width, media.height
             return cls(
-                source.name,
-                tuple(frame.pts * frame.time_base for frame in source),
+                media.name,
+                tuple(frame.pts * frame.time_base for frame in media),
                 *size,
-                source.kind == "video",
+                media.kind == "video",
             )
 
     @property

@@ -59,8 +59,8 @@ def open_gallery(folder: Path, landmarker: Landmarker, recogniser: Recogniser, s
 def embeddings_of(file: Path, landmarker: Landmarker, recogniser: Recogniser, say: Say) -> list[F32]:
     """Embeddings (d,) of the largest face in a picture, or in some frames of a video."""
     try:
-        with open_input(file) as source:
-            found = list(_sampled_embeddings(source, landmarker, recogniser))
+        with open_input(file) as media:
+            found = list(_sampled_embeddings(media, landmarker, recogniser))
     except MediaError as error:
         say(f"left out of the gallery: {error}")
         return []
@@ -69,10 +69,10 @@ def embeddings_of(file: Path, landmarker: Landmarker, recogniser: Recogniser, sa
     return found
 
 
-def _sampled_embeddings(source: MediaInput, landmarker: Landmarker, recogniser: Recogniser) -> list[F32]:
-    stride = max(1, (source.frame_count or 1) // GALLERY_VIDEO_FRAMES)
+def _sampled_embeddings(media: MediaInput, landmarker: Landmarker, recogniser: Recogniser) -> list[F32]:
+    stride = max(1, (media.frame_count or 1) // GALLERY_VIDEO_FRAMES)
     found = []
-    for frame in source:
+    for frame in media:
         if frame.index % stride:
             continue
         rgb = frame.rgb()
@@ -124,12 +124,12 @@ class Gallery:
         return Gallery(rest, self.impostors, self.limit)
 
 
-def embeddings_in(source: MediaInput, faces: Sequence[FaceTrack], recogniser: Recogniser) -> list[F32]:
+def embeddings_in(media: MediaInput, faces: Sequence[FaceTrack], recogniser: Recogniser) -> list[F32]:
     """For each face the embeddings (n, d) in its frames of a video, NaN where there is none."""
     at = FacesByFrame(faces)
     found: list[list[NDArray[Any]]] = [[] for _ in faces]
     nothing = np.full(recogniser.dimension, np.nan, np.float32)
-    for frame in source:
+    for frame in media:
         known = at[frame.index]
         rgb = frame.rgb() if known else None
         for number, points in known:

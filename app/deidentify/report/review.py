@@ -24,7 +24,7 @@ EDITABLE = ("action", "donor", "name", "person")
 HOW_TO_EDIT = (
     "A track is one face, tracked through the video; the sheet of pictures beside this file shows each. Change the "
     "actions here, then run the same command again with --resume instead of --review.",
-    'action: "swap" shows another face, "cover" hides the face, "leave" leaves the face as it is, for everybody to see. '
+    'action: "swap" shows another face, "cover" hides the face, "leave" leaves the face as it is, for all to see. '
     "A face can be swapped only where can_swap is true; reason says why Guise would not.",
     "person: tracks with the same number are the same person and get the same donor; it is the number of one of the "
     "tracks. Give two tracks one number when they are one person, or a track its own number when it is another person.",

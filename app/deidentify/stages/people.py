@@ -33,7 +33,7 @@ TRAINING = TrainingOptions(frames=48, equalise_light=True)
 
 
 @dataclass(frozen=True)
-class EnrolmentLimits:
+class TrackEnrolmentLimits:
     """From what a person is enrolled.  Widths are of the face's box; confidences are of its landmarks."""
 
     max_segments: int = 5
@@ -44,7 +44,7 @@ class EnrolmentLimits:
     min_width_pixels: float = 36.0
 
 
-LIMITS = EnrolmentLimits()
+LIMITS = TrackEnrolmentLimits()
 
 
 def why_not(track: LinkedTrack) -> str:
