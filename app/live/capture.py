@@ -67,7 +67,7 @@ class FileCapture(Capture):
         self._loop, self._stopped = loop, False
 
     def __iter__(self) -> Iterator[Frame]:
-        base, step = 0, max(1, round(1 / self.media.frame_rate / self.media.time_base))
+        base, interval = 0, max(1, round(1 / self.media.frame_rate / self.media.time_base))
         while not self._stopped:
             first = last = None
             for frame in self.media:
@@ -81,7 +81,7 @@ class FileCapture(Capture):
                 yield frame
             if not self._loop or last is None:
                 return
-            base = last + step
+            base = last + interval
 
     def _wait(self, frame: Frame) -> None:
         at = float(frame.pts * frame.time_base)

@@ -125,11 +125,11 @@ class LandmarkEditor:
     def _navigation(self) -> None:
         """The controls that choose the frame."""
         with ui.row().classes("w-full no-wrap items-center gap-1"):
-            _icon("chevron_left", "Previous frame", partial(self.step, -1))
+            _icon("chevron_left", "Previous frame", partial(self.go_by, -1))
             self._slider = ui.slider(min=1, max=max(len(self.correction), 2), value=self.row + 1)
             self._slider.classes("grow").props('aria-label="Frame"')
             self._slider.on("update:model-value", self._slid, throttle=0.2, leading_events=False)
-            _icon("chevron_right", "Next frame", partial(self.step, 1))
+            _icon("chevron_right", "Next frame", partial(self.go_by, 1))
             self._doubtful = _icon("priority_high", "Next doubtful frame", self.next_doubtful)
 
     def _canvas(self) -> None:
@@ -212,7 +212,7 @@ class LandmarkEditor:
         self._show()
         self._changed()
 
-    async def step(self, by: int) -> None:
+    async def go_by(self, by: int) -> None:
         """Move on by some frames."""
         await self.go(self.row + by)
 
@@ -403,7 +403,7 @@ class LandmarkEditor:
             length = SETTINGS.fine_nudge_pixels if event.args["shiftKey"] else SETTINGS.nudge_pixels
             self.nudge(*(length * direction for direction in _ARROWS[key]))
         else:
-            await self.step(1 if key == "PageDown" else -1)
+            await self.go_by(1 if key == "PageDown" else -1)
 
     async def _pressed_key(self, event: events.GenericEventArguments) -> None:
         larger = partial(self.zoom, SETTINGS.zoom_factor)
