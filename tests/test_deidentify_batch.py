@@ -262,7 +262,7 @@ def test_a_file_elsewhere_that_fails_is_kept_here_and_resumed(
         patch.setattr(batch.remote, "put", refuse)
         (entry,) = run_batch([pair], RUN, Watched())
     assert entry.code == 1
-    assert pair.source.parent.stat().st_mode & 0o777 == 0o700
+    assert pair.input.parent.stat().st_mode & 0o777 == 0o700
     bucket.rm_file("/films/a.mp4")
     done.clear()
     (entry,) = run_batch([pair], replace(RUN, resume=True), Watched())

@@ -222,8 +222,8 @@ def test_odd_names_are_names(here: Path) -> None:
     make(here, *odd)
     for name in odd:
         made = plan(name)
-        assert made.pairs[0].source.is_absolute()
-        assert made.pairs[0].source.exists()
+        assert made.pairs[0].input.is_absolute()
+        assert made.pairs[0].input.exists()
         assert made.pairs[0].output == here / (name[:-4] + "_deidentified.mp4")
     assert len(plan(".").pairs) == len(odd)
 
@@ -297,14 +297,14 @@ def bucket() -> Iterator[str]:
 def test_a_url_is_copied_to_and_fro(bucket: str, here: Path) -> None:
     (pair,) = plan(f"{bucket}/x/b.mov").pairs
     assert (pair.fetch, pair.put) == (f"{bucket}/x/b.mov", f"{bucket}/x/b_deidentified.mov")
-    assert pair.source.name == "b.mov"
+    assert pair.input.name == "b.mov"
     assert pair.output.name == "b_deidentified.mov"
-    assert {pair.source.parents[1], pair.output.parents[1]} == {here / "work"}
+    assert {pair.input.parents[1], pair.output.parents[1]} == {here / "work"}
     (pair,) = plan(f"{bucket}/x/b.mov", output="out/").pairs
     assert (pair.output, pair.put) == (here / "out/b_deidentified.mov", "")
     make(here, "z.mp4")
     (pair,) = plan("z.mp4", output=f"{bucket}/out/").pairs
-    assert (pair.source, pair.fetch, pair.put) == (here / "z.mp4", "", f"{bucket}/out/z_deidentified.mp4")
+    assert (pair.input, pair.fetch, pair.put) == (here / "z.mp4", "", f"{bucket}/out/z_deidentified.mp4")
 
 
 def test_a_folder_behind_a_url(bucket: str, here: Path) -> None:

@@ -148,7 +148,7 @@ def _why_failed(error: Exception, pair: FilePair) -> str:
 
 def _with_names(text: str, pair: FilePair) -> str:
     """A text with the paths as the user gave them."""
-    for path, name in ((pair.output, pair.shown_output), (pair.source, pair.name)):
+    for path, name in ((pair.output, pair.shown_output), (pair.input, pair.name)):
         text = text.replace(str(path), name)
     return text.replace(f"{Path.cwd()}{os.sep}", "")
 
@@ -160,7 +160,7 @@ def _one(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
     if entry is None:
         _prepare(pair, run, progress)
         report = deidentify_file(
-            pair.source, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
+            pair.input, pair.output, run.options, run.engine, resume=run.resume, force=run.force, review=run.review,
             tracks=run.tracks, progress=progress, say=lambda text: observer.note(_with_names(text, pair)),
         )  # fmt: skip
         if report is None:  # stopped for a review
@@ -170,7 +170,7 @@ def _one(pair: FilePair, run: BatchRun, observer: BatchObserver) -> BatchEntry:
         progress(COPYING, 0.0)
         _send(pair)
     if pair.fetch:
-        _remove_copy(pair.source.parent)
+        _remove_copy(pair.input.parent)
     return entry
 
 
@@ -179,10 +179,10 @@ def _prepare(pair: FilePair, run: BatchRun, progress: Progress) -> None:
     if pair.put:
         _make_private(pair.output.parent)
     pair.output.parent.mkdir(parents=True, exist_ok=True)
-    if pair.fetch and not (run.resume and pair.source.exists()):
+    if pair.fetch and not (run.resume and pair.input.exists()):
         progress(COPYING, 0.0)
-        _make_private(pair.source.parent)
-        remote.fetch(pair.fetch, pair.source)
+        _make_private(pair.input.parent)
+        remote.fetch(pair.fetch, pair.input)
 
 
 def _is_done(pair: FilePair) -> bool:

@@ -40,13 +40,13 @@ class FilePair:
 
     Parameters
     ----------
-    source, output : where they are on this machine, absolute.
+    input, output : where they are on this machine, absolute.
     name : the input as the user knows it.
-    fetch : URL from which the source is downloaded first, or "".
+    fetch : URL from which the input is downloaded first, or "".
     put : URL to which the output is uploaded last, or "".
     """
 
-    source: Path
+    input: Path
     output: Path
     name: str
     fetch: str = ""
@@ -290,35 +290,35 @@ class _OutputNamer:
         self, one: _FoundInput, target: _OutputTarget, work: Path, suffix_for: Callable[[Path], str]
     ) -> None:
         self._url = one.place if isinstance(one.place, str) else ""
-        self._source = _copy_of(self._url, work) if self._url else Path(one.place)
+        self._input = _copy_of(self._url, work) if self._url else Path(one.place)
         self._below, self._target, self._work = one.below, target, work
-        image = self._source.is_dir() or looks_like_image(self._source)
-        self._suffix = self._source.suffix if image else suffix_for(self._source)
+        image = self._input.is_dir() or looks_like_image(self._input)
+        self._suffix = self._input.suffix if image else suffix_for(self._input)
 
     def pair(self, *, whole: bool = False) -> FilePair:
         """Input and output; the output with the `whole` name of the input in its own, or without its suffix."""
-        output = self._target.file or self._output(whole or self._suffix != self._source.suffix)
-        name = remote.shown(self._url) or short(self._source)
+        output = self._target.file or self._output(whole or self._suffix != self._input.suffix)
+        name = remote.shown(self._url) or short(self._input)
         if not remote.is_url(output):
-            return FilePair(self._source, Path(os.path.abspath(output)), name, self._url)
+            return FilePair(self._input, Path(os.path.abspath(output)), name, self._url)
         if not remote.is_writable(output):
             raise InputError(
                 f"{output} can't be written to: give a local folder, or one at s3:// or gs://, with -o"
             )
-        if self._source.is_dir():
+        if self._input.is_dir():
             raise InputError(
                 f"{name} is a folder of images, which can't be written to a URL: give a local folder with -o"
             )
-        return FilePair(self._source, _copy_of(output, self._work), name, self._url, output)
+        return FilePair(self._input, _copy_of(output, self._work), name, self._url, output)
 
     def _output(self, whole: bool) -> str:
-        folder = self._source.is_dir()
-        stem = self._source.name if whole or folder else self._source.stem
+        folder = self._input.is_dir()
+        stem = self._input.name if whole or folder else self._input.stem
         name = stem + OUTPUT_MARK + ("" if folder else self._suffix)
         if self._target.folder:
             return remote.join(self._target.folder, str(self._below / name))
         return (
-            remote.join(remote.folder_of(self._url), name) if self._url else str(self._source.with_name(name))
+            remote.join(remote.folder_of(self._url), name) if self._url else str(self._input.with_name(name))
         )
 
 
@@ -346,8 +346,8 @@ def _copy_of(url: str, work: Path) -> Path:
 
 def _renamed(pair: FilePair) -> list[str]:
     """A note when an output has another format than its input."""
-    old, new = pair.source.suffix.lower(), pair.output.suffix.lower()
-    if pair.source.is_dir() or old == new:
+    old, new = pair.input.suffix.lower(), pair.output.suffix.lower()
+    if pair.input.is_dir() or old == new:
         return []
     return [
         f"{pair.name}: written as {new}" + ("" if old == "" else f", because {old} can't hold the result")
@@ -366,14 +366,14 @@ def _require_apart(pairs: Sequence[FilePair]) -> None:
             )
         taken[output] = pair
     for pair in pairs:
-        clash = taken.get(os.path.normcase(pair.fetch or pair.source))
+        clash = taken.get(os.path.normcase(pair.fetch or pair.input))
         if clash is not None:
             raise _replaces_input(clash)
 
 
 def _require_no_input_replaced(pairs: Sequence[FilePair]) -> None:
     """Raise InputError when an output is an input under another name (a link)."""
-    inputs = {(facts.st_dev, facts.st_ino) for pair in pairs if (facts := _stat(pair.source))}
+    inputs = {(facts.st_dev, facts.st_ino) for pair in pairs if (facts := _stat(pair.input))}
     for pair in pairs:
         facts = _stat(pair.output)
         if facts and (facts.st_dev, facts.st_ino) in inputs:

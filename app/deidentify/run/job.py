@@ -61,7 +61,7 @@ def beside(output: Path, suffix: str) -> Path:
 
 
 def deidentify_file(
-    source: Path, output: Path, options: DeidentifyOptions, engine: JobRunner, *, resume: bool = False,
+    input: Path, output: Path, options: DeidentifyOptions, engine: JobRunner, *, resume: bool = False,
     force: bool = False, review: bool = False, tracks: Path | None = None, names: tuple[str, str] | None = None,
     progress: Progress, say: Say,
 ) -> FileReport | None:  # fmt: skip
@@ -69,7 +69,7 @@ def deidentify_file(
 
     Parameters
     ----------
-    source : a video, an image or a folder of images.
+    input : a video, an image or a folder of images.
     output : where the result goes; reports and the work folder lie beside it.
     engine : runs the jobs.
     resume : continue what an earlier run left; after a review, with these options instead of the earlier ones.
@@ -84,22 +84,22 @@ def deidentify_file(
         One sentence; the work folder is kept where the run can be resumed.
     """
     start = time.perf_counter()
-    work = _opened(source, output, options, resume=resume or tracks is not None, force=force)
+    work = _opened(input, output, options, resume=resume or tracks is not None, force=force)
     stages = _Stages(Case(work), engine, progress)
     stages.analyse()
     if review:
         _write_review(stages.case, output)
         say(
-            f"{source.name}: edit the actions in {beside(output, '.tracks.json')}, then run again with --resume"
+            f"{input.name}: edit the actions in {beside(output, '.tracks.json')}, then run again with --resume"
         )
         return None
     edited = tracks or beside(output, ".tracks.json")
     if edited.exists() or tracks:
-        say(f"{source.name}: the actions are taken from {edited.name}")
+        say(f"{input.name}: the actions are taken from {edited.name}")
     stages.plan(edited if edited.exists() or tracks else None)
     stages.render()
     publish(stages.case, output, force=force)
-    report = _report(stages.case, names or (source.name, output.name), output, time.perf_counter() - start)
+    report = _report(stages.case, names or (input.name, output.name), output, time.perf_counter() - start)
     _write_report(stages.case, report, output)
     work.remove()
     return report
@@ -122,15 +122,15 @@ def fingerprint(path: Path) -> str:
 
 
 def _opened(
-    source: Path, output: Path, options: DeidentifyOptions, *, resume: bool, force: bool
+    input: Path, output: Path, options: DeidentifyOptions, *, resume: bool, force: bool
 ) -> WorkFolder:
     """The work folder, with the manifest of this very run in it."""
     work = WorkFolder(output.with_name(output.name + ".work"))
     if not (resume and work.has("published.json")):
-        _require_possible(source, output, options, force)
+        _require_possible(input, output, options, force)
     manifest = {
-        "format": "guise-work", "version": 1, "guise": version(), "input": str(source.absolute()),
-        "fingerprint": fingerprint(source), "options": options.as_json(), "name": source.name,
+        "format": "guise-work", "version": 1, "guise": version(), "input": str(input.absolute()),
+        "fingerprint": fingerprint(input), "options": options.as_json(), "name": input.name,
         "output": output.name,
     }  # fmt: skip
     if work.has(MANIFEST) and resume:
@@ -158,9 +158,9 @@ def _require_same(work: WorkFolder, manifest: dict[str, Any]) -> None:
         )
 
 
-def _require_possible(source: Path, output: Path, options: DeidentifyOptions, force: bool) -> None:
+def _require_possible(input: Path, output: Path, options: DeidentifyOptions, force: bool) -> None:
     """Raise what reading the input or writing the output would raise, before any work is done."""
-    with open_input(source) as media:
+    with open_input(input) as media:
         check_free(output, media, force)
         probe = output.with_name(f"probe-{output.name}")
         try:

@@ -127,15 +127,15 @@ def render(case: Case, segment: int) -> None:
     (first, last), piece = case.span(segment), case.scan.segments[segment]
     entries = entries_of(case.plan, piece.first, last)
     covered: list[AuditDetection] = []
-    with SegmentRenderer(case, segment, entries) as segment_renderer, open_input(case.input) as source:
+    with SegmentRenderer(case, segment, entries) as segment_renderer, open_input(case.input) as media:
         for attempt in range(1 + LIMITS.max_repeats):
             segment_renderer.entries = with_detections(entries, covered, first, last)
-            _encode(case, source, segment, segment_renderer)
+            _encode(case, media, segment, segment_renderer)
             detections = list(audit(read_piece(case, segment), segment_renderer))
             if not detections or attempt == LIMITS.max_repeats:
                 break
             covered += detections
-        renderer, problems = segment_renderer.renderer, list(source.problems)
+        renderer, problems = segment_renderer.renderer, list(media.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
@@ -145,11 +145,11 @@ def render(case: Case, segment: int) -> None:
 
 
 @given_back()
-def _encode(case: Case, source: MediaInput, segment: int, segment_renderer: SegmentRenderer) -> None:
+def _encode(case: Case, media: MediaInput, segment: int, segment_renderer: SegmentRenderer) -> None:
     """Write a segment as it is drawn; the encoder, which is large, is released with this."""
     first, last = case.span(segment)
     frames = _FrameRange(case, case.scan.segments[segment].first, last)
-    with open_piece(case, source, segment) as sink:
+    with open_piece(case, media, segment) as sink:
         process(frames, _SinkFromFrame(sink, first), segment_renderer.draw)
 
 
@@ -175,7 +175,7 @@ def _output_pictures(
 
 
 class _FrameRange:
-    """The frames [first, last) of a case as a source."""
+    """The frames [first, last) of a case as an input."""
 
     def __init__(self, case: Case, first: int, last: int) -> None:
         self._case, self._first, self._last = case, first, last

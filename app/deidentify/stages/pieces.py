@@ -17,21 +17,21 @@ from guise.app.media.sink import check_free
 from guise.app.media.synthetic import synthetic_tags
 
 
-def open_piece(case: Case, source: MediaInput, segment: int) -> Sink:
+def open_piece(case: Case, media: MediaInput, segment: int) -> Sink:
     """The sink for the frames of a segment."""
-    if isinstance(source, VideoInput):
-        return PacketSink(_piece(case, segment), source, case.options.encode)
+    if isinstance(media, VideoInput):
+        return PacketSink(_piece(case, segment), media, case.options.encode)
     made = _made(case)
     if made.is_dir():
         shutil.rmtree(made)
-    return open_sink(made, source, case.options.encode, force=True, tags=synthetic_tags())
+    return open_sink(made, media, case.options.encode, force=True, tags=synthetic_tags())
 
 
 def read_piece(case: Case, segment: int) -> Iterator[Frame]:
     """The frames that were written, counted as in the input."""
     if not _piece(case, segment).exists():
-        with open_input(_made(case)) as source:
-            yield from source
+        with open_input(_made(case)) as media:
+            yield from media
         return
     for frame in read_packets(_piece(case, segment)):
         frame.index = int(np.searchsorted(case.scan.pts, frame.pts))
@@ -43,19 +43,19 @@ def publish(case: Case, output: Path, *, force: bool) -> None:
     options = case.options
     if case.work.has("published.json") and not _made(case).exists():
         return
-    with open_input(case.input) as source:
-        check_free(output, source, force)
-        if isinstance(source, VideoInput):
+    with open_input(case.input) as media:
+        check_free(output, media, force)
+        if isinstance(media, VideoInput):
             parts = [_piece(case, k) for k in range(len(case.scan.segments))]
             assemble(
-                _made(case), source, parts, options.encode, tags=synthetic_tags(),
+                _made(case), media, parts, options.encode, tags=synthetic_tags(),
                 private=not options.keep_metadata, audio=options.audio, force=True,
             )  # fmt: skip
     if options.certificate and options.key:
         from guise.app.media.provenance import sign
 
         sign(_made(case), options.certificate, options.key)
-    case.work.save_json("published.json", list(source.problems))
+    case.work.save_json("published.json", list(media.problems))
     if output.is_dir():
         shutil.rmtree(output)  # a folder of pictures of an earlier run, and --force, or an empty one
     os.replace(_made(case), output)
