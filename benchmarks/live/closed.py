@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.deidentify.changes import ENOUGH, INSIDE, Truth, share
+from benchmarks.deidentify.changes import MIN_CHANGED_SHARE, MIN_VISIBLE_SHARE, Truth, share
 from benchmarks.deidentify.leaks import clips
 from benchmarks.live.runs import DONOR
 from guise.aam.model import Identity
@@ -38,21 +38,21 @@ def shares(
     video: Path, truths: list[Truth], config: SessionConfig, interval: int, outcomes: Counter[str]
 ) -> Iterator[float]:
     """For each processed frame and each true face in it, the share that was changed; outcomes are counted."""
-    work = LiveSession(config, Controls())
+    session = LiveSession(config, Controls())
     try:
         with FileCapture(video, paced=False) as capture:
             for frame in capture:
                 if frame.index % interval:
                     continue
                 before = frame.rgb().astype(np.int16)
-                outcomes[work.process(frame, 0.0, PipelineStats()).result.outcome] += 1
+                outcomes[session.process(frame, 0.0, PipelineStats()).result.outcome] += 1
                 changed = np.abs(frame.rgb() - before).max(2) > 0
                 for truth in truths:
                     points, visible = truth.points[frame.index], truth.visible[frame.index]
-                    if visible.mean() >= INSIDE:
+                    if visible.mean() >= MIN_VISIBLE_SHARE:
                         yield share(frame.index, changed, points, visible).seen
     finally:
-        work.close()
+        session.close()
 
 
 def enrolled_from(video: Path, like: Identity) -> Identity:
@@ -72,7 +72,7 @@ def measure(options: argparse.Namespace) -> Report:
             for interval in FRAME_INTERVALS:
                 outcomes: Counter[str] = Counter()
                 found = np.array(list(shares(video, truths, config, interval, outcomes)))
-                leaked, least = int((found < ENOUGH).sum()), round(100 * float(found.min()), 1)
+                leaked, least = int((found < MIN_CHANGED_SHARE).sum()), round(100 * float(found.min()), 1)
                 counts = [outcomes[name] for name in OUTCOMES]
                 rows.append((video.stem, interval, *counts, len(found), leaked, least))
                 leaks += leaked
