@@ -119,7 +119,7 @@ def test_a_mean_of_more_than_there_are_is_one_sentence(k: int) -> None:
         assign([1], f"mean:{k}", seed=0, salt="x")
 
 
-def test_a_donor_that_is_named_is_everybodys() -> None:
+def test_a_named_donor_is_given_to_everybody() -> None:
     for spec in ("x.guise", "p02", "mean:p01+p04"):
         assert assign([1, 2], spec, seed=0, salt="x") == {1: spec, 2: spec}
 

@@ -46,7 +46,7 @@ def test_alpha_one_is_direct_transfer() -> None:
     assert_allclose(moved, SOURCE.components.basis @ rho, atol=1e-3)
 
 
-def test_alpha_nought_is_projection_onto_the_target() -> None:
+def test_alpha_zero_is_projection_onto_the_target() -> None:
     rho = some_parameters(4)
     moved = Extrapolator(SOURCE, TARGET, 0.0, **PLAIN).apply(rho) - TARGET.components.mean
     direct = SOURCE.components.basis @ rho

@@ -71,7 +71,7 @@ def gain(shapes: np.ndarray, true: np.ndarray, column: int) -> float:
     return float(np.polyfit(there, here, 1)[0])
 
 
-def test_independent_noise_is_taken_out() -> None:
+def test_independent_noise_is_removed() -> None:
     noisy, refined = noisy_and_refined()
     true = talk()[1]
     assert error(refined.shapes, true).mean() < 0.6 * error(noisy, true).mean()
@@ -175,7 +175,7 @@ def test_landmarks_of_a_file_are_not_refined(tmp_path: Path, monkeypatch: pytest
     assert enrol([clip], LandmarkSource([tmp_path / "clip.npz"]), name="p01", options=SMALL).name == "p01"
 
 
-def test_landmarks_of_the_built_in_landmarker_are_kept_unless_told(tmp_path: Path) -> None:
+def test_landmarks_of_the_built_in_landmarker_are_kept_by_default(tmp_path: Path) -> None:
     alone, noisy = tmp_path / "clip.mp4", Noisy(truth())
     assert not LandmarkSource().refines(alone)
     assert LandmarkSource(refine=True).refines(alone)

@@ -34,7 +34,7 @@ def test_context_is_new_enough_and_free_of_errors() -> None:
 
 
 @pytest.mark.egl
-def test_probe_says_who_draws() -> None:
+def test_probe_describes_the_renderer() -> None:
     found = probe_gl()
     assert isinstance(found, GLInfo)
     assert found.description

@@ -19,7 +19,7 @@ def jitter(points: np.ndarray) -> float:
     return float(np.sqrt((second**2).sum(2).mean())) / INTEROCULAR
 
 
-def test_noise_on_a_still_face_is_taken_out() -> None:
+def test_noise_on_a_face_at_rest_is_removed() -> None:
     noise = np.random.default_rng(0).normal(size=(200, 81, 2)) * 0.0005 * INTEROCULAR
     shape_filter = ShapeFilter()
     filtered = np.stack([shape_filter(FACE + n) for n in noise])
@@ -46,7 +46,7 @@ def test_a_slow_drift_is_followed_closely() -> None:
     assert np.abs(filtered - here).max() < 0.006 * INTEROCULAR
 
 
-def test_what_is_forgotten_does_not_hold_the_next_shape_back() -> None:
+def test_after_a_reset_the_next_shape_passes_unfiltered() -> None:
     shape_filter = ShapeFilter()
     shape_filter(FACE)
     shape_filter.reset()

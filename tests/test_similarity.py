@@ -188,7 +188,7 @@ def test_rgb_palette_is_carried_over() -> None:
     assert_same(found(colours, warmer.apply(colours)), warmer, 1e-7)
 
 
-def test_prior_turns_the_rotation_towards_none() -> None:
+def test_prior_pulls_the_rotation_towards_the_identity() -> None:
     rng = np.random.default_rng(1)
     angle = np.deg2rad(50)
     turn = Similarity(

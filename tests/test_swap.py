@@ -101,7 +101,7 @@ def test_a_video_without_the_person_leaves_nothing(tmp_path: Path, p01: Identity
     assert list(tmp_path.iterdir()) == [scene]
 
 
-def test_several_faces_are_said_once(tmp_path: Path, p01: Identity, p06: Identity) -> None:
+def test_several_faces_are_reported_once(tmp_path: Path, p01: Identity, p06: Identity) -> None:
     frames = tmp_path / "frames"
     frames.mkdir()
     with open_input(SAMPLES / "p01" / "talk2.mp4") as one, open_input(SAMPLES / "p02" / "talk2.mp4") as two:

@@ -50,7 +50,7 @@ def test_skull_points_stay_and_the_jaw_moves(p01: Identity, p06: Identity) -> No
             assert np.abs(mesh[6:11] - p06.rest_frame.shape[6:11]).max() > 0.05
 
 
-def test_turns_are_taken_out_and_expressions_left() -> None:
+def test_turns_are_removed_and_expressions_kept() -> None:
     frame = ReferenceFrame.canonical(64)
     remover = PoseRemover(frame)
     turn = 12 * frame.yaw_mode + (0.7, -0.4) + 0.03 * (frame.points - frame.points.mean(0))

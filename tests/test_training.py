@@ -149,7 +149,7 @@ def test_held_out_error_is_that_of_the_tracker(p01: Identity, talk2: Talk) -> No
     assert np.isnan(held_out_error(p01.tracker, []))
 
 
-def test_training_says_when_the_frames_do_not_suffice(shapes: np.ndarray, talk2: Talk) -> None:
+def test_training_reports_that_frames_are_not_enough(shapes: np.ndarray, talk2: Talk) -> None:
     choice = choose_frames(shapes, TrainingOptions(frames=20))
     seen = observe(colour(talk2[0][0]), talk2[1][0], ReferenceFrame.canonical(96))
     assert isinstance(seen, Observation)

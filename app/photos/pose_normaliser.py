@@ -25,8 +25,7 @@ class PoseNormaliser:
     def __init__(self, neutral: F64) -> None:
         self._frame, self._remover = pose_remover()
         self._neutral, self._rest = neutral, self._frame.align(neutral)
-        a, b, _, _ = align_planar(self._frame.points, neutral, RIGID_WEIGHTS)
-        self._linear = np.array([[a, b], [-b, a]])
+        self._linear = align_planar(self._frame.points, neutral, RIGID_WEIGHTS).linear
 
     def __call__(self, points: F64) -> F64:
         """Landmarks (81, 2) of another picture, moved to the head pose of the neutral one; the skull does not move."""
