@@ -13,12 +13,8 @@ from guise.analogy.solver import factorise_least_squares
 from guise.analogy.tents import MIN_HOLD_SHARE, STILL_MOTION_SHARE, Rings, tips
 from guise.common.arrays import F64
 
-MIN_TRIANGLE_RATIO = (
-    0.05  # of the target's triangle: a thinner one on the source says nothing, and keeps its shape
-)
-MAX_SCALE_RATIO = (
-    4.0  # times the median ratio of sizes, by which cloning scales at most; collapsed rings have none
-)
+MIN_TRIANGLE_RATIO = 0.05  # of the target's triangle; a thinner one on the source keeps its shape
+MAX_SCALE_RATIO = 4.0  # times the median ratio of sizes, the most by which cloning scales
 
 
 class GradientTransfer:

@@ -33,7 +33,7 @@ class CleaningLimits:
     """Thresholds of welding and of faces without area."""
 
     flat_triangle_ratio: float = (
-        1e-5  # height / longest side up to which a triangle has no area: float32 rounding
+        1e-5  # height / longest side, up to which a triangle is flat (float32 rounding)
     )
     min_seam_cosine: float = 0.5  # between the normals of a seam's two sides, mean
     same_motion_ratio: float = 1e-4  # of the largest displacement, up to which two vertices move together

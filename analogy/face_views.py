@@ -29,9 +29,7 @@ class FaceSearchSettings:
     """Settings of the search for a face on a mesh."""
 
     picture_px: int = 160  # side of a picture in which a face is sought
-    cells_per_side: int = (
-        64  # along the longest side of a mesh: vertices in one cell are merged for the search
-    )
+    cells_per_side: int = 64  # along the longest side; vertices in one cell are merged for the search
     min_confidence: float = 0.3  # of the landmarker, from which a face is looked at from the front
     extra_rotations: int = 96  # that are tried when right angles find none
 

@@ -29,9 +29,7 @@ class PartLimits:
     skin_samples: int = 64  # skin vertices that say how a part moves
     min_skin_vertices: int = 8  # distinct ones among them
     max_skin_distance_radii: float = 0.25  # of the skin that moves a part, in the part's radii
-    rigid_residual: float = (
-        0.1  # share of the skin's motion that is not rigid, up to which a part moves fully
-    )
+    rigid_residual: float = 0.1  # non-rigid share of the skin's motion, up to which a part moves fully
     loose_residual: float = 0.25  # and from which it stays
 
 

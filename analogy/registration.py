@@ -36,9 +36,7 @@ class RegistrationSettings:
     max_distance_sizes: float = 0.03  # from the other surface, beyond which a vertex has no counterpart
     max_border_distance_sizes: float = 0.004  # the same, where the closest point lies on a border
     min_overlap: float = 0.5  # share of vertices with a counterpart, without which heads need points
-    min_extent_ratio: float = (
-        0.5  # of the target's extent, below which the source has collapsed onto a part of it
-    )
+    min_extent_ratio: float = 0.5  # of the target's extent, below which the source has collapsed
     alignment_steps: int = 20  # of iterative closest points
     alignment_samples: int = 1000  # vertices, about
     alignment_quantile: float = 0.8  # of the closest matches, which align

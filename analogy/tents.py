@@ -26,9 +26,7 @@ from guise.analogy.solver import compact_rows, factorise_least_squares
 from guise.common.arrays import F64, Int
 
 RIDGE_TRACE_SHARE = 1e-6  # of the trace, added to w w^T where all edges lie along a line
-MIN_HOLD_SHARE = (
-    1e-10  # of the system's mean diagonal: least weight of the displacements; makes the answer unique
-)
+MIN_HOLD_SHARE = 1e-10  # of the system's mean diagonal: least weight of the displacements
 STILL_MOTION_SHARE = 1e-3  # of the largest displacement, up to which a vertex hardly moves
 
 

@@ -30,12 +30,8 @@ class TriangulationSettings:
     crop_eye_widths: float = 1.3  # from there to what is drawn
     settled_angle_deg: float = 8.0  # by which the frontal view may still change
     max_frontal_rounds: int = 4  # in which the frontal view is sought
-    min_confidence: float = (
-        0.45  # heads have 0.97; those that lack a half, or 10 % of their faces, 0.35 to 0.8
-    )
-    depth_weight: float = (
-        0.3  # of distance in depth beside distance across, for the nearest point of the surface
-    )
+    min_confidence: float = 0.45  # heads have 0.97; with a half or 10 % of the faces missing 0.35 to 0.8
+    depth_weight: float = 0.3  # of distance in depth beside distance across
     reweighting_rounds: int = 6
     half_weight_medians: float = 1.5  # median distances at which a line of sight weighs a half
 

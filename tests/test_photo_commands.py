@@ -335,12 +335,12 @@ def test_two_people_and_turned_heads_are_said() -> None:
 
 def test_a_turn_of_the_head_is_no_expression() -> None:
     frame = ReferenceFrame.canonical(160)
-    facing = PoseNormaliser(frame.points)
-    np.testing.assert_allclose(facing(frame.points), frame.points, atol=1e-9)
+    normaliser = PoseNormaliser(frame.points)
+    np.testing.assert_allclose(normaliser(frame.points), frame.points, atol=1e-9)
     turn = 12 * frame.yaw_mode * [1, 0]
     mouth_open = np.zeros((81, 2))
     mouth_open[[*OUTER_LIPS[7:], *INNER_LIPS[5:]], 1] = 15
-    expressed = facing(1.5 * (frame.points + turn + mouth_open) + 30) - frame.points
+    expressed = normaliser(1.5 * (frame.points + turn + mouth_open) + 30) - frame.points
     np.testing.assert_allclose(expressed, mouth_open, atol=0.6)
     assert np.abs(turn).max() > 10
 

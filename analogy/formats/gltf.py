@@ -21,9 +21,7 @@ from guise.analogy.normals import finite_or_zero, unit_vectors
 from guise.common.arrays import F64, Bool, Int
 
 GL_TRIANGLES = 4
-MAX_JOINT_DEVIATION = (
-    1e-3  # of joint matrices, relative to their size, up to which a skeleton is in its bind pose
-)
+MAX_JOINT_DEVIATION = 1e-3  # of joint matrices, relative to their size, in the bind pose
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,13 +90,13 @@ class PhotoAnalogy:
         self._light = light_gain(picture, first, self._face, second - self._grid.origin)
 
     def __call__(
-        self, expressive: Picture, points: ArrayLike, strength: float = 1.0, facing: ArrayLike | None = None
+        self, expressive: Picture, points: ArrayLike, strength: float = 1.0, posed: ArrayLike | None = None
     ) -> Picture:
         """T' with the type and size of T.
 
         expressive : S', of any size.   points : (81, 2).
         strength : 0 gives T, 1 the expression; beyond it is exaggerated.
-        facing : (81, 2) landmarks of S' as they would be with the head pose of S; motion is measured from them, so
+        posed : (81, 2) landmarks of S' as they would be with the head pose of S; motion is measured from them, so
             that a turn of the head does not count as expression.
 
         Raises
@@ -105,17 +105,19 @@ class PhotoAnalogy:
             When the picture or its landmarks cannot be used.
         """
         given = check_landmarks(points, "points")
-        told = given if facing is None else check_landmarks(facing, "facing")
-        shares = lid_shares(self._motion.source, told, strength) if self.method == "tents" else np.zeros(2)
+        expressed = given if posed is None else check_landmarks(posed, "posed")
+        shares = (
+            lid_shares(self._motion.source, expressed, strength) if self.method == "tents" else np.zeros(2)
+        )
         if shares.any():
-            given, told = (self._with_open_lids(landmarks, shares) for landmarks in (given, told))
+            given, expressed = (self._with_open_lids(landmarks, shares) for landmarks in (given, expressed))
         around = self._motion.pose(given).inverse().apply(anchor_ring(self._motion.source))
         picture, places = self._prepare_source(as_float_rgb(expressive, "expressive"), given, around)
         share = mouth_fill_share(self._motion.source, given, strength) if self.mouth == "fill" else 0.0
-        seen = self._rasterise(self._motion(told, strength), places)
+        seen = self._rasterise(self._motion(expressed, strength), places)
         shown, lids = sample_bicubic(picture, seen.values[..., 4:]), seen.eye_shares(shares)
         if self.method == "tents":
-            seen = self._add_residual_flow(seen, shown @ LUMINANCE, strength if facing is None else 0.0)
+            seen = self._add_residual_flow(seen, shown @ LUMINANCE, strength if posed is None else 0.0)
         out = self._warp(seen)
         if self.method != "warp":
             out = self._relight(out, strength * self._luminance_change(seen, shown @ LUMINANCE, out, lids))

@@ -130,7 +130,7 @@ class _Animator:
 
     def __init__(self, source: Photo, target: Photo, options: AnalogyOptions, track: DrivingTrack) -> None:
         start = time.perf_counter()
-        self._track, self._strength, self._facing = track, options.strength, PoseNormaliser(source.points)
+        self._track, self._strength, self._normaliser = track, options.strength, PoseNormaliser(source.points)
         self._picture = target.image.rgb8()
         self._analogy = PhotoAnalogy(
             source.image.rgb8(), source.points, self._picture, target.points, options.method, options.mouth
@@ -143,7 +143,7 @@ class _Animator:
         points = self._track.usable_points(frame.index)
         if points is not None:
             part, corner = _face_region(frame, points)
-            self._picture = self._analogy(part, points - corner, self._strength, self._facing(points))
+            self._picture = self._analogy(part, points - corner, self._strength, self._normaliser(points))
             self.animated += 1
         return Frame.from_rgb(self._picture)
 

@@ -120,12 +120,12 @@ def analogy_image(
         s.image.pixels, s.points, t.image.pixels, t.points, method=options.method, mouth=options.mouth
     )
     ready = time.perf_counter()
-    facing = (
+    posed = (
         PoseNormaliser(s.points)(s1.points)
         if angle_between_heads(s.points, s1.points) > NEGLIGIBLE_TURN_DEG
         else None
     )
-    made = replace(t.image, pixels=analogy(s1.image.pixels, s1.points, options.strength, facing))
+    made = replace(t.image, pixels=analogy(s1.image.pixels, s1.points, options.strength, posed))
     done = time.perf_counter()
     save_synthetic(output, made)
     if montage is not None:

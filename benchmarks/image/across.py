@@ -1,4 +1,4 @@
-"""Expressions carried between rendered people, against the same expressions of the target, each in their own light.
+"""Expressions transferred between rendered people, compared with the same expressions of the target.
 
 Inside the face's contour.  Landmarks are found by the project's landmarker on the result and on the truth, each picture
 by itself, and compared in % of the distance between the outer eye corners.
@@ -12,10 +12,10 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
-from benchmarks.image.photos import EXPRESSIONS, METHODS, Score, made, pairs, rendered, score
+from benchmarks.image.photos import EXPRESSIONS, METHODS, Score, make_pictures, pairs, rendered, score
 from guise.aam.landmarks import interocular, open_landmarker
 
-LANDMARKS = 3.0  # % of the distance between the outer eye corners
+MAX_LANDMARK_ERROR_PERCENT = 3.0  # % of the distance between the outer eye corners
 
 
 def measure(options: argparse.Namespace) -> Report:
@@ -34,7 +34,7 @@ def measure(options: argparse.Namespace) -> Report:
         expressive = [rendered(options.shared, first, name) for name in EXPRESSIONS]
         truths = [rendered(options.shared, second, name) for name in EXPRESSIONS]
         for method in METHODS:
-            pictures = made(method, source, target, expressive)
+            pictures = make_pictures(method, source, target, expressive)
             scores[method].append([score(p, t) for p, t in zip(pictures, truths, strict=True)])
             errors[method].append(
                 [_off(found(p), found(t.rgb)) for p, t in zip(pictures, truths, strict=True)]
@@ -57,7 +57,9 @@ def _report(scores: dict[str, list[list[Score]]], errors: dict[str, list[list[fl
             own, its = float(values["tents"].mean()), float(values[other].mean())
             report.criteria.append(Criterion(f"{what}, against {other}", own, ">", its, unit))
     off = np.array(errors["tents"])
-    report.criteria.append(Criterion("landmarks, mean", float(np.nanmean(off)), "<=", LANDMARKS, "%"))
+    report.criteria.append(
+        Criterion("landmarks, mean", float(np.nanmean(off)), "<=", MAX_LANDMARK_ERROR_PERCENT, "%")
+    )
     report.notes.append(f"No face was found in {int(np.isnan(off).sum())} of {off.size} results.")
     rows = [
         (

@@ -11,18 +11,30 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.image.photos import EXPRESSIONS, Photo, Score, made, people, posed, rendered, score, smiles
+from benchmarks.image.photos import (
+    EXPRESSIONS,
+    Photo,
+    Score,
+    aligned_to,
+    make_pictures,
+    people,
+    rendered,
+    score,
+    smiles,
+)
 
-MARGIN = 3.0  # dB above ratio images
+MIN_MARGIN_DB = 3.0  # dB above ratio images
 
 
 def margins(neutral: Photo, expressive: list[Photo]) -> dict[str, list[Score]]:
     """Scores of each expression by tents and by ratio images."""
-    truths = [posed(photo, neutral) for photo in expressive]
+    truths = [aligned_to(photo, neutral) for photo in expressive]
     return {
         method: [
             score(picture, truth)
-            for picture, truth in zip(made(method, neutral, neutral, expressive), truths, strict=True)
+            for picture, truth in zip(
+                make_pictures(method, neutral, neutral, expressive), truths, strict=True
+            )
         ]
         for method in ("tents", "ratio")
     }
@@ -45,11 +57,13 @@ def measure(options: argparse.Namespace) -> Report:
     real = [row(name, margins(a, [b])) for name, (a, b) in smiles(options.shared, options.quick).items()]
     for what, rows in (("synthetic people", synthetic), ("real pairs", real)):
         least = min(rows, key=lambda r: r[3])
-        report.criteria.append(Criterion(f"least margin of {len(rows)} {what}", least[3], ">=", MARGIN, "dB"))
-        share = 100 * float(np.mean([r[3] >= MARGIN for r in rows]))
+        report.criteria.append(
+            Criterion(f"least margin of {len(rows)} {what}", least[3], ">=", MIN_MARGIN_DB, "dB")
+        )
+        share = 100 * float(np.mean([r[3] >= MIN_MARGIN_DB for r in rows]))
         report.notes.append(
-            f"{what}: median margin {np.median([r[3] for r in rows]):.2f} dB; {share:.0f} % reach {MARGIN:g} dB; "
-            f"least of the luminance {min(r[4] for r in rows):.2f} dB."
+            f"{what}: median margin {np.median([r[3] for r in rows]):.2f} dB; "
+            f"{share:.0f} % reach {MIN_MARGIN_DB:g} dB; least of the luminance {min(r[4] for r in rows):.2f} dB."
         )
         report.tables.append(Table(what, columns, sorted(rows, key=lambda r: r[3])[:12]))
     return report

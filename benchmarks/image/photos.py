@@ -78,13 +78,13 @@ def smiles(shared: Path, quick: bool) -> dict[str, tuple[Photo, Photo]]:
     return out
 
 
-def made(method: Method, source: Photo, target: Photo, expressive: Sequence[Photo]) -> list[Picture]:
+def make_pictures(method: Method, source: Photo, target: Photo, expressive: Sequence[Photo]) -> list[Picture]:
     """T' of each S'."""
     carry = PhotoAnalogy(source.rgb, source.points, target.rgb, target.points, method)
     return [carry(photo.rgb, photo.points) for photo in expressive]
 
 
-def posed(photo: Photo, neutral: Photo) -> Photo:
+def aligned_to(photo: Photo, neutral: Photo) -> Photo:
     """An expressive picture turned, scaled and moved so that the skull lies as in the neutral one."""
     pose = LandmarkMotion(neutral.points, neutral.points).pose(photo.points)
     matrix = np.column_stack([pose.linear, pose.translation])

@@ -21,18 +21,18 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.mesh.people import CENTIMETRE, load_person, opened, true_link
-from benchmarks.mesh.speed import SOLVED, Reference, side_by_side
-from benchmarks.mesh.transfer import ELSEWHERE, Pair, errors, load_pair, true_correspondence
+from benchmarks.mesh.people import CENTIMETRE, load_person, open_mouth_head, true_link
+from benchmarks.mesh.speed import REFERENCE_SOLVE_SECONDS, Reference, side_by_side
+from benchmarks.mesh.transfer import OTHER_POSE, Pair, errors, load_pair, true_correspondence
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.cylinder import cylindrical_correspondence
 from guise.analogy.registration import register, skin_mask
 from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.cylinder", "Cylindrical correspondence between heads"
-SECONDS = 0.3
+MAX_CYLINDER_SECONDS = 0.3
 PAIRS = ("P", "M")
-PEOPLE = (("p01", "p02", "t12k"), ("p05", "p04", "t24k"), ("p07", "p10", "t5k"))
+REMESHED_PAIRS = (("p01", "p02", "t12k"), ("p05", "p04", "t24k"), ("p07", "p10", "t5k"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +61,14 @@ def cases(shared: Path, quick: bool) -> Iterator[Case]:
         pair, true = load_pair(shared, name), true_correspondence(shared, name)
         yield Case(name, pair, true)
         if not quick:
-            yield Case(f"{name}, turned, scaled", pair.placed(ELSEWHERE), true)
-    for names in PEOPLE[: 1 if quick else None]:
+            yield Case(f"{name}, turned, scaled", pair.placed(OTHER_POSE), true)
+    for names in REMESHED_PAIRS[: 1 if quick else None]:
         yield people(shared / "data" / "synthetic" / "mesh", *names)
 
 
 def people(folder: Path, first: str, second: str, topology: str) -> Case:
     """Two people, the second remeshed."""
-    head = opened(folder / "p01")
+    head = open_mouth_head(folder / "p01")
     source, target = load_person(folder, first, head), load_person(folder, second, head, topology)
     pair = Pair(
         source.mesh, source.expressions, target.mesh, target.expressions, (source.points, target.points), (),
@@ -83,13 +83,13 @@ def measure(options: argparse.Namespace) -> Report:
     rows, criteria = [], []
     for case in cases(options.shared, options.quick):
         common.say(case.name)
-        row, seconds = measured(case, reference)
+        row, seconds = measure_case(case, reference)
         rows.append(row)
         if case.name in PAIRS:
             what = (
                 f"pair {case.name}, {len(case.pair.source.faces)} to {len(case.pair.target.faces)} triangles"
             )
-            criteria.append(Criterion(what, seconds, "<=", SECONDS, "s"))
+            criteria.append(Criterion(what, seconds, "<=", MAX_CYLINDER_SECONDS, "s"))
     columns = (
         "heads", "vertices", "points", "seconds", "on the reference", "found, %", "error, cm", "median, cm", "err",
         "registered: error, cm", "median, cm", "err",
@@ -102,14 +102,14 @@ def measure(options: argparse.Namespace) -> Report:
     )
 
 
-def measured(case: Case, reference: Reference) -> tuple[tuple[object, ...], float]:
+def measure_case(case: Case, reference: Reference) -> tuple[tuple[object, ...], float]:
     """A row, and the seconds on the reference."""
     source, target, points = case.pair.source, case.pair.target, case.pair.points
     each, solved = side_by_side(lambda: cylindrical_correspondence(source, target, *points), reference.solve)
     found = cylindrical_correspondence(source, target, *points)
     other = register(source, target, points).correspondence()
     figures = [(float(e.mean()), float(np.median(e))) for e in (case.error(found), case.error(other))]
-    seconds = each * SOLVED / solved
+    seconds = each * REFERENCE_SOLVE_SECONDS / solved
     return (
         case.name, len(target.vertices), len(points[0]), each, seconds, 100 * float(found.found.mean()),
         *figures[0], case.err(found), *figures[1], case.err(other),

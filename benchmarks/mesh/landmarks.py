@@ -42,14 +42,14 @@ from guise.analogy.triangulation import frontal_axes, triangulate_face
 from guise.analogy.views import View, ViewedMesh
 
 NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"
-NEAR = 0.08  # eye widths
-OUTER = [FEATURE_POINT_NAMES.index("eye_right_outer"), FEATURE_POINT_NAMES.index("eye_left_outer")]
-SIDES = ((0, 0), (-55, 0), (0, -30))  # degrees, of the pictures
-SIZE = 360  # pixels
+MAX_ERROR_EYE_WIDTHS = 0.08  # eye widths
+OUTER_EYE_POINTS = [FEATURE_POINT_NAMES.index("eye_right_outer"), FEATURE_POINT_NAMES.index("eye_left_outer")]
+PICTURE_ANGLES_DEG = ((0, 0), (-55, 0), (0, -30))  # degrees, of the pictures
+PICTURE_PX = 360  # pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Detection:
     """What was found on a head: distances from the truth (20,) in eye widths, NaN where it is not known."""
 
     points: FeaturePoints | Failed
@@ -59,22 +59,22 @@ class Answer:
     @property
     def wrong(self) -> int:
         """How many of the known points are not near."""
-        return int(np.count_nonzero(self.errors >= NEAR))
+        return int(np.count_nonzero(self.errors >= MAX_ERROR_EYE_WIDTHS))
 
 
-def answered(mesh: Mesh, truth: F64) -> Answer:
+def detect_points(mesh: Mesh, truth: F64) -> Detection:
     """The points of a mesh that was not seen before; the time is the processor's, as one thread does all."""
     start = time.process_time()
     points = find_feature_points(mesh)
     seconds = time.process_time() - start
     known = np.isfinite(truth[:, 0])
     if isinstance(points, Failed):
-        return Answer(points, np.where(known, np.inf, np.nan), seconds)
-    width = float(np.linalg.norm(truth[OUTER[1]] - truth[OUTER[0]]))
-    return Answer(points, np.linalg.norm(points.positions - truth, axis=1) / width, seconds)
+        return Detection(points, np.where(known, np.inf, np.nan), seconds)
+    width = float(np.linalg.norm(truth[OUTER_EYE_POINTS[1]] - truth[OUTER_EYE_POINTS[0]]))
+    return Detection(points, np.linalg.norm(points.positions - truth, axis=1) / width, seconds)
 
 
-def turned(head: Head, seed: int) -> tuple[Mesh, F64]:
+def randomly_posed(head: Head, seed: int) -> tuple[Mesh, F64]:
     """The head turned and scaled at random, and its truth."""
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=rng).as_matrix() * 10 ** rng.uniform(-2, 2)
@@ -85,13 +85,13 @@ def measure(options: argparse.Namespace) -> Report:
     """All heads, or every fifth."""
     chosen = list(heads(options.shared))[:: 5 if options.quick else 1]
     if options.shifts:
-        return shifts(chosen)
+        return definition_offsets(chosen)
     landmarker()
     rows, upright, rolled = [], [], []
     for number, head in enumerate(chosen):
         fresh = Mesh(head.mesh.vertices, head.mesh.triangles, head.mesh.quads)
-        upright.append(answered(fresh, head.truth))
-        rolled.append(answered(*turned(head, number)))
+        upright.append(detect_points(fresh, head.truth))
+        rolled.append(detect_points(*randomly_posed(head, number)))
         rows.append(row(head, upright[-1], rolled[-1]))
         common.say(" ".join(map(common.shown, rows[-1])))
         if options.pictures and isinstance(upright[-1].points, FeaturePoints):
@@ -109,7 +109,7 @@ def measure(options: argparse.Namespace) -> Report:
     return Report(NAME, TITLE, criteria, [Table("Heads", columns, rows)])
 
 
-def row(head: Head, upright: Answer, rolled: Answer) -> tuple[object, ...]:
+def row(head: Head, upright: Detection, rolled: Detection) -> tuple[object, ...]:
     """A head's line of the table."""
     known = int(np.isfinite(head.truth[:, 0]).sum())
     if known == 0:
@@ -126,7 +126,7 @@ def row(head: Head, upright: Answer, rolled: Answer) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-def shifts(chosen: Iterable[Head]) -> Report:
+def definition_offsets(chosen: Iterable[Head]) -> Report:
     """How far the true points are from the landmarker's, in % of the eye width: to the left, up, forward."""
     found: dict[str, list[F64]] = {}
     for head in chosen:
@@ -136,14 +136,14 @@ def shifts(chosen: Iterable[Head]) -> Report:
                 way = (head.truth - seen.points[LANDMARK_INDICES]) @ seen.axes.T
                 found.setdefault(head.source, []).append(100 * way / seen.eye_width)
     rows = [
-        (name, *(told(np.array(ways)[:, number]) for ways in found.values()))
+        (name, *(mean_and_deviation(np.array(ways)[:, number]) for ways in found.values()))
         for number, name in enumerate(FEATURE_POINT_NAMES)
     ]
     columns = ("point", *(f"{source}, {len(ways)} heads" for source, ways in found.items()))
     return Report(NAME, TITLE, tables=[Table("Mean and deviation between heads", columns, rows)])
 
 
-def told(ways: F64) -> str:
+def mean_and_deviation(ways: F64) -> str:
     """Means of (n, 3) and the deviation."""
     return f"{', '.join(f'{x:.1f}' for x in ways.mean(0))} ± {np.sqrt(ways.var(0).sum()):.1f}"
 
@@ -156,9 +156,9 @@ def draw(path: Path, head: Head, points: FeaturePoints) -> None:
         (RIGHT_EYE, RIGHT_EYE_CORNERS), (LEFT_EYE, LEFT_EYE_CORNERS), (OUTER_LIPS, MOUTH_CORNERS)
     ):  # fmt: skip
         corners[group] = corners[corners_of].mean(0)
-    front = View(frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, SIZE)
+    front = View(frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, PICTURE_PX)
     shown = []
-    for yaw, pitch in SIDES:
+    for yaw, pitch in PICTURE_ANGLES_DEG:
         view = front.rotated(yaw, pitch)
         picture = np.ascontiguousarray(solid.render(view)[0])
         for places, colour, size in ((head.truth, (0, 255, 0), 3), (points.positions, (255, 0, 0), 2)):

@@ -26,7 +26,7 @@ from guise.analogy.transfer import Transfer
 from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.people", "Transfer of expressions between synthetic people"
-UNTOUCHED = {"p04", "p10"}
+HELD_OUT_PEOPLE = {"p04", "p10"}
 TOPOLOGIES = ("t5k", "t12k", "t24k")
 CENTIMETRE = 0.1  # in the people's decimetres
 Link = Callable[["Person", "Person"], Correspondence]
@@ -62,7 +62,7 @@ def load_person(folder: Path, name: str, common_head: Mesh, topology: str = "") 
     return Person(f"{name} {topology}".strip(), mesh, expressions, mesh.vertices[ids], native)
 
 
-def opened(folder: Path) -> Mesh:
+def open_mouth_head(folder: Path) -> Mesh:
     """A person's head with its mouth open, so that no two places on it touch."""
     z = np.load(folder / "expressions.npz")
     at = z["names"].tolist().index("open")
@@ -79,7 +79,7 @@ def true_link(source: Person, target: Person) -> Correspondence:
     return Correspondence(head.faces[places.faces], places.weights, np.ones(len(normals), bool))
 
 
-def registered(source: Person, target: Person) -> Correspondence:
+def registered_link(source: Person, target: Person) -> Correspondence:
     """By the feature points that come with the people."""
     return register(source.mesh, target.mesh, (source.points, target.points)).correspondence()
 
@@ -96,13 +96,13 @@ def errors(source: Person, target: Person, link: Correspondence) -> dict[str, fl
     return out
 
 
-def tabled(title: str, pairs: Iterable[tuple[Person, Person]], link: Link, report: Report) -> None:
+def add_table(title: str, pairs: Iterable[tuple[Person, Person]], link: Link, report: Report) -> None:
     """A table of pairs, and its criteria: tents below both rivals, over all pairs and over the untouched ones."""
     rows = []
     for source, target in pairs:
         common.say(f"{source.name} to {target.name}")
         rows.append((source.name, target.name, *errors(source, target, link(source, target)).values()))
-    fresh = [row for row in rows if UNTOUCHED & {str(name).split()[0] for name in row[:2]}]
+    fresh = [row for row in rows if HELD_OUT_PEOPLE & {str(name).split()[0] for name in row[:2]}]
     parts = [("all", rows)] if len(fresh) in (0, len(rows)) else [("all", rows), ("untouched", fresh)]
     for which, chosen in parts:
         mean = np.mean([row[2:] for row in chosen], axis=0)
@@ -119,16 +119,19 @@ def measure(options: argparse.Namespace) -> Report:
     folder = options.shared / "data" / "synthetic" / "mesh"
     names = sorted(path.parent.name for path in folder.glob("p*/neutral.obj"))
     report = Report(NAME, TITLE)
-    head = opened(folder / names[0])
+    head = open_mouth_head(folder / names[0])
     people = [load_person(folder, name, head) for name in names[: 2 if options.quick else None]]
-    tabled("Own topology", [(a, b) for a in people for b in people if a is not b], true_link, report)
+    add_table("Own topology", [(a, b) for a in people for b in people if a is not b], true_link, report)
     if options.quick:
         return report
     made = {(n, t): load_person(folder, n, head, t) for n in ("p02", "p04", "p10") for t in TOPOLOGIES}
     across = [(a, b) for (n, t), a in made.items() for (m, u), b in made.items() if n != m and t != u]
-    tabled("Between topologies, correspondence true", across, true_link, report)
-    tabled(
-        "Between topologies, registered", [across[k] for k in range(0, len(across), 5)], registered, report
+    add_table("Between topologies, correspondence true", across, true_link, report)
+    add_table(
+        "Between topologies, registered",
+        [across[k] for k in range(0, len(across), 5)],
+        registered_link,
+        report,
     )
     return report
 

@@ -35,10 +35,13 @@ from guise.analogy.mesh import Mesh
 from guise.analogy.transfer import Transfer, prepare_transfer
 
 NAME, TITLE = "mesh.speed", "Speed of the transfer between heads"
-FACTORISED, SOLVED = 1.06, 0.039  # seconds of the reference where the targets hold
-ROUNDS = 15
-FRAMES = 300
-SHAPES = 52
+REFERENCE_FACTOR_SECONDS, REFERENCE_SOLVE_SECONDS = (
+    1.06,
+    0.039,
+)  # seconds of the reference where the targets hold
+TIMING_ROUNDS = 15
+SEQUENCE_FRAMES = 300
+RIG_SHAPES = 52
 
 
 def seconds(action: Callable[[], Any]) -> float:
@@ -50,7 +53,7 @@ def seconds(action: Callable[[], Any]) -> float:
 
 def side_by_side(action: Callable[[], Any], other: Callable[[], Any]) -> tuple[float, float]:
     """Median seconds of two actions that alternate, after a first time."""
-    times = np.array([(seconds(action), seconds(other)) for _ in range(ROUNDS + 1)])[1:]
+    times = np.array([(seconds(action), seconds(other)) for _ in range(TIMING_ROUNDS + 1)])[1:]
     return float(np.median(times[:, 0])), float(np.median(times[:, 1]))
 
 
@@ -82,7 +85,7 @@ class Reference:
     @property
     def scale(self) -> float:
         """Seconds here to seconds where the targets hold."""
-        return FACTORISED / self.factorising
+        return REFERENCE_FACTOR_SECONDS / self.factorising
 
 
 @contextmanager
@@ -95,7 +98,7 @@ def without_cholmod() -> Iterator[None]:
     sys.modules.update(kept)
 
 
-def expressions_timed(pair: Pair, shared: Path, reference: Reference) -> list[tuple[str, str, float, float]]:
+def time_expressions(pair: Pair, shared: Path, reference: Reference) -> list[tuple[str, str, float, float]]:
     """Solver, what, seconds here and where the targets hold: set-up, and one further expression."""
     link = true_correspondence(shared, "P")
     source, target = pair.source, pair.target.with_vertices(pair.target.vertices)
@@ -115,11 +118,11 @@ def expressions_timed(pair: Pair, shared: Path, reference: Reference) -> list[tu
     return [
         (name, "factorisation", factorising[-1], factorising[-1] * reference.scale),
         (name, "set-up, factorisation included", setup, setup * reference.scale),
-        (name, "one further expression", each, each * SOLVED / solved),
+        (name, "one further expression", each, each * REFERENCE_SOLVE_SECONDS / solved),
     ]
 
 
-def sequence_timed(pair: Pair, reference: Reference, frames: int) -> tuple[float, float]:
+def time_sequence(pair: Pair, reference: Reference, frames: int) -> tuple[float, float]:
     """Frames a second after set-up, here and where the targets hold: an expression comes and goes."""
     transfer = prepare_transfer(pair.source, pair.target, pair.points)
     steps = np.sin(np.linspace(0, 12, frames)) ** 2
@@ -130,7 +133,7 @@ def sequence_timed(pair: Pair, reference: Reference, frames: int) -> tuple[float
     return frames / spent, frames / spent / reference.scale
 
 
-def rig_timed(shared: Path, reference: Reference, shapes: int) -> tuple[float, float]:
+def time_rig(shared: Path, reference: Reference, shapes: int) -> tuple[float, float]:
     """Seconds from two neutral heads to a rig, feature points and registration included, on 26 442 vertices."""
     folder = shared / "data" / "mesh"
     head, fine = np.load(folder / "ict_head_dev.npz"), np.load(folder / "bench_26k.npz")
@@ -150,11 +153,11 @@ def measure(options: argparse.Namespace) -> Report:
     """All times."""
     reference = Reference(options.shared)
     pair = load_pair(options.shared, "P")
-    rows = expressions_timed(pair, options.shared, reference)
+    rows = time_expressions(pair, options.shared, reference)
     with without_cholmod():
-        rows += expressions_timed(pair, options.shared, reference)
-    frames, frames_there = sequence_timed(pair, reference, 20 if options.quick else FRAMES)
-    rig, rig_there = rig_timed(options.shared, reference, 3 if options.quick else SHAPES)
+        rows += time_expressions(pair, options.shared, reference)
+    frames, frames_there = time_sequence(pair, reference, 20 if options.quick else SEQUENCE_FRAMES)
+    rig, rig_there = time_rig(options.shared, reference, 3 if options.quick else RIG_SHAPES)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
     report = Report(NAME, TITLE)
     factorisation, _, each, superlu_factorisation, _, superlu_each = (row[3] for row in rows)
@@ -171,7 +174,8 @@ def measure(options: argparse.Namespace) -> Report:
     columns = ("solver", "what", "seconds here", "seconds where the targets hold")
     report.tables.append(Table("Processor time", columns, rows))
     report.notes.append(
-        f"The reference took {reference.factorising:.3g} s here; targets hold where it takes {FACTORISED} s."
+        f"The reference took {reference.factorising:.3g} s here; "
+        f"targets hold where it takes {REFERENCE_FACTOR_SECONDS} s."
     )
     return report
 

@@ -1,4 +1,4 @@
-"""Accuracy of the transfer on pairs of heads with known answers: tents beside their two rivals.
+"""Accuracy of the transfer on pairs of heads with ground truth: tents compared with two other methods.
 
 Pairs P and M (one topology remeshed, exact truth) as they stand and with the target turned by 20 degrees and scaled by
 1.3; with the true correspondence and with that of the registration from the pair's markers.  err is the mean distance
@@ -29,12 +29,14 @@ from guise.common.arrays import F64, Bool
 NAME, TITLE = "mesh.transfer", "Transfer of expressions between heads"
 METHODS: tuple[Method, ...] = ("tents", "gradients", "cloning")
 FILES = {"P": "pair_P_7678_to_37500", "M": "pair_M_ict_to_37500", "X": "pair_X_KL_to_ICTnarrow"}
-ELSEWHERE = Similarity(1.3, Rotation.from_euler("y", 20, degrees=True).as_matrix(), np.array([1.0, 2.0, 3.0]))
-STILL, MOVED = (
+OTHER_POSE = Similarity(
+    1.3, Rotation.from_euler("y", 20, degrees=True).as_matrix(), np.array([1.0, 2.0, 3.0])
+)
+STILL_CM, MOVED_CM = (
     0.01,
     0.05,
 )  # cm: the truth's way below which a vertex should stay, and from which it should move
-MILLIMETRES = 10.0  # of pair X, in a centimetre
+MILLIMETRES_PER_CM = 10.0  # of pair X, in a centimetre
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,7 @@ class Pair:
     unit: float = 1.0
 
     def placed(self, by: Similarity) -> Pair:
-        """With the target elsewhere, turned and scaled."""
+        """The pair with the target moved, rotated and scaled."""
         return replace(
             self,
             target=self.target.with_vertices(by.apply(self.target.vertices)),
@@ -96,9 +98,9 @@ def _closest(source: Mesh, target: Mesh) -> Correspondence:
 def without_offset(neutral: F64, truth: F64, made: F64, unit: float) -> tuple[F64, F64, Bool]:
     """The ways made and true (N, 3), the mean offset where nothing should move removed, and what should move (N,)."""
     way = np.linalg.norm(truth - neutral, axis=1) / unit
-    still = way < STILL
+    still = way < STILL_CM
     offset = (made - truth)[still].mean(0) if still.any() else 0.0
-    return made - offset - neutral, truth - neutral, way > MOVED
+    return made - offset - neutral, truth - neutral, way > MOVED_CM
 
 
 def err(neutral: F64, truth: F64, made: F64, unit: float = 1.0) -> float:
@@ -109,7 +111,7 @@ def err(neutral: F64, truth: F64, made: F64, unit: float = 1.0) -> float:
     )
 
 
-def likeness(neutral: F64, truth: F64, made: F64, unit: float) -> tuple[float, float]:
+def direction_and_amplitude(neutral: F64, truth: F64, made: F64, unit: float) -> tuple[float, float]:
     """Median cosine between the ways, and how large they are in the mean."""
     own, true, moves = without_offset(neutral, truth, made, unit)
     sizes = np.linalg.norm(own[moves], axis=1), np.linalg.norm(true[moves], axis=1)
@@ -125,10 +127,10 @@ def errors(pair: Pair, correspondence: Correspondence, method: Method) -> F64:
     return np.array([err(neutral, t, m, pair.unit) for t, m in zip(pair.truths, made, strict=True)])
 
 
-def measured(pair: Pair, name: str, true: Correspondence | None, report: Report) -> None:
+def measure_pair(pair: Pair, name: str, true: Correspondence | None, report: Report) -> None:
     """Rows of a pair, where it stands and elsewhere; registered, and judged, if not `true`."""
     rows = []
-    for where, here in (("as it stands", pair), ("turned, scaled", pair.placed(ELSEWHERE))):
+    for where, here in (("as it stands", pair), ("turned, scaled", pair.placed(OTHER_POSE))):
         link = true or register(here.source, here.target, here.points).correspondence()
         found = {method: errors(here, link, method) for method in METHODS}
         rows += [(where, method, found[method].mean(), *found[method]) for method in METHODS]
@@ -154,7 +156,7 @@ def criteria_x(what: str, cosine: float, amplitude: float) -> list[Criterion]:
     ]
 
 
-def measured_x(shared: Path, report: Report) -> None:
+def measure_pair_x(shared: Path, report: Report) -> None:
     """Cosine and amplitude on pair X, with both correspondences."""
     pair = load_pair(shared, "X")
     links = {
@@ -166,16 +168,16 @@ def measured_x(shared: Path, report: Report) -> None:
         for method in METHODS:
             transfer = Transfer(pair.source, pair.target, link, method)
             made = [transfer(expressive) for expressive in pair.expressions]
-            for unit in (MILLIMETRES, 1.0):
+            for unit in (MILLIMETRES_PER_CM, 1.0):
                 alike = np.array(
                     [
-                        likeness(pair.target.vertices, *both, unit)
+                        direction_and_amplitude(pair.target.vertices, *both, unit)
                         for both in zip(pair.truths, made, strict=True)
                     ]
                 )
-                rows.append((how, method, MOVED * unit, *alike.mean(0), *alike[:, 0]))
+                rows.append((how, method, MOVED_CM * unit, *alike.mean(0), *alike[:, 0]))
                 if method == "tents":
-                    report.criteria += criteria_x(f"X, {how}, moves {MOVED * unit} mm", *alike.mean(0))
+                    report.criteria += criteria_x(f"X, {how}, moves {MOVED_CM * unit} mm", *alike.mean(0))
     columns = ("correspondence", "method", "moves from, mm", "cosine", "amplitude", *pair.names)
     report.tables.append(Table("Pair X: two artists' shapes of one name", columns, rows))
     report.notes.append(
@@ -184,7 +186,7 @@ def measured_x(shared: Path, report: Report) -> None:
     )
 
 
-def measured_on_itself(pair: Pair, report: Report) -> None:
+def measure_self_transfer(pair: Pair, report: Report) -> None:
     """E of the appendix, all expressions of a source carried to itself."""
     transfer = Transfer(pair.source, pair.source, Correspondence.identity(len(pair.source.vertices)))
     neutral = pair.source.vertices
@@ -205,10 +207,10 @@ def measure(options: argparse.Namespace) -> Report:
     for name in ("P",) if options.quick else ("P", "M"):
         pair = load_pair(options.shared, name)
         common.say(f"pair {name}")
-        measured(pair, name, true_correspondence(options.shared, name), report)
-        measured(pair, name, None, report)
-    measured_x(options.shared, report)
-    measured_on_itself(load_pair(options.shared, "P"), report)
+        measure_pair(pair, name, true_correspondence(options.shared, name), report)
+        measure_pair(pair, name, None, report)
+    measure_pair_x(options.shared, report)
+    measure_self_transfer(load_pair(options.shared, "P"), report)
     report.notes.append(
         "Deformation transfer as others have it (Golevka/deformation-transfer, C): err .11 to .28 on pair P and .10 to "
         ".26 on M, over the same six expressions."
