@@ -13,7 +13,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-import guise
 from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import EnrolReport, enrol_file
@@ -64,9 +63,9 @@ def find_samples(folder: Path | None) -> Path:
 
 
 def _own_samples() -> Path:
-    """The sample people: in the package, where it is installed, otherwise beside it in a checkout."""
-    package = Path(guise.__file__).parent
-    return package / "samples" if (package / "samples").is_dir() else package.parent / "sample_videos"
+    """The sample people: in the package, where it is installed from a wheel; in a checkout beside `app`."""
+    home = Path(__file__).parents[2]
+    return home / "samples" if (home / "samples").is_dir() else home / "sample_videos"
 
 
 def run_demo(samples: Path | None, folder: Path, settings: SwapSettings = DEFAULTS) -> DemoReport:
