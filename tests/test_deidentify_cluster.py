@@ -144,7 +144,7 @@ def test_a_job_that_kills_every_worker_is_given_up(tmp_path: Path) -> None:
         wait_for_workers(address, 1)
         with (
             DaskEngine(address, act) as engine,
-            pytest.raises(EngineError, match="each worker that had it was killed"),
+            pytest.raises(EngineError, match="every worker that ran it was killed"),
         ):
             engine.run(jobs(tmp_path, "killed", 2), lambda job: None)
     assert len((tmp_path / "kills").read_text()) > 1
@@ -172,7 +172,7 @@ def test_a_scheduler_that_goes_is_a_sentence(tmp_path: Path) -> None:
         runner.join()
         engine.close()
     assert str(caught[0]) == (
-        f"the Dask scheduler at {address} is gone: start it and its workers again, then use --resume"
+        f"the Dask scheduler at {address} is gone: start it and its workers again, then continue with --resume"
     )
 
 
