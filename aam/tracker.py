@@ -61,12 +61,14 @@ class Fit:
     parameters : (k,) float64, shape parameters in standard deviations.
     residual : float, root mean square of the normalised texture that the model doesn't explain.
     confidence : float in [0, 1], 0.5 at the lost threshold.
+    carried : the shape is a landmarker's, as the tracker did not recognise the face (light, turn, a hand in front).
     """
 
     shape: F64
     parameters: F64
     residual: float
     confidence: float
+    carried: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,6 +250,14 @@ class Tracker:
         """The fit, or the fit that starts from it where that is better."""
         again = self.fit(luma, fit.shape)
         return again if isinstance(again, Fit) and again.residual < fit.residual else fit
+
+    def measured(self, luma: U8, shape: F64) -> Fit | Failed:
+        """A shape (81, 2) found by other means, with the residual of the person's texture there; `carried` is true."""
+        match = self.match(luma, shape)
+        if isinstance(match, Failed):
+            return match
+        _, parameters = self._shape_space.encode(shape)
+        return Fit(shape, parameters, match.residual, match.confidence, carried=True)
 
     def starts(self, box: Floating) -> list[F64]:
         """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""

@@ -184,6 +184,7 @@ def swap_file(
     source: Person | None = None,
     alpha: float = 0.6,
     renderer: Renderer = "auto",
+    unsure: Literal["cover", "hold", "leave"] = "cover",
     crf: int = 20,
     overwrite: bool = False,
     progress: Progress = silent,
@@ -191,17 +192,19 @@ def swap_file(
 ) -> SwapReport:
     """Swap the face of the person in a video; sound, time stamps, rotation and colour tags survive.
 
-        Parameters
-        ----------
-        video : a video, an image or a folder of images.
-        identity : whose face is shown: a model or its file.
-        output : its suffix decides what is written.
-        source : the person in the video: a model or its file; by default they are enrolled from the video itself.
-        crf : quality of the encoder; lower is better and larger.
+    Parameters
+    ----------
+    video : a video, an image or a folder of images.
+    identity : whose face is shown: a model or its file.
+    output : its suffix decides what is written.
+    source : the person in the video: a model or its file; by default they are enrolled from the video itself.
+    unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
+        face for a second, or "leave" the frame as it is.
+    crf : quality of the encoder; lower is better and larger.
 
-        Returns
-        -------
-    SwapReport : frames, and how many of them are swapped, held and lost.
+    Returns
+    -------
+    SwapReport : frames, and how many of them are swapped, held, covered and lost.
     """
     from guise.app.enrolment.enrol import LandmarkSource
     from guise.app.media import EncodeOptions
@@ -211,7 +214,8 @@ def swap_file(
 
     shown = _identity(identity)
     settings = SwapSettings(
-        EngineOptions(alpha=alpha, renderer=renderer), EncodeOptions(crf=crf), force=overwrite, progress=progress, say=say
+        EngineOptions(alpha=alpha, renderer=renderer), EncodeOptions(crf=crf), unsure=unsure, force=overwrite,
+        progress=progress, say=say,
     )  # fmt: skip
     person = LandmarkSource() if source is None else _source(source, shown)
     return swap(Path(video), shown, Path(output), source=person, settings=settings)

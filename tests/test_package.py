@@ -1,4 +1,4 @@
-"""The wheel holds what the program needs under one name, needs only what it declares, and works beside a foreign app."""
+"""The wheel has one name, holds what the program needs, needs what it declares, and works beside a foreign app."""
 
 import ast
 import os

@@ -60,7 +60,7 @@ def test_a_name_is_no_part_of_a_path(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("suffix", ["", ".html", ".mp4/../x", ".guise", ".sqlite", "/"])
 def test_only_videos_are_taken(tmp_path: Path, suffix: str) -> None:
     store = Store(tmp_path)
-    with pytest.raises(StudioError, match="isn.t a video file"):
+    with pytest.raises(StudioError, match=r"isn.t a video file"):
         store.add_clip("Anna", suffix)
     store.close()
 

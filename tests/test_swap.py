@@ -1,5 +1,6 @@
 """Swapping files by the library: what is changed, kept, counted and marked."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -79,10 +80,16 @@ def test_lost_frames_are_untouched_and_counted(tmp_path: Path, p01: Identity, p0
             cv2.imwrite(str(frames / f"{frame.index:03d}.png"), shown[..., ::-1])
             if frame.index == 13:
                 break
-    report = swap_file(frames, p06, tmp_path / "out", source=p01, settings=LOSSLESS)
-    assert (report.swapped, report.held, report.lost) == (4, 4, 6)
+    leave = replace(LOSSLESS, unsure="leave")
+    report = swap_file(frames, p06, tmp_path / "out", source=p01, settings=leave)
+    assert (report.swapped, report.held, report.covered, report.lost) == (4, 4, 0, 6)
     last = cv2.imread(str(tmp_path / "out" / "013.png"))
     assert (last == 70).all()
+    hold = replace(LOSSLESS, unsure="hold")
+    report = swap_file(frames, p06, tmp_path / "held", source=p01, settings=hold)
+    assert (report.swapped, report.held, report.covered, report.lost) == (4, 10, 0, 0)
+    report = swap_file(frames, p06, tmp_path / "covered", source=p01, settings=LOSSLESS)
+    assert (report.swapped, report.held, report.covered, report.lost) == (4, 4, 6, 0)
 
 
 def test_one_image(tmp_path: Path, p01: Identity, p06: Identity) -> None:

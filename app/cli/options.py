@@ -20,6 +20,14 @@ class RendererName(StrEnum):
     cpu = "cpu"
 
 
+class UnsureName(StrEnum):
+    """What is done to a face that is lost but may be visible."""
+
+    cover = "cover"
+    hold = "hold"
+    leave = "leave"
+
+
 class LandmarkFormat(StrEnum):
     """Output formats of landmarks."""
 
@@ -77,6 +85,13 @@ Alpha = Annotated[
 ]
 RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Which renderer draws the face.")]
 Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]
+UnsureOption = Annotated[
+    UnsureName,
+    typer.Option(
+        "--unsure",
+        help="A face that is lost but may be visible: cover it, hold the last face there, or leave the frame as it is.",
+    ),
+]
 Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such as libx264, libx265, ffv1.")]
 Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
 Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]

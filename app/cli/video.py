@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,8 @@ from guise.app.cli.options import (
     RendererChoice,
     RendererName,
     SourcePath,
+    UnsureName,
+    UnsureOption,
     Video,
     landmark_source,
 )
@@ -46,6 +49,7 @@ def swap(
     alpha: Alpha = 0.6,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
+    unsure: UnsureOption = UnsureName.cover,
     encoder: Encoder = "libx264",
     crf: Crf = 20,
     preset: Preset = "veryfast",
@@ -62,6 +66,7 @@ def swap(
         settings = _settings(
             console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
         )
+        settings = replace(settings, unsure=unsure.value)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = swap_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "swapped")
@@ -131,8 +136,9 @@ def _open(
 
 def say_report(console: Console, report: SwapReport, word: str, *, last: bool = True) -> None:
     """Print the summary for people and, unless more follows, the JSON object."""
+    covered = f"{report.covered} covered, " if report.covered else ""
     console.say(
-        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, "
+        f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, {covered}"
         f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
     )
     if last:

@@ -9,19 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
+from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.media import Frame
+from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
-
-HOLD_FRAMES = 4  # frames for which a lost face keeps its last place
 
 Outcome = Literal["swapped", "held", "lost"]
 
@@ -38,19 +39,19 @@ class SwapResult:
 class Engine(Closing):
     """Draws `target` over `source`, frame by frame; use it by `with`, as it holds compositors.
 
-        Parameters
-        ----------
-        source : Identity of the person in the video.
-        target : Identity whose face is shown.
+    Parameters
+    ----------
+    source : Identity of the person in the video.
+    target : Identity whose face is shown.
     finder : finds the face at the start and after a loss, see `PersonTracker`.
-        options : EngineOptions.
+    options : EngineOptions.
 
-        Raises
-        ------
-        ReferenceMismatchError
-            When the two don't share a reference frame.
-        RendererError
-            When the chosen renderer isn't available.
+    Raises
+    ------
+    ReferenceMismatchError
+        When the two don't share a reference frame.
+    RendererError
+        When the chosen renderer isn't available.
     """
 
     def __init__(
@@ -65,18 +66,22 @@ class Engine(Closing):
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
         self.tracker = PersonTracker(source.tracker, finder)
-        self.painter = Painter(source, target, self.estimator, options)
+        self.occlusion = _occlusion(source, self.estimator, options)
+        self.painter = Painter(source, target, self.estimator, options, self.occlusion)
+        self._shape_transfer = (
+            ShapeTransfer(source.appearance, target.appearance) if options.transfer == "full" else None
+        )
         self._last: tuple[F64, F32] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
         """Swap the face in a frame, in place; a frame in which the person is lost stays as it is.
 
-        For HOLD_FRAMES frames after a loss the last face is held where it was.
+        For `hold_frames` frames after a loss the last face is held where it was.
         """
         fit = self.tracker.update(frame.luma)
         if isinstance(fit, Fit):
             return SwapResult("swapped", fit, self.draw(frame, fit.shape))
-        if self._last is not None and self.tracker.lost_frames <= HOLD_FRAMES:
+        if self._last is not None and self.tracker.lost_frames <= self.options.hold_frames:
             return SwapResult("held", fit, self.painter.paint(frame, *self._last, None))
         self._last = None
         self.painter.reset()
@@ -85,10 +90,28 @@ class Engine(Closing):
     def draw(self, frame: Frame, shape: F64) -> F64:
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
-        appearance = self.extrapolator.apply(self.estimator(shape, texels))
+        parameters = self.estimator(shape, texels)
+        if self.occlusion is not None:
+            self.occlusion.update(parameters, texels)
+        appearance = self.synthesise(parameters, shape)
         self._last = shape, appearance
         return self.painter.paint(frame, shape, appearance, texels)
+
+    def synthesise(self, parameters: F32, shape: F64) -> F32:
+        """The target's appearance (162 + 3 n,) for the source's parameters (k,) and tracked shape (81, 2)."""
+        appearance = self.extrapolator.apply(parameters)
+        if self._shape_transfer is not None:
+            moved = self._shape_transfer.apply(shape) * self.target.reference.shape_weight
+            appearance[:SHAPE_ENTRIES] = moved.ravel()
+        return appearance
 
     def close(self) -> None:
         """Release the compositors."""
         self.painter.close()
+
+
+def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineOptions) -> Occlusion | None:
+    """What hides the source's face; a disguise is drawn over everything, so that nothing of the person shows."""
+    if options.light == "paper" or options.disguise:
+        return None
+    return Occlusion(source.appearance, estimator.texels)

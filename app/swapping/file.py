@@ -12,6 +12,7 @@ from guise.app.swapping.engine import Engine
 from guise.app.swapping.report import SwapReport, Tally
 from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.app.swapping.source_person import source_person
+from guise.app.swapping.unsure import LostFaceCover
 from guise.common.threads import one_thread
 
 if TYPE_CHECKING:
@@ -43,10 +44,18 @@ def swap_file(
         with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
             person = source_person(media, source, identity, settings)
             tally = Tally(settings, media, "swapping")
-            with one_thread(), Engine(person, identity, settings.face_finder(), settings.options) as engine:
+            options = settings.engine_options()
+            with one_thread(), Engine(person, identity, settings.face_finder(), options) as engine:
+                lost_face = LostFaceCover() if settings.unsure == "cover" else None
 
                 def swap(frame: Frame) -> None:
-                    tally.add(engine.swap(frame).outcome)
+                    result = engine.swap(frame)
+                    if lost_face is not None and result.mesh is not None:
+                        lost_face.seen(result.mesh)
+                    elif lost_face is not None and lost_face.cover(frame):
+                        tally.add("covered")
+                        return
+                    tally.add(result.outcome)
 
                 stats = process(media, sink, swap, progress=tally.progress)
                 tally.require_some(person.name)

@@ -17,18 +17,26 @@ class EngineOptions:
     ----------
     alpha : share in [0, 1] of the expression outside the donor's own space that is let through.
     renderer : "auto", "gl" or "cpu".
-    palette : "symmetric" or "least-squares" scale of the colour similarity.
+    light : "local", ratios of local means of skin, which keep hard shadows, and what hides the face stays in front of
+        it; "paper", smooth fields and one similarity of colours, drawn over everything.
+    transfer : "full", the shape moves as much as the source's; "paper", within the donor's own space and a share
+        `alpha` outside it.
+    palette : "symmetric" or "least-squares" scale of the colour similarity of light "paper".
     outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
     jaw, forehead : face widths by which they are then drawn beyond it, the forehead most in its middle, to hide the
         rim of the face as well.
+    hold_frames : for which a lost face keeps its last place.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
         the person is harder to recognise from what remains of the head (hair, ears, neck).
     """
 
     alpha: float = DEFAULT_ALPHA
     renderer: Renderer = "auto"
+    light: Literal["local", "paper"] = "local"
+    transfer: Literal["full", "paper"] = "full"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
     outline: float = 0.7
     jaw: float = 0.0
     forehead: float = 0.0
+    hold_frames: int = 4
     disguise: bool = False

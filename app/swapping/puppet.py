@@ -72,12 +72,12 @@ PINNED_POINTS[[*JAW[:4], *JAW[-4:], *FOREHEAD]] = True
 class Puppet(Closing):
     """Draws the identity's still with the expression of a driver, frame by frame; use it by `with`.
 
-        Parameters
-        ----------
-        source : Identity of the driver.
-        target : Identity whose still moves.
+    Parameters
+    ----------
+    source : Identity of the driver.
+    target : Identity whose still moves.
     finder : finds the face at the start and after a loss, see `PersonTracker`.
-        options : EngineOptions.
+    options : EngineOptions.
     """
 
     def __init__(

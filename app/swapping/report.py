@@ -24,7 +24,7 @@ class SwapReport:
     ----------
     output : the file that was written.
     frames : number written; of these `swapped` show the new face where the face is, `held` where it was last seen,
-        and in `lost` the face was not found.
+        in `covered` a face that could not be swapped was covered, and in `lost` no face was found.
     seconds : wall time without enrolment.
     work_seconds : of these, spent in tracking and drawing.
     renderer : what drew the face.
@@ -36,6 +36,7 @@ class SwapReport:
     frames: int
     swapped: int
     held: int
+    covered: int
     lost: int
     seconds: float
     work_seconds: float
@@ -63,7 +64,7 @@ class Tally:
         self._settings, self._media, self._stage = settings, media, stage
         self._total = media.frame_count or 0
         self._start = time.perf_counter()
-        self.counts = {"swapped": 0, "held": 0, "lost": 0}
+        self.counts = {"swapped": 0, "held": 0, "covered": 0, "lost": 0}
         self.faces = 0
         self.renderer = ""
 

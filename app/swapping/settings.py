@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from guise.aam.landmarks import open_detector, open_landmarker
 from guise.aam.person_tracker import FaceFinder
 from guise.app.media import EncodeOptions
 from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.unsure import UNSURE_HOLD_FRAMES, Unsure
 from guise.common.progress import Progress, Say, mute, silent
 
 
@@ -21,6 +22,8 @@ class SwapSettings:
     encode : encoder, crf, preset, lossless.
     detector : "builtin", the landmarker, or "lbp" or "yunet:MODEL.onnx", which find boxes: what finds the face at the
         start and after a loss.
+    unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
+        face for a second, or "leave" the frame as it is.
     force : replace an existing output.
     progress : called with the stage and the share of it that is done.
     say : called with notes for the user.
@@ -29,9 +32,15 @@ class SwapSettings:
     options: EngineOptions = EngineOptions()
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     detector: str = "builtin"
+    unsure: Unsure = "cover"
     force: bool = False
     progress: Progress = silent
     say: Say = mute
+
+    def engine_options(self) -> EngineOptions:
+        """How the engine draws, with the frames for which a lost face is held."""
+        held = max(self.options.hold_frames, UNSURE_HOLD_FRAMES if self.unsure == "hold" else 0)
+        return replace(self.options, hold_frames=held)
 
     def face_finder(self) -> FaceFinder:
         """What finds the face."""

@@ -1,0 +1,90 @@
+"""What is done to a frame in which the person's face cannot be swapped but may still be visible.
+
+Pixels as shown, x right, y down; boxes x0 y0 x1 y1 of the 68 iBUG points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+
+from guise.aam.landmarks import iou
+from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.schemes import IBUG68
+from guise.app.media import Frame
+from guise.app.swapping.cover import CoverStyle, cover, region
+from guise.common.arrays import F32, F64, U8
+
+Unsure = Literal["cover", "hold", "leave"]
+UNSURE_HOLD_FRAMES = 30  # for which "hold" keeps the last face where it was
+
+
+class ScoredDetector(Protocol):
+    """A face detector that scores its boxes, as `guise.aam.landmarks.detector.FaceDetector` does."""
+
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
+        """Boxes (n, 4) and their scores (n,)."""
+
+
+@dataclass(frozen=True)
+class CoverLimits:
+    """Thresholds for covering a lost face."""
+
+    min_score: float = 0.15  # of a box where the person was
+    min_first_score: float = 0.5  # of a box before the person was seen at all
+    min_iou: float = 0.15  # of a box with where the person was
+    blind_frames: int = 8  # for which the last region stays covered although nothing is detected there
+    growth_per_frame: float = 0.02  # of the region meanwhile
+
+
+LIMITS = CoverLimits()
+
+
+class LostFaceCover:
+    """Covers a lost person's face while it may be visible; one call of `seen` or `cover` per frame, in order.
+
+    Parameters
+    ----------
+    detector : looks for the face in frames in which it is lost; the built-in one, made when it is first needed.
+    style : of the cover.
+    """
+
+    def __init__(self, detector: ScoredDetector | None = None, style: CoverStyle = "mosaic") -> None:
+        self._detector, self._style = detector, style
+        self._box: F64 | None = None
+        self._blind_frames = 0
+
+    def seen(self, mesh: F64) -> None:
+        """The face was drawn on a mesh (81, 2) in this frame."""
+        inner = mesh[IBUG68]
+        self._box, self._blind_frames = np.concatenate([inner.min(0), inner.max(0)]), 0
+
+    def cover(self, frame: Frame) -> bool:
+        """Cover where the person's face may be, in place; whether anything was covered."""
+        box = self._detected(frame)
+        if box is not None:
+            self._box, self._blind_frames = box, 0
+        else:
+            self._blind_frames += 1
+        if self._box is None or self._blind_frames > LIMITS.blind_frames:
+            return False
+        growth = 1 + LIMITS.growth_per_frame * self._blind_frames
+        return cover(frame, region(self._box, growth), self._style) is not None
+
+    def _detected(self, frame: Frame) -> F64 | None:
+        """The detected box where the person was, or the largest clear one before they were seen at all."""
+        if self._detector is None:
+            self._detector = FaceDetector(min_score=LIMITS.min_score)
+        boxes, scores = self._detector.detect_scored(frame.quick_rgb())
+        if self._box is None:
+            clear = [box for box, score in zip(boxes, scores, strict=True) if score >= LIMITS.min_first_score]
+            return max(clear, key=_area).astype(np.float64) if clear else None
+        last = self._box.astype(np.float32)
+        near = [box for box in boxes if iou(box, last) > LIMITS.min_iou]
+        return max(near, key=lambda box: iou(box, last)).astype(np.float64) if near else None
+
+
+def _area(box: F32) -> float:
+    return float(np.prod(box[2:] - box[:2]))

@@ -1,0 +1,104 @@
+"""A person in plain view is never lost: a landmarker's points carry the track where the tracker fails."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from guise.aam.landmarks import open_landmarker
+from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
+from guise.aam.model import Identity
+from guise.aam.person_tracker import LIMITS, PersonTracker
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Fit, Tracker
+from guise.common.arrays import F64, U8
+
+Clip = tuple[list[np.ndarray], np.ndarray]
+
+
+class Blinded(Tracker):
+    """A person's tracker that recognises nobody while `blind` is true."""
+
+    blind = True
+    residual = 1.0  # of what it is shown meanwhile, in lost thresholds
+
+    def fit(self, luma: U8, start: F64) -> Fit | Failed:
+        return Failed("blind") if self.blind else super().fit(luma, start)
+
+    def measured(self, luma: U8, shape: F64) -> Fit | Failed:
+        fit = super().measured(luma, shape)
+        assert isinstance(fit, Fit)
+        return replace(fit, residual=self.residual * self.quality.threshold)
+
+
+@pytest.fixture
+def blinded(p01: Identity) -> Blinded:
+    return Blinded(**{name: getattr(p01.tracker, name) for name in p01.tracker.__dataclass_fields__})
+
+
+def error(fit: Fit | Failed, truth: np.ndarray) -> float:
+    """Mean distance of the points, inter-ocular distances."""
+    assert isinstance(fit, Fit)
+    a, b = truth[OUTER_EYE_CORNERS]
+    return float(np.linalg.norm(fit.shape - truth, axis=1).mean() / np.linalg.norm(a - b))
+
+
+def test_who_is_not_recognised_is_carried_by_the_landmarker(blinded: Blinded, talk2: Clip) -> None:
+    luma, truth = talk2
+    tracker = PersonTracker(blinded, open_landmarker("builtin"))
+    fits = [tracker.update(frame) for frame in luma[:25]]
+    assert all(isinstance(fit, Fit) and fit.carried for fit in fits)
+    assert np.mean([error(fit, points) for fit, points in zip(fits, truth, strict=False)]) < 0.05
+    assert tracker.lost_frames == 0
+
+
+def test_who_is_recognised_is_not_carried(p01: Identity, talk2: Clip) -> None:
+    tracker = PersonTracker(p01.tracker, open_landmarker("builtin"))
+    fits = [tracker.update(frame) for frame in talk2[0][:20]]
+    assert all(isinstance(fit, Fit) and not fit.carried for fit in fits)
+
+
+def test_between_tracker_and_landmarker_the_points_do_not_jump(blinded: Blinded, talk2: Clip) -> None:
+    luma, truth = talk2
+    tracker, fits = PersonTracker(blinded, open_landmarker("builtin")), []
+    for number, frame in enumerate(luma[:24]):
+        blinded.blind = 8 <= number < 16
+        fits.append(tracker.update(frame))
+    carried = [isinstance(fit, Fit) and fit.carried for fit in fits]
+    assert carried == [8 <= number < 16 for number in range(24)]
+    a, b = truth[0][OUTER_EYE_CORNERS]
+    true_steps = np.abs(np.median(np.diff(truth[:24], axis=0), axis=1)).max(1) / np.linalg.norm(a - b)
+    for (old, new), true_step in zip(pairwise(fits), true_steps, strict=True):
+        assert isinstance(old, Fit)
+        assert isinstance(new, Fit)
+        step = np.abs(np.median(new.shape - old.shape, axis=0)).max() / np.linalg.norm(a - b)
+        assert step < true_step + 0.015
+
+
+def test_an_empty_picture_is_a_loss(blinded: Blinded, talk2: Clip) -> None:
+    nobody = np.full_like(talk2[0][0], 90)
+    tracker = PersonTracker(blinded, open_landmarker("builtin"))
+    fits = [tracker.update(frame) for frame in [*talk2[0][:3], nobody, nobody]]
+    assert [isinstance(fit, Fit) for fit in fits] == [True, True, True, False, False]
+    assert tracker.lost_frames == 2
+
+
+@pytest.mark.parametrize(("residual", "taken"), [(LIMITS.max_carried_residual + 0.2, False), (1.1, True)])
+def test_after_a_long_loss_only_a_likely_face_is_carried(
+    blinded: Blinded, talk2: Clip, residual: float, taken: bool
+) -> None:
+    nobody = np.full_like(talk2[0][0], 90)
+    tracker = PersonTracker(blinded, open_landmarker("builtin"))
+    blinded.blind = False
+    assert isinstance(tracker.update(talk2[0][0]), Fit)
+    blinded.blind, blinded.residual = True, residual
+    for _ in range(LIMITS.eager_lost_frames + 2):
+        assert not isinstance(tracker.update(nobody), Fit)
+    fits = [tracker.update(frame) for frame in talk2[0][1:7]]
+    assert any(isinstance(fit, Fit) for fit in fits) is taken
+
+
+def test_without_a_landmarker_nothing_is_carried(blinded: Blinded, talk2: Clip) -> None:
+    tracker = PersonTracker(blinded, None, start=talk2[1][0])
+    assert not isinstance(tracker.update(talk2[0][0]), Fit)

@@ -1,0 +1,82 @@
+"""A face that is lost but may be visible is covered: where it is detected, and for a while where it was."""
+
+import numpy as np
+import pytest
+
+from guise.app.media import Frame
+from guise.app.swapping.unsure import LIMITS, LostFaceCover
+from guise.common.arrays import F32, U8
+
+MESH = np.column_stack([np.linspace(60, 100, 81), np.linspace(50, 90, 81)])
+
+
+class Detector:
+    """Finds what it is told to find."""
+
+    def __init__(self) -> None:
+        self.found: list[tuple[float, float, float, float, float]] = []
+
+    def detect_scored(self, image: U8) -> tuple[F32, F32]:
+        rows = np.array(self.found, np.float32).reshape(-1, 5)
+        return rows[:, :4], rows[:, 4]
+
+
+@pytest.fixture
+def detector() -> Detector:
+    return Detector()
+
+
+def noise() -> Frame:
+    return Frame.from_rgb(np.random.default_rng(0).integers(0, 255, (160, 200, 3), dtype=np.uint8))
+
+
+def changed(cover: LostFaceCover) -> np.ndarray | None:
+    """Where a frame of noise is changed (h, w), or None when nothing is covered."""
+    frame = noise()
+    before = frame.rgb()
+    covered = cover.cover(frame)
+    where = (frame.rgb() != before).any(2)
+    assert where.any() == covered
+    return where if covered else None
+
+
+def test_before_anybody_was_seen_only_a_clear_face_is_covered(detector: Detector) -> None:
+    cover = LostFaceCover(detector)
+    assert changed(cover) is None
+    detector.found = [(20, 20, 60, 60, 0.3)]
+    assert changed(cover) is None
+    detector.found = [(20, 20, 60, 60, 0.3), (120, 80, 160, 120, 0.9)]
+    where = changed(cover)
+    assert where is not None
+    assert where[85:115, 125:155].mean() > 0.9
+    assert not where[20:60, 20:60].any()
+
+
+def test_a_faint_face_where_the_person_was_is_covered_and_others_are_not(detector: Detector) -> None:
+    cover = LostFaceCover(detector)
+    cover.seen(MESH)
+    detector.found = [(62, 52, 96, 90, 0.2), (150, 100, 190, 140, 0.99)]
+    where = changed(cover)
+    assert where is not None
+    assert where[55:88, 65:94].mean() > 0.9
+    assert not where[110:140, 160:190].any()
+
+
+def test_what_nobody_detects_stays_covered_for_a_while_and_is_then_left(detector: Detector) -> None:
+    cover = LostFaceCover(detector)
+    cover.seen(MESH)
+    areas = [changed(cover) for _ in range(LIMITS.blind_frames + 3)]
+    assert all(area is not None for area in areas[: LIMITS.blind_frames])
+    assert areas[-1] is None
+    sums = [area.sum() for area in areas[: LIMITS.blind_frames] if area is not None]
+    assert sums[-1] > sums[0]
+
+
+def test_the_cover_follows_the_face(detector: Detector) -> None:
+    cover = LostFaceCover(detector)
+    cover.seen(MESH)
+    for shift in (10, 20, 30, 40):
+        detector.found = [(60 + shift, 50, 95 + shift, 85, 0.4)]
+        where = changed(cover)
+        assert where is not None
+        assert where[55:80, 65 + shift : 90 + shift].mean() > 0.9
