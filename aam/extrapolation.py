@@ -67,7 +67,7 @@ class Extrapolator:
         self._projected = yt @ (yt.T @ ys)
         self._outside = _gate(source.reference, gate)[:, None] * (ys - self._projected)
         self._matrix = np.empty_like(self._projected)
-        self._base = _turned(target, source) if anchored else target.components.mean
+        self._base = turned_neutral(target, source) if anchored else target.components.mean
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
         self.alpha = alpha
 
@@ -100,7 +100,7 @@ def _gate(reference: ReferenceFrame, gate: float) -> F32:
     return np.concatenate([np.ones(SHAPE_ENTRIES, np.float32), np.repeat(soft.astype(np.float32), 3)])
 
 
-def _turned(target: AppearanceModel, source: AppearanceModel) -> F32:
+def turned_neutral(target: AppearanceModel, source: AppearanceModel) -> F32:
     """The target's neutral appearance with its shape turned to the yaw of the source's."""
     reference = target.reference
     yaw = np.clip(reference.yaw(source.neutral_shape), -MAX_NEUTRAL_YAW_DEGREES, MAX_NEUTRAL_YAW_DEGREES)

@@ -82,6 +82,7 @@ def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(["bench", str(clip), "--source", model, "--frames", "20", "--json"]) == 0
     timings = json.loads(capsys.readouterr().out)["milliseconds"]
     on_cpu = {t["stage"]: t for t in timings if t["renderer"] == "cpu"}
-    stages = ["track", "sample", "parameters", "extrapolate", "warp and blend", "place and palette", "all"]
-    assert list(on_cpu) == stages
+    assert list(on_cpu) == [
+        "track", "sample", "parameters", "occlusion", "extrapolate", "warp and blend", "place and palette", "all",
+    ]  # fmt: skip
     assert all(0 < t["median"] <= t["p95"] for t in on_cpu.values())

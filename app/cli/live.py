@@ -17,10 +17,14 @@ from guise.app.cli.options import (
     Encoder,
     Force,
     Json,
+    LightChoice,
+    LightName,
     Preset,
     Quiet,
     RendererChoice,
     RendererName,
+    TransferChoice,
+    TransferName,
 )
 from guise.app.cli.studio import studio
 
@@ -104,6 +108,8 @@ def live(
     readout: Annotated[
         bool, typer.Option("--readout", help="Show frame rate, latency and dropped frames in the window.")
     ] = False,
+    light: LightChoice = LightName.local,
+    transfer: TransferChoice = TransferName.full,
     renderer: RendererChoice = RendererName.auto,
     encoder: Encoder = "libx264",
     crf: Crf = 20,
@@ -132,7 +138,10 @@ def live(
     )  # fmt: skip
     options = LiveOptions(
         source, camera, tuple(identity or ()), person, tuple(output or (() if headless else ("window",))), headless,
-        _size(size), fps, loop, enrol, settings, EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value),
+        _size(size), fps, loop, enrol, settings,
+        EngineOptions(
+            light=light.value, transfer=transfer.value, jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value
+        ),
         EncodeOptions(encoder, crf, preset), force,
     )  # fmt: skip
     with Stages(console) as stages:

@@ -28,6 +28,20 @@ class UnsureName(StrEnum):
     leave = "leave"
 
 
+class LightName(StrEnum):
+    """How the face gets the light of the scene."""
+
+    local = "local"
+    paper = "paper"
+
+
+class TransferName(StrEnum):
+    """How the expression moves the face."""
+
+    full = "full"
+    paper = "paper"
+
+
 class LandmarkFormat(StrEnum):
     """Output formats of landmarks."""
 
@@ -84,6 +98,20 @@ Alpha = Annotated[
     ),
 ]
 RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Which renderer draws the face.")]
+LightChoice = Annotated[
+    LightName,
+    typer.Option(
+        "--light",
+        help="Light on the face: local also follows hard shadows and keeps hands in front of it; paper is smooth.",
+    ),
+]
+TransferChoice = Annotated[
+    TransferName,
+    typer.Option(
+        "--transfer",
+        help="Movement of the face: full is all of the person's; paper is within the identity's own range and --alpha.",
+    ),
+]
 Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]
 UnsureOption = Annotated[
     UnsureName,

@@ -18,6 +18,8 @@ from guise.app.cli.options import (
     Json,
     LandmarkerSpec,
     LandmarkFile,
+    LightChoice,
+    LightName,
     Lossless,
     ModelPath,
     Output,
@@ -26,6 +28,8 @@ from guise.app.cli.options import (
     RendererChoice,
     RendererName,
     SourcePath,
+    TransferChoice,
+    TransferName,
     UnsureName,
     UnsureOption,
     Video,
@@ -47,6 +51,8 @@ def swap(
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
+    light: LightChoice = LightName.local,
+    transfer: TransferChoice = TransferName.full,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     unsure: UnsureOption = UnsureName.cover,
@@ -64,7 +70,7 @@ def swap(
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
-            console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
+            console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
         )
         settings = replace(settings, unsure=unsure.value)
         shown, person = _open(identity, source, landmarks, landmarker)
@@ -80,6 +86,7 @@ def puppet(
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
+    light: LightChoice = LightName.local,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     encoder: Encoder = "libx264",
@@ -96,23 +103,23 @@ def puppet(
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
-            console, stages, alpha, renderer, detector, encoder, crf, preset, lossless, force
-        )
+            console, stages, alpha, light, TransferName.paper, renderer, detector, encoder, crf, preset, lossless, force
+        )  # fmt: skip
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "followed")
 
 
 def _settings(
-    console: Console, stages: Stages, alpha: float, renderer: RendererName, detector: str, encoder: str, crf: int,
-    preset: str, lossless: bool, force: bool,
+    console: Console, stages: Stages, alpha: float, light: LightName, transfer: TransferName, renderer: RendererName,
+    detector: str, encoder: str, crf: int, preset: str, lossless: bool, force: bool,
 ) -> SwapSettings:  # fmt: skip
     from guise.app.media import EncodeOptions
     from guise.app.swapping.options import EngineOptions
     from guise.app.swapping.settings import SwapSettings
 
     return SwapSettings(
-        EngineOptions(alpha=alpha, renderer=renderer.value),
+        EngineOptions(alpha=alpha, light=light.value, transfer=transfer.value, renderer=renderer.value),
         EncodeOptions(encoder, crf, preset, lossless),
         detector=detector, force=force, progress=stages, say=console.note,
     )  # fmt: skip

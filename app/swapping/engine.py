@@ -91,11 +91,15 @@ class Engine(Closing):
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
         parameters = self.estimator(shape, texels)
-        if self.occlusion is not None:
-            self.occlusion.update(parameters, texels)
+        self.update_occlusion(parameters, texels)
         appearance = self.synthesise(parameters, shape)
         self._last = shape, appearance
         return self.painter.paint(frame, shape, appearance, texels)
+
+    def update_occlusion(self, parameters: F32, texels: F32) -> None:
+        """Measure what hides the face, given the source's parameters (k,) and the frame's RGB at the texels (t, 3)."""
+        if self.occlusion is not None:
+            self.occlusion.update(parameters, texels)
 
     def synthesise(self, parameters: F32, shape: F64) -> F32:
         """The target's appearance (162 + 3 n,) for the source's parameters (k,) and tracked shape (81, 2)."""

@@ -14,13 +14,16 @@ from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
-from guise.aam.reference import POINTS
+from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
+from guise.app.swapping.local_light import LocalLight
+from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
-from guise.common.arrays import F32, F64, U8
+from guise.app.swapping.similarity_palette import SimilarityPalette
+from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render import Compositor, feather, make_compositor
 
 FEATHER_FACE_WIDTHS = 0.01  # standard deviation of the soft border
@@ -46,21 +49,29 @@ class Painter:
     source, target : Identity of the head and of the face.
     estimator : of the source; its texels serve the palette.
     options : EngineOptions.
+    occlusion : of the source's face, which stays in front of the drawn one.
     """
 
     def __init__(
-        self, source: Identity, target: Identity, estimator: ParameterEstimator, options: EngineOptions
+        self,
+        source: Identity,
+        target: Identity,
+        estimator: ParameterEstimator,
+        options: EngineOptions,
+        occlusion: Occlusion | None = None,
     ) -> None:
         self.options, self.reference = options, target.reference
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
         self._alpha = feather(mask, FEATHER_FACE_WIDTHS * self.reference.resolution)
-        self._palette = Palette(self.reference, estimator.texels, mask, options.palette)
+        self._palette = make_palette(self.reference, estimator.texels, mask, options)
+        self._occlusion = occlusion
         self._texels = estimator.texels
         self._detail = target.detail
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = options.outline * outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
+        self._occluded: set[bool] = set()  # compositors whose alpha holds an occlusion
         self._grid = np.zeros(self.reference.size, np.uint32)
         self._zeros = np.zeros((3, 0), np.float32)
 
@@ -73,8 +84,12 @@ class Painter:
         mesh, zoom = self.place(shape, head)
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         if texels is not None:
-            self._palette.update(texture[self._texels], texels)
-        self.blend(frame, mesh, texture, zoom)
+            visible = None if self._occlusion is None else self._occlusion.visible
+            self._palette.update(texture[self._texels], texels, visible)
+        uncovered = None
+        if self._occlusion is not None and self._occlusion.found:
+            uncovered = self._occlusion.uncovered(mesh, head)
+        self.blend(frame, mesh, texture, zoom, uncovered)
         return mesh
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
@@ -83,20 +98,26 @@ class Painter:
         mesh = self._features @ fit.apply(shape)
         return mesh + self._pull @ (head - mesh) + self._beyond @ fit.linear, fit.scale
 
-    def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float) -> None:
-        """Draw a texture (n, 3) RGB, in the current palette, on the mesh."""
+    def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None) -> None:
+        """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
+
+        uncovered : (h, w) share in [0, 1] of the face that is drawn, on the reference grid; None is all of it.
+        """
         x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
         if w < 2 or h < 2:
             return
         fine = zoom > ZOOM.min_detail_zoom
         picture = self._stored(texture, frame.colour, zoom, fine)
         roi = frame.read_roi(x0, y0, w, h)
+        self._set_occlusion(fine, uncovered)
         self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
         frame.write_roi(x0, y0, roi)
 
     def reset(self) -> None:
-        """Fit the palette afresh to the next face."""
+        """Fit palette and occlusion afresh to the next face."""
         self._palette.reset()
+        if self._occlusion is not None:
+            self._occlusion.reset()
 
     def close(self) -> None:
         """Release the compositors."""
@@ -139,12 +160,33 @@ class Painter:
         if fine not in self._compositors:
             factor = 2 if fine else 1
             uv = (self.reference.points + 0.5) * factor - 0.5
-            h, w = self.reference.size
-            alpha = cv2.resize(self._alpha, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR)
             self._compositors[fine] = make_compositor(
                 self.options.renderer,
                 self.reference.triangles,
                 uv.astype(np.float32),
-                np.asarray(alpha, np.float32),
+                self._enlarged(self._alpha, fine),
             )
         return self._compositors[fine]
+
+    def _set_occlusion(self, fine: bool, uncovered: F32 | None) -> None:
+        """Draw only what nothing hides; the alpha is touched only in frames with an occlusion and after them."""
+        if uncovered is not None:
+            self._compositor(fine).set_alpha(self._enlarged(self._alpha * uncovered, fine))
+            self._occluded.add(fine)
+        elif fine in self._occluded:
+            self._compositor(fine).set_alpha(self._enlarged(self._alpha, fine))
+            self._occluded.remove(fine)
+
+    def _enlarged(self, alpha: F32, fine: bool) -> F32:
+        """An alpha (h, w) at the size of the texture."""
+        if not fine:
+            return alpha
+        h, w = self.reference.size
+        return np.asarray(cv2.resize(alpha, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def make_palette(reference: ReferenceFrame, texels: Int, mask: Bool, options: EngineOptions) -> Palette:
+    """The palette that the options name."""
+    if options.light == "local":
+        return LocalLight(reference, texels, mask)
+    return SimilarityPalette(reference, texels, mask, options.palette)

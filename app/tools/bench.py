@@ -132,7 +132,9 @@ def _measure_one(
         open_input(clip) as media,
         Engine(source, target, LbpDetector(), EngineOptions(renderer=renderer)) as engine,
     ):
-        engine.painter = _TimedPainter(clock, source, target, engine.estimator, engine.options)
+        engine.painter = _TimedPainter(
+            clock, source, target, engine.estimator, engine.options, engine.occlusion
+        )
         for frame in media:
             done += _timed_swap(engine, frame, clock)
             if done >= frames + WARM_UP_FRAMES:
@@ -155,7 +157,8 @@ def _timed_swap(engine: Engine, frame: Frame, clock: _Clock) -> bool:
     places = engine.estimator.sampler.positions
     texels = clock.measure("sample", lambda: frame.sample_rgb(places(fit.shape)))
     parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, texels))
-    appearance = clock.measure("extrapolate", lambda: engine.extrapolator.apply(parameters))
+    clock.measure("occlusion", lambda: engine.update_occlusion(parameters, texels))
+    appearance = clock.measure("extrapolate", lambda: engine.synthesise(parameters, fit.shape))
     painting = _Clock()
     painting.measure("paint", lambda: engine.painter.paint(frame, fit.shape, appearance, texels))
     clock.times["place and palette"].append(painting.times["paint"][0] - clock.times["warp and blend"][-1])

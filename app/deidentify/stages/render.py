@@ -120,6 +120,9 @@ class SegmentRenderer:
                     jaw=LIMITS.jaw_face_widths,
                     forehead=LIMITS.forehead_face_widths,
                     disguise=True,
+                    # The privacy figures are measured with these; others need a new measurement.
+                    light="paper",
+                    transfer="paper",
                 ),
             )
             self._engines[track.number] = engine

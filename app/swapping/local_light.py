@@ -1,0 +1,144 @@
+"""The scene's light and skin tone on a face, by the ratio of local means of skin.
+
+Light scales what it falls on.  So what the frame shows of the source's skin, averaged around each place, is divided by
+what the synthesised face shows there, averaged alike; the ratio is that of the two lights and skin tones together.
+Brightness is averaged over a small neighbourhood, so that hard shadows keep their place, and colour over a larger one.
+Brows, lips and folds are differences from the face's own mean; they are scaled by the ratio of brightness within
+limits, so that they neither fade nor turn into noise.  Eyes and the inside of the mouth keep their own colours, in the
+brightness that the source's have.  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.reference import ReferenceFrame
+from guise.app.swapping.coarse_grid import CellReader, CoarseGrid, TexelSums
+from guise.common.arrays import F32, Bool, Int
+
+
+@dataclass(frozen=True)
+class LocalLightLimits:
+    """Widths, ranges and memory of the local light."""
+
+    cell_face_widths: float = 0.025
+    brightness_sigma_face_widths: float = 0.06
+    colour_sigma_face_widths: float = 0.12
+    brightness_ratio: tuple[float, float] = (0.15, 4.0)
+    colour_ratio: tuple[float, float] = (0.6, 1.6)  # of a channel, beyond that of brightness
+    detail_gain: tuple[float, float] = (0.5, 1.5)
+    part_ratio: tuple[float, float] = (0.35, 1.8)  # of brightness, at eyes and mouth
+    memory: float = 0.6  # share kept from frame to frame
+    outlier_rounds: int = 2
+    max_outlier: float = 0.45  # |log| by which a texel's brightness may differ from the smooth light
+    black_grey_levels: float = 4.0  # added before a ratio is taken
+    min_weight: float = 1e-3  # of a texel
+    min_part_share: float = 0.25  # visible share of eyes or mouth from which their brightness is measured
+
+
+LIMITS = LocalLightLimits()
+
+
+class LocalLight:
+    """A `Palette` of local ratios, smooth in time.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
+    mask : (h, w) bool, where the face is shown.
+    """
+
+    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool) -> None:
+        grid = CoarseGrid(reference, LIMITS.cell_face_widths)
+        self._cells = grid.size
+        self._skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask][texels])
+        places = grid.places(texels[self._skin])
+        self._sums, self._at_skin = TexelSums(grid.size, places), CellReader(places)
+        self._at_pixels = CellReader(grid.places())
+        self._narrow = grid.smoother(LIMITS.brightness_sigma_face_widths)
+        self._wide = grid.smoother(LIMITS.colour_sigma_face_widths)
+        self._parts = [
+            soft_parts(reference, part, 0.0)[reference.mask]
+            for part in ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
+        ]
+        self._surface = 1 - np.maximum(*self._parts)
+        self._part_texels = [np.flatnonzero(part[texels] > 0.5) for part in self._parts]
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the next update as it is."""
+        self._own = np.zeros((3, *self._cells), np.float32)
+        self._ratio = np.ones((3, *self._cells), np.float32)
+        self._part_ratio = np.ones(len(self._parts))
+        self._fresh = True
+
+    @property
+    def contrast(self) -> float:
+        """Scale of grey differences on skin."""
+        return float(np.median(_detail_gain(self._ratio)))
+
+    def update(self, face: F32, seen: F32, visible: F32 | None) -> None:
+        """See `Palette.update`."""
+        visible = np.ones(len(face), np.float32) if visible is None else visible
+        keep = np.float32(0.0 if self._fresh else LIMITS.memory)
+        own, ratio = self._fitted(face[self._skin], seen[self._skin], visible[self._skin])
+        self._own += (1 - keep) * (own - self._own)
+        self._ratio += (1 - keep) * (ratio - self._ratio)
+        for part, at in enumerate(self._part_texels):
+            if len(at) and visible[at].mean() > LIMITS.min_part_share:
+                value = _part_ratio(face[at], seen[at], visible[at])
+                self._part_ratio[part] += (1 - keep) * (value - self._part_ratio[part])
+        self._fresh = False
+
+    def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
+        """See `Palette.apply`."""
+        # own R + (texture - own) g, as an affine map of the texture with coefficients on the coarse grid.
+        gain = _detail_gain(self._ratio)
+        matrix = to_stored.astype(np.float32)
+        constant = np.tensordot(matrix, self._own * (self._ratio - gain), 1)
+        fields = self._at_pixels(np.concatenate([constant, gain[None]]))
+        fields *= self._surface
+        gains = fields[3]
+        for part, value in zip(self._parts, self._part_ratio, strict=True):
+            gains += np.float32(value) * part
+        out = matrix @ texture.T
+        out *= gains
+        out += fields[:3]
+        out += offset.astype(np.float32)[:, None]
+        return np.asarray(out)
+
+    def _fitted(self, face: F32, seen: F32, visible: F32) -> tuple[F32, F32]:
+        """The face's local mean and the ratio of colours (3, h, w), from the skin's texels (s, 3)."""
+        black = np.float32(LIMITS.black_grey_levels)
+        log = np.log((np.maximum(seen @ LUMA, 0) + black) / (np.maximum(face @ LUMA, 0) + black))
+        weights = visible + np.float32(LIMITS.min_weight)
+        for _ in range(LIMITS.outlier_rounds):
+            smooth = self._at_skin(self._wide.means(self._sums(log[:, None], weights)))[0]
+            weights = (np.abs(log - smooth) < LIMITS.max_outlier) * visible + np.float32(LIMITS.min_weight)
+        sums = self._sums(np.concatenate([face, seen], axis=1), weights)
+        narrow, wide = (smoother.means(sums) + black for smoother in (self._narrow, self._wide))
+        brightness = np.clip(_luma(narrow[3:]) / _luma(narrow[:3]), *LIMITS.brightness_ratio)
+        tint = wide[3:] / np.maximum(wide[:3], 1) * (_luma(wide[:3]) / _luma(wide[3:]))
+        return narrow[:3] - black, brightness * np.clip(tint, *LIMITS.colour_ratio)
+
+
+def _detail_gain(ratio: F32) -> F32:
+    """(h, w) scale of differences from the local mean."""
+    return np.asarray(np.clip(_luma(ratio), *LIMITS.detail_gain))
+
+
+def _luma(planes: F32) -> F32:
+    return np.asarray(np.tensordot(LUMA, planes, 1))
+
+
+def _part_ratio(face: F32, seen: F32, visible: F32) -> float:
+    """Ratio of mean brightness of an eye or mouth, within limits."""
+    there, own = (float(visible @ (rgb @ LUMA)) / float(visible.sum()) for rgb in (seen, face))
+    ratio = (there + LIMITS.black_grey_levels) / max(own + LIMITS.black_grey_levels, 1)
+    return float(np.clip(ratio, *LIMITS.part_ratio))
