@@ -94,7 +94,7 @@ def result(clip: Clip) -> Result:
     return Result(
         clip.name,
         error,
-        float(errors[found, INNER51].mean()),
+        float(errors[found][:, INNER51].mean()),
         p95,
         int(known.sum()),
         lost,

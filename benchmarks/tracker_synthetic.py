@@ -40,7 +40,7 @@ def measure(options: argparse.Namespace) -> Report:
         errors = percent_errors(tracked(common.synthetic_clip(options.shared, name), clip), clip)
         found = np.isfinite(errors).all(1)
         each = errors[found].mean(1)
-        inner, p95 = errors[found, INNER51].mean(), np.quantile(each, 0.95)
+        inner, p95 = errors[found][:, INNER51].mean(), np.quantile(each, 0.95)
         rows.append((name, float(each.mean()), float(inner), float(p95), len(errors), int((~found).sum())))
         common.say(str(rows[-1]))
     columns = ("person", "mean error, %", "inner points, %", "95th percentile of frames, %", "frames", "lost")

@@ -14,6 +14,7 @@ from guise.app.live.controls import LiveSettings
 from guise.app.live.face import LIMITS, FaceResult, LiveFace
 from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import region
+from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64, U8, Bool
 from guise.common.threads import one_thread
 
@@ -260,3 +261,9 @@ def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
     for number, picture in enumerate(talk[:5]):
         face.process(Frame.from_rgb(picture, number, Fraction(1, FPS), number), LiveSettings(mode="puppet"))
     np.testing.assert_array_equal(p01.appearance.neutral, before)
+
+
+def test_nothing_in_front_of_the_face_is_kept_live(p01: Identity) -> None:
+    """What looks like an object in front could be the person's own face."""
+    with LiveFace(p01, [p01], EngineOptions(renderer="cpu")) as face:
+        assert not face.options.occluders

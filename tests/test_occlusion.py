@@ -145,8 +145,8 @@ def test_both_renderers_draw_an_occlusion_alike(p01: Identity) -> None:
     assert np.abs(on_cpu - on_gl).max() <= 4
 
 
-@pytest.mark.parametrize("changes", [{"light": "paper"}, {"disguise": True}])
-def test_a_disguise_and_the_papers_light_cover_everything(p01: Identity, changes: dict[str, object]) -> None:
+@pytest.mark.parametrize("changes", [{"light": "paper"}, {"disguise": True}, {"occluders": False}])
+def test_without_occluders_everything_is_covered(p01: Identity, changes: dict[str, object]) -> None:
     options = replace(EngineOptions(renderer="cpu"), **changes)  # type: ignore[arg-type]
     before, after, shape = drawn(p01, options)
     x, y = square(shape)

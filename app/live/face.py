@@ -8,7 +8,7 @@ person is found again.  Every other detected face is covered too.  Pixels as dis
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -93,7 +93,8 @@ class LiveFace(Closing):
     def __init__(
         self, person: Identity, identities: Sequence[Identity], options: EngineOptions = EngineOptions()
     ) -> None:
-        self.person, self.identities, self.options = person, list(identities), options
+        self.person, self.identities = person, list(identities)
+        self.options = replace(options, occluders=False)  # a wrong one would show the person
         self.detector = BackgroundDetector()
         self.tracker = PersonTracker(person.tracker, self.detector)
         self.cover_planner = CoverPlanner()

@@ -116,6 +116,6 @@ class Engine(Closing):
 
 def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineOptions) -> Occlusion | None:
     """What hides the source's face; a disguise is drawn over everything, so that nothing of the person shows."""
-    if options.light == "paper" or options.disguise:
+    if options.light == "paper" or options.disguise or not options.occluders:
         return None
     return Occlusion(source.appearance, estimator.texels)

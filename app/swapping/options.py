@@ -26,6 +26,7 @@ class EngineOptions:
     jaw, forehead : face widths by which they are then drawn beyond it, the forehead most in its middle, to hide the
         rim of the face as well.
     hold_frames : for which a lost face keeps its last place.
+    occluders : keep what is in front of the face in front; without it the face is drawn over everything.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
         the person is harder to recognise from what remains of the head (hair, ears, neck).
     """
@@ -39,4 +40,5 @@ class EngineOptions:
     jaw: float = 0.0
     forehead: float = 0.0
     hold_frames: int = 4
+    occluders: bool = True
     disguise: bool = False

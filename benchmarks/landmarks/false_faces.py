@@ -176,7 +176,10 @@ def measure(options: argparse.Namespace) -> Report:
     total = sum(row[0] for row in counts.values())
     report.criteria = [
         Criterion(
-            f"faces with the default confidence ({setting.CONFIDENCE:g}) in {total} pictures", false, "<=", 0
+            f"faces with the default confidence ({setting.MIN_CONFIDENCE:g}) in {total} pictures",
+            false,
+            "<=",
+            0,
         )
     ]
     columns = ("pictures", "number", "boxes of the detector", "faces", "of default confidence")

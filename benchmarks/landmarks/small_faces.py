@@ -104,7 +104,11 @@ def measure(options: argparse.Namespace) -> Report:
     landmarker = setting.landmarker(options)
     every = 10 if options.quick else options.every
     report = Report(NAME, TITLE)
-    peer = Peer(options.peers_python, "centerface", setting.CENTERFACE) if options.peers_python else None
+    peer = (
+        Peer(options.peers_python, "centerface", setting.CENTERFACE_MIN_SCORE)
+        if options.peers_python
+        else None
+    )
     try:
         signers = []
         for clip in clips:
