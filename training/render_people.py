@@ -1,19 +1,20 @@
-"""Renders the training pictures of the landmarker: random people who do not exist, with exact landmarks.
+"""Renders the training pictures: random people who do not exist, with exact landmarks, irises and parsing labels.
 
-    python -m training.render_people --program DIR --first 0 --people 500 --per-person 36 --out PARTS
+    python -m training.render_people --program DIR --first 0 --people 500 --per-person 30 --out PARTS
 
 DIR holds the renderer (`train_set.py` and what it imports: CC0 assets, EGL). Its people, expressions and lights are
-used as they are; this script turns the heads further, hardens some lights, bakes the ambient occlusion coarser (a
-person takes three seconds instead of ten) and keeps what the training wants besides the 81 points: a foreground mask,
-so that the background can be changed later, and the pictures' true depths. Pictures depend on the person's number
-alone: run one process per core with different --first.
+drawn from; this script turns the heads up to 75 degrees, raises and lowers brows and presses and widens lips more,
+hardens and colours some lights, and bakes the ambient occlusion coarser (a person takes three seconds instead of ten).
+Pictures depend on the person's number alone: run one process per core with different --first.
 
 Points 17 to 26 are moved to the upper edge of the brows' hair (`brows.py`).
 
 Each part_NNNNN.npz holds `jpeg` (bytes, concatenated) and `length`, `face81` (n, 81, 2) float32 pixels, `depth`
 (n, 81) float32 decimetres behind the nearest point, `visible` (n, 81) bool, `mask` (n, size, size / 8) packed bits,
 `dense` (n, 160, 2) float32 pixels of further points on the face, `pose` (n, 3) yaw, pitch, roll in degrees, `person`
-(n,) and `attributes` (n, 6) with `attribute_names`.
+(n,), `attributes` (n, k) with `attribute_names`, `labels` (PNG bytes, concatenated) and `labels_length` of the parsing
+labels (`parsing_labels.py`; 1.5 times the picture's size), `iris` (n, 2, 3) float32 centre and radius in pixels, the
+person's right eye first, `expression` (n, units) float16 with `expression_names`, gaze in degrees last.
 """
 
 from __future__ import annotations
@@ -27,11 +28,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from training import parsing_labels
 from training.brows import BROWS, hair_points
+from training.parsing_labels import Labeller
 
 AO_DIRECTIONS, AO_SIZE = 40, 256
 PEOPLE_PER_PART = 10
 DENSE = 160
+SEED = 610_000
+UPRIGHT_NECK = 40  # degrees of yaw beyond which the shoulders turn as well
+IRIS_RADIUS, IRIS_DEPTH = (
+    0.054,
+    0.066,
+)  # decimetres: of the limbus, and how far it lies before the eye's centre
 
 
 def arguments() -> argparse.Namespace:
@@ -39,7 +48,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--program", type=Path, required=True, help="folder of the renderer")
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--people", type=int, default=500)
-    parser.add_argument("--per-person", type=int, default=36)
+    parser.add_argument("--per-person", type=int, default=30)
     parser.add_argument("--size", type=int, default=176)
     parser.add_argument("--out", type=Path, required=True)
     return parser.parse_args()
@@ -53,6 +62,7 @@ def load_program(folder: Path, size: int) -> dict:
     import assets
     import face81
     import human
+    import landmarks
     import looks
     import train_set
 
@@ -66,6 +76,7 @@ def load_program(folder: Path, size: int) -> dict:
         "assets": assets,
         "face81": face81,
         "human": human,
+        "landmarks": landmarks,
         "looks": looks,
         "render": render,
         "train_set": train_set,
@@ -98,7 +109,7 @@ def dense_vertices(p) -> np.ndarray:
 
 
 def harden(light: dict, rng: np.random.Generator) -> dict:
-    """One picture in four in harsh light: a strong lamp from anywhere in front, little else."""
+    """One picture in four in harsh light, a strong lamp from anywhere in front; one in five in coloured light."""
     if rng.random() < 0.25:
         direction = rng.normal(0, 1, 3) * (1, 0.7, 0.5) + (0, 0.3, 0.7)
         strength, rest = rng.uniform(1.1, 1.9), rng.uniform(0.15, 0.6)
@@ -108,14 +119,84 @@ def harden(light: dict, rng: np.random.Generator) -> dict:
             *(tuple(np.array(c) * rest) for c in light["col"][1:]),
         ]
         light["amb"] = [tuple(np.array(c) * rest) for c in light["amb"]]
+    if rng.random() < 0.2:
+        tints = np.exp(rng.normal(0, 0.35, (len(light["col"]), 3)))
+        light["col"] = [tuple(np.array(c) * t) for c, t in zip(light["col"], tints, strict=True)]
     return light
 
 
-def pictures(p, renderer, dense: np.ndarray, number: int, count: int, size: int):
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    """Yaw, pitch, roll in degrees: near the front, or anywhere up to profile."""
+    yaw = rng.normal(0, 22) if rng.random() < 0.6 else rng.uniform(-75, 75)
+    return np.clip([yaw, rng.normal(0, 13), rng.normal(0, 9)], (-75, -38, -30), (75, 38, 30))
+
+
+_BROWS_UP = ("up", "extern-up", "inner-up")
+
+
+def random_expression(p, rng: np.random.Generator) -> np.ndarray:
+    """The program's random expression, two in five with extreme brows or lips, one in four with a far gaze."""
+    w, at = p["train_set"].random_expression(rng), p["human"].UIX
+    if rng.random() < 0.2:  # raised or lowered brows, sometimes one alone
+        sides = ("left", "right") if rng.random() < 0.75 else (("left", "right")[int(rng.integers(2))],)
+        raised = rng.random() < 0.65
+        for side in sides:
+            w[at[f"eyebrows-{side}-down"]] = 0 if raised else rng.uniform(0.7, 1.25)
+            for move, most in zip(_BROWS_UP, (1.3, 0.8, 0.7), strict=True):
+                w[at[f"eyebrows-{side}-{move}"]] = rng.uniform(0.3, 1) * most if raised else 0
+    if rng.random() < 0.25:
+        kind = int(rng.integers(4))
+        mouth = [n for n in at if n.startswith("mouth")]
+        w[[at[n] for n in mouth]] = 0
+        if kind == 0:  # pressed
+            w[at["mouth-compression"]], w[at["mouth-elevation"]] = rng.uniform(0.6, 1.1), rng.uniform(0, 0.4)
+        elif kind == 1:  # wide
+            w[at["mouth-retraction"]], w[at["mouth-parling"]] = rng.uniform(0.6, 1.1), rng.uniform(0, 0.9)
+            w[at["mouth-open"]] = rng.uniform(0, 0.25)
+        elif kind == 2:  # broad smile
+            w[at["mouth-corner-puller"]], w[at["mouth-retraction"]] = (
+                rng.uniform(0.7, 1.1),
+                rng.uniform(0, 0.6),
+            )
+            w[at["mouth-parling"]], w[at["mouth-open"]] = rng.uniform(0, 0.9), rng.uniform(0, 0.3)
+        else:  # wide open
+            w[at["mouth-open"]], w[at["mouth-parling"]] = rng.uniform(0.6, 1.15), rng.uniform(0, 0.4)
+    if rng.random() < 0.25:
+        w[-2:] = rng.uniform(-28, 28), rng.uniform(-18, 18)
+    return w
+
+
+def random_person(p, number: int, rng: np.random.Generator) -> dict:
+    """The program's random person, with any of its hair and brows, and painted lips for some."""
+    spec, assets = p["train_set"].random_person(number, rng), p["assets"].ROOT / "asset"
+    if rng.random() < 0.5:
+        hair = sorted(f.name for f in (assets / "hair").iterdir())
+        spec["hair"] = hair[int(rng.integers(len(hair)))]
+    if rng.random() < 0.5:
+        brows = sorted(f.name for f in (assets / "eyebrows").iterdir())
+        spec["brows"] = brows[int(rng.integers(len(brows)))]
+    if spec["male"] < 0.5 and rng.random() < 0.5:
+        spec["lipcol"] = (1.0, float(rng.uniform(0.25, 0.9)), float(rng.uniform(0.3, 0.9)))
+    return spec
+
+
+def irises(who, gaze: np.ndarray, skull: np.ndarray, euler, camera) -> np.ndarray:
+    """Centre and radius of the irises (2, 3) in pixels, the person's right eye first, seen or not.
+
+    gaze : yaw and pitch in degrees; skull : (4, 4) that carries the head at rest to its pose.
+    """
+    at_rest = who.p.surf["eyes"].positions(who.p.base)
+    look = euler(*map(float, gaze), 0) @ (0, 0, IRIS_DEPTH)
+    centres = np.array([at_rest[side].mean(0) + look for side in (~who.p.eye_left, who.p.eye_left)])
+    places, depth = camera.project(centres @ skull[:3, :3].T + skull[:3, 3])
+    return np.column_stack([places, camera.f * IRIS_RADIUS / depth])
+
+
+def pictures(p, renderer, labeller: Labeller, dense: np.ndarray, number: int, count: int, size: int):
     """Yields one row per picture of person `number`."""
-    rng = np.random.default_rng(420_000 + number)
-    program = p["train_set"]
-    spec = program.random_person(number, rng)
+    rng = np.random.default_rng(SEED + number)
+    program, euler = p["train_set"], p["human"].euler
+    spec = random_person(p, number, rng)
     who = p["actor"].Actor(renderer, spec)
     attributes = [
         spec["male"],
@@ -126,35 +207,65 @@ def pictures(p, renderer, dense: np.ndarray, number: int, count: int, size: int)
     lift = hair_points(who.p, p["assets"].image) - p["face81"].points(who.p.base)[BROWS]
     background = renderer.texture(p["looks"].background(int(rng.integers(1, 100_000)), w=size, h=size))
     for _ in range(count):
-        pose = np.clip(rng.normal(0, (25, 12, 9)), (-65, -35, -30), (65, 35, 30))
+        pose, weights = random_pose(rng), random_expression(p, rng)
+        shoulders = np.sign(pose[0]) * max(0.0, abs(pose[0]) - UPRIGHT_NECK)
+        torso = euler(float(shoulders), 0, 0)
+        neck = torso.T @ euler(*map(float, pose))
+        sway = torso, who.face_c - torso @ who.face_c
+        skull = who.p.pose(weights, neck, sway)[1]
         distance, width = rng.uniform(4.8, 20), rng.uniform(0.44, 0.58) * size
+        middle = skull[:3, :3] @ who.face_c + skull[:3, 3]
         shift = rng.normal(0, 0.08, 2)
-        at = (shift[0], who.face_c[1] + shift[1] + 0.15, who.face_c[2] + distance)
+        at = (middle[0] + shift[0], middle[1] + shift[1] + 0.15, middle[2] + distance)
         camera = p["render"].Camera(width * distance / who.face_w, size, size, at)
-        turn = p["human"].euler(*map(float, pose))
-        truth = who.place(program.random_expression(rng), turn, None, camera)
+        truth = who.place(weights, neck, sway, camera)
         places = p["face81"].points(truth["verts"])
-        places[BROWS] += lift @ turn.T
+        places[BROWS] += lift @ skull[:3, :3].T
         points, depth = camera.project(places)
         more, _ = camera.project(truth["verts"][dense])
+        actors = [who.g]
         image, z = renderer.frame(
-            [who.g], camera, harden(program.random_light(rng), rng), background, want_depth=True
+            actors, camera, harden(program.random_light(rng), rng), background, want_depth=True
         )
         near = (z < 39).astype(np.uint8)
         mask = cv2.resize(near, (size, size), interpolation=cv2.INTER_AREA)
         jpeg = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
-        yield (
-            jpeg.tobytes(),
-            points.astype(np.float32),
-            (depth - depth.min()).astype(np.float32),
-            program.visible(points, depth, z),
-            np.packbits(mask, axis=1),
-            more.astype(np.float32),
-            pose.astype(np.float32),
-            number,
-            attributes,
-        )
+        yield {
+            "jpeg": jpeg.tobytes(),
+            "labels": parsing_labels.encode(labeller.labels(actors, camera)),
+            "face81": points.astype(np.float32),
+            "depth": (depth - depth.min()).astype(np.float32),
+            "visible": program.visible(points, depth, z),
+            "mask": np.packbits(mask, axis=1),
+            "dense": more.astype(np.float32),
+            "iris": irises(who, weights[-2:], skull, euler, camera).astype(np.float32),
+            "pose": pose.astype(np.float32),
+            "expression": weights.astype(np.float16),
+            "person": np.int32(number),
+            "attributes": np.array(attributes, np.float32),
+        }
+    for part in who.g.b.values():
+        if "label" in part:
+            part["label"].release()
     program.release(renderer, who)
+
+
+def write_part(path: Path, rows: list[dict], names: dict[str, list[str]]) -> None:
+    """Stores the rows of a part; a file that is there is whole."""
+    columns = {key: [row[key] for row in rows] for key in rows[0]}
+    jpeg, labels = columns.pop("jpeg"), columns.pop("labels")
+    unfinished = path.with_suffix(".partial")
+    with unfinished.open("wb") as file:
+        np.savez(
+            file,
+            jpeg=np.frombuffer(b"".join(jpeg), np.uint8),
+            length=np.array([len(b) for b in jpeg], np.int32),
+            labels=np.frombuffer(b"".join(labels), np.uint8),
+            labels_length=np.array([len(b) for b in labels], np.int32),
+            **{key: np.array(values) for key, values in columns.items()},
+            **{key: np.array(values) for key, values in names.items()},
+        )
+    unfinished.replace(path)
 
 
 def main() -> None:
@@ -162,6 +273,11 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     p = load_program(options.program, options.size)
     renderer, dense, start = make_renderer(p["render"]), dense_vertices(p), time.time()
+    labeller = Labeller(renderer, regions(p))
+    names = {
+        "attribute_names": ["male", "age", *p["train_set"].RACES, "hair"],
+        "expression_names": list(p["human"].WEIGHT_NAMES),
+    }
     last = options.first + options.people
     for first in range(options.first, last, PEOPLE_PER_PART):
         path = options.out / f"part_{first:05d}.npz"
@@ -169,27 +285,19 @@ def main() -> None:
             continue
         numbers = range(first, min(first + PEOPLE_PER_PART, last))
         rows = [
-            row for n in numbers for row in pictures(p, renderer, dense, n, options.per_person, options.size)
+            row
+            for n in numbers
+            for row in pictures(p, renderer, labeller, dense, n, options.per_person, options.size)
         ]
-        jpeg, points, depth, visible, mask, more, pose, person, attributes = zip(*rows, strict=True)
-        unfinished = path.with_suffix(".partial")
-        with unfinished.open("wb") as file:
-            np.savez(
-                file,
-                jpeg=np.frombuffer(b"".join(jpeg), np.uint8),
-                length=np.array([len(b) for b in jpeg], np.int32),
-                face81=np.array(points),
-                depth=np.array(depth),
-                visible=np.array(visible),
-                mask=np.array(mask),
-                dense=np.array(more),
-                pose=np.array(pose),
-                person=np.array(person, np.int32),
-                attributes=np.array(attributes, np.float32),
-                attribute_names=np.array(["male", "age", *p["train_set"].RACES, "hair"]),
-            )
-        unfinished.replace(path)
+        write_part(path, rows, names)
         print(f"{numbers[-1] + 1 - options.first} people, {time.time() - start:.0f} s", flush=True)
+
+
+def regions(p) -> np.ndarray:
+    """Classes of the skin's texture."""
+    base, points = p["human"].base(), p["landmarks"]
+    lining = parsing_labels.mouth_lining(base, p["human"].body_faces(), points.points(base.v))
+    return parsing_labels.skin_regions(points.uv(), lining)
 
 
 if __name__ == "__main__":
