@@ -170,10 +170,10 @@ def random_person(p, number: int, rng: np.random.Generator) -> dict:
     """The program's random person, with any of its hair and brows, and painted lips for some."""
     spec, assets = p["train_set"].random_person(number, rng), p["assets"].ROOT / "asset"
     if rng.random() < 0.5:
-        hair = sorted(f.name for f in (assets / "hair").iterdir())
+        hair = sorted({f.parent.name for f in (assets / "hair").glob("*/*.obj")})
         spec["hair"] = hair[int(rng.integers(len(hair)))]
     if rng.random() < 0.5:
-        brows = sorted(f.name for f in (assets / "eyebrows").iterdir())
+        brows = sorted({f.parent.name for f in (assets / "eyebrows").glob("*/*.obj")})
         spec["brows"] = brows[int(rng.integers(len(brows)))]
     if spec["male"] < 0.5 and rng.random() < 0.5:
         spec["lipcol"] = (1.0, float(rng.uniform(0.25, 0.9)), float(rng.uniform(0.3, 0.9)))
