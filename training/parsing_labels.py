@@ -105,8 +105,8 @@ class Labeller:
     def labels(self, actors: list[Any], camera: Any) -> NDArray[np.uint8]:
         """Class of every pixel (h, w) at the renderer's supersampled size.
 
-        actors : those drawn in the picture. One that has `parsing`, a pair of class and least opacity, shows that class
-            in all its surfaces, or none of it when `parsing` is None.
+        actors : those drawn in the picture. One that has `parsing` shows the surfaces named there, each a pair of class
+            and least opacity, instead of those of a person.
         """
         context = self._renderer.ctx
         self._frame.use()
@@ -122,7 +122,7 @@ class Labeller:
         return _close_hair(rows.reshape(self._renderer.size[::-1])[::-1])
 
     def _draw(self, actor: Any, name: str) -> None:
-        number, cut = getattr(actor, "parsing", None) or _SURFACES[name]
+        number, cut = getattr(actor, "parsing", _SURFACES)[name]
         context, part = self._renderer.ctx, actor.b[name]
         if "label" not in part:
             layout = [(part["vb"], "3f 12x", "in_pos"), (part["uv"], "2f", "in_uv")]
@@ -137,7 +137,7 @@ class Labeller:
 
 def _order(actor: Any) -> list[str]:
     if hasattr(actor, "parsing"):
-        return list(actor.b) if actor.parsing is not None else []
+        return list(actor.parsing)
     hidden = ("teeth", "tongue") if getattr(actor, "mouth_closed", False) else ()
     return [name for name in _SURFACES if name in actor.b and name not in hidden]
 

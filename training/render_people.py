@@ -4,8 +4,9 @@
 
 DIR holds the renderer (`train_set.py` and what it imports: CC0 assets, EGL). Its people, expressions and lights are
 drawn from; this script turns the heads up to 75 degrees, raises and lowers brows and presses and widens lips more,
-hardens and colours some lights, and bakes the ambient occlusion coarser (a person takes three seconds instead of ten).
-Pictures depend on the person's number alone: run one process per core with different --first.
+hardens and colours some lights, gives some men beards and some people glasses (`props.py`), and bakes the ambient
+occlusion coarser (a person takes three seconds instead of ten). Pictures depend on the person's number alone: run one
+process per core with different --first.
 
 Points 17 to 26 are moved to the upper edge of the brows' hair (`brows.py`).
 
@@ -31,6 +32,7 @@ import numpy as np
 from training import parsing_labels
 from training.brows import BROWS, hair_points
 from training.parsing_labels import Labeller
+from training.props import STYLES, Beard, Glasses, cast_only
 
 AO_DIRECTIONS, AO_SIZE = 40, 256
 PEOPLE_PER_PART = 10
@@ -88,6 +90,7 @@ def make_renderer(render):
     renderer.AOS = AO_SIZE
     renderer.aot = renderer.ctx.depth_texture((AO_SIZE, AO_SIZE))
     renderer.aof = renderer.ctx.framebuffer([], renderer.aot)
+    cast_only(renderer)
     return renderer
 
 
@@ -198,11 +201,14 @@ def pictures(p, renderer, labeller: Labeller, dense: np.ndarray, number: int, co
     program, euler = p["train_set"], p["human"].euler
     spec = random_person(p, number, rng)
     who = p["actor"].Actor(renderer, spec)
+    beard, glasses = random_beard(p, renderer, who, rng), random_glasses(p, renderer, who, rng)
     attributes = [
         spec["male"],
         spec["age"],
         *(spec["race"][r] for r in program.RACES),
         float(spec["hair"] is not None),
+        float(beard is not None),
+        0.0,
     ]
     lift = hair_points(who.p, p["assets"].image) - p["face81"].points(who.p.base)[BROWS]
     background = renderer.texture(p["looks"].background(int(rng.integers(1, 100_000)), w=size, h=size))
@@ -223,7 +229,13 @@ def pictures(p, renderer, labeller: Labeller, dense: np.ndarray, number: int, co
         places[BROWS] += lift @ skull[:3, :3].T
         points, depth = camera.project(places)
         more, _ = camera.project(truth["verts"][dense])
-        actors = [who.g]
+        worn = [beard] if beard else []
+        chosen = glasses[int(rng.integers(len(glasses)))] if glasses and rng.random() < 0.7 else None
+        attributes[-1] = float(chosen is not None)
+        worn += [chosen] if chosen else []
+        for prop in worn:
+            prop.place(who, skull, camera)
+        actors = [who.g, *(actor for prop in worn for actor in prop.actors)]
         image, z = renderer.frame(
             actors, camera, harden(program.random_light(rng), rng), background, want_depth=True
         )
@@ -244,10 +256,31 @@ def pictures(p, renderer, labeller: Labeller, dense: np.ndarray, number: int, co
             "person": np.int32(number),
             "attributes": np.array(attributes, np.float32),
         }
-    for part in who.g.b.values():
-        if "label" in part:
-            part["label"].release()
+    for actor in [who.g, *(a for prop in [beard, *glasses] if prop for a in prop.actors)]:
+        for part in actor.b.values():
+            for name, buffer in part.items():
+                if actor is not who.g and hasattr(buffer, "release") and name not in ("tex", "aux"):
+                    buffer.release()
+            if actor is who.g and "label" in part:
+                part["label"].release()
     program.release(renderer, who)
+
+
+def random_beard(p, renderer, who, rng: np.random.Generator) -> Beard | None:
+    """A beard for every other man."""
+    if who.spec["male"] < 0.5 or rng.random() < 0.45:
+        return None
+    style = STYLES[int(rng.choice(len(STYLES), p=(0.35, 0.25, 0.2, 0.1, 0.1)))]
+    length = rng.uniform(0.02, 0.09) if rng.random() < 0.65 else rng.uniform(0.09, 0.3)
+    return Beard(p, renderer, who, rng, style, float(length))
+
+
+def random_glasses(p, renderer, who, rng: np.random.Generator) -> list[Glasses]:
+    """Two pairs of glasses for two people in five, some of them tinted."""
+    if rng.random() > 0.4:
+        return []
+    tints = [rng.uniform(0.55, 0.95) if rng.random() < 0.2 else rng.uniform(0, 0.25) for _ in range(2)]
+    return [Glasses(p, renderer, who, rng, float(tint)) for tint in tints]
 
 
 def write_part(path: Path, rows: list[dict], names: dict[str, list[str]]) -> None:
@@ -275,7 +308,7 @@ def main() -> None:
     renderer, dense, start = make_renderer(p["render"]), dense_vertices(p), time.time()
     labeller = Labeller(renderer, regions(p))
     names = {
-        "attribute_names": ["male", "age", *p["train_set"].RACES, "hair"],
+        "attribute_names": ["male", "age", *p["train_set"].RACES, "hair", "beard", "glasses"],
         "expression_names": list(p["human"].WEIGHT_NAMES),
     }
     last = options.first + options.people
