@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 
 BROWS = slice(17, 27)
-OPAQUE = 0.4  # alpha from which the brow's texture counts as hair
+OPAQUE = 0.4  # of the largest alpha, from which the brow's texture counts as hair
+FEWEST = 12  # samples that a point is the edge of
 FINE = 8  # samples along a triangle's side
 WINDOW = 0.09  # of a brow's length, within which its upper edge is looked for
 
@@ -32,7 +33,7 @@ def hair_points(person: Any, image: Any) -> F64:
     uv = np.einsum("sk,tkc->tsc", shares, surface.uv[surface.tri].astype(np.float64)).reshape(-1, 2)
     size = np.array(alpha.shape[::-1])
     at = np.clip((uv * (1, -1) + (0, 1)) * size, 0, size - 1).astype(int)
-    hair = places[alpha[at[:, 1], at[:, 0]] > OPAQUE]
+    hair = places[alpha[at[:, 1], at[:, 0]] > OPAQUE * alpha.max()]
     right, left = _edge(hair[hair[:, 0] < 0]), _edge(hair[hair[:, 0] > 0])
     return np.concatenate([right[::-1], left])
 
@@ -43,7 +44,8 @@ def _edge(hair: F64) -> F64:
     inner, outer = np.percentile(across, (2, 98))
     points = []
     for x in np.linspace(inner, outer, 5):
-        near = hair[np.abs(across - x) < WINDOW * (outer - inner)]
+        far = np.abs(across - x)
+        near = hair[far <= max(WINDOW * (outer - inner), np.sort(far)[min(FEWEST, len(far)) - 1])]
         top = near[near[:, 1] >= np.percentile(near[:, 1], 85)]
         points.append([np.sign(hair[0, 0]) * x, *top[:, 1:].mean(0)])
     return np.array(points)
