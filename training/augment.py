@@ -88,19 +88,25 @@ def sample(rng: Rng, face: Labelled, props: Props, strength: Strength = Strength
 
 def plain(rng: Rng, face: Labelled, props: Props | None = None) -> Sample:
     """A crop as a good detector's box gives it, for measuring: nothing added, or one occluder out of `props`."""
-    size = SIZE / (ENLARGE * float(np.ptp(face.points, axis=0).max()))
-    angle = np.radians(rng.normal(0, PLAIN_TURN))
-    linear = (
-        size
-        * np.exp(rng.normal(0, PLAIN_SIZE))
-        * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    )
-    middle = (face.points.min(0) + face.points.max(0)) / 2
-    shift = (SIZE - 1) / 2 + rng.normal(0, PLAIN_SHIFT, 2) * SIZE - linear @ middle
-    canvas = _start(rng, face, np.column_stack([linear, shift]), mirrored=False)
+    canvas = _plain(rng, face, rng.normal(0, PLAIN_TURN))
     if props is not None:
         occluder(rng, canvas, lambda: background(rng, props.backgrounds), props.hands)
     return canvas.finish()
+
+
+def turned(rng: Rng, face: Labelled, degrees: float) -> Sample:
+    """A crop like a detector's, in which the face is turned clockwise."""
+    return _plain(rng, face, degrees).finish()
+
+
+def _plain(rng: Rng, face: Labelled, degrees: float) -> Canvas:
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    side = ENLARGE * float(np.ptp(face.points @ turn.T, axis=0).max())
+    linear = SIZE / side * np.exp(rng.normal(0, PLAIN_SIZE)) * turn
+    middle = (face.points.min(0) + face.points.max(0)) / 2
+    shift = (SIZE - 1) / 2 + rng.normal(0, PLAIN_SHIFT, 2) * SIZE - linear @ middle
+    return _start(rng, face, np.column_stack([linear, shift]), mirrored=False)
 
 
 def _start(rng: Rng, face: Labelled, matrix: NDArray[np.float64], mirrored: bool) -> Canvas:

@@ -12,8 +12,12 @@ from training.data import Pictures
 def plain_samples(pictures: Pictures, count: int, seed: int = 7, props: Props | None = None) -> list[Sample]:
     """Samples of `count` pictures evenly taken; with `props`, one occluder before each face."""
     rng = np.random.default_rng(seed)
-    chosen = np.linspace(0, len(pictures) - 1, min(count, len(pictures))).astype(int)
-    return [plain(rng, pictures[int(i)], props) for i in chosen]
+    return [plain(rng, pictures[int(i)], props) for i in plainly_chosen(pictures, count)]
+
+
+def plainly_chosen(pictures: Pictures, count: int) -> NDArray[np.intp]:
+    """Indices of `count` pictures evenly taken."""
+    return np.linspace(0, len(pictures) - 1, min(count, len(pictures))).astype(np.intp)
 
 
 def plain_crops(

@@ -15,12 +15,16 @@ Everything is a linear map of the 81 points, so it turns with the head.
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+
+if TYPE_CHECKING:
+    from training.data import Pictures
 
 F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
@@ -66,10 +70,39 @@ def aligned(points: F32, jaw: F64, move: F64) -> F32:
     return np.asarray(out, np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Jaw matrices (17, 17) and moves (81, 2) that bring rendered points and real labels to one definition."""
+
+    rendered_jaw: F64
+    rendered_moves: F64
+    real_jaw: F64
+    real_moves: F64
+
+    def rendered(self, pictures: Pictures) -> Pictures:
+        """Rendered pictures with their points in the common definition."""
+        return replace(pictures, points=aligned(pictures.points, self.rendered_jaw, self.rendered_moves))
+
+    def real(self, pictures: Pictures) -> Pictures:
+        """Real pictures with their points in the common definition."""
+        return replace(pictures, points=aligned(pictures.points, self.real_jaw, self.real_moves))
+
+    def write(self, path: Path) -> None:
+        """Store it as JSON."""
+        rounded = {name: np.round(value, 5).tolist() for name, value in asdict(self).items()}
+        path.write_text(json.dumps(rounded) + "\n", encoding="utf-8")
+
+
+def read_alignment(path: Path | None = None) -> Alignment:
+    """What `align_definitions.py` stored; default: that with which the built-in landmarker was trained."""
+    stored = json.loads((path or Path(__file__).parent / "alignment.json").read_text(encoding="utf-8"))
+    return Alignment(**{name: np.array(value) for name, value in stored.items()})
+
+
 def shipped(kind: str) -> tuple[F64, F64]:
     """Jaw matrix and moves with which the built-in landmarker was trained; kind: rendered or real."""
-    stored = json.loads((Path(__file__).parent / "alignment.json").read_text())
-    return np.array(stored[f"{kind}_jaw"]), np.array(stored[f"{kind}_moves"])
+    stored = asdict(read_alignment())
+    return stored[f"{kind}_jaw"], stored[f"{kind}_moves"]
 
 
 def moves(mesh_less_label: F64) -> tuple[F64, F64]:

@@ -127,8 +127,7 @@ class Labeller:
         if "label" not in part:
             layout = [(part["vb"], "3f 12x", "in_pos"), (part["uv"], "2f", "in_uv")]
             part["label"] = context.vertex_array(self._program, layout, part["ib"], 4)
-        both = name in _TWO_SIDED or hasattr(actor, "parsing")
-        context.enable_only(context.DEPTH_TEST | (0 if both else context.CULL_FACE))
+        context.enable_only(context.DEPTH_TEST | (0 if name in _TWO_SIDED else context.CULL_FACE))
         part["tex"].use(0)
         self._program["cut"].value, self._program["number"].value = cut, float(number)
         self._program["mapped"].value = name == "body"

@@ -14,9 +14,10 @@ from __future__ import annotations
 import argparse
 import copy
 import csv
+import json
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -27,18 +28,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training import definitions
 from training.augment import SIZE, Props, negative, sample
-from training.clutter import clutter
 from training.crops import plain_crops, plain_samples
-from training.data import HELD_OUT, Packed, Pictures, join, load_part, load_real, part_files
+from training.cutouts import make_props
+from training.data import Pictures, join, load_part, load_real, part_files
+from training.definitions import Alignment, read_alignment
 from training.dequantise import load_shipped
 from training.face_net import MAPS, FaceNet, Seen
 from training.measure import answers_of, figures_of
 from training.parsing_labels import CLASSES
 
 SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
-BACKGROUNDS, BACKGROUND_SIZE = 1500, 192
 CHAPTER = 500  # steps between looks at what has been rendered
 EVERY = 250  # steps from one line of the curves to the next
 NEGATIVES = 0.1  # share of samples without a face
@@ -62,14 +62,14 @@ class Course:
     def at(self, step: int) -> float:
         """Factor of the rate at a step."""
         rest = (self.steps - step) / max(1.0, self.decay * self.steps)
-        return min((step + 1) / self.warm, 0.5 * (1 - np.cos(np.pi * min(1.0, max(0.0, rest)))))
+        return float(min((step + 1) / self.warm, 0.5 * (1 - np.cos(np.pi * min(1.0, max(0.0, rest))))))
 
 
 class Samples(IterableDataset[tuple[NDArray, ...]]):
     """Batches from first to last, each from a generator of its own: (seed, number)."""
 
     def __init__(
-        self, rendered: Pictures, real: Pictures, props: Props, numbers: range, batch: int, seed: int
+        self, rendered: Pictures, real: Pictures | None, props: Props, numbers: range, batch: int, seed: int
     ) -> None:
         self.rendered, self.real, self.props = rendered, real, props
         self.numbers, self.batch, self.seed = numbers, batch, seed
@@ -95,7 +95,7 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
         )
         maps, known = np.zeros((n, len(CLASSES), MAPS, MAPS), np.uint8), np.zeros(n, np.uint8)
         for k in range(n):
-            source = self.real if rng.random() < REAL else self.rendered
+            source = self.real if rng.random() < REAL and self.real is not None else self.rendered
             one = source[int(rng.integers(len(source)))]
             if rng.random() < NEGATIVES:
                 crops[k], face[k] = negative(rng, one.image, one.points, self.props.backgrounds), 0
@@ -104,41 +104,6 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
             crops[k], points[k], iris[k], open_[k] = made.crop, made.points, made.iris, made.iris_seen
             maps[k], known[k] = np.round(made.maps * 255), EXACT if made.exact else POSSIBLE
         return crops, points, face, iris, open_, maps, known
-
-
-def make_props(seed: int, hands: Path | None, *, held_out: bool = False) -> Props:
-    """Procedural backgrounds, and the cut-outs of hands of the people trained on or of those held out."""
-    rng = np.random.default_rng(seed)
-    backgrounds = np.stack([clutter(rng, BACKGROUND_SIZE) for _ in range(BACKGROUNDS)])
-    return Props(backgrounds, load_hands(hands, held_out=held_out) if hands else ())
-
-
-class Cutouts:
-    """Cut-outs (h, w, 4) uint8 RGBA, decoded when asked for."""
-
-    def __init__(self, colours: Packed, alphas: Packed) -> None:
-        self._colours, self._alphas = colours, alphas
-
-    def __len__(self) -> int:
-        """Return the number of cut-outs."""
-        return len(self._colours)
-
-    def __getitem__(self, index: int) -> NDArray[np.uint8]:
-        """Return one cut-out."""
-        return np.dstack([self._colours[index], self._alphas[index]])
-
-
-def load_hands(file: Path, *, held_out: bool) -> Cutouts:
-    """What `render_hands.py` wrote, of the people held out or of all others."""
-    with np.load(file) as stored:
-        wanted = np.flatnonzero((stored["person"] % HELD_OUT == 0) == held_out)
-
-        def packed(name: str, colour: bool) -> Packed:
-            ends, length = np.cumsum(stored[f"{name}_length"]), stored[f"{name}_length"]
-            data = stored[name]
-            return Packed([data[ends[i] - length[i] : ends[i]].copy() for i in wanted], colour)
-
-        return Cutouts(packed("colour", True), packed("alpha", False))
 
 
 def loss_of(net: FaceNet, batch: Batch) -> tuple[Tensor, dict[str, float]]:
@@ -224,7 +189,7 @@ class Trainer:
             torch.save(what, self.output / f"{name}.partial")
             (self.output / f"{name}.partial").replace(self.output / name)
 
-    def chapter(self, rendered: Pictures, real: Pictures, props: Props, validation: Mapping) -> None:
+    def chapter(self, rendered: Pictures, real: Pictures | None, props: Props, validation: Mapping) -> None:
         """Train on to the next multiple of CHAPTER."""
         last = min(self.course.steps, (self.step // CHAPTER + 1) * CHAPTER)
         samples = Samples(rendered, real, props, range(self.step, last), self.batch, self.seed)
@@ -279,16 +244,11 @@ def _append(path: Path, row: Mapping[str, object]) -> None:
         csv.writer(file).writerow([f"{k}={v}" for k, v in row.items()])
 
 
-def aligned(pictures: Pictures, kind: str) -> Pictures:
-    """The pictures with their points in the package's definition; kind: rendered or real."""
-    return replace(pictures, points=definitions.aligned(pictures.points, *definitions.shipped(kind)))
-
-
 class Shelf:
     """The rendered parts there are, read once."""
 
-    def __init__(self, folder: Path, limit: int | None = None) -> None:
-        self._folder, self._limit = folder, limit
+    def __init__(self, folder: Path, alignment: Alignment | None, limit: int | None = None) -> None:
+        self._folder, self._alignment, self._limit = folder, alignment, limit
         self._read: dict[Path, tuple[Pictures, Pictures]] = {}
 
     def look(self) -> int:
@@ -299,9 +259,22 @@ class Shelf:
         return len(self._read)
 
     def pictures(self, *, held_out: bool) -> Pictures:
-        """All that is read, points in the package's definition."""
-        parts = [pair[held_out] for pair in self._read.values()]
-        return aligned(join([p for p in parts if len(p)]), "rendered")
+        """All that is read, points in the package's definition if there is an alignment."""
+        joined = join([pair[held_out] for pair in self._read.values() if len(pair[held_out])])
+        return self._alignment.rendered(joined) if self._alignment else joined
+
+
+def write_facts(options: argparse.Namespace, rendered: Pictures, real: Pictures | None) -> None:
+    """What the model card tells of the training."""
+    start = "from the weights shipped before"
+    if options.first_weights or options.scratch:
+        start = "from random weights"
+    facts = {
+        "rendered": len(rendered), "people": len(set(rendered.person)), "real": len(real) if real else 0,
+        "real_people": len(set(real.person)) if real else 0, "steps": options.steps, "batch": options.batch,
+        "seed": options.seed, "start": start,
+    }  # fmt: skip
+    (options.output / "facts.json").write_text(json.dumps(facts, indent=1) + "\n")
 
 
 def main() -> None:
@@ -320,14 +293,19 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="go on from OUT/state.pt if it is there")
     parser.add_argument("--first-weights", type=Path, help="face.pt of another run to begin with")
     parser.add_argument("--scratch", action="store_true", help="begin with random weights")
+    parser.add_argument(
+        "--alignment", type=Path, help="what align_definitions.py wrote; default: the shipped one"
+    )
+    parser.add_argument(
+        "--as-given", action="store_true", help="rendered people alone, points as the meshes have them"
+    )
     options = parser.parse_args()
     torch.set_flush_denormal(True)  # before any thread is made: far weights of heat maps are tiny
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(0)  # before OpenCV starts any: the workers are forked
-    shelf, real = (
-        Shelf(options.parts, options.limit),
-        aligned(load_real(options.real, held_out=False), "real"),
-    )
+    alignment = None if options.as_given else read_alignment(options.alignment)
+    shelf, real = Shelf(options.parts, alignment, options.limit), load_real(options.real, held_out=False)
+    real = alignment.real(real) if alignment else real
     shelf.look()
     trainer = Trainer(
         options.output, Course(options.steps, options.rate), options.batch, options.seed, options.workers
@@ -347,14 +325,16 @@ def main() -> None:
         "occluded": plain_samples(
             unseen, 240, props=make_props(options.seed + 1, options.hands, held_out=True)
         ),
-        "real": plain_samples(aligned(load_real(options.real, held_out=True), "real"), 40),
     }
+    if alignment:
+        validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
     while trainer.step < options.steps:
+        write_facts(options, shelf.pictures(held_out=False), real if alignment else None)
         count, rendered = shelf.look(), shelf.pictures(held_out=False)
         _append(
             options.output / "chapters.csv", {"step": trainer.step, "parts": count, "pictures": len(rendered)}
         )
-        trainer.chapter(rendered, real, props, validation)
+        trainer.chapter(rendered, real if alignment else None, props, validation)
 
 
 if __name__ == "__main__":
