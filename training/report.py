@@ -31,6 +31,7 @@ from training.measure import (
     point_errors,
 )
 from training.parsing_labels import CLASSES
+from training.real_occluders import outlined_figures
 
 ROLLS = (0, 15, 30, 45, 60)  # degrees
 YAWS = ((0, 15), (15, 30), (30, 45), (45, 60), (60, 76))  # degrees
@@ -133,6 +134,9 @@ def tables(facts: dict[str, Any]) -> str:
         lines += ["", "| parsing, IoU | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
         for kind in ("parsing", "occluded"):
             lines.append(f"| {kind} | " + " | ".join(f"{facts[kind][n]:.3f}" for n in names) + " |")
+    if facts.get("outlined"):
+        lines += ["", "Real crops, occluders outlined by hand: "]
+        lines[-1] += ", ".join(f"{k.replace('_', ' ')} {v:.3f}" for k, v in facts["outlined"].items()) + "."
     return "\n".join(lines)
 
 
@@ -144,6 +148,9 @@ def main() -> None:
     parser.add_argument("--hands", type=Path)
     parser.add_argument("--alignment", type=Path)
     parser.add_argument("--count", type=int, default=600)
+    parser.add_argument(
+        "--outlined", type=Path, help="real crops with occluders outlined, see real_occluders.py"
+    )
     parser.add_argument("--json", type=Path, help="write the figures there")
     options = parser.parse_args()
     alignment = read_alignment(options.alignment)
@@ -151,6 +158,8 @@ def main() -> None:
     real = alignment.real(load_real(options.real, held_out=True))
     props = make_props(99, options.hands, held_out=True, backgrounds=300)
     facts = report(answer_of(options.weights), unseen, real, props, options.count)
+    if options.outlined:
+        facts["outlined"] = outlined_figures(answer_of(options.weights), options.outlined)
     print(tables(facts))
     if options.json:
         options.json.write_text(json.dumps(facts, indent=1) + "\n")
