@@ -363,7 +363,7 @@ def _cut(rng: Rng, canvas: Canvas) -> None:
 
 
 def light(rng: Rng, crop: Picture) -> Picture:
-    """Uneven light, shadow edges, gamma, gain and white balance, saturation, mixed channels, grey."""
+    """Uneven light, shadow edges, patches, gamma, gain and white balance, saturation, mixed channels, grey."""
     if rng.random() < 0.4:
         coarse = rng.normal(0, rng.uniform(0.1, 0.5), (3, 3, 1)).astype(np.float32)
         if rng.random() < 0.3:
@@ -378,6 +378,8 @@ def light(rng: Rng, crop: Picture) -> Picture:
         side = np.cos(angle) * xs + np.sin(angle) * ys - rng.uniform(-0.3, 0.3)
         shade = 1 - rng.uniform(0.2, 0.7) / (1 + np.exp(-side * rng.uniform(10, 120)))
         crop = np.asarray(crop * shade[..., None], np.uint8)
+    if rng.random() < 0.14:
+        crop = _patches(rng, crop)
     levels = np.arange(256, dtype=np.float32)[:, None] / 255
     gamma = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.05, 3))
     gain = np.exp(rng.normal(0, 0.18)) * np.exp(rng.normal(0, 0.08, 3))
@@ -394,6 +396,18 @@ def light(rng: Rng, crop: Picture) -> Picture:
         keep = rng.uniform(0.3, 1.4)
         crop = np.asarray(cv2.transform(crop, keep * mix + (1 - keep) * grey), np.uint8)
     return crop
+
+
+def _patches(rng: Rng, crop: Picture) -> Picture:
+    """Patches of sun or shade with clear edges, as through blinds or leaves; the sun may be too bright to see."""
+    area = np.zeros((SIZE, SIZE), np.uint8)
+    for _ in range(int(rng.integers(1, 4))):
+        corners = rng.uniform(0, SIZE, 2) + rng.normal(0, rng.uniform(8, 50), (int(rng.integers(3, 7)), 2))
+        cv2.fillConvexPoly(area, cv2.convexHull(_whole(corners)), 255, cv2.LINE_AA)
+    share = cv2.GaussianBlur(area, (0, 0), np.exp(rng.uniform(-0.5, 2))).astype(np.float32) / 255
+    gain = rng.uniform(1.3, 2.6) if rng.random() < 0.6 else rng.uniform(0.35, 0.8)
+    lit = crop * (1 + (gain - 1) * share[..., None] * rng.uniform(0.9, 1.1, 3))
+    return np.asarray(np.clip(lit, 0, 255), np.uint8)
 
 
 def camera(rng: Rng, crop: Picture) -> Picture:

@@ -104,9 +104,9 @@ def iris_errors(found: Answers, samples: Sequence[Sample]) -> tuple[NDArray[np.f
 
 
 def iou(found: NDArray[np.integer], truth: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Intersection over union (classes,) of two class maps of any one shape; NaN where neither has the class."""
+    """Intersection over union (classes,) of two class maps of any one shape; NaN where the truth lacks the class."""
     count = len(CLASSES)
     table = np.bincount(truth.ravel() * count + found.ravel(), minlength=count**2).reshape(count, count)
     both = np.diag(table).astype(np.float64)
     either = table.sum(0) + table.sum(1) - both
-    return np.divide(both, either, out=np.full(count, np.nan), where=either > 0)
+    return np.divide(both, either, out=np.full(count, np.nan), where=table.sum(1) > 0)

@@ -56,7 +56,7 @@ def strands_of_hair(rng: Rng, canvas: Canvas, colour: NDArray[np.float32]) -> No
         thickness = 1 if rng.random() < 0.7 else int(rng.integers(2, 5))
         strength = int(rng.uniform(120, 255))
         cv2.polylines(alpha, [_fixed(way)], False, strength, thickness, cv2.LINE_AA, shift=4)
-    shade = 1 + 0.25 * rng.normal(0, 1, (SIZE, SIZE, 1)).astype(np.float32)
+    shade = 1 + 0.1 * rng.normal(0, 1, (SIZE, SIZE, 1)).astype(np.float32)
     canvas.put(np.asarray(np.clip(colour * shade, 0, 255), np.uint8), alpha, HAIR)
 
 
@@ -193,10 +193,12 @@ def _blob(rng: Rng, canvas: Canvas, texture: Callable[[], Picture]) -> Layer:
     else:
         axes = tuple(max(1, int(a)) for a in rng.uniform(0.08, 0.55, 2) * extent)
         cv2.ellipse(alpha, _pixel(centre), axes, rng.uniform(0, 180), 0, 360, 255, -1, cv2.LINE_AA)
-    if rng.random() < 0.35:
-        grain = rng.normal(1, 0.12, (SIZE, SIZE, 1))
-        soft = cv2.GaussianBlur(grain.astype(np.float32), (0, 0), rng.uniform(0.5, 3))[..., None]
-        return np.asarray(np.clip(_skin(rng, canvas) * soft, 0, 255), np.uint8), alpha
+    if rng.random() < 0.35:  # of skin, as an elbow or somebody's head is: darker towards its rim
+        grain = rng.normal(1, 0.12, (SIZE, SIZE)).astype(np.float32)
+        soft = cv2.GaussianBlur(grain, (0, 0), rng.uniform(0.5, 3))
+        relief = cv2.GaussianBlur(alpha, (0, 0), 0.08 * extent).astype(np.float32) / 255
+        shade = soft * (rng.uniform(0.3, 0.8) + 0.5 * relief)
+        return np.asarray(np.clip(_skin(rng, canvas) * shade[..., None], 0, 255), np.uint8), alpha
     return _filled(rng, texture), alpha
 
 
