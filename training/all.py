@@ -55,6 +55,7 @@ class Plan:
     processes: int = 2
     people: int = PEOPLE
     steps: int = STEPS
+    device: str = "cpu"
 
     def steps_of(self) -> Iterator[Step]:
         """All steps in order."""
@@ -65,7 +66,7 @@ class Plan:
         yield Step(
             "hands", [self._run("render_hands", hands, "--program", self.program, "--people", HANDS)], hands
         )
-        train = ("--parts", str(parts), *real, "--hands", str(hands), "--resume")
+        train = ("--parts", str(parts), *real, "--hands", str(hands), "--resume", "--device", self.device)
         yield Step(
             "alone",
             [
@@ -204,6 +205,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2, help="that render side by side")
     parser.add_argument("--people", type=int, default=PEOPLE)
     parser.add_argument("--steps", type=int, default=STEPS)
+    parser.add_argument("--device", default="cpu", help="cpu or cuda, for the networks")
     parser.add_argument("--only", help="names of steps, separated by commas")
     parser.add_argument(
         "--list", action="store_true", help="say what is done and what is left, and do nothing"

@@ -267,7 +267,7 @@ def main() -> None:
     real = alignment.real(load_real(options.real, held_out=True))
     props = make_props(99, options.hands, held_out=True, backgrounds=300)
     net = FaceNet()
-    net.load_state_dict(torch.load(run / "face.pt"))
+    net.load_state_dict(torch.load(run / "face.pt", map_location="cpu"))
     plain, real_plain = plain_samples(unseen, min(options.count, 300)), plain_samples(real, len(real))
     paths = variants(run, net, np.stack([s.crop for s in plain[::3] + real_plain]))
     rows = measured(paths, plain, real_plain)

@@ -89,7 +89,7 @@ class LandmarkNet(nn.Module):
 
     def _under_heat(self, maps: Tensor, features: Tensor) -> tuple[Tensor, Tensor]:
         """Mean features (n, k, c) and places (n, k, 2) under heat maps (k, c), from features (n, c, cells)."""
-        with torch.autocast("cpu", enabled=False):
+        with torch.autocast(features.device.type, enabled=False):
             features = features.float()
             heat = torch.matmul(maps, features)
             weight = torch.exp(heat - heat.amax(-1, keepdim=True).detach())

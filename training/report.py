@@ -174,7 +174,7 @@ def answer_of(weights: Path) -> Answer:
     from training.face_net import FaceNet
 
     net = FaceNet()
-    net.load_state_dict(torch.load(weights))
+    net.load_state_dict(torch.load(weights, map_location="cpu"))
     return answers_of(net)
 
 

@@ -158,22 +158,24 @@ def parsing_loss(logits: Tensor, maps: Tensor, known: Tensor) -> Tensor:
 class Trainer:
     """Network, its running average, optimiser, curves."""
 
-    def __init__(self, output: Path, course: Course, batch: int, seed: int, workers: int) -> None:
+    def __init__(
+        self, output: Path, course: Course, batch: int, seed: int, workers: int, device: str = "cpu"
+    ) -> None:
         torch.manual_seed(seed)
-        self.net = FaceNet()
+        self.net, self.device = FaceNet(), torch.device(device)
         self.course, self.batch, self.seed, self.workers = course, batch, seed, workers
         self.output, self.step, self.start = output, 0, time.time()
         output.mkdir(parents=True, exist_ok=True)
 
     def prepare(self) -> None:
         """Make the average and the optimiser, once the network has its first weights."""
-        self.net = self.net.to(memory_format=torch.channels_last)
+        self.net = self.net.to(self.device, memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.net)
         self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=self.course.rate, weight_decay=0.01)
 
     def resume(self) -> None:
         """Go on from `state.pt`."""
-        state = torch.load(self.output / "state.pt")
+        state = torch.load(self.output / "state.pt", map_location=self.device)
         self.net.load_state_dict(state["net"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -208,7 +210,8 @@ class Trainer:
         for group in self.optimiser.param_groups:
             group["lr"] = self.course.rate * self.course.at(self.step)
         self.net.train()
-        with torch.autocast("cpu", torch.bfloat16):
+        batch = tuple(part.to(self.device, non_blocking=True) for part in batch)
+        with torch.autocast(self.device.type, torch.bfloat16):
             loss, figures = loss_of(self.net, batch)
         self.optimiser.zero_grad()
         loss.backward()
@@ -230,7 +233,7 @@ class Trainer:
         row = {"step": self.step, "seconds": round(time.time() - self.start)}
         row |= {k: f"{v:.4f}" for k, v in figures.items()}
         if self.step % (2 * EVERY) == 0:
-            answer = answers_of(self.average)
+            answer = answers_of(copy.deepcopy(self.average).cpu())
             for name, samples in validation.items():
                 measured = figures_of(answer, samples)
                 row |= {f"{name}_{k}": f"{v:.3f}" for k, v in measured.items() if isinstance(v, float)}
@@ -290,6 +293,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
     parser.add_argument("--resume", action="store_true", help="go on from OUT/state.pt if it is there")
     parser.add_argument("--first-weights", type=Path, help="face.pt of another run to begin with")
     parser.add_argument("--scratch", action="store_true", help="begin with random weights")
@@ -308,10 +312,15 @@ def main() -> None:
     real = alignment.real(real) if alignment else real
     shelf.look()
     trainer = Trainer(
-        options.output, Course(options.steps, options.rate), options.batch, options.seed, options.workers
+        options.output,
+        Course(options.steps, options.rate),
+        options.batch,
+        options.seed,
+        options.workers,
+        options.device,
     )
     if options.first_weights:
-        trainer.net.load_state_dict(torch.load(options.first_weights))
+        trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
     elif not options.scratch:
         load_shipped(trainer.net, SHIPPED, plain_crops(real, 128)[0])
         trainer.net.start_irises()
