@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from training.parsing_labels import OCCLUDER, Labeller
-from training.props import cast_only
-from training.render_people import harden, load_program, make_renderer
+from training.render_people import harden, load_program, make_renderer, release
 
 F64 = NDArray[np.float64]
 SEED = 830_000
@@ -136,10 +135,7 @@ def pictures(
         bgr = np.ascontiguousarray(image[..., ::-1][box])
         jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
         yield jpeg.tobytes(), cv2.imencode(".png", alpha[box])[1].tobytes()
-    for part in actor.b.values():
-        for name, buffer in part.items():
-            if hasattr(buffer, "release") and name not in ("tex", "aux"):
-                buffer.release()
+    release([actor])
     for texture, _ in renderer._tex.values():
         texture.release()
     renderer._tex.clear()
@@ -163,7 +159,6 @@ def main() -> None:
     options = parser.parse_args()
     p = load_program(options.program, SIZE)
     renderer = make_renderer(p["render"])
-    cast_only(renderer)
     labeller = Labeller(renderer, np.zeros((4, 4), np.uint8))
     rows, person = [], []
     for number in range(options.first, options.first + options.people):

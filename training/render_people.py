@@ -24,6 +24,7 @@ import argparse
 import os
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -195,75 +196,122 @@ def irises(who, gaze: np.ndarray, skull: np.ndarray, euler, camera) -> np.ndarra
     return np.column_stack([places, camera.f * IRIS_RADIUS / depth])
 
 
-def pictures(p, renderer, labeller: Labeller, dense: np.ndarray, number: int, count: int, size: int):
-    """Yields one row per picture of person `number`."""
-    rng = np.random.default_rng(SEED + number)
-    program, euler = p["train_set"], p["human"].euler
-    spec = random_person(p, number, rng)
-    who = p["actor"].Actor(renderer, spec)
-    beard, glasses = random_beard(p, renderer, who, rng), random_glasses(p, renderer, who, rng)
-    attributes = [
-        spec["male"],
-        spec["age"],
-        *(spec["race"][r] for r in program.RACES),
-        float(spec["hair"] is not None),
-        float(beard is not None),
-        0.0,
-    ]
-    lift = hair_points(who.p, p["assets"].image) - p["face81"].points(who.p.base)[BROWS]
-    background = renderer.texture(p["looks"].background(int(rng.integers(1, 100_000)), w=size, h=size))
-    for _ in range(count):
+@dataclass(frozen=True, eq=False)
+class Studio:
+    """What all pictures are made with: the program's modules, renderer, labeller, dense vertices, side in pixels."""
+
+    program: dict
+    renderer: object
+    labeller: Labeller
+    dense: np.ndarray
+    size: int
+
+
+class Sitter:
+    """One person, with what he wears, before the camera; all that is random comes from the person's number."""
+
+    def __init__(self, studio: Studio, number: int) -> None:
+        p, renderer = studio.program, studio.renderer
+        self.studio, self.number, self.rng = studio, number, np.random.default_rng(SEED + number)
+        self.spec = random_person(p, number, self.rng)
+        self.who = p["actor"].Actor(renderer, self.spec)
+        self.beard = random_beard(p, renderer, self.who, self.rng)
+        self.glasses = random_glasses(p, renderer, self.who, self.rng)
+        self.lift = hair_points(self.who.p, p["assets"].image) - p["face81"].points(self.who.p.base)[BROWS]
+        seed = int(self.rng.integers(1, 100_000))
+        self.background = renderer.texture(p["looks"].background(seed, w=studio.size, h=studio.size))
+
+    def picture(self) -> dict:
+        """One row of a part."""
+        p, rng, who = self.studio.program, self.rng, self.who
         pose, weights = random_pose(rng), random_expression(p, rng)
+        neck, sway = self._turn(pose)
+        skull = who.p.pose(weights, neck, sway)[1]
+        camera = self._camera(skull)
+        truth = who.place(weights, neck, sway, camera)
+        places = p["face81"].points(truth["verts"])
+        places[BROWS] += self.lift @ skull[:3, :3].T
+        points, depth = camera.project(places)
+        worn, attributes = self._worn(skull, camera)
+        actors = [who.g, *(actor for prop in worn for actor in prop.actors)]
+        light = harden(p["train_set"].random_light(rng), rng)
+        image, z = self.studio.renderer.frame(actors, camera, light, self.background, want_depth=True)
+        return {
+            "jpeg": _jpeg(image),
+            "labels": parsing_labels.encode(self.studio.labeller.labels(actors, camera)),
+            "face81": points.astype(np.float32),
+            "depth": (depth - depth.min()).astype(np.float32),
+            "visible": p["train_set"].visible(points, depth, z),
+            "mask": self._mask(z),
+            "dense": camera.project(truth["verts"][self.studio.dense])[0].astype(np.float32),
+            "iris": irises(who, weights[-2:], skull, p["human"].euler, camera).astype(np.float32),
+            "pose": pose.astype(np.float32),
+            "expression": weights.astype(np.float16),
+            "person": np.int32(self.number),
+            "attributes": np.array(attributes, np.float32),
+        }
+
+    def _turn(self, pose: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """Rotation of the neck, and rotation and translation of the torso, which turns when the neck cannot."""
+        euler, centre = self.studio.program["human"].euler, self.who.face_c
         shoulders = np.sign(pose[0]) * max(0.0, abs(pose[0]) - UPRIGHT_NECK)
         torso = euler(float(shoulders), 0, 0)
-        neck = torso.T @ euler(*map(float, pose))
-        sway = torso, who.face_c - torso @ who.face_c
-        skull = who.p.pose(weights, neck, sway)[1]
+        return torso.T @ euler(*map(float, pose)), (torso, centre - torso @ centre)
+
+    def _camera(self, skull: np.ndarray):
+        rng, size, who = self.rng, self.studio.size, self.who
         distance, width = rng.uniform(4.8, 20), rng.uniform(0.44, 0.58) * size
         middle = skull[:3, :3] @ who.face_c + skull[:3, 3]
         shift = rng.normal(0, 0.08, 2)
         at = (middle[0] + shift[0], middle[1] + shift[1] + 0.15, middle[2] + distance)
-        camera = p["render"].Camera(width * distance / who.face_w, size, size, at)
-        truth = who.place(weights, neck, sway, camera)
-        places = p["face81"].points(truth["verts"])
-        places[BROWS] += lift @ skull[:3, :3].T
-        points, depth = camera.project(places)
-        more, _ = camera.project(truth["verts"][dense])
-        worn = [beard] if beard else []
-        chosen = glasses[int(rng.integers(len(glasses)))] if glasses and rng.random() < 0.7 else None
-        attributes[-1] = float(chosen is not None)
-        worn += [chosen] if chosen else []
+        return self.studio.program["render"].Camera(width * distance / who.face_w, size, size, at)
+
+    def _worn(self, skull: np.ndarray, camera) -> tuple[list[Beard | Glasses], list[float]]:
+        """What is worn in this picture, in its place, and the picture's attributes."""
+        spec, worn = self.spec, [self.beard] if self.beard else []
+        with_glasses = bool(self.glasses) and self.rng.random() < 0.7
+        if with_glasses:
+            worn.append(self.glasses[int(self.rng.integers(len(self.glasses)))])
         for prop in worn:
-            prop.place(who, skull, camera)
-        actors = [who.g, *(actor for prop in worn for actor in prop.actors)]
-        image, z = renderer.frame(
-            actors, camera, harden(program.random_light(rng), rng), background, want_depth=True
-        )
+            prop.place(self.who, skull, camera)
+        races = self.studio.program["train_set"].RACES
+        hair, beard = spec["hair"] is not None, self.beard is not None
+        own = [spec["male"], spec["age"], *(spec["race"][r] for r in races)]
+        return worn, [*own, float(hair), float(beard), float(with_glasses)]
+
+    def _mask(self, z: np.ndarray) -> np.ndarray:
+        size = self.studio.size
         near = (z < 39).astype(np.uint8)
-        mask = cv2.resize(near, (size, size), interpolation=cv2.INTER_AREA)
-        jpeg = cv2.imencode(".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
-        yield {
-            "jpeg": jpeg.tobytes(),
-            "labels": parsing_labels.encode(labeller.labels(actors, camera)),
-            "face81": points.astype(np.float32),
-            "depth": (depth - depth.min()).astype(np.float32),
-            "visible": program.visible(points, depth, z),
-            "mask": np.packbits(mask, axis=1),
-            "dense": more.astype(np.float32),
-            "iris": irises(who, weights[-2:], skull, euler, camera).astype(np.float32),
-            "pose": pose.astype(np.float32),
-            "expression": weights.astype(np.float16),
-            "person": np.int32(number),
-            "attributes": np.array(attributes, np.float32),
-        }
-    for actor in [who.g, *(a for prop in [beard, *glasses] if prop for a in prop.actors)]:
-        for part in actor.b.values():
-            for name, buffer in part.items():
-                if actor is not who.g and hasattr(buffer, "release") and name not in ("tex", "aux"):
-                    buffer.release()
-            if actor is who.g and "label" in part:
+        return np.packbits(cv2.resize(near, (size, size), interpolation=cv2.INTER_AREA), axis=1)
+
+    def leave(self) -> None:
+        """Free the GPU's memory."""
+        release([a for prop in [self.beard, *self.glasses] if prop for a in prop.actors])
+        for part in self.who.g.b.values():
+            if "label" in part:
                 part["label"].release()
-    program.release(renderer, who)
+        self.studio.program["train_set"].release(self.studio.renderer, self.who)
+
+
+def _jpeg(image: np.ndarray) -> bytes:
+    bgr = np.ascontiguousarray(image[..., ::-1])
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 92])[1].tobytes()
+
+
+def release(actors: list) -> None:
+    """Free the buffers of props; textures are the renderer's."""
+    for part in (part for actor in actors for part in actor.b.values()):
+        for name, buffer in part.items():
+            if hasattr(buffer, "release") and name not in ("tex", "aux"):
+                buffer.release()
+
+
+def pictures(studio: Studio, number: int, count: int) -> list[dict]:
+    """Rows of `count` pictures of person `number`."""
+    sitter = Sitter(studio, number)
+    rows = [sitter.picture() for _ in range(count)]
+    sitter.leave()
+    return rows
 
 
 def random_beard(p, renderer, who, rng: np.random.Generator) -> Beard | None:
@@ -305,8 +353,8 @@ def main() -> None:
     options = arguments()
     options.out.mkdir(parents=True, exist_ok=True)
     p = load_program(options.program, options.size)
-    renderer, dense, start = make_renderer(p["render"]), dense_vertices(p), time.time()
-    labeller = Labeller(renderer, regions(p))
+    renderer, start = make_renderer(p["render"]), time.time()
+    studio = Studio(p, renderer, Labeller(renderer, regions(p)), dense_vertices(p), options.size)
     names = {
         "attribute_names": ["male", "age", *p["train_set"].RACES, "hair", "beard", "glasses"],
         "expression_names": list(p["human"].WEIGHT_NAMES),
@@ -317,11 +365,7 @@ def main() -> None:
         if path.exists():
             continue
         numbers = range(first, min(first + PEOPLE_PER_PART, last))
-        rows = [
-            row
-            for n in numbers
-            for row in pictures(p, renderer, labeller, dense, n, options.per_person, options.size)
-        ]
+        rows = [row for n in numbers for row in pictures(studio, n, options.per_person)]
         write_part(path, rows, names)
         print(f"{numbers[-1] + 1 - options.first} people, {time.time() - start:.0f} s", flush=True)
 
