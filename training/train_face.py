@@ -4,9 +4,10 @@
 
 PARTS holds what `render_people.py` wrote, DATA the folder with `pairs/london` and `real` whose trainable pictures join
 in, HANDS what `render_hands.py` wrote. Training goes in chapters; each takes in the parts that have been rendered by
-then and ends with `state.pt`, from which --resume goes on. OUT gets `curves.csv`, `chapters.csv` (steps and parts) and
-`face.pt`, the running average of the weights. The trunk starts from the shipped landmarker (`dequantise.py`) unless
---scratch is given. Samples depend on the seed, the batch's number and the parts alone.
+then and ends with `state.pt`, from which --resume goes on; SIGTERM ends a chapter early, and nothing is lost. OUT gets
+`curves.csv`, `chapters.csv` (steps and parts) and `face.pt`, the running average of the weights. The trunk starts from
+the shipped landmarker (`dequantise.py`) unless --scratch is given. Samples depend on the seed, the batch's number and
+the parts alone.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import argparse
 import copy
 import csv
 import json
+import signal
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -39,7 +41,7 @@ from training.measure import answers_of, figures_of
 from training.parsing_labels import CLASSES
 
 SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
-CHAPTER = 500  # steps between looks at what has been rendered
+CHAPTER = 250  # steps between looks at what has been rendered
 EVERY = 250  # steps from one line of the curves to the next
 NEGATIVES = 0.1  # share of samples without a face
 REAL = 0.2  # share of real pictures
@@ -78,6 +80,8 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
         """Yield this worker's share of the batches."""
         cv2.setNumThreads(1)
         info = torch.utils.data.get_worker_info()
+        if info:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the trainer's own is inherited
         start, step = (info.id, info.num_workers) if info else (0, 1)
         for number in self.numbers[start::step]:
             yield self.make(number)
@@ -164,8 +168,12 @@ class Trainer:
         torch.manual_seed(seed)
         self.net, self.device = FaceNet(), torch.device(device)
         self.course, self.batch, self.seed, self.workers = course, batch, seed, workers
-        self.output, self.step, self.start = output, 0, time.time()
+        self.output, self.step, self.start, self.ended = output, 0, time.time(), False
         output.mkdir(parents=True, exist_ok=True)
+
+    def end(self, *_: object) -> None:
+        """Stop after this step and save."""
+        self.ended = True
 
     def prepare(self) -> None:
         """Make the average and the optimiser, once the network has its first weights."""
@@ -201,6 +209,8 @@ class Trainer:
         sums: dict[str, float] = {}
         for count, batch in enumerate(loader, 1):
             sums = {k: sums.get(k, 0) + v for k, v in self._step(batch).items()}
+            if self.ended:
+                break
             if self.step % EVERY == 0:
                 self._log({k: v / min(count, EVERY) for k, v in sums.items()}, validation)
                 sums = {}
@@ -337,7 +347,8 @@ def main() -> None:
     }
     if alignment:
         validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
-    while trainer.step < options.steps:
+    signal.signal(signal.SIGTERM, trainer.end)
+    while trainer.step < options.steps and not trainer.ended:
         write_facts(options, shelf.pictures(held_out=False), real if alignment else None)
         count, rendered = shelf.look(), shelf.pictures(held_out=False)
         _append(
