@@ -2,7 +2,8 @@
 
 The export folds batch normalisation into the convolutions. `load_shipped` takes it apart again: each normalisation
 gets the statistics that its input has on sample crops, and the scale and shift that undo them, so the network answers
-as the file does and trains as one that was never exported.
+as the file does and trains as one that was never exported. The crops must be such as it is trained on next: batches are
+normalised by their own statistics then, and with those of plain crops it would start as another network.
 """
 
 from __future__ import annotations

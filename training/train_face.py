@@ -31,7 +31,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
 from training.augment import SIZE, Props, negative, sample
-from training.crops import plain_crops, plain_samples
+from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, join, load_part, load_real, part_files
 from training.definitions import Alignment, read_alignment
@@ -64,7 +64,8 @@ class Course:
     def at(self, step: int) -> float:
         """Factor of the rate at a step."""
         rest = (self.steps - step) / max(1.0, self.decay * self.steps)
-        return float(min((step + 1) / self.warm, 0.5 * (1 - np.cos(np.pi * min(1.0, max(0.0, rest))))))
+        warm = min(self.warm, self.steps // 10)
+        return float(min((step + 1) / warm, 0.5 * (1 - np.cos(np.pi * min(1.0, max(0.0, rest))))))
 
 
 class Samples(IterableDataset[tuple[NDArray, ...]]):
@@ -329,15 +330,18 @@ def main() -> None:
         options.workers,
         options.device,
     )
+    props = make_props(options.seed, options.hands)
     if options.first_weights:
         trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
     elif not options.scratch:
-        load_shipped(trainer.net, SHIPPED, plain_crops(real, 128)[0])
+        first = Samples(
+            shelf.pictures(held_out=False), real if alignment else None, props, range(8), 64, options.seed + 1
+        )
+        load_shipped(trainer.net, SHIPPED, np.concatenate([first.make(k)[0] for k in first.numbers]))
         trainer.net.start_irises()
     trainer.prepare()
     if options.resume and (options.output / "state.pt").exists():
         trainer.resume()
-    props = make_props(options.seed, options.hands)
     unseen = shelf.pictures(held_out=True)
     validation = {
         "unseen": plain_samples(unseen, 240),
