@@ -15,6 +15,7 @@ from training.measure import answers_of, answers_of_file  # noqa: E402
 from training.parsing_labels import CLASSES, SKIN  # noqa: E402
 from training.train_face import EXACT, NONE, POSSIBLE, SHIPPED, Course, loss_of, parsing_loss  # noqa: E402
 
+torch.set_flush_denormal(True)  # far weights of heat maps are tiny
 RNG = np.random.default_rng(0)
 
 
@@ -39,10 +40,10 @@ def batch(count: int = 4) -> tuple[torch.Tensor, ...]:
 
 
 def test_the_network_learns_points_irises_and_parsing_of_a_dot() -> None:
-    net, given = small(), batch()
+    net, given = small(), batch(3)
     optimiser = torch.optim.Adam(net.parameters(), 3e-3)
     rows = []
-    for _ in range(40):
+    for _ in range(30):
         loss, figures = loss_of(net, given)
         optimiser.zero_grad()
         loss.backward()
@@ -51,13 +52,13 @@ def test_the_network_learns_points_irises_and_parsing_of_a_dot() -> None:
     for name in ("points_px", "iris", "parsing"):
         assert rows[-1][name] < 0.8 * rows[0][name]
     points, sigma, face, iris, parsing = net.eval()(given[0])
-    assert points.shape == (4, 81, 2)
+    assert points.shape == (3, 81, 2)
     assert (sigma > 0).all()
-    assert face.shape == (4,)
-    assert iris.shape == (4, 2, 4)
+    assert face.shape == (3,)
+    assert iris.shape == (3, 2, 4)
     assert (iris[..., 2:] > 0).all()
-    assert parsing.shape == (4, len(CLASSES), MAPS, MAPS)
-    torch.testing.assert_close(parsing.sum(1), torch.ones(4, MAPS, MAPS))
+    assert parsing.shape == (3, len(CLASSES), MAPS, MAPS)
+    torch.testing.assert_close(parsing.sum(1), torch.ones(3, MAPS, MAPS))
 
 
 def test_parsing_costs_nothing_where_nothing_is_known_and_less_where_it_is_right() -> None:
