@@ -27,15 +27,13 @@ class LocalLightLimits:
     """Widths, ranges and memory of the local light."""
 
     cell_face_widths: float = 0.025
-    brightness_sigma_face_widths: float = 0.06
-    colour_sigma_face_widths: float = 0.12
+    brightness_sigma_face_widths: float = 0.05
+    colour_sigma_face_widths: float = 0.1
     brightness_ratio: tuple[float, float] = (0.15, 4.0)
     colour_ratio: tuple[float, float] = (0.6, 1.6)  # of a channel, beyond that of brightness
     detail_gain: tuple[float, float] = (0.5, 1.5)
     part_ratio: tuple[float, float] = (0.35, 1.8)  # of brightness, at eyes and mouth
-    memory: float = 0.6  # share kept from frame to frame
-    outlier_rounds: int = 2
-    max_outlier: float = 0.45  # |log| by which a texel's brightness may differ from the smooth light
+    memory: float = 0.5  # share kept from frame to frame
     black_grey_levels: float = 4.0  # added before a ratio is taken
     min_weight: float = 1e-3  # of a texel
     min_part_share: float = 0.25  # visible share of eyes or mouth from which their brightness is measured
@@ -59,7 +57,7 @@ class LocalLight:
         self._cells = grid.size
         self._skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask][texels])
         places = grid.places(texels[self._skin])
-        self._sums, self._at_skin = TexelSums(grid.size, places), CellReader(places)
+        self._sums = TexelSums(grid.size, places)
         self._at_pixels = CellReader(grid.places())
         self._narrow = grid.smoother(LIMITS.brightness_sigma_face_widths)
         self._wide = grid.smoother(LIMITS.colour_sigma_face_widths)
@@ -98,10 +96,11 @@ class LocalLight:
 
     def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
         """See `Palette.apply`."""
-        # own R + (texture - own) g, as an affine map of the texture with coefficients on the coarse grid.
+        # own R + (texture - own) g, over black: an affine map of the texture, with coefficients on the coarse grid.
         gain = _detail_gain(self._ratio)
         matrix = to_stored.astype(np.float32)
-        constant = np.tensordot(matrix, self._own * (self._ratio - gain), 1)
+        black = np.float32(LIMITS.black_grey_levels) * (1 - gain)
+        constant = np.tensordot(matrix, self._own * (self._ratio - gain) - black, 1)
         fields = self._at_pixels(np.concatenate([constant, gain[None]]))
         fields *= self._surface
         gains = fields[3]
@@ -114,18 +113,13 @@ class LocalLight:
         return np.asarray(out)
 
     def _fitted(self, face: F32, seen: F32, visible: F32) -> tuple[F32, F32]:
-        """The face's local mean and the ratio of colours (3, h, w), from the skin's texels (s, 3)."""
+        """The face's local mean over black and the ratio of colours (3, h, w), from the skin's texels (s, 3)."""
         black = np.float32(LIMITS.black_grey_levels)
-        log = np.log((np.maximum(seen @ LUMA, 0) + black) / (np.maximum(face @ LUMA, 0) + black))
-        weights = visible + np.float32(LIMITS.min_weight)
-        for _ in range(LIMITS.outlier_rounds):
-            smooth = self._at_skin(self._wide.means(self._sums(log[:, None], weights)))[0]
-            weights = (np.abs(log - smooth) < LIMITS.max_outlier) * visible + np.float32(LIMITS.min_weight)
-        sums = self._sums(np.concatenate([face, seen], axis=1), weights)
+        sums = self._sums(np.concatenate([face, seen], axis=1), visible + np.float32(LIMITS.min_weight))
         narrow, wide = (smoother.means(sums) + black for smoother in (self._narrow, self._wide))
         brightness = np.clip(_luma(narrow[3:]) / _luma(narrow[:3]), *LIMITS.brightness_ratio)
         tint = wide[3:] / np.maximum(wide[:3], 1) * (_luma(wide[:3]) / _luma(wide[3:]))
-        return narrow[:3] - black, brightness * np.clip(tint, *LIMITS.colour_ratio)
+        return narrow[:3], brightness * np.clip(tint, *LIMITS.colour_ratio)
 
 
 def _detail_gain(ratio: F32) -> F32:

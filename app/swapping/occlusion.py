@@ -1,8 +1,9 @@
 """What hides the source's face in a frame: a hand, a mug, a microphone.
 
-The source's model says what their face looks like with its present expression.  Where the frame differs from that by
-more than a smooth light explains, something else is seen.  There the light isn't measured, and the frame's own pixels
-stay in front of the drawn face.  RGB 0..255.
+The source's model says what their face looks like with its present expression.  Where the frame differs from that in
+colour by more than a smooth light explains, or is far darker or brighter than any shadow or gloss, something else is
+seen.  There the light isn't measured, and the frame's own pixels stay in front of the drawn face.  A hand of the colour
+of the face isn't noticed.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
@@ -22,25 +24,26 @@ from guise.common.arrays import F32, F64, Floating, Int
 
 @dataclass(frozen=True)
 class OcclusionLimits:
-    """Widths, thresholds and memory; differences are natural logarithms of brightness, the mean of the channels."""
+    """Widths, thresholds and memory; differences are of natural logarithms of channels."""
 
     cell_face_widths: float = 0.025
     light_sigma_face_widths: float = 0.12
-    sigma_face_widths: float = 0.035  # over which differences are averaged
-    difference: tuple[float, float] = (0.28, 0.5)  # up to which all is visible, from which all is hidden
+    sigma_face_widths: float = 0.025  # over which differences are averaged
+    difference: tuple[float, float] = (0.11, 0.19)  # up to which all is visible, from which all is hidden
+    shadow: float = 0.8  # difference in brightness that light may make
+    darkness_weight: float = 0.2  # of what exceeds it, beside the difference in colour
     memory: float = 0.5  # share kept of the occlusion from frame to frame
     light_memory: float = 0.6  # share kept of the light
     first_rounds: int = 3  # of the first, robust fit of the light
-    max_outlier: float = 0.45  # difference of a texel that counts in it
+    max_outlier: float = 0.17  # difference of a texel that counts in it
     black_grey_levels: float = 4.0  # added before a ratio is taken
     min_weight: float = 1e-3  # of a texel
-    min_shown: float = 0.05  # share hidden somewhere from which anything is put in front
-    feature_growth_face_widths: float = (
-        0.02  # around eyes and mouth, whose inside the model doesn't predict well
-    )
+    shown: tuple[float, float] = (0.05, 0.9)  # occlusion: up to it the drawn face is whole, from it gone
+    feature_growth_face_widths: float = 0.02  # around eyes and mouth, whose inside is hard to predict
 
 
 LIMITS = OcclusionLimits()
+HOLE_KERNEL = np.ones((3, 3), np.uint8)  # cells; smaller holes in what hides the face are filled
 
 
 class Occlusion:
@@ -83,7 +86,7 @@ class Occlusion:
     @property
     def found(self) -> bool:
         """Whether anything hides a part of the face."""
-        return float(self._hidden.max()) > LIMITS.min_shown
+        return float(self._hidden.max()) > LIMITS.shown[0]
 
     def update(self, parameters: F32, seen: F32) -> None:
         """Measure a frame.
@@ -99,8 +102,7 @@ class Occlusion:
         clear = self._reliable * self._visible > 0.5
         jump = np.median(change[clear], axis=0) if clear.any() else np.zeros(3, np.float32)
         self._light += jump[:, None, None]
-        difference = np.abs(change - jump).mean(1)
-        hidden = self._hidden_cells(difference)
+        hidden = self._hidden_cells(_difference(change - jump))
         self._hidden += np.float32(1 - LIMITS.memory) * (hidden - self._hidden)
         self._visible = np.clip(1 - 2 * self._at_texels(self._hidden[None])[0], 0, 1)
         weights = self._reliable * self._visible + np.float32(LIMITS.min_weight)
@@ -119,7 +121,7 @@ class Occlusion:
         height, width = self._reference.size
         to_cells = np.array([[1 / self._grid.cell, 0, 0], [0, 1 / self._grid.cell, 0]])
         shares = cv2.warpAffine(
-            1 - hidden,
+            1 - _ramp(hidden, LIMITS.shown),
             to_cells,
             (width, height),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
@@ -132,7 +134,7 @@ class Occlusion:
         weights = self._reliable + np.float32(LIMITS.min_weight)
         for _ in range(LIMITS.first_rounds):
             light = self._light_smoother.means(self._sums(log, weights))
-            difference = np.abs(log - self._at_texels(light).T).mean(1)
+            difference = _difference(log - self._at_texels(light).T)
             weights = self._reliable * (difference < LIMITS.max_outlier) + np.float32(LIMITS.min_weight)
         return light
 
@@ -140,5 +142,18 @@ class Occlusion:
         """(h, w) share in [0, 1] that is hidden, of the texels' differences (t,) from their face in this light."""
         weights = self._reliable + np.float32(LIMITS.min_weight)
         local = self._smoother.means(self._sums(difference[:, None], weights))[0]
-        low, high = LIMITS.difference
-        return np.asarray(np.clip((local - low) / (high - low), 0, 1), np.float32)
+        shares = _ramp(local, LIMITS.difference)
+        return np.asarray(cv2.morphologyEx(shares, cv2.MORPH_CLOSE, HOLE_KERNEL), np.float32)
+
+
+def _ramp(values: ArrayLike, ends: tuple[float, float]) -> F32:
+    """0 up to the first end, 1 from the second, linear between them."""
+    return np.asarray(np.clip((np.asarray(values) - ends[0]) / (ends[1] - ends[0]), 0, 1), np.float32)
+
+
+def _difference(change: F32) -> F32:
+    """(t,) how little light explains changes (t, 3) of the channels' logarithms: colour, and extreme brightness."""
+    brightness = change.mean(1)
+    excess = np.maximum(np.abs(brightness) - np.float32(LIMITS.shadow), 0)
+    colour = np.abs(change - brightness[:, None]).mean(1)
+    return np.asarray(colour + np.float32(LIMITS.darkness_weight) * excess)

@@ -51,8 +51,8 @@ def find_samples(folder: Path | None) -> Path:
     Raises MediaError when the clips are not there.
     """
     samples = folder or _own_samples()
-    wanted = [samples / HEAD / "talk2.mp4"]
-    wanted += [samples / person / clip for person in (HEAD, FACE) for clip in ("talk.mp4", "talk.npz")]
+    wanted = [samples / person / clip for person in (HEAD, FACE) for clip in ("talk.mp4", "talk.npz")]
+    wanted.append(samples / HEAD / "talk2.mp4")
     missing = next((file for file in wanted if not file.is_file()), None)
     if missing is not None:
         raise MediaError(

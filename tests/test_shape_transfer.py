@@ -1,0 +1,89 @@
+"""Shapes carried over one to one: rest stays rest, movements keep their size, shut lids and lips stay shut."""
+
+import numpy as np
+import pytest
+from made_up import FRAME, appearance
+from numpy.testing import assert_allclose
+
+from guise.aam.appearance import AppearanceModel
+from guise.aam.extrapolation import turned_neutral
+from guise.aam.landmarks.schemes import (
+    BROWS,
+    LOWER_INNER_LIP,
+    LOWER_LIDS,
+    RIGHT_MOUTH_CORNER,
+    UPPER_INNER_LIP,
+    UPPER_LIDS,
+)
+from guise.aam.shape_transfer import MAX_LID_RATIO, ShapeTransfer
+from guise.common.arrays import F64
+
+SOURCE, TARGET = appearance(1), appearance(2)
+
+
+def with_eyes(model: AppearanceModel, factor: float) -> AppearanceModel:
+    """The model with lids this far apart, of the reference frame's, at rest."""
+    shape = FRAME.points.copy()
+    middle = (shape[UPPER_LIDS] + shape[LOWER_LIDS]) / 2
+    for lids in (UPPER_LIDS, LOWER_LIDS):
+        shape[lids] = middle + factor * (shape[lids] - middle)
+    neutral = model.neutral.copy()
+    neutral[: shape.size] = (shape * FRAME.shape_weight).ravel()
+    return AppearanceModel(model.reference, model.components, neutral, model.mask)
+
+
+def posed(shape: F64) -> F64:
+    """The shape somewhere in a picture, turned and larger."""
+    turn = 3.1 * np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    return np.asarray(shape @ turn + (200, 90))
+
+
+def at_rest(source: AppearanceModel, target: AppearanceModel) -> F64:
+    return target.shape_of(turned_neutral(target, source))
+
+
+def test_a_neutral_face_becomes_the_targets_neutral_face() -> None:
+    made = ShapeTransfer(SOURCE, TARGET).apply(posed(SOURCE.neutral_shape))
+    assert_allclose(made, at_rest(SOURCE, TARGET), atol=1e-5)
+
+
+def test_movements_keep_their_size() -> None:
+    moved = SOURCE.neutral_shape.copy()
+    moved[BROWS] -= (0, 2)
+    moved[RIGHT_MOUTH_CORNER] -= (1.5, 0.5)
+    made = ShapeTransfer(SOURCE, TARGET).apply(posed(moved)) - at_rest(SOURCE, TARGET)
+    own = FRAME.align(moved) - FRAME.align(SOURCE.neutral_shape)
+    assert_allclose(made[BROWS], own[BROWS], atol=1e-5)
+    assert_allclose(made[RIGHT_MOUTH_CORNER], own[RIGHT_MOUTH_CORNER], atol=1e-5)
+
+
+@pytest.mark.parametrize(("own", "other"), [(0.6, 1.5), (1.0, 1.0), (1.5, 0.6)])
+def test_shut_lids_stay_shut_whatever_the_two_eye_sizes(own: float, other: float) -> None:
+    source, target = with_eyes(SOURCE, own), with_eyes(TARGET, other)
+    shut = with_eyes(SOURCE, 0.0).neutral_shape
+    made = ShapeTransfer(source, target).apply(posed(shut))
+    assert_allclose(made[UPPER_LIDS], made[LOWER_LIDS], atol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.3, 3.0])
+def test_lids_open_by_the_share_of_the_sources(share: float) -> None:
+    source, target = with_eyes(SOURCE, 0.7), with_eyes(TARGET, 1.2)
+    made = ShapeTransfer(source, target).apply(posed(with_eyes(SOURCE, 0.7 * share).neutral_shape))
+    rest = at_rest(source, target)
+    expected = min(share, MAX_LID_RATIO) * (rest[LOWER_LIDS] - rest[UPPER_LIDS])
+    assert_allclose(made[LOWER_LIDS] - made[UPPER_LIDS], expected, atol=1e-4)
+
+
+def test_lips_that_touch_touch_and_an_open_mouth_opens_as_far() -> None:
+    transfer = ShapeTransfer(SOURCE, TARGET)
+    shut, wide = SOURCE.neutral_shape.copy(), SOURCE.neutral_shape.copy()
+    shut[LOWER_INNER_LIP] = shut[UPPER_INNER_LIP]
+    wide[LOWER_INNER_LIP] = wide[UPPER_INNER_LIP] + (0, 8)
+    made = transfer.apply(posed(shut))
+    assert_allclose(made[UPPER_INNER_LIP], made[LOWER_INNER_LIP], atol=1e-5)
+    gaps, rest, own = (
+        s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP]
+        for s in (transfer.apply(posed(wide)), at_rest(SOURCE, TARGET), FRAME.align(SOURCE.neutral_shape))
+    )
+    seen = FRAME.align(wide)
+    assert_allclose(gaps, seen[LOWER_INNER_LIP] - seen[UPPER_INNER_LIP] + rest - own, atol=1e-5)
