@@ -3,9 +3,9 @@
 Light scales what it falls on.  So what the frame shows of the source's skin, averaged around each place, is divided by
 what the synthesised face shows there, averaged alike; the ratio is that of the two lights and skin tones together.
 Brightness is averaged over a small neighbourhood, so that hard shadows keep their place, and colour over a larger one.
-Brows, lips and folds are differences from the face's own mean; they are scaled by the ratio of brightness within
-limits, so that they neither fade nor turn into noise.  Eyes and the inside of the mouth keep their own colours, in the
-brightness that the source's have.  RGB 0..255.
+Brows, lips and folds are differences from the face's own mean; they take the colour of the ratio, and its brightness
+within limits, so that they neither fade nor turn into noise.  Eyes and the inside of the mouth keep their own colours,
+in the brightness that the source's have.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -97,18 +97,16 @@ class LocalLight:
     def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
         """See `Palette.apply`."""
         # own R + (texture - own) g, over black: an affine map of the texture, with coefficients on the coarse grid.
-        gain = _detail_gain(self._ratio)
-        matrix = to_stored.astype(np.float32)
+        gain = self._ratio * (_detail_gain(self._ratio) / _luma(self._ratio))
         black = np.float32(LIMITS.black_grey_levels) * (1 - gain)
-        constant = np.tensordot(matrix, self._own * (self._ratio - gain) - black, 1)
-        fields = self._at_pixels(np.concatenate([constant, gain[None]]))
-        fields *= self._surface
-        gains = fields[3]
+        gains, lit = self._at_pixels(gain), self._at_pixels(self._own * (self._ratio - gain) - black)
+        gains *= self._surface
+        lit *= self._surface
         for part, value in zip(self._parts, self._part_ratio, strict=True):
             gains += np.float32(value) * part
-        out = matrix @ texture.T
-        out *= gains
-        out += fields[:3]
+        gains *= texture.T
+        gains += lit
+        out = to_stored.astype(np.float32) @ gains
         out += offset.astype(np.float32)[:, None]
         return np.asarray(out)
 

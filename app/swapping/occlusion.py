@@ -38,7 +38,7 @@ class OcclusionLimits:
     max_outlier: float = 0.17  # difference of a texel that counts in it
     black_grey_levels: float = 4.0  # added before a ratio is taken
     min_weight: float = 1e-3  # of a texel
-    shown: tuple[float, float] = (0.05, 0.9)  # occlusion: up to it the drawn face is whole, from it gone
+    shown: tuple[float, float] = (0.2, 0.9)  # occlusion: up to it the drawn face is whole, from it gone
     feature_growth_face_widths: float = 0.02  # around eyes and mouth, whose inside is hard to predict
 
 
