@@ -1,4 +1,4 @@
-"""What the landmarker is trained on: samples, crops, parts; the network where PyTorch is installed."""
+"""What the networks are trained on: samples, crops, parts."""
 
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from training import augment
 from training.clutter import clutter
 from training.crops import plain_crops
 from training.data import Pictures, load_parts, square
+from training.parsing_labels import encode
 
 RNG = np.random.default_rng(0)
 COLOURS = RNG.integers(60, 256, (81, 3))
@@ -45,13 +46,15 @@ def pictures(count: int = 3, size: int = 176) -> Pictures:
             4,
         )
     seen = np.ones((count, 81), bool)
-    masks = np.ones((count, size, size), np.uint8)
-    return Pictures(
-        images, points, seen, masks, np.array(["r00001"] * count), np.zeros((count, 0), np.float32)
-    )
+    masks = np.packbits(np.ones((count, size, size), np.uint8), axis=2)
+    person = np.array(["r00001"] * count)
+    return Pictures(images, points, seen, masks, person, np.zeros((count, 0), np.float32))
 
 
 BACKGROUNDS = np.stack([clutter(np.random.default_rng(k), 192) for k in range(4)])
+
+
+PROPS = augment.Props(BACKGROUNDS)
 
 
 def test_a_sample_is_the_same_for_the_same_seed() -> None:
@@ -60,15 +63,10 @@ def test_a_sample_is_the_same_for_the_same_seed() -> None:
     for _ in range(2):
         cv2.setRNGSeed(3)
         rng = np.random.default_rng(11)
-        both.append(
-            [
-                augment.sample(rng, source.images[0], source.points[0], source.visible[0], None, BACKGROUNDS)
-                for _ in range(5)
-            ]
-        )
+        both.append([augment.sample(rng, source[0], PROPS) for _ in range(8)])
     for first, second in zip(*both, strict=True):
-        for a, b in zip(first, second, strict=True):
-            np.testing.assert_array_equal(a, b)
+        for name in ("crop", "points", "seen", "maps"):
+            np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
 def test_points_stay_on_what_they_mark_through_turns_and_mirrors() -> None:
@@ -94,20 +92,15 @@ def test_samples_vary_and_stay_pictures() -> None:
     rng = np.random.default_rng(4)
     crops = []
     for k in range(60):
-        crop, points, seen = augment.sample(
-            rng,
-            source.images[k % 3],
-            source.points[k % 3],
-            source.visible[k % 3],
-            source.masks[k % 3],
-            BACKGROUNDS,
-        )
-        assert crop.shape == (128, 128, 3)
-        assert crop.dtype == np.uint8
-        assert np.isfinite(points).all()
-        inside = (points > -0.5).all(1) & (points < 127.5).all(1)
-        assert not (seen & ~inside).any()
-        crops.append(crop)
+        made = augment.sample(rng, source[k % 3], PROPS)
+        assert made.crop.shape == (128, 128, 3)
+        assert made.crop.dtype == np.uint8
+        assert np.isfinite(made.points).all()
+        inside = (made.points > -0.5).all(1) & (made.points < 127.5).all(1)
+        assert not (made.seen & ~inside).any()
+        assert not made.exact  # nothing is known of what these pictures show
+        assert (made.maps.sum(0) > 0).all()
+        crops.append(made.crop)
     assert len({c.tobytes() for c in crops}) == 60
     for _ in range(30):
         assert augment.negative(rng, source.images[0], source.points[0], BACKGROUNDS).shape == (128, 128, 3)
@@ -132,44 +125,38 @@ def test_a_square_keeps_face_and_points_together() -> None:
     assert np.ptp(points, axis=0).max() == pytest.approx(0.62 * 208)
 
 
+def write_part(file: Path, source: Pictures, person: list[int]) -> None:
+    """A part as the renderer writes it: labels are 1.5 times the picture's size."""
+    jpegs = [cv2.imencode(".jpg", np.asarray(image)[..., ::-1])[1].tobytes() for image in source.images]
+    size = source.images[0].shape[0]
+    labels = [encode(np.full((3 * size // 2,) * 2, 1 + k, np.uint8)) for k in range(len(source))]
+    up = ["eyebrows-left-up", "eyebrows-right-up", "eyebrows-left-down", "eyebrows-right-down"]
+    np.savez(
+        file, jpeg=np.frombuffer(b"".join(jpegs), np.uint8), length=np.array([len(j) for j in jpegs], np.int32),
+        labels=np.frombuffer(b"".join(labels), np.uint8),
+        labels_length=np.array([len(b) for b in labels], np.int32), face81=source.points, visible=source.visible,
+        mask=source.masks, person=np.array(person), attributes=np.zeros((len(source), 2), np.float32),
+        attribute_names=np.array(["male", "age"]), iris=np.ones((len(source), 2, 3), np.float32),
+        pose=np.zeros((len(source), 3), np.float32), expression_names=np.array(up),
+        expression=np.tile(np.array([0.5, 1, 0, 0], np.float16), (len(source), 1)),
+    )  # fmt: skip
+
+
 def test_parts_are_read_and_held_out_people_kept_apart(tmp_path: Path) -> None:
     source = pictures(4)
-    jpegs = [cv2.imencode(".jpg", image[..., ::-1])[1].tobytes() for image in source.images]
-    np.savez(
-        tmp_path / "part_00000.npz", jpeg=np.frombuffer(b"".join(jpegs), np.uint8),
-        length=np.array([len(j) for j in jpegs], np.int32), face81=source.points, visible=source.visible,
-        mask=np.packbits(source.masks, axis=2), person=np.array([0, 1, 2, 10]), attributes=np.zeros((4, 2), np.float32),
-        attribute_names=np.array(["male", "age"]),
-    )  # fmt: skip
+    write_part(tmp_path / "part_00000.npz", source, [0, 1, 2, 10])
     training, unseen = load_parts(tmp_path, held_out=False), load_parts(tmp_path, held_out=True)
     assert list(training.person) == ["r00001", "r00002"]
     assert list(unseen.person) == ["r00000", "r00010"]
     assert np.abs(training.images[0].astype(int) - source.images[1]).mean() < 2
     np.testing.assert_array_equal(training.points, source.points[1:3])
+    one = training[1]
+    assert one.labels is not None
+    assert (one.labels == 3).all()
+    assert one.mask is not None
+    assert one.mask.shape == (176, 176)
+    assert training.attribute_names[2:] == ("brows_up", "brows_down")
+    np.testing.assert_array_equal(training.attributes[:, 2:], [[1, 0]] * 2)
+    assert list(training.only(np.array([False, True])).person) == ["r00002"]
     with pytest.raises(FileNotFoundError, match="render_people"):
         load_parts(tmp_path / "nothing", held_out=False)
-
-
-def test_the_network_finds_a_dot_after_a_few_steps() -> None:
-    torch = pytest.importorskip("torch", reason="PyTorch is for training only")
-    from training.landmark_net import LandmarkNet
-    from training.train_landmarks import loss_of
-
-    torch.manual_seed(0)
-    net = LandmarkNet(width=4, blocks=(0, 0, 0), head=8)
-    crops, points = plain_crops(pictures(), 3)
-    batch = torch.from_numpy(crops), torch.from_numpy(points), torch.ones(3)
-    optimiser = torch.optim.Adam(net.parameters(), 3e-3)
-    losses = []
-    for _ in range(25):
-        loss, figures = loss_of(net, *batch)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        losses.append(figures["error_px"])
-    assert losses[-1] < 0.7 * losses[0]
-    points_out, sigma, logit = net.eval()(batch[0])
-    assert points_out.shape == (3, 81, 2)
-    assert sigma.shape == (3, 81)
-    assert (sigma > 0).all()
-    assert logit.shape == (3,)

@@ -1,4 +1,4 @@
-"""One training sample of the landmarker from a picture: crop, background, things in front of the face, light, camera.
+"""One training sample of the landmarker from a picture: crop, background, objects in front of the face, light, camera.
 
 Everything is random and comes from the generator that is given, so a seed gives the same samples. Pixels, x right,
 y down, pixel centres at integers; images RGB uint8.
@@ -6,33 +6,44 @@ y down, pixel centres at integers; images RGB uint8.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 
-from guise.aam.landmarks import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
 from guise.aam.landmarks.schemes import (
     BROWS,
     CHIN,
     FOREHEAD,
+    HAIRLINE,
+    JAW,
+    LEFT_EYE,
     LEFT_MOUTH_CORNER,
     LEFT_NOSTRIL,
     LEFT_TEMPLE,
+    MIRROR,
     NOSE_BASE,
     NOSE_ROOT,
-    NOSE_TIP,
     OUTER_LIPS,
+    RIGHT_EYE,
     RIGHT_MOUTH_CORNER,
     RIGHT_NOSTRIL,
     RIGHT_TEMPLE,
     UPPER_LIP_TOP,
 )
 from guise.common.arrays import F32, F64, I32, U8, Bool
+from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps
+from training.data import Labelled
+from training.occluders import occluder, strands_of_hair
+from training.parsing_labels import BACKGROUND, FACIAL_HAIR, GLASSES, HAIR, OCCLUDER
 
-SIZE = 128  # pixels, the side of the network's input
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
+# Standard deviations of plain crops.
+PLAIN_TURN_DEGREES = 4.0
+PLAIN_LOG_SIZE = 0.05
+PLAIN_SHIFT_CROP_SIDES = 0.025
 
 Picture = U8
 Rng = np.random.Generator
@@ -42,34 +53,106 @@ Rng = np.random.Generator
 class Strength:
     """How far the crop is off a face's own box: standard deviations of turn, log size and shift."""
 
-    turn: float = 16.0
+    turn: float = 18.0
     size: float = 0.11
     shift: float = 0.055
-    wild: float = 0.12  # share of samples that are turned by up to 45 degrees
+    wild: float = 0.2  # share of samples that are turned by up to 60 degrees
 
 
-def sample(
-    rng: Rng, image: Picture, points: F32, visible: Bool, mask: Picture | None,
-    backgrounds: U8, strength: Strength = Strength(),
-) -> tuple[Picture, F32, Bool]:  # fmt: skip
-    """A crop (128, 128, 3), the points in it (81, 2) pixels, and which are to be seen (81,).
+@dataclass(frozen=True, eq=False)
+class Props:
+    """What may appear behind and in front of a face.
 
-    backgrounds : (m, s, s, 3) that replace what lies outside the mask now and then.
+    backgrounds : (m, s, s, 3) uint8
+    hands : cut-outs (h, w, 4) uint8 RGBA of rendered hands; may be empty
     """
-    matrix, mirrored = crop_matrix(rng, points, strength)
-    inside = points @ matrix[:, :2].T + matrix[:, 2]
-    visible = visible.copy()
+
+    backgrounds: U8
+    hands: Sequence[U8] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A crop with its ground truth, in pixels of the crop.
+
+    Parameters
+    ----------
+    crop : (128, 128, 3) uint8
+    points, seen : (81, 2) float32, (81,) bool
+    iris, iris_seen : (2, 3) float32 centre and radius, (2,) bool
+    maps : (classes, 64, 64) float32
+        Share of each class in a cell if `exact`, otherwise 1 for the classes that a cell may show.
+    exact : bool
+    """
+
+    crop: Picture
+    points: F32
+    seen: Bool
+    iris: F32
+    iris_seen: Bool
+    maps: F32
+    exact: bool
+
+
+def sample(rng: Rng, face: Labelled, props: Props, strength: Strength = Strength()) -> Sample:
+    """A random crop around a face, with random background, objects in front, light and camera."""
+    matrix, mirrored = crop_matrix(rng, face.points, strength)
+    canvas = _start(rng, face, matrix, mirrored)
+    if face.mask is not None and rng.random() < 0.75:
+        alpha = cv2.warpAffine(face.mask * np.uint8(255), matrix, (SIZE, SIZE))
+        canvas.crop = _before(rng, canvas.crop, alpha, props.backgrounds)
+    _things(rng, canvas, props)
+    canvas.crop = camera(rng, light(rng, canvas.crop))
+    _cut(rng, canvas)
+    return canvas.finish()
+
+
+def plain(rng: Rng, face: Labelled, props: Props | None = None) -> Sample:
+    """A crop as a good detector would give it, for measurements: unchanged, or with one occluder from `props`."""
+    canvas = _plain(rng, face, rng.normal(0, PLAIN_TURN_DEGREES))
+    if props is not None:
+        occluder(rng, canvas, lambda: background(rng, props.backgrounds), props.hands)
+    return canvas.finish()
+
+
+def turned(rng: Rng, face: Labelled, degrees: float) -> Sample:
+    """A crop as a detector would give it, with the face turned clockwise."""
+    return _plain(rng, face, degrees).finish()
+
+
+def _plain(rng: Rng, face: Labelled, degrees: float) -> Canvas:
+    angle = np.radians(degrees)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    side = ENLARGE * float(np.ptp(face.points @ turn.T, axis=0).max())
+    linear = SIZE / side * np.exp(rng.normal(0, PLAIN_LOG_SIZE)) * turn
+    middle = (face.points.min(0) + face.points.max(0)) / 2
+    shift = (SIZE - 1) / 2 + rng.normal(0, PLAIN_SHIFT_CROP_SIDES, 2) * SIZE - linear @ middle
+    return _start(rng, face, np.column_stack([linear, shift]), mirrored=False)
+
+
+def _start(rng: Rng, face: Labelled, matrix: F64, mirrored: bool) -> Canvas:
+    points = face.points @ matrix[:, :2].T + matrix[:, 2]
+    visible = face.visible.copy()
+    scale = float(np.sqrt(abs(np.linalg.det(matrix[:, :2]))))
+    iris = np.zeros((2, 3), np.float32)
+    if face.iris is not None:
+        iris = np.column_stack([face.iris[:, :2] @ matrix[:, :2].T + matrix[:, 2], face.iris[:, 2] * scale])
     if mirrored:
-        inside, visible = inside[list(MIRROR)], visible[list(MIRROR)]
+        points, visible, iris = points[list(MIRROR)], visible[list(MIRROR)], iris[::-1]
     border = cv2.BORDER_REPLICATE if rng.random() < 0.5 else cv2.BORDER_REFLECT_101
-    crop = cv2.warpAffine(image, matrix, (SIZE, SIZE), flags=cv2.INTER_LINEAR, borderMode=border)
-    if mask is not None and rng.random() < 0.75:
-        crop = _before(rng, crop, cv2.warpAffine(mask * np.uint8(255), matrix, (SIZE, SIZE)), backgrounds)
-    crop, visible = _things(rng, np.asarray(crop, np.uint8), inside, visible, backgrounds)
-    crop = camera(rng, light(rng, crop))
-    crop, visible = _cut(rng, crop, inside, visible)
-    seen = visible & (inside > -0.5).all(1) & (inside < SIZE - 0.5).all(1)
-    return crop, np.asarray(inside, np.float32), seen
+    crop = cv2.warpAffine(face.image, matrix, (SIZE, SIZE), flags=cv2.INTER_LINEAR, borderMode=border)
+    points = np.asarray(points, np.float32)
+    exact = face.labels is not None
+    maps = class_maps(face.labels, len(face.image), matrix, border) if exact else possible_maps(points)
+    return Canvas(
+        np.asarray(crop, np.uint8),
+        points,
+        visible,
+        np.asarray(iris, np.float32),
+        face.iris is not None,
+        maps,
+        exact,
+    )
 
 
 def negative(rng: Rng, image: Picture, points: F32, backgrounds: U8) -> Picture:
@@ -101,7 +184,7 @@ def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[F64, bool]:
     """Affine (2, 3) from pixels of the picture to those of the crop, and whether it mirrors."""
     low, high = points.min(0), points.max(0)
     side = ENLARGE * float((high - low).max())
-    angle = rng.normal(0, strength.turn) if rng.random() > strength.wild else rng.uniform(-45, 45)
+    angle = rng.normal(0, strength.turn) if rng.random() > strength.wild else rng.uniform(-60, 60)
     scale = SIZE / side * float(np.exp(rng.normal(0, strength.size)))
     shift = rng.normal(0, strength.shift, 2) * SIZE
     cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
@@ -137,27 +220,24 @@ def _before(rng: Rng, crop: Picture, alpha: Picture, backgrounds: U8) -> Picture
         behind = background(rng, backgrounds)
     if rng.random() < 0.3:
         alpha = np.asarray(cv2.GaussianBlur(alpha, (0, 0), rng.uniform(0.5, 1.5)), np.uint8)
-    return _blend(behind, crop, alpha)
+    return blend(behind, crop, alpha)
 
 
-def _blend(under: Picture, over: Picture, alpha: Picture) -> Picture:
-    share = alpha[..., None].astype(np.uint16)
-    return np.asarray((over * share + under * (255 - share) + 127) // 255, np.uint8)
+# -- on or in front of the face ------------------------------------------------------------------------------------
 
 
-# -- what lies on or before the face ------------------------------------------------------------------------------
-
-
-def _things(rng: Rng, crop: Picture, points: F32, visible: Bool, backgrounds: U8) -> tuple[Picture, Bool]:
+def _things(rng: Rng, canvas: Canvas, props: Props) -> None:
+    if rng.random() < 0.08:
+        _beard(rng, canvas)
+    if rng.random() < 0.15:
+        _glasses(rng, canvas)
     if rng.random() < 0.12:
-        crop = _beard(rng, crop, points)
-    if rng.random() < 0.20:
-        crop = _glasses(rng, crop, points)
+        _fringe(rng, canvas)
     if rng.random() < 0.12:
-        crop = _fringe(rng, crop, points)
-    if rng.random() < 0.28:
-        crop, visible = _occluder(rng, crop, points, visible, backgrounds)
-    return crop, visible
+        strands_of_hair(rng, canvas, _colour_of_hair(rng))
+    if rng.random() < 0.42:
+        for _ in range(1 if rng.random() < 0.75 else 2):
+            occluder(rng, canvas, lambda: background(rng, props.backgrounds), props.hands)
 
 
 def _colour_of_hair(rng: Rng) -> F32:
@@ -175,19 +255,21 @@ def _strands(rng: Rng) -> F32:
     return np.asarray(1 + 0.28 * along / (along.std() + 1e-6), np.float32)
 
 
-def _hair_over(rng: Rng, crop: Picture, area: Picture, softness: float, most: float) -> Picture:
-    alpha = cv2.GaussianBlur(area, (0, 0), softness).astype(np.float32) / 255 * most
+def _hair_over(rng: Rng, canvas: Canvas, area: Picture, softness: float, most: float, kind: int) -> None:
+    crop, soft = canvas.crop, np.asarray(cv2.GaussianBlur(area, (0, 0), softness), np.uint8)
+    alpha = soft.astype(np.float32) / 255 * most
     hair = np.clip(_strands(rng)[..., None] * _colour_of_hair(rng), 0, 255)
     shade = np.clip(crop.mean(2, keepdims=True) / 140, 0.35, 1.3)
     mixed = crop * (1 - alpha[..., None]) + hair * shade * alpha[..., None]
-    return np.asarray(np.clip(mixed, 0, 255), np.uint8)
+    canvas.crop = np.asarray(np.clip(mixed, 0, 255), np.uint8)
+    canvas.cover(np.asarray(soft * min(1.0, 1.4 * most), np.uint8), kind)
 
 
-def _beard(rng: Rng, crop: Picture, points: F32) -> Picture:
+def _beard(rng: Rng, canvas: Canvas) -> None:
     """A beard or moustache: hair over the lower face, the lips left out."""
-    area = np.zeros((SIZE, SIZE), np.uint8)
+    points, area = canvas.points, np.zeros((SIZE, SIZE), np.uint8)
     start = int(rng.integers(1, 4))
-    jaw = points[JAW][start : 17 - start]
+    jaw = points[JAW][start : len(JAW) - start]
     drop = rng.uniform(0, 0.12) * (points[CHIN] - points[NOSE_BASE])
     upper = points[NOSE_BASE] * rng.uniform(0.35, 0.65)
     lip = upper + (1 - rng.uniform(0.35, 0.65)) * points[UPPER_LIP_TOP]
@@ -206,29 +288,30 @@ def _beard(rng: Rng, crop: Picture, points: F32) -> Picture:
         )
     cv2.fillPoly(area, [_whole(chain)], 255)
     cv2.fillPoly(area, [_whole(points[OUTER_LIPS])], 0)
-    return _hair_over(rng, crop, area, rng.uniform(1, 3), rng.uniform(0.35, 0.95))
+    _hair_over(rng, canvas, area, rng.uniform(1, 3), rng.uniform(0.5, 0.95), FACIAL_HAIR)
 
 
-def _fringe(rng: Rng, crop: Picture, points: F32) -> Picture:
+def _fringe(rng: Rng, canvas: Canvas) -> None:
     """Hair, a cap or a headscarf from above down to somewhere between the hairline and the lids."""
-    forehead, brows = points[FOREHEAD], points[BROWS]
-    up = forehead[6] - points[NOSE_ROOT]
+    forehead, brows = canvas.points[FOREHEAD], canvas.points[BROWS]
+    up = canvas.points[HAIRLINE] - canvas.points[NOSE_ROOT]
     depth = rng.uniform(0.1, 1.0)
     towards = np.linspace(brows[0], brows[9], 13)
     edge = forehead + depth * (towards - forehead) + rng.normal(0, 0.06, (13, 1)) * up
     area = np.zeros((SIZE, SIZE), np.uint8)
     cv2.fillPoly(area, [_whole(np.concatenate([edge, (forehead + 0.9 * up)[::-1]]))], 255)
     if rng.random() < 0.75:
-        return _hair_over(rng, crop, area, rng.uniform(0.7, 3), rng.uniform(0.7, 1))
-    cloth = np.empty_like(crop)
+        _hair_over(rng, canvas, area, rng.uniform(0.7, 3), rng.uniform(0.7, 1), HAIR)
+        return
+    cloth = np.empty_like(canvas.crop)
     cloth[:] = rng.integers(0, 256, 3)
-    return _blend(crop, cloth, np.asarray(cv2.GaussianBlur(area, (0, 0), 0.7), np.uint8))
+    canvas.put(cloth, np.asarray(cv2.GaussianBlur(area, (0, 0), 0.7), np.uint8), OCCLUDER)
 
 
-def _glasses(rng: Rng, crop: Picture, points: F32) -> Picture:
+def _glasses(rng: Rng, canvas: Canvas) -> None:
     """Frames with bridge and temples, lenses clear, tinted or dark, perhaps with a reflection."""
-    out = crop.copy()
-    right, left = points[list(RIGHT_EYE)], points[list(LEFT_EYE)]
+    points, out = canvas.points, canvas.crop.copy()
+    right, left = points[RIGHT_EYE], points[LEFT_EYE]
     across = left.mean(0) - right.mean(0)
     gap = float(np.linalg.norm(across)) + 1e-6
     turn = float(np.degrees(np.arctan2(across[1], across[0])))
@@ -259,7 +342,9 @@ def _glasses(rng: Rng, crop: Picture, points: F32) -> Picture:
         cv2.fillPoly(lens, [_whole(rims[-1])], 255)
     dark = np.empty_like(out)
     dark[:] = lens_colour
-    out = _blend(out, dark, np.asarray(lens * tint, np.uint8))
+    out = blend(out, dark, np.asarray(lens * tint, np.uint8))
+    if tint > 0.5:
+        canvas.cover(np.asarray(lens * tint, np.uint8), GLASSES)
     if rng.random() < 0.35:
         glare = np.zeros((SIZE, SIZE), np.uint8)
         place = rims[int(rng.integers(2))].mean(0) + rng.normal(0, 0.1 * gap, 2)
@@ -276,70 +361,38 @@ def _glasses(rng: Rng, crop: Picture, points: F32) -> Picture:
         glare = np.asarray(
             cv2.GaussianBlur(cv2.bitwise_and(glare, lens), (0, 0), 1.2) * rng.uniform(0.3, 0.9), np.uint8
         )
-        out = _blend(out, np.full_like(out, 250), glare)
+        out = blend(out, np.full_like(out, 250), glare)
+        canvas.cover(np.where(glare > 127, glare, np.uint8(0)), GLASSES)
+    frame = np.zeros((SIZE, SIZE), np.uint8)
     for rim in rims:
-        cv2.polylines(out, [_whole(rim)], True, colour, thick, cv2.LINE_AA)
+        cv2.polylines(frame, [_whole(rim)], True, 255, thick, cv2.LINE_AA)
     inner = rims[0][rims[0][:, 0].argmax()], rims[1][rims[1][:, 0].argmin()]
-    cv2.line(out, *(tuple(map(int, p)) for p in inner), colour, thick, cv2.LINE_AA)
+    cv2.line(frame, *(tuple(map(int, p)) for p in inner), 255, thick, cv2.LINE_AA)
     for rim, ear in ((rims[0], points[RIGHT_TEMPLE]), (rims[1], points[LEFT_TEMPLE])):
         outer = rim[np.linalg.norm(rim - ear, axis=1).argmin()]
-        cv2.line(out, tuple(map(int, outer)), tuple(map(int, ear)), colour, thick, cv2.LINE_AA)
-    return out
+        cv2.line(frame, tuple(map(int, outer)), tuple(map(int, ear)), 255, thick, cv2.LINE_AA)
+    canvas.crop = out
+    canvas.put(np.full_like(out, colour), frame, GLASSES)
 
 
-def _occluder(rng: Rng, crop: Picture, points: F32, visible: Bool, backgrounds: U8) -> tuple[Picture, Bool]:
-    """A hand, cup, microphone, card: one blob or a few fingers somewhere on the face."""
-    area = np.zeros((SIZE, SIZE), np.uint8)
-    centre = points[int(rng.integers(len(points)))] + rng.normal(0, 0.08, 2) * SIZE
-    kind = rng.random()
-    if kind < 0.4:
-        direction = rng.uniform(0, 2 * np.pi)
-        for k in range(int(rng.integers(1, 5))):
-            direction += rng.normal(0, 0.2)
-            start = centre + k * rng.uniform(6, 10) * np.array([-np.sin(direction), np.cos(direction)])
-            end = start + rng.uniform(0.3, 0.8) * SIZE * np.array([np.cos(direction), np.sin(direction)])
-            cv2.line(
-                area, tuple(map(int, start)), tuple(map(int, end)), 255, int(rng.uniform(6, 12)), cv2.LINE_AA
-            )
-    elif kind < 0.75:
-        axes = tuple(int(a) for a in rng.uniform(0.06, 0.24, 2) * SIZE)
-        cv2.ellipse(area, tuple(map(int, centre)), axes, rng.uniform(0, 180), 0, 360, 255, -1, cv2.LINE_AA)
-    else:
-        corners = centre + rng.normal(0, 0.18, (int(rng.integers(3, 7)), 2)) * SIZE
-        cv2.fillConvexPoly(area, cv2.convexHull(_whole(corners)), 255, cv2.LINE_AA)
-    if rng.random() < 0.5:  # of the face's own colour, as a hand is
-        y, x = np.clip(points[NOSE_TIP][::-1], 0, SIZE - 1).astype(int)
-        front = np.empty_like(crop)
-        front[:] = crop[y, x]
-        front = np.asarray(
-            np.clip(front * (_strands(rng)[..., None] * 0.25 + rng.uniform(0.5, 1.0)), 0, 255), np.uint8
-        )
-    else:
-        front = background(rng, backgrounds)
-    area = np.asarray(cv2.GaussianBlur(area, (0, 0), rng.uniform(0.5, 1.5)), np.uint8)
-    at = np.clip(np.round(points), 0, SIZE - 1).astype(int)
-    return _blend(crop, front, area), visible & (area[at[:, 1], at[:, 0]] < 128)
-
-
-def _cut(rng: Rng, crop: Picture, points: F32, visible: Bool) -> tuple[Picture, Bool]:
+def _cut(rng: Rng, canvas: Canvas) -> None:
     """The picture ends within the crop: black beyond, as the landmarker fills it."""
     if rng.random() > 0.15:
-        return crop, visible
-    crop, visible = crop.copy(), visible.copy()
+        return
     amount = rng.uniform(0.05, 0.42)
     across, start = int(rng.integers(2)), rng.random() < 0.5
     edge = int(amount * SIZE) if start else int((1 - amount) * SIZE)
-    beyond = points[:, across] < edge if start else points[:, across] >= edge
     part = slice(0, edge) if start else slice(edge, SIZE)
-    crop[(slice(None), part) if across == 0 else part] = 0
-    return crop, visible & ~beyond
+    beyond = np.zeros((SIZE, SIZE), np.uint8)
+    beyond[(slice(None), part) if across == 0 else part] = 255
+    canvas.put(np.zeros_like(canvas.crop), beyond, BACKGROUND)
 
 
 # -- light and camera ---------------------------------------------------------------------------------------------
 
 
 def light(rng: Rng, crop: Picture) -> Picture:
-    """Uneven light, shadow edges, gamma, gain and white balance, saturation, mixed channels, grey."""
+    """Uneven light, shadow edges, patches, gamma, gain and white balance, saturation, mixed channels, grey."""
     if rng.random() < 0.4:
         coarse = rng.normal(0, rng.uniform(0.1, 0.5), (3, 3, 1)).astype(np.float32)
         if rng.random() < 0.3:
@@ -348,15 +401,19 @@ def light(rng: Rng, crop: Picture) -> Picture:
             SIZE, SIZE, -1
         )
         crop = np.asarray(np.clip(crop * field, 0, 255), np.uint8)
-    if rng.random() < 0.1:
+    if rng.random() < 0.14:
         angle = rng.uniform(0, 2 * np.pi)
         ys, xs = np.mgrid[:SIZE, :SIZE].astype(np.float32) / SIZE - 0.5
         side = np.cos(angle) * xs + np.sin(angle) * ys - rng.uniform(-0.3, 0.3)
         shade = 1 - rng.uniform(0.2, 0.7) / (1 + np.exp(-side * rng.uniform(10, 120)))
         crop = np.asarray(crop * shade[..., None], np.uint8)
+    if rng.random() < 0.14:
+        crop = _patches(rng, crop)
     levels = np.arange(256, dtype=np.float32)[:, None] / 255
     gamma = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.05, 3))
     gain = np.exp(rng.normal(0, 0.18)) * np.exp(rng.normal(0, 0.08, 3))
+    if rng.random() < 0.1:  # dark, or under coloured lamps
+        gain = gain * rng.uniform(0.25, 0.8) * np.exp(rng.normal(0, 0.25, 3))
     black = rng.uniform(-0.06, 0.1) if rng.random() < 0.4 else 0.0
     table = np.clip((levels**gamma * gain) * (1 - black) + black, 0, 1) * 255
     crop = np.asarray(cv2.LUT(crop, np.asarray(table + 0.5, np.uint8).reshape(1, 256, 3)), np.uint8)
@@ -368,6 +425,18 @@ def light(rng: Rng, crop: Picture) -> Picture:
         keep = rng.uniform(0.3, 1.4)
         crop = np.asarray(cv2.transform(crop, keep * mix + (1 - keep) * grey), np.uint8)
     return crop
+
+
+def _patches(rng: Rng, crop: Picture) -> Picture:
+    """Patches of sun or shade with clear edges, as through blinds or leaves; the sun may be too bright to see."""
+    area = np.zeros((SIZE, SIZE), np.uint8)
+    for _ in range(int(rng.integers(1, 4))):
+        corners = rng.uniform(0, SIZE, 2) + rng.normal(0, rng.uniform(8, 50), (int(rng.integers(3, 7)), 2))
+        cv2.fillConvexPoly(area, cv2.convexHull(_whole(corners)), 255, cv2.LINE_AA)
+    share = cv2.GaussianBlur(area, (0, 0), np.exp(rng.uniform(-0.5, 2))).astype(np.float32) / 255
+    gain = rng.uniform(1.3, 2.6) if rng.random() < 0.6 else rng.uniform(0.35, 0.8)
+    lit = crop * (1 + (gain - 1) * share[..., None] * rng.uniform(0.9, 1.1, 3))
+    return np.asarray(np.clip(lit, 0, 255), np.uint8)
 
 
 def camera(rng: Rng, crop: Picture) -> Picture:
@@ -383,7 +452,7 @@ def camera(rng: Rng, crop: Picture) -> Picture:
         cv2.line(kernel, _pixel(half - reach), _pixel(half + reach), 1.0)
         crop = np.asarray(cv2.filter2D(crop, -1, kernel / kernel.sum()), np.uint8)
     if rng.random() < 0.3:
-        small = int(rng.uniform(30, 110))
+        small = int(rng.uniform(22, 110))
         shrink = (cv2.INTER_AREA, cv2.INTER_LINEAR)[int(rng.integers(2))]
         grow = (cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_NEAREST)[int(rng.choice(3, p=(0.6, 0.3, 0.1)))]
         tiny = _noise(rng, cv2.resize(crop, (small, small), interpolation=shrink), 0.4, 10)

@@ -12,9 +12,10 @@ import numpy as np
 
 from guise.common.arrays import F64
 
-OPAQUE = 0.4  # alpha from which the brow's texture counts as hair
-FINE = 8  # samples along a triangle's side
-WINDOW = 0.09  # of a brow's length, within which its upper edge is looked for
+MIN_RELATIVE_ALPHA = 0.4  # of the largest alpha, from which the brow's texture counts as hair
+MIN_EDGE_SAMPLES = 12  # of the hair, whose edge a point is
+SAMPLES_PER_SIDE = 8  # of a triangle
+EDGE_WINDOW_BROW_LENGTHS = 0.09  # within which a brow's upper edge is looked for
 
 
 def hair_points(person: Any, image: Any) -> F64:
@@ -24,13 +25,22 @@ def hair_points(person: Any, image: Any) -> F64:
     """
     surface, name = person.surf["brows"], person.spec["brows"]
     alpha = image(f"eyebrows/{name}/{name}.png")[..., 3].astype(np.float64) / 255
-    shares = np.array([(i, j, FINE - i - j) for i in range(FINE + 1) for j in range(FINE + 1 - i)]) / FINE
+    shares = (
+        np.array(
+            [
+                (i, j, SAMPLES_PER_SIDE - i - j)
+                for i in range(SAMPLES_PER_SIDE + 1)
+                for j in range(SAMPLES_PER_SIDE + 1 - i)
+            ]
+        )
+        / SAMPLES_PER_SIDE
+    )
     corners = surface.positions(person.base)[surface.vmap][surface.tri]
     places = np.einsum("sk,tkc->tsc", shares, corners).reshape(-1, 3)
     uv = np.einsum("sk,tkc->tsc", shares, surface.uv[surface.tri].astype(np.float64)).reshape(-1, 2)
     size = np.array(alpha.shape[::-1])
     at = np.clip((uv * (1, -1) + (0, 1)) * size, 0, size - 1).astype(int)
-    hair = places[alpha[at[:, 1], at[:, 0]] > OPAQUE]
+    hair = places[alpha[at[:, 1], at[:, 0]] > MIN_RELATIVE_ALPHA * alpha.max()]
     right, left = _edge(hair[hair[:, 0] < 0]), _edge(hair[hair[:, 0] > 0])
     return np.concatenate([right[::-1], left])
 
@@ -41,7 +51,13 @@ def _edge(hair: F64) -> F64:
     inner, outer = np.percentile(across, (2, 98))
     points = []
     for x in np.linspace(inner, outer, 5):
-        near = hair[np.abs(across - x) < WINDOW * (outer - inner)]
+        far = np.abs(across - x)
+        near = hair[
+            far
+            <= max(
+                EDGE_WINDOW_BROW_LENGTHS * (outer - inner), np.sort(far)[min(MIN_EDGE_SAMPLES, len(far)) - 1]
+            )
+        ]
         top = near[near[:, 1] >= np.percentile(near[:, 1], 85)]
         points.append([np.sign(hair[0, 0]) * x, *top[:, 1:].mean(0)])
     return np.array(points)

@@ -5,8 +5,8 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
-from guise.common.arrays import F32, U8, Bool
+from guise.common.arrays import F32, I32, U8, Bool
 
 HELD_OUT = 10  # rendered people whose number is a multiple of this are for evaluation only
 REAL_SIZE = 208  # pixels, the side of a real picture's square
@@ -24,39 +24,111 @@ EVERY = 5  # a clip gives every fifth frame
 VALIDATION_PEOPLE = 8  # people of the photographs that are kept for validation
 
 
+class Packed:
+    """Pictures of one size kept as the bytes of their files, decoded one at a time on access.
+
+    Parameters
+    ----------
+    codes : bytes of each file, uint8
+    colour : decode to RGB (h, w, 3), else to one channel (h, w)
+    """
+
+    def __init__(self, codes: Sequence[U8], colour: bool) -> None:
+        self._codes, self._colour = list(codes), colour
+
+    def __len__(self) -> int:
+        """Return the number of pictures."""
+        return len(self._codes)
+
+    def __getitem__(self, index: int) -> U8:
+        """Return picture `index`, decoded."""
+        flag = cv2.IMREAD_COLOR_RGB if self._colour else cv2.IMREAD_GRAYSCALE
+        return np.asarray(cv2.imdecode(self._codes[index], flag), np.uint8)
+
+    def only(self, chosen: NDArray[Any]) -> Packed:
+        """The pictures that an index array or a mask chooses."""
+        return Packed([self._codes[i] for i in np.arange(len(self))[chosen]], self._colour)
+
+    @classmethod
+    def join(cls, several: Sequence[Packed]) -> Packed:
+        """All pictures of several, in order."""
+        return cls([code for packed in several for code in packed._codes], several[0]._colour)
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """One picture with the labels known for its face.
+
+    Parameters
+    ----------
+    image : (h, w, 3) uint8 RGB
+    points, visible : (81, 2) float32 pixels, (81,) bool
+    mask : (h, w) uint8, 1 on the person; None where unknown
+    labels : (k h, k w) uint8 classes of `parsing_labels`; None where unknown
+    iris : (2, 3) float32 centre and radius in pixels, the person's right eye first; None where unknown
+    """
+
+    image: U8
+    points: F32
+    visible: Bool
+    mask: U8 | None = None
+    labels: U8 | None = None
+    iris: F32 | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class Pictures:
     """Square pictures with one known face each.
 
     Parameters
     ----------
-    images : (n, size, size, 3) uint8
+    images : n pictures (size, size, 3) uint8
     points : (n, 81, 2) float32 pixels
     visible : (n, 81) bool
-    masks : (n, size, size) uint8, 1 on the person; empty (0, ...) where unknown
+    masks : (n, size, size / 8) uint8, packed bits, 1 on the person; None where unknown
     person : (n,) str
     attributes : (n, k) float32 and their names; k = 0 where unknown
+    labels : n pictures (k size, k size) of classes; None where unknown
+    iris : (n, 2, 3) float32 pixels; None where unknown
+    pose : (n, 3) float32 yaw, pitch, roll in degrees; None where unknown
     """
 
-    images: U8
+    images: Packed | U8
     points: F32
     visible: Bool
-    masks: U8
+    masks: U8 | None
     person: NDArray[Any]
     attributes: F32
     attribute_names: tuple[str, ...] = ()
+    labels: Packed | None = None
+    iris: F32 | None = None
+    pose: F32 | None = None
 
     def __len__(self) -> int:
         """Return the number of pictures."""
         return len(self.images)
 
+    def __getitem__(self, index: int) -> Labelled:
+        """Return picture `index` with its labels."""
+        return Labelled(
+            self.images[index], self.points[index], self.visible[index],
+            None if self.masks is None else np.unpackbits(self.masks[index], axis=1),
+            None if self.labels is None else self.labels[index],
+            None if self.iris is None else self.iris[index],
+        )  # fmt: skip
+
     def only(self, chosen: NDArray[Any]) -> Pictures:
         """The pictures that an index or mask chooses."""
-        masks = self.masks[chosen] if len(self.masks) else self.masks
-        return Pictures(
-            self.images[chosen], self.points[chosen], self.visible[chosen], masks, self.person[chosen],
-            self.attributes[chosen], self.attribute_names,
-        )  # fmt: skip
+
+        def part(field: Any) -> Any:
+            return (
+                field.only(chosen) if isinstance(field, Packed) else None if field is None else field[chosen]
+            )
+
+        return replace(self, **{name: part(getattr(self, name)) for name in _FIELDS})
+
+
+_FIELDS = ("images", "points", "visible", "masks", "person", "attributes", "labels", "iris", "pose")
 
 
 def part_files(folder: Path) -> list[Path]:
@@ -69,33 +141,57 @@ def part_files(folder: Path) -> list[Path]:
 
 def load_parts(folder: Path, *, held_out: bool, limit: int | None = None) -> Pictures:
     """Rendered pictures of the people held out for evaluation, or of all others; limit: that many parts at most."""
-    parts = [_load_part(file, held_out) for file in part_files(folder)[:limit]]
-    joined = (np.concatenate([getattr(p, name) for p in parts]) for name in _ARRAYS)
-    return Pictures(*joined, parts[0].attribute_names)
+    return join([load_part(file, held_out) for file in part_files(folder)[:limit]])
 
 
-_ARRAYS = ("images", "points", "visible", "masks", "person", "attributes")
+def join(parts: Sequence[Pictures]) -> Pictures:
+    """All pictures of several rendered parts; an attribute that a part does not know is 0 there."""
+    names = tuple(dict.fromkeys(name for p in parts for name in p.attribute_names))
+    columns: dict[str, Any] = {}
+    for field in _FIELDS:
+        values = [getattr(p, field) for p in parts]
+        if field == "attributes":
+            values = [_attributes(p, names) for p in parts]
+        columns[field] = Packed.join(values) if isinstance(values[0], Packed) else np.concatenate(values)
+    return Pictures(**columns, attribute_names=names)
 
 
-def _load_part(file: Path, held_out: bool) -> Pictures:
+def _attributes(part: Pictures, names: tuple[str, ...]) -> F32:
+    known = dict(zip(part.attribute_names, part.attributes.T, strict=True))
+    return np.stack([known.get(name, np.zeros(len(part), np.float32)) for name in names], axis=1)
+
+
+_BROW_UP, _BROW_DOWN = "eyebrows-{}-up", "eyebrows-{}-down"
+
+
+def load_part(file: Path, held_out: bool) -> Pictures:
+    """One file's pictures of the people held out for evaluation, or of all others."""
     with np.load(file) as part:
-        ends = np.cumsum(part["length"])
         wanted = np.flatnonzero((part["person"] % HELD_OUT == 0) == held_out)
-        size = part["mask"].shape[1]
-        jpeg = part["jpeg"]
-        images = np.empty((len(wanted), size, size, 3), np.uint8)
-        for k, i in enumerate(wanted):
-            begin = ends[i] - part["length"][i]
-            images[k] = cv2.imdecode(jpeg[begin : ends[i]], cv2.IMREAD_COLOR)[..., ::-1]
+        names = [str(n) for n in part["expression_names"]]
+        moved = part["expression"].astype(np.float32)
+
+        def either(pattern: str) -> F32:
+            return np.max([moved[:, names.index(pattern.format(side))] for side in ("left", "right")], axis=0)
+
+        attributes = np.column_stack([part["attributes"], either(_BROW_UP), either(_BROW_DOWN)])
         return Pictures(
-            images,
+            Packed(_codes(part["jpeg"], part["length"], wanted), colour=True),
             part["face81"][wanted],
             part["visible"][wanted],
-            np.unpackbits(part["mask"][wanted], axis=2),
+            part["mask"][wanted],
             np.array([f"r{n:05d}" for n in part["person"][wanted]]),
-            part["attributes"][wanted],
-            tuple(map(str, part["attribute_names"])),
+            attributes[wanted].astype(np.float32),
+            (*map(str, part["attribute_names"]), "brows_up", "brows_down"),
+            Packed(_codes(part["labels"], part["labels_length"], wanted), colour=False),
+            part["iris"][wanted],
+            part["pose"][wanted],
         )
+
+
+def _codes(joined: U8, lengths: I32, wanted: NDArray[Any]) -> list[U8]:
+    ends = np.cumsum(lengths)
+    return [joined[ends[i] - lengths[i] : ends[i]].copy() for i in wanted]
 
 
 def load_real(data: Path, *, held_out: bool) -> Pictures:
@@ -110,11 +206,9 @@ def load_real(data: Path, *, held_out: bool) -> Pictures:
         raise FileNotFoundError(f"no trainable pictures in {data}")
     images, labels, person = zip(*rows, strict=True)
     points = brow_ends(np.stack(labels), data / "pairs" / "london")
-    count = len(images)
-    empty = np.empty((0, REAL_SIZE, REAL_SIZE), np.uint8)
     return Pictures(
-        np.stack(images), points, np.ones(points.shape[:2], bool), empty, np.array(person),
-        np.empty((count, 0), np.float32),
+        np.stack(images), points, np.ones(points.shape[:2], bool), None, np.array(person),
+        np.empty((len(images), 0), np.float32),
     )  # fmt: skip
 
 

@@ -15,8 +15,9 @@ Everything is a linear map of the 81 points, so it turns with the head.
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,9 @@ from guise.aam.landmarks.schemes import (
     RIGHT_EYE_OUTER,
 )
 from guise.common.arrays import F32, F64
+
+if TYPE_CHECKING:
+    from training.data import Pictures
 
 _EYES_TO_MOUTH = (
     0.78  # from the eyes' middle to the mouth's, in outer-eye distances, of a face seen from the front
@@ -74,10 +78,39 @@ def align_labels(points: F32, jaw: F64, move: F64) -> F32:
     return np.asarray(out, np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Jaw matrices (17, 17) and moves (81, 2) that bring rendered points and real labels to one definition."""
+
+    rendered_jaw: F64
+    rendered_moves: F64
+    real_jaw: F64
+    real_moves: F64
+
+    def rendered(self, pictures: Pictures) -> Pictures:
+        """Rendered pictures with their points in the common definition."""
+        return replace(pictures, points=align_labels(pictures.points, self.rendered_jaw, self.rendered_moves))
+
+    def real(self, pictures: Pictures) -> Pictures:
+        """Real pictures with their points in the common definition."""
+        return replace(pictures, points=align_labels(pictures.points, self.real_jaw, self.real_moves))
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON."""
+        rounded = {name: np.round(value, 5).tolist() for name, value in asdict(self).items()}
+        path.write_text(json.dumps(rounded) + "\n", encoding="utf-8")
+
+
+def read_alignment(path: Path | None = None) -> Alignment:
+    """Read the output of `align_definitions.py`; by default the alignment the built-in landmarker was trained with."""
+    stored = json.loads((path or Path(__file__).parent / "alignment.json").read_text(encoding="utf-8"))
+    return Alignment(**{name: np.array(value) for name, value in stored.items()})
+
+
 def load_alignment(kind: str) -> tuple[F64, F64]:
     """Jaw matrix and moves with which the built-in landmarker was trained; kind: rendered or real."""
-    stored = json.loads((Path(__file__).parent / "alignment.json").read_text())
-    return np.array(stored[f"{kind}_jaw"]), np.array(stored[f"{kind}_moves"])
+    stored = asdict(read_alignment())
+    return stored[f"{kind}_jaw"], stored[f"{kind}_moves"]
 
 
 def definition_moves(mesh_less_label: F64) -> tuple[F64, F64]:

@@ -61,15 +61,24 @@ class LandmarkNet(nn.Module):
         ys, xs = torch.meshgrid(centres, centres, indexing="ij")
         self.register_buffer("places", torch.stack([xs.flatten(), ys.flatten(), torch.ones(cells**2)], -1))
 
-    def parts(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """Mixed, local and whole-face points, log sigma, face logit."""
+    def features(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Stem (n, w, 64, 64), pyramid (n, head, 32, 32) and coarsest features (n, 8 w, 8, 8) of crops."""
         x = (images.permute(0, 3, 1, 2).float() - 127.5) / 64
-        fine = self.fine(x)
+        stem = self.fine[0](x)
+        fine = self.fine[1:](stem)
         middle = self.middle(fine)
         coarse = self.coarse(middle)
         up = self.merge_middle(F.interpolate(self.from_coarse(coarse), scale_factor=2.0) + middle)
-        up = self.merge_fine(F.interpolate(up, scale_factor=2.0) + self.from_fine(fine))
-        under, centre = self._under_heat(up.flatten(2))
+        return stem, self.merge_fine(F.interpolate(up, scale_factor=2.0) + self.from_fine(fine)), coarse
+
+    def parts(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Mixed, local and whole-face points, log sigma, face logit."""
+        _, pyramid, coarse = self.features(images)
+        return self.points_of(pyramid, coarse)
+
+    def points_of(self, pyramid: Tensor, coarse: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """What `parts` gives, from features."""
+        under, centre = self._under_heat(self.heat, pyramid.flatten(2))
         local = torch.matmul(under.transpose(0, 1), self.local).transpose(0, 1) + self.offset
         points = centre + CELL * local[..., :2]
         whole = self.whole(self.squeeze(coarse).flatten(1))
@@ -78,11 +87,11 @@ class LandmarkNet(nn.Module):
         mixed = gate * points + (1 - gate) * guess
         return mixed, points, guess, local[..., 2].clamp(-3, 5), self.face(whole).float()[:, 0]
 
-    def _under_heat(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean features (n, 81, c) and places (n, 81, 2) under the heat maps, from features (n, c, cells)."""
-        with torch.autocast("cpu", enabled=False):
+    def _under_heat(self, maps: Tensor, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean features (n, k, c) and places (n, k, 2) under heat maps (k, c), from features (n, c, cells)."""
+        with torch.autocast(features.device.type, enabled=False):
             features = features.float()
-            heat = torch.matmul(self.heat, features)
+            heat = torch.matmul(maps, features)
             weight = torch.exp(heat - heat.amax(-1, keepdim=True).detach())
             sums = torch.matmul(
                 weight, torch.cat([features.transpose(1, 2), self.places.expand(len(features), -1, 3)], -1)

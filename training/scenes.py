@@ -134,7 +134,7 @@ class Scenes:
             return person, False
         i = int(rng.integers(len(self.rendered)))
         image, points = self.rendered.images[i].copy(), self.rendered.points[i, IBUG68].astype(np.float64)
-        alpha = self.rendered.masks[i] * np.uint8(255)
+        alpha = self.rendered[i].mask * np.uint8(255)
         blank = bool(rng.random() < 0.1)
         if blank:
             _wipe(rng, image, points)

@@ -88,15 +88,15 @@ def main() -> None:
     parser.add_argument(
         "--photographs", type=Path, required=True, help="folder of photographs of real people"
     )
+    parser.add_argument("--output", type=Path, default=OUTPUT, help="default: where it ships")
     options = parser.parse_args()
     values, person = observed(options.parts)
     real = photographed(options.photographs)
     mean = (values.mean(0, dtype=np.float64) + real.mean(0, dtype=np.float64)) / 2
     projection = discriminant(values, person)
-    np.savez(OUTPUT, mean=mean.astype(np.float16), projection=projection.astype(np.float16))
-    print(
-        f"{len(values)} pictures of {person.max() + 1} people, {len(real)} photographs, {OUTPUT.stat().st_size} bytes"
-    )
+    np.savez(options.output, mean=mean.astype(np.float16), projection=projection.astype(np.float16))
+    size = options.output.stat().st_size
+    print(f"{len(values)} pictures of {person.max() + 1} people, {len(real)} photographs, {size} bytes")
 
 
 if __name__ == "__main__":

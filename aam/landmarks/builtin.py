@@ -1,8 +1,9 @@
 """The built-in landmarker: face81 by a small network that ships with the package.
 
-`aam/data/landmarks.onnx` is made by `training/train_landmarks.py` (see `aam/data/landmarks.md` for data, licence and
-errors), its confidence by `training/calibrate_landmarks.py`. The network sees an upright square crop of 128 x 128
-pixels about the face and gives each point with a standard deviation, and how much the crop looks like a face.
+`aam/data/landmarks.onnx` and the confidence in `aam/data/landmarks.json` are made by scripts in `training/`;
+`aam/data/landmarks.md` says by which, from what data, under what licence, and how large the errors are. The network
+sees an upright square crop of 128 x 128 pixels about the face and gives each point with a standard deviation, and how
+much the crop looks like a face.
 
 Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3). Not for several threads at once.
 """

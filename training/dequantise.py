@@ -1,0 +1,107 @@
+"""Converts the weights of the shipped 8-bit landmarker back to a trainable network.
+
+The export folds batch normalisation into the convolutions. `load_shipped` separates them again: each normalisation
+gets the statistics of its input on sample crops, and the scale and shift that undo them, so that the network gives the
+same output as the file and trains as if it had never been exported. The crops must resemble those of the training that
+follows, where batches are normalised by their own statistics: with statistics of plain crops the network would start
+out different.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnx import numpy_helper
+from torch import Tensor, nn
+
+from guise.common.arrays import F32, U8
+from training.landmark_net import LandmarkNet
+
+
+def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
+    """Give `net` the weights of an 8-bit ONNX file, with normalisation statistics from crops (n, 128, 128, 3)."""
+    graph = onnx.load(path).graph
+    values = _values(graph)
+    state = net.state_dict()
+    for name in set(values) & set(state):
+        state[name].copy_(torch.from_numpy(values[name].copy()))
+    modules = dict(net.named_modules())
+    for node in graph.node:
+        if node.op_type == "Conv":
+            weight, bias = (torch.from_numpy(values[name].copy()) for name in node.input[1:3])
+            _fill(modules, module_name(node.output[0]), weight, bias)
+    _unfold(net, torch.from_numpy(crops))
+
+
+def module_name(output: str) -> str:
+    """Name of the module whose output an exported tensor is.
+
+    >>> module_name("/fine/fine.2/first/first.0/Conv_output_0")
+    'fine.2.first.0'
+    """
+    names: list[str] = []
+    for part in output.strip("/").split("/")[:-1]:
+        if names and part.startswith(names[-1].split(".")[0] + "."):
+            names[-1] = part
+        else:
+            names.append(part)
+    return ".".join(names)
+
+
+def _values(graph: Any) -> dict[str, F32]:
+    """Initialisers as float, by the name they have before quantisation."""
+    raw = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
+    found = {name: value for name, value in raw.items() if value.dtype == np.float32}
+    for node in graph.node:
+        if node.op_type == "DequantizeLinear" and node.input[0] in raw:
+            quantised, scale, zero = (raw[name] for name in node.input)
+            shape = (-1,) + (1,) * (quantised.ndim - 1)
+            value = (quantised.astype(np.float32) - zero.reshape(shape)) * scale.reshape(shape)
+            found[node.output[0]] = value.astype(np.float32)
+    return found
+
+
+def _fill(modules: dict[str, nn.Module], name: str, weight: Tensor, bias: Tensor) -> None:
+    """Set a convolution; its bias goes to the normalisation behind it if it has none of its own."""
+    with torch.no_grad():
+        convolution = modules[name]
+        convolution.weight.copy_(weight)
+        if convolution.bias is not None:
+            convolution.bias.copy_(bias)
+            return
+        parent, _, index = name.rpartition(".")
+        normalisation = modules[f"{parent}.{int(index) + 1}"]
+        normalisation.weight.fill_(1)
+        normalisation.bias.copy_(bias)
+        normalisation.running_mean.fill_(0)
+        normalisation.running_var.fill_(1 - normalisation.eps)
+
+
+def _unfold(net: LandmarkNet, crops: Tensor) -> None:
+    """Replace the neutral statistics of the normalisations by those of crops; the output stays the same."""
+    sums: dict[nn.Module, list[Tensor]] = {}
+
+    def watch(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+        x = inputs[0].double()
+        sums.setdefault(module, []).append(torch.stack([x.mean((0, 2, 3)), (x**2).mean((0, 2, 3))]))
+
+    landmarker = {name for name, _ in LandmarkNet().named_modules()}
+    normalisations = [m for n, m in net.named_modules() if isinstance(m, nn.BatchNorm2d) and n in landmarker]
+    hooks = [m.register_forward_pre_hook(watch) for m in normalisations]
+    net.eval()
+    with torch.no_grad():
+        for start in range(0, len(crops), 64):
+            net(crops[start : start + 64])
+        for module in normalisations:
+            mean, square = torch.stack(sums[module]).mean(0)
+            spread = (square - mean**2).clamp(min=1e-6)
+            module.running_mean.copy_(mean)
+            module.running_var.copy_(spread)
+            module.weight.copy_((spread + module.eps).sqrt())
+            module.bias.add_(mean.float())
+    for hook in hooks:
+        hook.remove()

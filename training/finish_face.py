@@ -1,0 +1,293 @@
+"""Turn trained weights into what ships: ONNX files, confidence calibration, report and model card.
+
+    python -m training.finish_face --run OUT --parts PARTS --real DATA [--hands HANDS] [--ship]
+
+OUT is the output of `train_face.py`. Of the whole network (`face.onnx`: points, sigma, face, iris, parsing) and of its
+landmarker (`landmarks.onnx`: points, sigma, face) an 8-bit variant is made, and used if it is faster and no less
+accurate; `report.json`, `landmarks.json` and `face.md` are written beside them. With --ship the landmarker goes to
+aam/data.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import onnxruntime
+import torch
+from numpy.typing import NDArray
+from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
+from scipy.optimize import minimize
+from torch import Tensor, nn
+
+from guise.aam.landmarks import interocular
+from guise.common.arrays import F64, U8
+from training.augment import SIZE, Props, Sample, negative, sample
+from training.crops import plain_samples
+from training.cutouts import make_props
+from training.data import Pictures, load_parts, load_real
+from training.definitions import read_alignment
+from training.face_net import FaceNet
+from training.measure import Answer, answers_of_file, figures_of, point_errors
+from training.report import report, tables
+
+DATA = Path(__file__).parents[1] / "aam" / "data"
+POINT_OUTPUTS, ALL_OUTPUTS = ("points", "sigma", "face"), ("points", "sigma", "face", "iris", "parsing")
+GOOD_ERROR_INTEROCULAR = 0.05  # the mean error that the confidence speaks of
+MAX_ERROR_RATIO = 1.02  # of the 8-bit variant's error to the float32 one's
+
+
+class _Landmarker(nn.Module):
+    """The network without irises and parsing."""
+
+    def __init__(self, net: FaceNet) -> None:
+        super().__init__()
+        self.net = net
+
+    def forward(self, images: Tensor) -> tuple[Tensor, ...]:
+        _, pyramid, coarse = self.net.features(images)
+        points, _, _, log_sigma, face = self.net.points_of(pyramid, coarse)
+        return points, torch.exp(log_sigma), face
+
+
+def export(net: FaceNet, path: Path, outputs: tuple[str, ...]) -> None:
+    """Write the network as ONNX: input `crop` uint8 (1, 128, 128, 3), outputs POINT_OUTPUTS or ALL_OUTPUTS."""
+    net = copy.deepcopy(net).eval().float()
+    module = net if outputs == ALL_OUTPUTS else _Landmarker(net).eval()
+    torch.onnx.export(
+        module, (torch.zeros(1, SIZE, SIZE, 3, dtype=torch.uint8),), str(path), dynamo=False, opset_version=17,
+        input_names=["crop"], output_names=list(outputs),
+    )  # fmt: skip
+
+
+class _Feed(CalibrationDataReader):  # type: ignore[misc]
+    def __init__(self, crops: U8) -> None:
+        self._rows = iter(crops)
+
+    def get_next(self) -> dict[str, U8] | None:
+        row = next(self._rows, None)
+        return None if row is None else {"crop": row[None]}
+
+
+def eight_bit(source: Path, target: Path, crops: U8) -> None:
+    """Convolutions in 8 bits, calibrated on crops; what places the points stays in float."""
+    quantize_static(
+        source, target, _Feed(crops), quant_format=QuantFormat.QDQ, op_types_to_quantize=["Conv"],
+        activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8, per_channel=True,
+        reduce_range=True,  # or older processors overflow
+    )  # fmt: skip
+
+
+def milliseconds(paths: list[Path], crop: U8, rounds: int = 80) -> list[float]:
+    """Median time of one crop for every model on one thread, measured in turns."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.log_severity_level = 3
+    sessions = [onnxruntime.InferenceSession(p, options, providers=["CPUExecutionProvider"]) for p in paths]
+    times = np.zeros((rounds, len(paths)))
+    for row in times:
+        for k, session in enumerate(sessions):
+            start = time.perf_counter()
+            session.run(None, {"crop": crop[None]})
+            row[k] = 1e3 * (time.perf_counter() - start)
+    return [float(t) for t in np.median(times[10:], axis=0)]
+
+
+# -- confidence ---------------------------------------------------------------------------------------------------
+
+
+def hard_samples(pictures: list[Pictures], props: Props, count: int, seed: int) -> tuple[list[Sample], U8]:
+    """Augmented samples of the sources in turn, and a seventh as many crops that show no face."""
+    rng = np.random.default_rng(seed)
+    cv2.setRNGSeed(seed)
+    faces, others = [], []
+    for k in range(count):
+        source = pictures[k % len(pictures)]
+        one = source[int(rng.integers(len(source)))]
+        if rng.random() > 0.125:
+            faces.append(sample(rng, one, props))
+        else:
+            others.append(negative(rng, one.image, one.points, props.backgrounds))
+    return faces, np.stack(others)
+
+
+def calibrate(
+    answer: Answer, pictures: list[Pictures], props: Props, count: int = 4000, seed: int = 5
+) -> dict[str, Any]:
+    """Weights of the confidence and how well they hold on a second sample.
+
+    See guise.aam.landmarks.builtin.Calibration.
+    """
+    features, good, ratio = _features(answer, *hard_samples(pictures, props, count, seed))
+
+    def cost(weights: F64) -> float:
+        z = features @ weights
+        return float(np.mean(np.logaddexp(0, z) - good * z) + 1e-5 * (weights**2).sum())
+
+    weights = minimize(cost, np.array([-10.0, -4.0, 0.5]), method="BFGS").x
+    features, good, _ = _features(answer, *hard_samples(pictures, props, count, seed + 1))
+    chance = 1 / (1 + np.exp(-features @ weights))
+    table = []
+    for low in np.arange(0, 1, 0.2):
+        inside = (chance >= low) & (chance < low + 0.2 + 1e-9)
+        if inside.any():
+            table.append([float(chance[inside].mean()), float(good[inside].mean()), int(inside.sum())])
+    return {
+        "face": [round(float(w), 4) for w in weights], "sigma": round(ratio, 4),
+        "brier": round(float(np.mean((chance - good) ** 2)), 4), "reliability": np.round(table, 3).tolist(),
+    }  # fmt: skip
+
+
+def _features(answer: Answer, faces: list[Sample], others: U8) -> tuple[NDArray[Any], NDArray[Any], float]:
+    """Rows (1, log spread, clipped logit), whether the mean error is small, and measured over told deviation."""
+    found = answer(np.concatenate([np.stack([s.crop for s in faces]), others]))
+    spread = np.log(np.maximum(found.sigma.mean(1) / np.maximum(interocular(found.points), 1e-3), 1e-6))
+    features = np.column_stack([np.ones(len(spread)), spread, np.clip(found.face, -8, 8)])
+    truth = np.stack([s.points for s in faces])
+    miss = np.linalg.norm(found.points[: len(faces)] - truth, axis=2)
+    good = np.zeros(len(spread))
+    good[: len(faces)] = miss.mean(1) < GOOD_ERROR_INTEROCULAR * np.maximum(interocular(truth), 1e-3)
+    ratio = float(np.sqrt(np.median(miss**2 / found.sigma[: len(faces)] ** 2) / (2 * np.log(2))))
+    return features, good, ratio
+
+
+# -- what ships ---------------------------------------------------------------------------------------------------
+
+
+def variants(run: Path, net: FaceNet, crops: U8) -> dict[str, Path]:
+    """Export float32 and 8-bit files of the network and of its landmarker: paths by name."""
+    paths = {
+        f"{name} {kind}": run / f"{name}_{kind}.onnx"
+        for name in ("face", "landmarks")
+        for kind in ("float32", "8bit")
+    }
+    for name, outputs in (("face", ALL_OUTPUTS), ("landmarks", POINT_OUTPUTS)):
+        export(net, paths[f"{name} float32"], outputs)
+        eight_bit(paths[f"{name} float32"], paths[f"{name} 8bit"], crops)
+    return paths
+
+
+def measured(paths: dict[str, Path], unseen: list[Sample], real: list[Sample]) -> dict[str, dict[str, float]]:
+    """Errors on rendered and real people held out, parsing, time and size of every file."""
+    times = milliseconds(list(paths.values()), real[0].crop)
+    rows = {}
+    for (name, path), ms in zip(paths.items(), times, strict=True):
+        answer = answers_of_file(path)
+        figures = figures_of(answer, unseen)
+        found = answer(np.stack([s.crop for s in real]))
+        rows[name] = {k: v for k, v in figures.items() if isinstance(v, float)} | {
+            "real": float(point_errors(found, real).mean()), "ms": ms, "bytes": path.stat().st_size,
+        }  # fmt: skip
+    return rows
+
+
+def choose(rows: dict[str, dict[str, float]], name: str) -> str:
+    """The 8-bit file if it is faster and no less accurate, otherwise float32."""
+    plain, small = rows[f"{name} float32"], rows[f"{name} 8bit"]
+    same = all(small[k] <= MAX_ERROR_RATIO * plain[k] for k in ("points", "real"))
+    return f"{name} 8bit" if same and small["ms"] < 0.9 * plain["ms"] else f"{name} float32"
+
+
+CARD = """# Model card: the face network
+
+A small convolutional network (`training/face_net.py`) that finds, in an upright crop of 128 x 128 pixels, the 81 points
+of a face with a standard deviation for each, centre and radius of both irises, what each of 64 x 64 cells shows
+({classes}), and whether there is a face at all. Made by `training/train_face.py` and `training/finish_face.py`; the
+latter writes this page.
+
+- Licence: that of Guise (Apache-2.0).
+- Data: {rendered:,} pictures of {people} rendered fictional people (CC0, `training/render_people.py`), cut-outs of
+  rendered hands (`training/render_hands.py`), procedural objects in front (`training/occluders.py`), and {real}
+  pictures of {real_people} real people under CC BY 4.0: photographs of the Face Research Lab London Set (DeBruine and
+  Jones 2017, doi:10.6084/m9.figshare.5047666), without those kept for evaluation, and frames of clips of the GRID
+  corpus (Cooke et al. 2006), labelled with MediaPipe's points, both kinds of labels brought to one definition
+  (`training/definitions.py`). The annotated stills that the benchmarks measure on were not trained on.
+- Training: {steps} batches of {batch} augmented crops, seed {seed}, {start}.
+- Meant for faces from about 24 pixels up, turned by up to 75 degrees and rolled by up to 60 in the crop.
+- Not meant for recognising people or their emotions; it does neither.
+
+## Held out
+
+Errors of points in per cent of the distance of the outer eye corners, those of irises in per cent of the eye's width
+and of the radius; IoU of the most likely class, "occluded" with one thing before each face.
+
+{tables}
+
+## Variants
+
+{variants}
+
+## Confidence
+
+Predicted and observed share of faces whose mean error is under 5 %, on samples made hard (a second draw, not the one
+that the calibration was fitted to). Brier score {brier}.
+
+| predicted | observed | samples |
+|---|---|---|
+{reliability}
+"""
+
+
+def card(facts: dict[str, Any]) -> str:
+    """The model card."""
+    from training.parsing_labels import CLASSES
+
+    columns = ("points", "real", "iris", "iou", "ms", "bytes")
+    rows = ["| file | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for name, row in facts["variants"].items():
+        rows.append(f"| {name} | " + " | ".join(f"{row[c]:.5g}" if c in row else "" for c in columns) + " |")
+    reliability = "\n".join(f"| {a:.2f} | {b:.2f} | {int(c)} |" for a, b, c in facts["reliability"])
+    return CARD.format(
+        **facts["training"], classes=", ".join(c.replace("_", " ") for c in CLASSES), tables=tables(facts),
+        variants="\n".join(rows), brier=facts["brier"], reliability=reliability,
+    )  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Turn trained weights into what ships.")
+    parser.add_argument("--run", type=Path, required=True)
+    parser.add_argument("--parts", type=Path, required=True)
+    parser.add_argument("--real", type=Path, required=True)
+    parser.add_argument("--hands", type=Path)
+    parser.add_argument("--alignment", type=Path)
+    parser.add_argument("--count", type=int, default=600, help="held-out pictures that are measured on")
+    parser.add_argument("--ship", action="store_true", help="copy the landmarker to aam/data")
+    options = parser.parse_args()
+    cv2.setNumThreads(0)
+    torch.set_num_threads(1)
+    run: Path = options.run
+    alignment = read_alignment(options.alignment)
+    unseen = alignment.rendered(load_parts(options.parts, held_out=True))
+    real = alignment.real(load_real(options.real, held_out=True))
+    props = make_props(99, options.hands, held_out=True, backgrounds=300)
+    net = FaceNet()
+    net.load_state_dict(torch.load(run / "face.pt", map_location="cpu"))
+    plain, real_plain = plain_samples(unseen, min(options.count, 300)), plain_samples(real, len(real))
+    paths = variants(run, net, np.stack([s.crop for s in plain[::3] + real_plain]))
+    rows = measured(paths, plain, real_plain)
+    chosen = {name: choose(rows, name) for name in ("face", "landmarks")}
+    for name, kind in chosen.items():
+        shutil.copy(paths[kind], run / f"{name}.onnx")
+    facts = report(answers_of_file(run / "face.onnx"), unseen, real, props, options.count)
+    facts |= {"variants": rows, "chosen": chosen, "training": json.loads((run / "facts.json").read_text())}
+    facts |= calibrate(answers_of_file(run / "landmarks.onnx"), [unseen, real], props)
+    (run / "report.json").write_text(json.dumps(facts, indent=1) + "\n")
+    calibration = json.dumps({"face": facts["face"], "sigma": facts["sigma"]}, indent=1)
+    (run / "landmarks.json").write_text(calibration + "\n")
+    (run / "face.md").write_text(card(facts))
+    print(card(facts))
+    if options.ship:
+        shutil.copy(run / "landmarks.onnx", DATA / "landmarks.onnx")
+        shutil.copy(run / "landmarks.json", DATA / "landmarks.json")
+        shutil.copy(run / "face.md", DATA / "landmarks.md")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,365 @@
+"""Train the multi-task face network: points, irises, parsing.
+
+    python -m training.train_face --parts PARTS --real DATA --output OUT [--hands HANDS] [--resume]
+
+PARTS is the output of `render_people.py`, DATA holds `pairs/london` and `real`, whose trainable pictures are used as
+well, and HANDS is the output of `render_hands.py`. Training proceeds in chapters. Each reads the parts rendered so far
+and ends by writing `state.pt`, from which --resume continues; SIGTERM ends a chapter early without losing anything. OUT
+receives `curves.csv`, `chapters.csv` (steps and parts) and `face.pt`, the running average of the weights. The trunk
+starts from the shipped landmarker (`dequantise.py`) unless --scratch is given. Samples depend only on the seed, the
+batch number and the parts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import csv
+import json
+import signal
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.data import DataLoader, IterableDataset
+
+from training.augment import SIZE, Props, negative, sample
+from training.crops import plain_samples
+from training.cutouts import make_props
+from training.data import Pictures, join, load_part, load_real, part_files
+from training.definitions import Alignment, read_alignment
+from training.dequantise import load_shipped
+from training.face_net import MAPS, FaceNet, Output
+from training.measure import answers_of, figures_of
+from training.parsing_labels import CLASSES
+
+SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
+CHAPTER_STEPS = 250  # after which newly rendered parts are read
+LOG_STEPS = 250  # from one line of the curves to the next
+NEGATIVE_SHARE = 0.1  # samples without a face
+REAL_SHARE = 0.2  # real pictures
+NONE, POSSIBLE, EXACT = 0, 1, 2  # what is known of a sample's parsing
+# How much a cell of each class counts: small classes would be drowned by skin and background.
+CLASS_WEIGHTS = (0.6, 0.8, 2.0, 3.0, 2.0, 3.0, 1.0, 1.5, 3.0, 1.5)
+
+Batch = tuple[Tensor, ...]
+
+
+@dataclass(frozen=True)
+class Course:
+    """Length and rate of the training: warm up, constant, and a cosine to zero over the last part."""
+
+    steps: int
+    rate: float
+    warm: int = 300
+    decay: float = 0.35
+
+    def at(self, step: int) -> float:
+        """Factor of the rate at a step."""
+        rest = (self.steps - step) / max(1.0, self.decay * self.steps)
+        warm = max(1, min(self.warm, self.steps // 10))
+        return float(min((step + 1) / warm, 0.5 * (1 - np.cos(np.pi * min(1.0, max(0.0, rest))))))
+
+
+class Samples(IterableDataset[tuple[NDArray, ...]]):
+    """Batches from first to last, each from a generator of its own: (seed, number)."""
+
+    def __init__(
+        self, rendered: Pictures, real: Pictures | None, props: Props, numbers: range, batch: int, seed: int
+    ) -> None:
+        self.rendered, self.real, self.props = rendered, real, props
+        self.numbers, self.batch, self.seed = numbers, batch, seed
+
+    def __iter__(self) -> Iterator[tuple[NDArray, ...]]:
+        """Yield this worker's share of the batches."""
+        cv2.setNumThreads(1)
+        info = torch.utils.data.get_worker_info()
+        if info:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the trainer's own is inherited
+        start, step = (info.id, info.num_workers) if info else (0, 1)
+        for number in self.numbers[start::step]:
+            yield self.make(number)
+
+    def make(self, number: int) -> tuple[NDArray, ...]:
+        """Batch `number`: crops, points, face, iris, iris_seen, maps uint8, what is known of the maps."""
+        rng = np.random.default_rng([self.seed, number])
+        cv2.setRNGSeed(int(rng.integers(1 << 31)))
+        n = self.batch
+        crops, points = np.empty((n, SIZE, SIZE, 3), np.uint8), np.zeros((n, 81, 2), np.float32)
+        face, iris, open_ = (
+            np.ones(n, np.float32),
+            np.zeros((n, 2, 3), np.float32),
+            np.zeros((n, 2), np.float32),
+        )
+        maps, known = np.zeros((n, len(CLASSES), MAPS, MAPS), np.uint8), np.zeros(n, np.uint8)
+        for k in range(n):
+            source = self.real if rng.random() < REAL_SHARE and self.real is not None else self.rendered
+            one = source[int(rng.integers(len(source)))]
+            if rng.random() < NEGATIVE_SHARE:
+                crops[k], face[k] = negative(rng, one.image, one.points, self.props.backgrounds), 0
+                continue
+            made = sample(rng, one, self.props)
+            crops[k], points[k], iris[k], open_[k] = made.crop, made.points, made.iris, made.iris_seen
+            maps[k], known[k] = np.round(made.maps * 255), EXACT if made.exact else POSSIBLE
+        return crops, points, face, iris, open_, maps, known
+
+
+def loss_of(net: FaceNet, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+    """Sum of the losses of points, irises and parsing, and the figures of the curves."""
+    crops, points, face, iris, open_, maps, known = batch
+    seen = net.predict(crops)
+    there = face > 0.5
+    squared = ((seen.points - points) ** 2).sum(-1)
+    likelihood = (0.5 * squared * torch.exp(-2 * seen.log_sigma) + 2 * seen.log_sigma)[there].mean()
+    near = (seen.local - points).abs()[there].clamp(max=40).mean()
+    far = (seen.guess - points).abs()[there].mean()
+    entropy = F.binary_cross_entropy_with_logits(seen.face, face)
+    gaze = iris_loss(seen, iris, open_)
+    parsing = parsing_loss(seen.parsing.float(), maps, known)
+    total = likelihood + 0.3 * near + 0.3 * far + entropy + 0.4 * gaze + 2 * parsing
+    figures = {
+        "loss": total, "points_px": squared[there].sqrt().mean(), "face": entropy, "iris": gaze, "parsing": parsing,
+    }  # fmt: skip
+    return total, {name: float(value.detach()) for name, value in figures.items()}
+
+
+def iris_loss(seen: Output, iris: Tensor, open_: Tensor) -> Tensor:
+    """Gaussian likelihood of the centres (n, 2, 2), and the radii's relative error, of the irises to be seen (n, 2)."""
+    squared = ((seen.iris[..., :2] - iris[..., :2]) ** 2).sum(-1)
+    likelihood = 0.5 * squared * torch.exp(-2 * seen.iris_log_sigma) + 2 * seen.iris_log_sigma
+    distance = (seen.iris[..., :2] - iris[..., :2]).abs().sum(-1).clamp(max=40)
+    radius = (seen.iris[..., 2] / iris[..., 2].clamp(min=0.5) - 1).abs()
+    return ((likelihood + 0.3 * distance + radius) * open_).sum() / open_.sum().clamp(min=1)
+
+
+def parsing_loss(logits: Tensor, maps: Tensor, known: Tensor) -> Tensor:
+    """Cross entropy and Dice loss where the shares are exact, otherwise the probability of impossible classes.
+
+    logits : (n, classes, 64, 64); maps : the same, uint8, 255 is 1; known : (n,) NONE, POSSIBLE or EXACT.
+    """
+    log_chance = F.log_softmax(logits, 1)
+    total = logits.sum() * 0
+    exact, possible = known == EXACT, known == POSSIBLE
+    if exact.any():
+        share, chance = maps[exact].float() / 255, log_chance[exact]
+        weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)[None, :, None, None]
+        total = total - (weight * share * chance).sum(1).mean() * exact.float().mean()
+        both = (chance.exp() * share).sum((0, 2, 3))
+        either = chance.exp().sum((0, 2, 3)) + share.sum((0, 2, 3))
+        total = total + 0.5 * (1 - (2 * both + 1) / (either + 1)).mean()
+    if possible.any():
+        allowed = log_chance[possible].masked_fill(maps[possible] < 128, -30.0)
+        total = total - torch.logsumexp(allowed, 1).mean() * possible.float().mean()
+    return total
+
+
+class Trainer:
+    """Network, its running average, optimiser, curves."""
+
+    def __init__(
+        self, output: Path, course: Course, batch: int, seed: int, workers: int, device: str = "cpu"
+    ) -> None:
+        torch.manual_seed(seed)
+        self.net, self.device = FaceNet(), torch.device(device)
+        self.course, self.batch, self.seed, self.workers = course, batch, seed, workers
+        self.output, self.step, self.start, self.ended = output, 0, time.time(), False
+        output.mkdir(parents=True, exist_ok=True)
+
+    def end(self, *_: object) -> None:
+        """Stop after this step and save."""
+        self.ended = True
+
+    def prepare(self) -> None:
+        """Make the average and the optimiser, once the network has its first weights."""
+        self.net = self.net.to(self.device, memory_format=torch.channels_last)
+        self.average = copy.deepcopy(self.net)
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=self.course.rate, weight_decay=0.01)
+
+    def resume(self) -> None:
+        """Continue from `state.pt`."""
+        state = torch.load(self.output / "state.pt", map_location=self.device)
+        self.net.load_state_dict(state["net"])
+        self.average.load_state_dict(state["average"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step = state["step"]
+
+    def save(self) -> None:
+        """Write `state.pt` and `face.pt`, whole or not at all."""
+        state = {
+            "net": self.net.state_dict(), "average": self.average.state_dict(), "step": self.step,
+            "optimiser": self.optimiser.state_dict(),
+        }  # fmt: skip
+        for name, what in (("state.pt", state), ("face.pt", self.average.state_dict())):
+            torch.save(what, self.output / f"{name}.partial")
+            (self.output / f"{name}.partial").replace(self.output / name)
+
+    def chapter(self, rendered: Pictures, real: Pictures | None, props: Props, validation: Mapping) -> None:
+        """Train on to the next multiple of CHAPTER_STEPS."""
+        last = min(self.course.steps, (self.step // CHAPTER_STEPS + 1) * CHAPTER_STEPS)
+        samples = Samples(rendered, real, props, range(self.step, last), self.batch, self.seed)
+        loader = DataLoader(
+            samples, batch_size=None, num_workers=self.workers, prefetch_factor=4 if self.workers else None
+        )
+        sums: dict[str, float] = {}
+        for count, batch in enumerate(loader, 1):
+            sums = {k: sums.get(k, 0) + v for k, v in self._learn(batch).items()}
+            if self.ended:
+                break
+            if self.step % LOG_STEPS == 0:
+                self._log({k: v / min(count, LOG_STEPS) for k, v in sums.items()}, validation)
+                sums = {}
+        self.save()
+
+    def _learn(self, batch: Batch) -> dict[str, float]:
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.course.rate * self.course.at(self.step)
+        self.net.train()
+        batch = tuple(part.to(self.device, non_blocking=True) for part in batch)
+        with torch.autocast(self.device.type, torch.bfloat16):
+            loss, figures = loss_of(self.net, batch)
+        self.optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        self.optimiser.step()
+        self.step += 1
+        self._follow(min(0.998, self.step / (self.step + 20)))
+        return figures
+
+    @torch.no_grad()
+    def _follow(self, keep: float) -> None:
+        for mine, new in zip(self.average.state_dict().values(), self.net.state_dict().values(), strict=True):
+            if mine.dtype.is_floating_point:
+                mine.lerp_(new, 1 - keep)
+            else:
+                mine.copy_(new)
+
+    def _log(self, figures: dict[str, float], validation: Mapping) -> None:
+        row = {"step": self.step, "seconds": round(time.time() - self.start)}
+        row |= {k: f"{v:.4f}" for k, v in figures.items()}
+        if self.step % (2 * LOG_STEPS) == 0:
+            answer = answers_of(copy.deepcopy(self.average).cpu())
+            for name, samples in validation.items():
+                measured = figures_of(answer, samples)
+                row |= {f"{name}_{k}": f"{v:.3f}" for k, v in measured.items() if isinstance(v, float)}
+        print(" ".join(f"{k}={v}" for k, v in row.items()), flush=True)
+        _append(self.output / "curves.csv", row)
+
+
+def _append(path: Path, row: Mapping[str, object]) -> None:
+    """One line of `key=value` pairs: which figures there are changes as training goes on."""
+    with path.open("a", newline="") as file:
+        csv.writer(file).writerow([f"{k}={v}" for k, v in row.items()])
+
+
+class Shelf:
+    """The rendered parts that exist, each read once."""
+
+    def __init__(self, folder: Path, alignment: Alignment | None, limit: int | None = None) -> None:
+        self._folder, self._alignment, self._limit = folder, alignment, limit
+        self._read: dict[Path, tuple[Pictures, Pictures]] = {}
+
+    def refresh(self) -> int:
+        """Read new parts; return how many there are."""
+        for file in part_files(self._folder)[: self._limit]:
+            if file not in self._read:
+                self._read[file] = load_part(file, False), load_part(file, True)
+        return len(self._read)
+
+    def pictures(self, *, held_out: bool) -> Pictures:
+        """All that is read, points in the package's definition if there is an alignment."""
+        joined = join([pair[held_out] for pair in self._read.values() if len(pair[held_out])])
+        return self._alignment.rendered(joined) if self._alignment else joined
+
+
+def write_facts(options: argparse.Namespace, rendered: Pictures, real: Pictures | None) -> None:
+    """Write what the model card says about the training."""
+    start = "from the weights shipped before"
+    if options.first_weights or options.scratch:
+        start = "from random weights"
+    facts = {
+        "rendered": len(rendered), "people": len(set(rendered.person)), "real": len(real) if real else 0,
+        "real_people": len(set(real.person)) if real else 0, "steps": options.steps, "batch": options.batch,
+        "seed": options.seed, "start": start,
+    }  # fmt: skip
+    (options.output / "facts.json").write_text(json.dumps(facts, indent=1) + "\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Train the multi-task face network.")
+    parser.add_argument("--parts", type=Path, required=True, help="folder of rendered parts")
+    parser.add_argument("--real", type=Path, required=True, help="folder with pairs/london and real")
+    parser.add_argument("--hands", type=Path, help="rendered hands")
+    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--rate", type=float, default=1e-3)
+    parser.add_argument("--batch", type=int, default=64)
+    parser.add_argument("--limit", type=int, help="use at most this many parts")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
+    parser.add_argument("--resume", action="store_true", help="continue from OUT/state.pt if it exists")
+    parser.add_argument("--first-weights", type=Path, help="face.pt of another run to start from")
+    parser.add_argument("--scratch", action="store_true", help="start from random weights")
+    parser.add_argument(
+        "--alignment", type=Path, help="what align_definitions.py wrote; default: the shipped one"
+    )
+    parser.add_argument(
+        "--as-given", action="store_true", help="rendered people alone, points as the meshes have them"
+    )
+    options = parser.parse_args()
+    torch.set_flush_denormal(True)  # before any thread is made: far weights of heat maps are tiny
+    torch.set_num_threads(options.threads)
+    cv2.setNumThreads(0)  # before OpenCV starts any: the workers are forked
+    alignment = None if options.as_given else read_alignment(options.alignment)
+    shelf, real = Shelf(options.parts, alignment, options.limit), load_real(options.real, held_out=False)
+    real = alignment.real(real) if alignment else real
+    shelf.refresh()
+    trainer = Trainer(
+        options.output,
+        Course(options.steps, options.rate),
+        options.batch,
+        options.seed,
+        options.workers,
+        options.device,
+    )
+    props = make_props(options.seed, options.hands)
+    if options.first_weights:
+        trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
+    elif not options.scratch:
+        first = Samples(
+            shelf.pictures(held_out=False), real if alignment else None, props, range(8), 64, options.seed + 1
+        )
+        load_shipped(trainer.net, SHIPPED, np.concatenate([first.make(k)[0] for k in first.numbers]))
+        trainer.net.start_irises()
+    trainer.prepare()
+    if options.resume and (options.output / "state.pt").exists():
+        trainer.resume()
+    unseen = shelf.pictures(held_out=True)
+    validation = {
+        "unseen": plain_samples(unseen, 240),
+        "occluded": plain_samples(
+            unseen, 240, props=make_props(options.seed + 1, options.hands, held_out=True)
+        ),
+    }
+    if alignment:
+        validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
+    signal.signal(signal.SIGTERM, trainer.end)
+    while trainer.step < options.steps and not trainer.ended:
+        write_facts(options, shelf.pictures(held_out=False), real if alignment else None)
+        count, rendered = shelf.refresh(), shelf.pictures(held_out=False)
+        _append(
+            options.output / "chapters.csv", {"step": trainer.step, "parts": count, "pictures": len(rendered)}
+        )
+        trainer.chapter(rendered, real if alignment else None, props, validation)
+
+
+if __name__ == "__main__":
+    main()
