@@ -97,7 +97,7 @@ def landmarks(
     Returns
     -------
     list of Face, largest first, for an array or an image file; for a video an iterator of such lists, frame by frame,
-    in which a face keeps its place in the list while it is seen.
+    each in the order in which its faces first appeared.
     """
     from guise.app.media import open_input
 
