@@ -27,6 +27,7 @@ NAMES = (
     "file_to_file",
     "identity",
     "enrolment",
+    "startup",
     "self_calibration",
     "recognition",
     "memory",

@@ -17,7 +17,7 @@ from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.landmarks.formats import FileHeader, LandmarkFile, TrackedFace, format_of, open_landmark_file
 from guise.app.landmarks.overlay import draw_face
-from guise.app.media import EncodeOptions, Frame, MediaInput, Sink, open_input, open_sink, process
+from guise.app.media import EncodeOptions, Frame, MediaInput, NullSink, Sink, open_input, open_sink, process
 from guise.common.arrays import F32
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say, mute, silent
@@ -116,7 +116,7 @@ def landmarks_file(
         total = media.frame_count or 0
         with one_thread():
             stats = process(
-                media, sink or _NullSink(output, force=True), work,
+                media, sink or NullSink(output, force=True), work,
                 progress=lambda done: progress("landmarks", done / total if total else 0.0),
             )  # fmt: skip
     for problem in stats.problems:
@@ -178,13 +178,6 @@ class _FrameWork:
         self.tracks.update(one.track for one in found if one.track is not None)
         if self._draw:
             _draw(frame, found)
-
-
-class _NullSink(Sink):
-    """Drops the frames of a run without an overlay."""
-
-    def write(self, frame: Frame) -> None:
-        pass
 
 
 def _sink(outputs: contextlib.ExitStack, media: MediaInput, options: LandmarkOptions) -> Sink | None:

@@ -5,7 +5,7 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import ColourMatrix, Frame
 from guise.app.media.input import MediaInput, open_input
 from guise.app.media.process import ProcessStats, process
-from guise.app.media.sink import Sink, open_sink
+from guise.app.media.sink import NullSink, Sink, open_sink
 
 __all__ = [
     "ColourMatrix",
@@ -13,6 +13,7 @@ __all__ = [
     "Frame",
     "MediaError",
     "MediaInput",
+    "NullSink",
     "ProcessStats",
     "Sink",
     "open_input",

@@ -110,6 +110,15 @@ class Sink:
         self._part.publish()
 
 
+class NullSink(Sink):
+    """Discards its frames: for a pass that only looks at them."""
+
+    needs_frames = False
+
+    def write(self, frame: Frame) -> None:
+        """Discard a frame."""
+
+
 class VideoOutput(Sink):
     """A video file: one encoded stream, and copies of the input's other streams."""
 

@@ -26,7 +26,7 @@ from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import FEATURE_RESOLUTION, Fit
 from guise.analogy.photo import PhotoError
-from guise.app.media import Frame, Sink, open_input, process
+from guise.app.media import Frame, NullSink, open_input, process
 from guise.app.photos.faces import PHOTO_LIMITS, head_angles
 from guise.common.arrays import F64, U8, Bool
 from guise.common.progress import Progress, Say
@@ -145,15 +145,6 @@ class _ModelTracker:
         return fit.shape if isinstance(fit, Fit) else None
 
 
-class _NullSink(Sink):
-    """Discards the frames of a tracking pass."""
-
-    needs_frames = False
-
-    def write(self, frame: Frame) -> None:
-        pass
-
-
 def _track(clip: Path, tracking: TrackingOptions, progress: Progress, say: Say) -> F64:
     landmarker = open_landmarker(tracking.landmarker)
     model = None if tracking.model is None else Identity.load(tracking.model)
@@ -167,7 +158,7 @@ def _track(clip: Path, tracking: TrackingOptions, progress: Progress, say: Say) 
     with open_input(clip) as media:
         total = media.frame_count or 0
         process(
-            media, _NullSink(clip, force=True), look,
+            media, NullSink(clip, force=True), look,
             progress=lambda done: progress("tracking", done / total if total else 0.0),
         )  # fmt: skip
     return np.array(rows).reshape(-1, 81, 2)
