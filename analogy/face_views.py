@@ -53,10 +53,10 @@ class FaceView:
 
 @cache
 def landmarker() -> BuiltinLandmarker:
-    """The built-in landmarker; for one thread at a time."""
+    """The built-in landmarker of upright faces, as the search itself turns the mesh; for one thread at a time."""
     from guise.aam.landmarks.builtin import BuiltinLandmarker
 
-    return BuiltinLandmarker()
+    return BuiltinLandmarker(turned=())
 
 
 def find_face_views(mesh: Mesh) -> Iterator[FaceView]:

@@ -19,8 +19,10 @@ from guise.app.deidentify.stages.decide import (
 
 def rows(frames: list[int], trust: float | list[float] = 0.9, x: float = 10.0) -> TrackObservations:
     boxes = np.array([[x + f, 20, x + f + 40, 70] for f in frames], np.float32)
+    turns = np.array([0.1 * f for f in frames], np.float32)
+    turns = np.angle(np.exp(1j * turns)).astype(np.float32)
     return TrackObservations(
-        np.array(frames, np.int32), boxes, np.broadcast_to(np.float32(trust), len(frames)).copy()
+        np.array(frames, np.int32), boxes, turns, np.broadcast_to(np.float32(trust), len(frames)).copy()
     )
 
 
@@ -29,6 +31,11 @@ def test_a_face_that_is_always_trusted_is_swapped_in_every_frame_in_which_it_is_
     assert made.frames.tolist() == list(range(100))
     assert (made.done == SWAPPED).all()
     np.testing.assert_array_equal(made.growth, 1)
+
+
+def test_the_turn_of_a_face_that_rolls_over_in_a_gap_goes_on_evenly() -> None:
+    made = decide(rows([*range(28), *range(36, 60)]), "cover", total=60, rate=30, cuts=[])
+    np.testing.assert_allclose(np.exp(1j * made.turns), np.exp(0.1j * made.frames), atol=1e-5)
 
 
 def test_a_track_is_covered_for_a_margin_of_time_beyond_its_ends() -> None:
@@ -100,13 +107,17 @@ def test_short_runs_go_and_long_ones_stay() -> None:
 
 def test_a_bystander_is_covered_in_the_frames_about_each_sight_of_it() -> None:
     seen = Bystanders(
-        np.array([10], np.int32), np.array([[0, 0, 9, 9]], np.float32), np.array([0.6], np.float32)
+        np.array([10], np.int32),
+        np.array([[0, 0, 9, 9]], np.float32),
+        np.array([0.6], np.float32),
+        np.array([1.5], np.float32),
     )
     around = seen.spread(total=100, rate=30, cuts=[12])
     assert around.frames.tolist() == list(range(4, 12))
     np.testing.assert_array_equal(around.boxes, np.repeat(seen.boxes, 8, axis=0))
+    np.testing.assert_array_equal(around.turns, np.repeat(seen.turns, 8))
 
 
 def test_without_bystanders_there_is_nothing_to_spread() -> None:
-    none = Bystanders(np.zeros(0, np.int32), np.zeros((0, 4), np.float32), np.zeros(0, np.float32))
+    none = Bystanders(np.zeros(0, np.int32), np.zeros((0, 4), np.float32), *np.zeros((2, 0), np.float32))
     assert len(none.spread(total=5, rate=30, cuts=[]).frames) == 0

@@ -8,6 +8,7 @@ from clips import empty_scene
 from made_up import SAMPLES
 
 from guise.aam.landmarks import interocular
+from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import CHIN, IBUG68, INNER51, NOSE_BASE
 from guise.app.deidentify.stages.detect import (
     Candidate,
@@ -52,7 +53,7 @@ def test_a_face_that_is_found_late_is_tracked_back_to_its_first_frame(
 
     def late(self: FaceDetector, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         boxes, scores = plain(self, image)
-        return (boxes, scores) if next(calls) >= 12 else (boxes[:0], scores[:0])
+        return (boxes, scores) if next(calls) >= 48 else (boxes[:0], scores[:0])
 
     monkeypatch.setattr(FaceDetector, "detect_scored", late)
     assert detect_faces(some("p01", count=20)).frame.tolist() == list(range(20))
@@ -92,7 +93,8 @@ def test_of_two_trackers_of_one_face_one_stays() -> None:
     small = np.zeros((18, 32), np.uint8)
     for index in range(6):
         boxes = np.array([[10, 10, 50, 50], [60, 10, 99, 50]], np.float32)[: 2 if index == 0 else 1]
-        tracker.update(DetectedFrame(index, rgb, boxes, np.full(len(boxes), 0.9, np.float32), small))
+        found = RolledBoxes(boxes, np.full(len(boxes), 0.9, np.float32), np.zeros(len(boxes), np.float32))
+        tracker.update(DetectedFrame(index, rgb, found, small))
     found = tracker.faces()
     assert (found.frame[found.tracklet == 0]).tolist() == list(range(6))
     assert len(found.frame) <= 8
@@ -101,13 +103,13 @@ def test_of_two_trackers_of_one_face_one_stays() -> None:
 class _Same:
     """A landmarker that takes every face to the first one's place."""
 
-    def points_in_box(self, rgb: np.ndarray, box: np.ndarray) -> object:
+    def points_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> object:
         return _face(box)
 
     def refine(self, rgb: np.ndarray, previous: object) -> object:
         return _face(np.array([10, 10, 50, 50]) if previous.box[0] < 40 else np.array([20, 10, 60, 50]))  # type: ignore[attr-defined]
 
-    def likeness(self, rgb: np.ndarray, box: np.ndarray) -> float:
+    def likeness(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> float:
         return -10.0
 
 

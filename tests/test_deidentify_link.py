@@ -18,8 +18,9 @@ def found(
     boxes = np.array([[x, 50, x + 40, 90] for _, _, x in rows], np.float32).reshape(-1, 4)
     return SegmentFaces(
         np.array([n for n, _, _ in rows], np.int32), np.array([f for _, f, _ in rows], np.int32),
-        np.ones(len(rows), np.float32), boxes, np.zeros((len(rows), 81, 2), np.float32),
-        np.zeros(0, np.int32), np.zeros((0, 4), np.float32), np.zeros(0, np.float32),
+        np.ones(len(rows), np.float32), boxes, np.zeros(len(rows), np.float32),
+        np.zeros((len(rows), 81, 2), np.float32),
+        np.zeros(0, np.int32), np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.float32),
         np.array(cuts, np.int32), np.stack(ends),
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ def plan(**columns: list[float]) -> dict[str, np.ndarray]:
     return {
         "frame": np.array(columns["frame"]), "track": np.array(columns["track"]),
         "done": np.array(columns["done"]), "box": np.repeat(BOX[None], count, axis=0),
-        "growth": np.ones(count, np.float32),
+        "growth": np.ones(count, np.float32), "turn": np.zeros(count, np.float32),
     }  # fmt: skip
 
 
@@ -54,7 +54,7 @@ def test_a_box_about_a_known_face_is_that_face() -> None:
 
 def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
     rgb = np.full((100, 120, 3), 200, np.uint8)
-    made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32))
+    made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32), 0.0)
     assert made.shape == (PICTURE_PIXELS, PICTURE_PIXELS, 3)
     assert made[0, 0].max() == 0
     assert made[-1, -1].min() == 200

@@ -9,6 +9,7 @@ import pytest
 
 from guise.aam.landmarks import Face, FaceTracker, interocular, load_annotations, open_landmarker, track_video
 from guise.aam.landmarks.plausible import bend, is_plausible_motion, shape_confidence, visible_share
+from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import INNER51, LIPS, mean_geometry
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 
@@ -187,12 +188,18 @@ class Moving:
     def refine(self, rgb: np.ndarray, previous: Face) -> Face | None:
         return self.there(rgb)
 
-    def in_box(self, rgb: np.ndarray, box: np.ndarray) -> Face | None:
+    def in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> Face | None:
         return self.there(rgb)
 
     def there(self, rgb: np.ndarray) -> Face | None:
         index = int(rgb[0, 0, 0])
         return face_at(10 + index) if index in self.seen else None
+
+
+def at(*boxes: np.ndarray) -> RolledBoxes:
+    """What a detector found, upright."""
+    count = len(boxes)
+    return RolledBoxes(np.array(boxes, np.float32).reshape(-1, 4), np.ones(count), np.zeros(count))
 
 
 LIMITS = TrackingLimits(max_missed_frames=2, max_undetected_frames=3)
@@ -206,7 +213,7 @@ def boxed(seen: set[int], **options: Any) -> MultiFaceTracker:
 def started(seen: set[int], count: int) -> tuple[MultiFaceTracker, list[np.ndarray]]:
     """A tracker of the face of the first frame, and the frames after it."""
     tracker, (first, *others) = boxed(seen), frames(count)
-    assert tracker.update(first, []) == {}
+    assert tracker.update(first, at()) == {}
     assert tracker.start(face_at(10)) == 0
     return tracker, others
 
@@ -214,14 +221,14 @@ def started(seen: set[int], count: int) -> tuple[MultiFaceTracker, list[np.ndarr
 def test_where_only_a_box_was_detected_the_face_has_no_points() -> None:
     tracker, others = started({2}, 3)
     box = face_at(12).box
-    assert np.isnan(tracker.update(others[0], [box])[0].points).all()
+    assert np.isnan(tracker.update(others[0], at(box))[0].points).all()
     np.testing.assert_array_equal(tracker.boxes, [box])
-    assert middle(tracker.update(others[1], [box])[0]) == middle(face_at(12))
+    assert middle(tracker.update(others[1], at(box))[0]) == middle(face_at(12))
 
 
 def test_a_face_that_is_lost_is_refined_on_and_then_given_up() -> None:
     tracker, others = started({1, 4}, 9)
-    assert [list(tracker.update(frame, [])) for frame in others] == [[0], [], [], [0], [], [], [], []]
+    assert [list(tracker.update(frame, at())) for frame in others] == [[0], [], [], [0], [], [], [], []]
     assert tracker.start(face_at(10)) == 1
 
 
@@ -232,9 +239,9 @@ def test_a_face_without_boxes_ends_unless_its_points_are_confident(confidence: f
             return face_at(10, confidence=confidence)
 
     tracker, (first, *others) = MultiFaceTracker(Doubtful(set()), LIMITS), frames(10)
-    tracker.update(first, [])
+    tracker.update(first, at())
     tracker.start(face_at(10))
-    assert [i for i, frame in enumerate(others, 1) if tracker.update(frame, [])] == list(range(1, last + 1))
+    assert [i for i, frame in enumerate(others, 1) if tracker.update(frame, at())] == list(range(1, last + 1))
 
 
 def test_a_face_is_not_tracked_twice() -> None:
@@ -246,13 +253,13 @@ def test_a_face_is_not_tracked_twice() -> None:
 def test_of_two_tracks_that_come_together_the_one_that_moved_less_stays_alone() -> None:
     tracker, others = started(set(range(9)), 4)
     tracker.start(face_at(24))
-    assert [list(tracker.update(frame, [face_at(12).box])) for frame in others] == [[0]] * 3
+    assert [list(tracker.update(frame, at(face_at(12).box))) for frame in others] == [[0]] * 3
 
 
 def test_a_new_face_is_tracked_backward_until_it_is_lost() -> None:
     tracker = boxed({2, 3, 4, 5}, lookback_bytes=1000)
     for frame in frames(6):
-        tracker.update(frame, [])
+        tracker.update(frame, at())
     assert [middle(face) for face in tracker.look_back(face_at(15))] == [
         middle(face_at(x)) for x in (14, 13, 12)
     ]
@@ -262,16 +269,16 @@ def test_a_new_face_is_tracked_backward_until_it_is_lost() -> None:
 def test_how_far_it_looks_back_is_bounded_by_the_memory_of_the_frames(bytes_kept: int, back: int) -> None:
     tracker = boxed(set(range(9)), lookback_bytes=bytes_kept)
     for frame in frames(6):  # 12 bytes each
-        tracker.update(frame, [])
+        tracker.update(frame, at())
     assert len(list(tracker.look_back(face_at(15)))) == back
 
 
 def test_after_a_restart_nobody_is_tracked_and_nothing_lies_behind() -> None:
     tracker = boxed({0, 1, 2}, lookback_bytes=1000)
     first, second = frames(2)
-    tracker.update(first, [])
+    tracker.update(first, at())
     tracker.start(face_at(10))
     tracker.restart()
-    assert tracker.update(second, []) == {}
+    assert tracker.update(second, at()) == {}
     assert list(tracker.look_back(face_at(11))) == []
     assert tracker.start(face_at(11)) == 1

@@ -40,10 +40,10 @@ def test_planes_and_rgb_give_the_true_box_and_points(
 ) -> None:
     for frame in (talk, Frame.from_rgb(talk.rgb())):
         detector.submit(frame)
-        boxes, scores = detector.boxes
-        assert len(boxes) == 1
-        assert scores[0] > 0.9
-        assert iou(boxes[0], truth) > 0.8
+        found = detector.found
+        assert len(found) == 1
+        assert found.scores[0] > 0.9
+        assert iou(found.boxes[0], truth) > 0.8
         (face,) = detector.detect(np.zeros((1, 1, 3), np.uint8))
         inner = face.points[IBUG68]
         assert iou(np.concatenate([inner.min(0), inner.max(0)]), truth) > 0.9
@@ -60,7 +60,7 @@ def test_boxes_are_those_of_the_picture_whatever_its_size(
     picture[: scaled.shape[0], : scaled.shape[1]] = scaled
     frame = Frame.from_rgb(picture)
     detector.submit(frame)
-    assert iou(detector.boxes[0][0], ((truth + 0.5) * factor - 0.5).astype(np.float32)) > 0.8
+    assert iou(detector.found.boxes[0], ((truth + 0.5) * factor - 0.5).astype(np.float32)) > 0.8
     assert downscaled(frame).shape[0] == min(LIMITS.picture_height_pixels, size[1])
 
 
@@ -71,12 +71,12 @@ def test_drawing_into_a_submitted_frame_does_not_matter(detector: BackgroundDete
         detector.submit(frame)
         if drawn:
             frame.write_roi(0, 0, np.zeros((frame.height, frame.width, 3), np.uint8))
-        found.append(detector.boxes[0])
+        found.append(detector.found.boxes)
     np.testing.assert_array_equal(*found)
 
 
 def test_before_the_first_frame_there_is_nobody(detector: BackgroundDetector) -> None:
-    assert len(detector.boxes[0]) == 0
+    assert len(detector.found) == 0
     assert detector.detect(np.zeros((1, 1, 3), np.uint8)) == []
 
 
@@ -86,4 +86,4 @@ def test_fingertips_are_not_faces(detector: BackgroundDetector) -> None:
         for frame in source:
             if frame.index in (30, 55, 90):
                 detector.submit(frame)
-                assert len(detector.boxes[0]) == 1
+                assert len(detector.found) == 1

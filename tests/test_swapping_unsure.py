@@ -3,21 +3,24 @@
 import numpy as np
 import pytest
 
+from guise.aam.landmarks.schemes import mean_geometry
 from guise.app.media import Frame
 from guise.app.swapping.unsure import LIMITS, LostFaceCover
 from guise.common.arrays import F32, U8
 
-MESH = np.column_stack([np.linspace(60, 100, 81), np.linspace(50, 90, 81)])
+FACE = mean_geometry().mean
+MESH = np.column_stack([80 + 14 * FACE.real, 70 + 14 * FACE.imag])
 
 
 class Detector:
-    """Finds what it is told to find."""
+    """Finds what it is told to find, upright: in pictures with a white corner."""
 
     def __init__(self) -> None:
         self.found: list[tuple[float, float, float, float, float]] = []
 
     def detect_scored(self, image: U8) -> tuple[F32, F32]:
-        rows = np.array(self.found, np.float32).reshape(-1, 5)
+        is_upright = image.shape[:2] == (160, 200) and image[:8, :8].min() > 200
+        rows = np.array(self.found if is_upright else [], np.float32).reshape(-1, 5)
         return rows[:, :4], rows[:, 4]
 
 
@@ -27,7 +30,9 @@ def detector() -> Detector:
 
 
 def noise() -> Frame:
-    return Frame.from_rgb(np.random.default_rng(0).integers(0, 255, (160, 200, 3), dtype=np.uint8))
+    rgb = np.random.default_rng(0).integers(0, 255, (160, 200, 3), dtype=np.uint8)
+    rgb[:10, :10] = 255
+    return Frame.from_rgb(rgb)
 
 
 def changed(cover: LostFaceCover) -> np.ndarray | None:

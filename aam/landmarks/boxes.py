@@ -218,13 +218,18 @@ def _corners(boxes: NDArray[Any], scale: F64) -> F64:
 
 def strongest(boxes: NDArray[Any], scores: NDArray[Any], min_score: float) -> tuple[F32, F32]:
     """Drop weak boxes, and boxes mostly over or inside a stronger one; largest first."""
+    order = strongest_indices(boxes, scores, min_score)
+    return boxes[order].astype(np.float32), np.clip(scores[order], 0, 1).astype(np.float32)
+
+
+def strongest_indices(boxes: NDArray[Any], scores: NDArray[Any], min_score: float) -> NDArray[np.intp]:
+    """Which boxes :func:`strongest` keeps, in its order."""
     kept: list[int] = []
     for i in np.argsort(-scores, kind="stable"):
         if scores[i] >= min_score and not any(_is_same(boxes[i], boxes[j]) for j in kept):
             kept.append(int(i))
     areas = np.prod(boxes[kept, 2:] - boxes[kept, :2], axis=1)
-    order = np.array(kept, dtype=int)[np.argsort(-areas, kind="stable")]
-    return boxes[order].astype(np.float32), np.clip(scores[order], 0, 1).astype(np.float32)
+    return np.array(kept, dtype=np.intp)[np.argsort(-areas, kind="stable")]
 
 
 def _is_same(a: NDArray[Any], b: NDArray[Any]) -> bool:

@@ -3,7 +3,7 @@
 `aam/data/landmarks.onnx` and the confidence in `aam/data/landmarks.json` are made by scripts in `training/`;
 `aam/data/landmarks.md` says by which, from what data, under what licence, and how large the errors are. The network
 sees an upright square crop of 128 x 128 pixels about the face and gives each point with a standard deviation, and how
-much the crop looks like a face.
+much the crop looks like a face.  A picture in which no upright face is found is searched at the other rolls, too.
 
 Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3). Not for several threads at once.
 """
@@ -11,6 +11,7 @@ Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3). 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks.crops import MIN_SIDE_PIXELS, crop_to_picture, upright_square
 from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
+from guise.aam.landmarks.rolls import TURNED, UPRIGHT, detect_at_rolls, upward
 from guise.aam.landmarks.schemes import interocular
 from guise.aam.onnx_model import open_session
 from guise.common.arrays import F32, F64, U8
@@ -49,6 +51,7 @@ class LandmarkerLimits:
     min_visible_share: float = 0.4  # of the points, that must lie inside the picture
     min_first_confidence: float = 0.002  # after the first pass, below which there is no second
     min_confidence: float = 0.05  # of a face that is reported
+    min_upright_confidence: float = 0.5  # of an upright face, from which no others are searched for
 
 
 CROP = CropGeometry()
@@ -108,55 +111,75 @@ class BuiltinLandmarker:
         Default: the built-in one.
     threads : int
         Of onnxruntime.
+    turned : sequence of int
+        Other rolls, in quarter turns, that are searched where no upright face is confident; see
+        `guise.aam.landmarks.rolls`.
     """
 
     name = "builtin"
 
-    def __init__(self, detector: BoxDetector | None = None, threads: int = 1) -> None:
+    def __init__(
+        self,
+        detector: BoxDetector | None = None,
+        threads: int = 1,
+        turned: Sequence[int] = TURNED,
+    ) -> None:
         if detector is None:
             from guise.aam.landmarks.detector import FaceDetector
 
             detector = FaceDetector(min_score=LIMITS.min_box_score, threads=threads)
         self.detector = detector
+        self._turned = tuple(turned)
         self._session = open_session((DATA / "landmarks.onnx").read_bytes(), threads)
         self._calibration = calibration()
 
     def detect(self, rgb: U8) -> list[Face]:
-        """All faces, largest box first; confidence is a probability, see `Calibration`."""
-        boxes = [self.detector.fit.apply(box) for box in self.detector.detect(rgb)]
-        faces: list[Face] = []
-        for box in boxes:
-            face = self.points_in_box(rgb, box)
-            if face is not None:
-                faces.append(face)
-        return _distinct(faces)
+        """All faces, largest box first; confidence is a probability, see `Calibration`.
+
+        Rolled faces are only searched where no upright one is confident.
+        """
+        faces = self._detect(rgb, UPRIGHT)
+        if not any(face.confidence >= LIMITS.min_upright_confidence for face in faces):
+            faces += self._detect(rgb, self._turned)
+        return distinct(faces)
+
+    def _detect(self, rgb: U8, quarter_turns: Sequence[int]) -> list[Face]:
+        found = detect_at_rolls(self.detector, rgb, quarter_turns)
+        faces = (
+            self.points_in_box(rgb, self.detector.fit.apply(box, turn), turn)
+            for box, turn in zip(found.boxes, found.turns.tolist(), strict=True)
+        )
+        return [face for face in faces if face is not None]
 
     def refine(self, rgb: U8, previous: Face) -> Face | None:
         """The face of the previous frame in this one; None when there is no face where it was."""
         return self._judged(rgb, self._pass(rgb, *upright_square(previous.points.astype(np.float64))))
 
-    def points_in_box(self, rgb: U8, box: NDArray[Any]) -> Face | None:
-        """The face whose iBUG-68 points fill box (4,) ``x0 y0 x1 y1``: one pass, and another on the upright crop."""
-        first = self._first(rgb, box)
+    def points_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> Face | None:
+        """The face whose iBUG-68 points fill box (4,) ``x0 y0 x1 y1``: one pass, and another on the upright crop.
+
+        turn : radians, by which the face is rolled clockwise, to about 45 degrees.
+        """
+        first = self._first(rgb, box, turn)
         if not _usable(first.points) or self._confidence(first) < LIMITS.min_first_confidence:
             return None
         return self._judged(rgb, self._pass(rgb, *upright_square(first.points)))
 
-    def likeness(self, rgb: U8, box: NDArray[Any]) -> float:
+    def likeness(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> float:
         """How much the crop about box (4,) ``x0 y0 x1 y1`` looks like a face, also one too small or hidden for points.
 
         A logit: above 0 nearly all are faces, below -5 hardly any.
         """
-        return self._first(rgb, box).logit
+        return self._first(rgb, box, turn).logit
 
-    def _first(self, rgb: U8, box: NDArray[Any]) -> Prediction:
+    def _first(self, rgb: U8, box: NDArray[Any], turn: float) -> Prediction:
         corners = np.asarray(box, np.float64)
         side = float((corners[2:] - corners[:2]).max())
         return self._pass(
             rgb,
-            (corners[:2] + corners[2:]) / 2 - (0, CROP.rise_sides * side),
+            (corners[:2] + corners[2:]) / 2 + CROP.rise_sides * side * upward(turn),
             CROP.head_box_sides * side,
-            0.0,
+            turn,
         )
 
     def _pass(self, rgb: U8, centre: F64, side: float, turn: float) -> Prediction:
@@ -219,7 +242,7 @@ def _usable(points: F64) -> bool:
     return bool(np.isfinite(points).all() and np.ptp(points, axis=0).min() > 2 and interocular(points) > 1)
 
 
-def _distinct(faces: list[Face]) -> list[Face]:
+def distinct(faces: list[Face]) -> list[Face]:
     """The most confident of those that overlap; largest box first."""
     kept: list[Face] = []
     for face in sorted(faces, key=lambda f: -f.confidence):

@@ -132,11 +132,12 @@ class BoxFit:
     scale: float = 1.0
     shift: tuple[float, float] = (0.0, 0.0)
 
-    def apply(self, box: NDArray[Any]) -> F32:
-        """Square box (4,) ``x0 y0 x1 y1`` from a detector's box (4,)."""
+    def apply(self, box: NDArray[Any], turn: float = 0.0) -> F32:
+        """Square box (4,) ``x0 y0 x1 y1`` from a detector's box (4,) of a face rolled clockwise by `turn`, radians."""
         corners = np.asarray(box, dtype=np.float64)
         side = float(max(corners[2] - corners[0], corners[3] - corners[1]))
-        centre = (corners[:2] + corners[2:]) / 2 + np.asarray(self.shift) * side
+        cos, sin = np.cos(turn), np.sin(turn)
+        centre = (corners[:2] + corners[2:]) / 2 + side * (np.array([[cos, -sin], [sin, cos]]) @ self.shift)
         half = self.scale * side / 2
         return np.concatenate([centre - half, centre + half]).astype(np.float32)
 

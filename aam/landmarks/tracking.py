@@ -9,18 +9,19 @@ over union of two boxes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from guise.aam.landmarks.face import Face, Landmarker, iou
 from guise.aam.landmarks.plausible import is_plausible_motion
+from guise.aam.landmarks.rolls import RolledBoxes, nearest_quarter, turn_of
 from guise.aam.landmarks.schemes import COUNT
 from guise.common.arrays import F32, U8
 
 Report = Callable[[str], None]
-FaceInBox = Callable[[U8, F32], Face | None]
+FaceInBox = Callable[[U8, F32, float], Face | None]
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class FaceTracker:
     def _rechecked(self, rgb: U8, face: Face) -> Face:
         """The tracked face, unless the detector finds faces and none of them there."""
         faces = self._detected(rgb)
-        if not faces or _near_any(face, faces):
+        if not faces or _near_any(face, faces) or _is_rolled(face):
             self._contradictions = 0
             return face
         self._contradictions += 1
@@ -179,7 +180,8 @@ class MultiFaceTracker:
     landmarker : Landmarker
     limits : TrackingLimits
     face_in_box : callable, optional
-        The face whose points fill a box (4,) of a picture, or None; with boxes a lost face is found again by it.
+        The face whose points fill a box (4,) of a picture and that is rolled clockwise by a turn, radians, or None;
+        with boxes a lost face is found again by it.
     lookback_bytes : int
         Frames of so many bytes are kept, through which :meth:`look_back` tracks a new face backward.
     """
@@ -206,11 +208,11 @@ class MultiFaceTracker:
         """Of the faces that are there in the current frame."""
         return [track.current.box for track in self._tracks if track.current is not None]
 
-    def update(self, rgb: U8, boxes: Sequence[F32] | F32 | None = None) -> dict[int, Face]:
+    def update(self, rgb: U8, boxes: RolledBoxes | None = None) -> dict[int, Face]:
         """The faces in the next frame by their numbers, which count from 0 as faces appear, larger ones first.
 
-        boxes : (n, 4) of a detector that runs on every frame; without them the landmarker's own runs on demand.  With
-            them, a face of which only a box was detected has NaN points and confidence 0.
+        boxes : of a detector that runs on every frame; without them the landmarker's own runs on demand.  With them, a
+            face of which only a box was detected has NaN points and confidence 0.
         """
         self._frames_since_detection += 1
         self._remember(rgb)
@@ -250,17 +252,25 @@ class MultiFaceTracker:
     def _on_demand(self, track: Track, rgb: U8) -> Face | None:
         return None if track.missed_frames else self._refined(rgb, track.face)
 
-    def _by_boxes(self, track: Track, rgb: U8, boxes: Sequence[F32] | F32) -> Face | None:
-        shares = [iou(track.box, box) for box in boxes]
+    def _by_boxes(self, track: Track, rgb: U8, found: RolledBoxes) -> Face | None:
+        shares = [iou(track.box, box) for box in found.boxes]
         nearest = int(np.argmax(shares)) if shares else -1
         detected = nearest >= 0 and shares[nearest] > self._limits.min_match_iou
         track.undetected_frames = 0 if detected else track.undetected_frames + 1
         face = self._refined(rgb, track.face)
-        return self._in_box(rgb, boxes[nearest]) if face is None and detected else face
+        if face is None and detected:
+            best = self._best_roll(found, nearest)
+            return self._in_box(rgb, found.boxes[best], float(found.turns[best]))
+        return face
 
-    def _in_box(self, rgb: U8, box: F32) -> Face:
+    def _best_roll(self, found: RolledBoxes, nearest: int) -> int:
+        """Of the boxes of one face at several rolls the one with the highest score."""
+        same = [iou(box, found.boxes[nearest]) > self._limits.min_match_iou for box in found.boxes]
+        return int(np.argmax(np.where(same, found.scores, -1.0)))
+
+    def _in_box(self, rgb: U8, box: F32, turn: float) -> Face:
         """The face in a detected box, without points where they are not clear."""
-        face = self._face_in_box(rgb, box) if self._face_in_box is not None else None
+        face = self._face_in_box(rgb, box, turn) if self._face_in_box is not None else None
         if face is not None and face.confidence >= self._limits.min_confidence:
             return face
         return Face(np.full((COUNT, 2), np.nan, np.float32), 0.0, box)
@@ -328,7 +338,7 @@ class MultiFaceTracker:
     def _confirm(self, faces: list[Face]) -> None:
         """Trust the new faces that are detected again; give up those that too many runs have not seen again."""
         for track in list(self._tracks):
-            if track.current is None or track.contradictions is None:
+            if track.current is None or track.contradictions is None or _is_rolled(track.current):
                 continue
             if _near_any(track.current, faces, self._limits.min_match_iou):
                 track.contradictions = None
@@ -365,6 +375,11 @@ def _matched(faces: list[Face], tracks: list[Track], min_iou: float) -> dict[int
 
 def _near_any(face: Face, faces: Iterable[Face], min_iou: float = LIMITS.min_match_iou) -> bool:
     return any(iou(other.box, face.box) > min_iou for other in faces)
+
+
+def _is_rolled(face: Face) -> bool:
+    """Whether a detector that found upright faces elsewhere says nothing about this one."""
+    return nearest_quarter(turn_of(face.points)) != 0
 
 
 def _refined(landmarker: Landmarker, rgb: U8, previous: Face, min_confidence: float) -> Face | None:

@@ -1,16 +1,21 @@
-"""Face detection on every frame in a thread beside the tracker: finds bystanders and re-acquires a lost face."""
+"""Face detection on every frame in a thread beside the tracker: finds bystanders and re-acquires a lost face.
+
+Upright faces are searched in every frame.  The other rolls take turns: one in every frame while no upright face is
+certain, otherwise one in every third.
+"""
 
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from guise.aam.landmarks import Face
-from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.builtin import BuiltinLandmarker, distinct
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_at_rolls
 from guise.app.media import Frame
 from guise.common.arrays import F32, U8
 from guise.common.closing import Closing
@@ -26,6 +31,9 @@ class DetectionLimits:
     min_certain_score: float = 0.75  # of a box that is covered in any case
     min_likeness: float = -5.0  # see `BuiltinLandmarker.likeness`; fingertips and folds of cloth have less
     min_landmark_score: float = 0.5  # of a box in which landmarks are sought
+    turned_interval_frames: int = (
+        3  # from one search at another roll to the next, beside a certain upright face
+    )
 
 
 LIMITS = DetectionLimits()
@@ -41,41 +49,59 @@ class BackgroundDetector(Closing):
         self._landmarker = BuiltinLandmarker(self._detector)
         self._pool = ThreadPoolExecutor(1, "guise-detector")
         self._frame: Frame | None = None
-        self._found: Future[tuple[F32, F32]] | None = None
+        self._found: Future[RolledBoxes] | None = None
+        self._count = 0  # of frames
 
     def submit(self, frame: Frame) -> None:
         """Start detection in a frame; the caller may draw into the frame as soon as this returns."""
         self._frame = frame
-        self._found = self._pool.submit(self._boxes_in, downscaled(frame), (frame.width, frame.height))
+        self._found = self._pool.submit(
+            self._boxes_in, downscaled(frame), (frame.width, frame.height), self._count
+        )
+        self._count += 1
 
-    def _boxes_in(self, picture: U8, size: tuple[int, int]) -> tuple[F32, F32]:
-        boxes, scores = self._detector.detect_scored(picture)
+    def _boxes_in(self, picture: U8, size: tuple[int, int], index: int) -> RolledBoxes:
+        found = self._detected(picture, index)
         kept = [
-            score >= LIMITS.min_certain_score or self._looks_like_face(picture, box)
-            for box, score in zip(boxes, scores, strict=True)
+            score >= LIMITS.min_certain_score or self._looks_like_face(picture, box, turn)
+            for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True)
         ]
-        boxes, scores = boxes[kept], scores[kept]
-        scale = np.divide(size, picture.shape[1::-1])
-        return ((boxes + 0.5) * np.tile(scale, 2) - 0.5).astype(np.float32), scores
+        scale = np.tile(np.divide(size, picture.shape[1::-1]), 2)
+        boxes = ((found.boxes + 0.5) * scale - 0.5).astype(np.float32)
+        return replace(found, boxes=boxes)[kept]
 
-    def _looks_like_face(self, picture: U8, box: F32) -> bool:
-        return self._landmarker.likeness(picture, box) >= LIMITS.min_likeness
+    def _detected(self, picture: U8, index: int) -> RolledBoxes:
+        found = detect_at_rolls(self._detector, picture, UPRIGHT)
+        is_sure = bool((found.scores >= LIMITS.min_certain_score).any())
+        round_, rest = divmod(index, LIMITS.turned_interval_frames if is_sure else 1)
+        if rest:
+            return found
+        return found.and_others(detect_at_rolls(self._detector, picture, (TURNED[round_ % len(TURNED)],)))
+
+    def _looks_like_face(self, picture: U8, box: F32, turn: float) -> bool:
+        return self._landmarker.likeness(picture, box, turn) >= LIMITS.min_likeness
 
     @property
-    def boxes(self) -> tuple[F32, F32]:
-        """Boxes (n, 4) of the iBUG 68 points and scores (n,) in the frame, largest first; waits for the detector."""
-        if self._found is None:
-            return np.zeros((0, 4), np.float32), np.zeros(0, np.float32)
-        return self._found.result()
+    def found(self) -> RolledBoxes:
+        """Boxes (n, 4) of the iBUG 68 points in the frame, each face once, largest first; waits for the detector."""
+        return self._every_roll.distinct()
+
+    @property
+    def _every_roll(self) -> RolledBoxes:
+        return RolledBoxes.none() if self._found is None else self._found.result()
 
     def detect(self, rgb: U8) -> list[Face]:
         """The faces in the current frame, which must not have been drawn into, largest first; `rgb` is not used."""
-        boxes = [box for box, score in zip(*self.boxes, strict=True) if score >= LIMITS.min_landmark_score]
-        if self._frame is None or not boxes:
+        found = self._every_roll
+        found = found[found.scores >= LIMITS.min_landmark_score]
+        if self._frame is None or not len(found):
             return []
         whole = self._frame.rgb()
-        faces = (self._landmarker.points_in_box(whole, box) for box in boxes)
-        return [face for face in faces if face is not None]
+        faces = (
+            self._landmarker.points_in_box(whole, box, float(turn))
+            for box, turn in zip(found.boxes, found.turns, strict=True)
+        )
+        return distinct([face for face in faces if face is not None])
 
     def refine(self, rgb: U8, previous: Face) -> Face | None:
         """The previous frame's face, located in the current frame."""

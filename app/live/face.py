@@ -16,6 +16,7 @@ import numpy as np
 
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import iou
+from guise.aam.landmarks.rolls import RolledBoxes, turn_of
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
@@ -30,7 +31,7 @@ from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.puppet import Puppet
 from guise.app.swapping.trust import trust
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F64, U8
 from guise.common.closing import Closing
 
 Outcome = Literal["swapped", "covered", "lost", "off", "shown", "enrolling"]
@@ -111,7 +112,7 @@ class LiveFace(Closing):
         trusted = self.cover_planner.is_trusted(frame, confidence)
         if settings.mode == "swap" and trusted and isinstance(fit, Fit):
             return self._swapped(frame, settings, fit, confidence)
-        regions = self.cover_planner.update(frame, fit, self.detector.boxes[0])
+        regions = self.cover_planner.update(frame, fit, self.detector.found)
         if settings.uncovered and settings.mode == "swap":
             return FaceResult("shown", None, confidence)
         return self._covered(frame, settings, regions, confidence)
@@ -125,7 +126,7 @@ class LiveFace(Closing):
         """Draw the face and cover others: known bystanders before it, newcomers after it, once they are detected."""
         alone = not self.cover_planner.has_bystanders
         mesh = self._engine(settings).draw(frame, fit.shape) if alone else None  # while the detector runs
-        others = self.cover_planner.update(frame, fit, self.detector.boxes[0]).others
+        others = self.cover_planner.update(frame, fit, self.detector.found).others
         for box in others:
             cover(frame, box, settings.style)
         if mesh is None:
@@ -178,9 +179,9 @@ class CoverPlanner:
     """Decides what must be covered, from all frames so far."""
 
     def __init__(self) -> None:
-        self._box: F64 | None = None
+        self._own_place: FacePlace | None = None
         self._seen = self._doubted = -np.inf  # seconds
-        self._others: list[tuple[float, F64]] = []
+        self._others: list[tuple[float, FacePlace]] = []
 
     @property
     def has_bystanders(self) -> bool:
@@ -194,47 +195,65 @@ class CoverPlanner:
             self._doubted = now
         return now - self._doubted >= LIMITS.min_confident_seconds
 
-    def update(self, frame: Frame, fit: Fit | Failed, boxes: F32) -> CoverRegions:
-        """The regions to cover in the same frame, given the tracker's fit and the detector's boxes (n, 4)."""
+    def update(self, frame: Frame, fit: Fit | Failed, found: RolledBoxes) -> CoverRegions:
+        """The regions to cover in the same frame, given the tracker's fit and what the detector found."""
         now = float(frame.pts * frame.time_base)
-        own = self._own(fit, boxes)
+        own = self._own(fit, found)
         if own is not None:
-            self._box, self._seen = own, now
+            self._own_place, self._seen = own, now
         missing = now - self._seen
-        if self._box is None or missing > LIMITS.max_missing_seconds:
+        if self._own_place is None or missing > LIMITS.max_missing_seconds:
             face = None
         else:
-            face = region(self._box, 1 + LIMITS.growth_per_second * missing)
-        return CoverRegions(face, self._bystanders(now, boxes))
+            face = self._own_place.region(1 + LIMITS.growth_per_second * missing)
+        return CoverRegions(face, self._bystanders(now, found))
 
-    def _own(self, fit: Fit | Failed, boxes: F32) -> F64 | None:
-        """The box of the person's 68 points, or else the detected box at the person's last position."""
+    def _own(self, fit: Fit | Failed, found: RolledBoxes) -> FacePlace | None:
+        """The place of the person's 68 points, or else the detected one at the person's last position."""
         if isinstance(fit, Fit):
             inner = fit.shape[IBUG68]
-            return np.concatenate([inner.min(0), inner.max(0)])
-        if self._box is None:
+            return FacePlace(np.concatenate([inner.min(0), inner.max(0)]), turn_of(fit.shape))
+        if self._own_place is None:
             return None
-        near = [box for box in boxes if iou(box, self._box.astype(np.float32)) > LIMITS.min_person_iou]
-        return near[0].astype(np.float64) if near else None
+        last = self._own_place.box.astype(np.float32)
+        near = [place for place in _places(found) if iou(place.box, last) > LIMITS.min_person_iou]
+        return near[0] if near else None
 
-    def _bystanders(self, now: float, boxes: F32) -> list[F64]:
-        others = [box.astype(np.float64) for box in boxes if not self._belongs(box)]
+    def _bystanders(self, now: float, found: RolledBoxes) -> list[F64]:
+        others = [place for place in _places(found) if not self._belongs(place.box)]
         kept = [
-            (at, box)
-            for at, box in self._others
+            (at, place)
+            for at, place in self._others
             if now - at <= LIMITS.bystander_seconds
-            and not any(iou(box, other) > LIMITS.min_unmoved_iou for other in others)
+            and not any(iou(place.box, other.box) > LIMITS.min_unmoved_iou for other in others)
         ]
-        self._others = kept + [(now, box) for box in others]
-        return [region(box) for _, box in self._others]
+        self._others = kept + [(now, place) for place in others]
+        return [place.region() for _, place in self._others]
 
-    def _belongs(self, box: F32) -> bool:
+    def _belongs(self, box: F64) -> bool:
         """Whether a box lies on the person's face."""
-        if self._box is None:
+        if self._own_place is None:
             return False
-        centre = (box[:2] + box[2:]) / 2
-        inside = bool((centre > self._box[:2]).all() and (centre < self._box[2:]).all())
-        return inside or iou(box, self._box.astype(np.float32)) > LIMITS.min_person_iou
+        own, centre = self._own_place.box, (box[:2] + box[2:]) / 2
+        inside = bool((centre > own[:2]).all() and (centre < own[2:]).all())
+        return inside or iou(box, own.astype(np.float32)) > LIMITS.min_person_iou
+
+
+@dataclass(frozen=True, eq=False)
+class FacePlace:
+    """Where a face is: the box (4,) of its 68 points, and the turn in radians by which it is rolled clockwise."""
+
+    box: F64
+    turn: float
+
+    def region(self, growth: float = 1.0) -> F64:
+        """The rectangle (4,) that covers it."""
+        return region(self.box, growth, self.turn)
+
+
+def _places(found: RolledBoxes) -> list[FacePlace]:
+    pairs = zip(found.boxes.astype(np.float64), found.turns.tolist(), strict=True)
+    return [FacePlace(box, turn) for box, turn in pairs]
 
 
 def _set_alpha(extrapolator: Extrapolator, alpha: float) -> None:

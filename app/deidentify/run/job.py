@@ -268,7 +268,7 @@ def _together(a: LinkedTrack, b: LinkedTrack) -> bool:
 
 def _observations(case: Case, track: LinkedTrack) -> tuple[TrackObservations, F32]:
     """The observations of a track, and the confidence of its landmarks (n,)."""
-    frames, boxes, trust, confidence = [], [], [], []
+    frames, boxes, turns, trust, confidence = [], [], [], [], []
     for segment, number in track.pieces:
         found, fits = case.found(segment, points=False), case.fits(segment)
         rows = np.flatnonzero(found.tracklet == number)
@@ -276,10 +276,14 @@ def _observations(case: Case, track: LinkedTrack) -> tuple[TrackObservations, F3
         known = dict(zip(fits.frame[mine].tolist(), fits.confidence[mine].tolist(), strict=True))
         frames.append(found.frame[rows])
         boxes.append(found.box[rows])
+        turns.append(found.turn[rows])
         trust.append([known.get(int(f), 0.0) for f in found.frame[rows]])
         confidence.append(found.confidence[rows])
     return TrackObservations(
-        np.concatenate(frames), np.concatenate(boxes), np.concatenate(trust).astype(np.float32)
+        np.concatenate(frames),
+        np.concatenate(boxes),
+        np.concatenate(turns),
+        np.concatenate(trust).astype(np.float32),
     ), np.concatenate(confidence)
 
 
@@ -346,15 +350,17 @@ def _plan(case: Case) -> dict[str, NDArray[Any]]:
     for track in case.tracks:
         d = _decided(case, linked[track.number], track.action)
         columns.append(
-            (np.full(len(d.frames), track.number), d.frames, d.done, d.boxes, d.growth, d.confidence)
+            (np.full(len(d.frames), track.number), d.frames, d.done, d.boxes, d.turns, d.growth, d.confidence)
         )
     b = _bystanders(case)
     ones = np.ones(len(b.frames))
-    columns.append((np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, ones, b.scores))
+    columns.append(
+        (np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, b.turns, ones, b.scores)
+    )
     joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
     order = np.argsort(joined[1], kind="stable")
-    names = ("track", "frame", "done", "box", "growth", "confidence")
-    types = (np.int32, np.int32, np.uint8, np.float32, np.float32, np.float32)
+    names = ("track", "frame", "done", "box", "turn", "growth", "confidence")
+    types = (np.int32, np.int32, np.uint8, *[np.float32] * 4)
     return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
 
 
@@ -364,6 +370,7 @@ def _bystanders(case: Case) -> Bystanders:
         np.concatenate([f.bystander_frame for f in found]),
         np.concatenate([f.bystander_box for f in found]),
         np.concatenate([f.bystander_score for f in found]),
+        np.concatenate([f.bystander_turn for f in found]),
     )
     return seen.spread(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
 

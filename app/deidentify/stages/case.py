@@ -120,7 +120,7 @@ class Case:
 
     @cached_property
     def plan(self) -> dict[str, NDArray[Any]]:
-        """What happens to each face: track, frame, done, box, growth, confidence, by frame."""
+        """What happens to each face: track, frame, done, box, turn, growth, confidence, by frame."""
         return self.work.load_arrays("plan.npz")
 
     def span(self, segment: int) -> tuple[int, int]:

@@ -40,10 +40,14 @@ LIMITS = DecisionLimits()
 
 @dataclass(frozen=True, eq=False)
 class TrackObservations:
-    """What is known of a track: (n,) frames, ascending; (n, 4) boxes; (n,) confidence that a swap is right."""
+    """What is known of a track.
+
+    (n,) frames, ascending; (n, 4) boxes; (n,) turns; (n,) confidence that a swap is right.
+    """
 
     frames: NDArray[np.int32]
     boxes: F32
+    turns: F32
     trust: F32
 
 
@@ -54,13 +58,14 @@ class Decision:
     Parameters
     ----------
     frames : (n,) int32, consecutive.   done : (n,) uint8, index into DONE.
-    boxes : (n, 4) of the face, seen or interpolated.   growth : (n,) of the covered region.
+    boxes, turns : (n, 4), (n,) of the face, seen or interpolated.   growth : (n,) of the covered region.
     confidence : (n,) that a swap is right; 0 where the face was not seen.
     """
 
     frames: NDArray[np.int32]
     done: NDArray[np.uint8]
     boxes: F32
+    turns: F32
     growth: F32
     confidence: F32
 
@@ -78,11 +83,13 @@ def decide(
     stop = min([total, last + margin + 1, *(c for c in cuts if c > last)])
     frames = np.arange(start, stop, dtype=np.int32)
     boxes = np.stack([np.interp(frames, rows.frames, rows.boxes[:, k]) for k in range(4)], axis=1)
+    turns = np.interp(frames, rows.frames, np.unwrap(rows.turns))
     seen = np.isin(frames, rows.frames)
     confidence = np.zeros(len(frames), np.float32)
     confidence[seen] = rows.trust
     return Decision(
-        frames, _done(confidence, action, rate), boxes.astype(np.float32), _growth(frames, rows.frames), confidence
+        frames, _done(confidence, action, rate), boxes.astype(np.float32), turns.astype(np.float32),
+        _growth(frames, rows.frames), confidence,
     )  # fmt: skip
 
 
@@ -134,27 +141,26 @@ def _growth(frames: NDArray[np.int32], known: NDArray[np.int32]) -> F32:
 
 @dataclass(frozen=True, eq=False)
 class Bystanders:
-    """Faces that are covered without being tracked: (n,) frames, ascending; (n, 4) boxes; (n,) scores."""
+    """Faces that are covered without being tracked: (n,) frames, ascending; (n, 4) boxes; (n,) scores; (n,) turns."""
 
     frames: NDArray[np.int32]
     boxes: F32
     scores: F32
+    turns: F32
 
     def spread(self, *, total: int, rate: float, cuts: Sequence[int]) -> Bystanders:
         """With the frames about each detection, as far as the shot goes; a frame may get the boxes of several."""
         reach = max(1, round(LIMITS.bystander_margin_seconds * rate))
-        frames, boxes, scores = [], [], []
+        frames, rows = [], []
         edges = np.array([0, *cuts, total])
-        for frame, box, score in zip(self.frames, self.boxes, self.scores, strict=True):
+        for row, frame in enumerate(self.frames):
             shot = int(np.searchsorted(edges, frame, side="right"))
             low, high = max(int(frame) - reach, edges[shot - 1]), min(int(frame) + reach + 1, edges[shot])
             for at in range(int(low), int(high)):
                 frames.append(at)
-                boxes.append(box)
-                scores.append(score)
+                rows.append(row)
         order = np.argsort(np.array(frames, np.int64), kind="stable")
+        chosen = np.array(rows, np.intp)[order]
         return Bystanders(
-            np.array(frames, np.int32)[order],
-            np.array(boxes, np.float32).reshape(-1, 4)[order],
-            np.array(scores, np.float32)[order],
+            np.array(frames, np.int32)[order], self.boxes[chosen], self.scores[chosen], self.turns[chosen]
         )

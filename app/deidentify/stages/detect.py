@@ -1,8 +1,10 @@
 """The first stage: every face of a segment, tracked forward and backward from where it is found.
 
-A detector runs on every frame with a low threshold.  Boxes that are certainly faces start a tracklet, which is tracked
-from frame to frame and, from its first frame, back through the frames before; what else looks like a face is kept as a
-bystander.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8.
+A detector runs on every frame with a low threshold: on the frame as it is, and turned by quarter turns (all three where
+no upright face is certain, otherwise one of them, in turn).  Boxes that are certainly faces start a tracklet, which is
+tracked from frame to frame and, from its first frame, back through the frames before; what else looks like a face is
+kept as a bystander.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8;
+turns in radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Face, iou, tight_box
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.rolls import RolledBoxes, detect_on_schedule, turn_of
 from guise.aam.landmarks.schemes import COUNT, IBUG68
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.media import Frame
@@ -71,12 +74,13 @@ SMALL_SIZE = (32, 18)  # pixels, width and height of the small picture
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """What may be a bystander's face: frame, box (4,), score, and whether it needs no other sight of it."""
+    """What may be a bystander's face: frame, box (4,), score, turn, and whether it needs no other sight of it."""
 
     frame: int
     box: F32
     score: float
     confirmed: bool
+    turn: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +89,10 @@ class SegmentFaces:
 
     Parameters
     ----------
-    tracklet, frame, confidence, box, points : (n,), (n,), (n,), (n, 4), (n, 81, 2), a row for each face and frame,
-        by tracklet and then by frame; the points are NaN, and the confidence 0, where only a box was detected.
-    bystander_frame, bystander_box, bystander_score : (m,), (m, 4), (m,), by frame.
+    tracklet, frame, confidence, box, turn, points : (n,), (n,), (n,), (n, 4), (n,), (n, 81, 2), a row for each face
+        and frame, by tracklet and then by frame; the points are NaN, and the confidence 0, where only a box was
+        detected.
+    bystander_frame, bystander_box, bystander_score, bystander_turn : (m,), (m, 4), (m,), (m,), by frame.
     cuts : frames with which a new shot begins.
     ends : (2, h, w) uint8, the first and the last frame, small.
     """
@@ -96,10 +101,12 @@ class SegmentFaces:
     frame: I32
     confidence: F32
     box: F32
+    turn: F32
     points: F32
     bystander_frame: I32
     bystander_box: F32
     bystander_score: F32
+    bystander_turn: F32
     cuts: I32
     ends: U8
 
@@ -110,25 +117,27 @@ class SegmentFaces:
 
 @dataclass(frozen=True, eq=False)
 class DetectedFrame:
-    """A frame after the detector: index, RGB, boxes (n, 4) with scores (n,), and the frame made small."""
+    """A frame after the detector: index, RGB, what was found, and the frame made small."""
 
     index: int
     rgb: U8
-    boxes: F32
-    scores: F32
+    found: RolledBoxes
     small: U8
 
 
 def detect_boxes(
-    frames: Iterable[Frame], detector: FaceDetector, threads: int = DETECTOR_THREADS
+    frames: Iterable[Frame], detector: FaceDetector, threads: int = DETECTOR_THREADS, *, phase: int = 0
 ) -> Iterator[DetectedFrame]:
-    """Detect faces in all frames, a few at a time."""
+    """Detect faces in all frames, a few at a time.
+
+    phase : of the rolls that are searched in turn; with 0 and 1 a frame is searched at different ones.
+    """
 
     def work(frame: Frame) -> DetectedFrame:
         rgb = frame.quick_rgb()
-        boxes, scores = detector.detect_scored(rgb)
+        found = detect_on_schedule(detector, rgb, frame.index + phase, LIMITS.certain_score)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
-        return DetectedFrame(frame.index, rgb, boxes, scores, np.asarray(small, np.uint8))
+        return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8))
 
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[DetectedFrame]] = deque()
@@ -172,7 +181,7 @@ class SegmentTracker:
             self._shot.clear()
         self._ends[1:] = [frame.small]
         self._shot.append(frame.index)
-        for number, face in self._tracker.update(frame.rgb, frame.boxes).items():
+        for number, face in self._tracker.update(frame.rgb, frame.found).items():
             self._tracklets[number][frame.index] = face
         self._search(frame)
 
@@ -181,11 +190,13 @@ class SegmentTracker:
         tracklets = [t for t in self._tracklets.values() if len(t) >= LIMITS.min_tracklet_frames]
         short = [t for t in self._tracklets.values() if len(t) < LIMITS.min_tracklet_frames]
         glimpsed = [
-            Candidate(index, face.box, max(face.confidence, LIMITS.min_score), confirmed=True)
+            Candidate(index, face.box, max(face.confidence, LIMITS.min_score), True, turn)
             for tracklet in short
-            for index, face in tracklet.items()
+            for (index, face), turn in zip(tracklet.items(), _turns(tracklet.values()), strict=True)
         ]
-        rows = [(n, index, t[index]) for n, t in enumerate(tracklets) for index in sorted(t)]
+        tracklets = [dict(sorted(t.items())) for t in tracklets]
+        rows = [(n, index, face) for n, t in enumerate(tracklets) for index, face in t.items()]
+        turns = [turn for t in tracklets for turn in _turns(t.values())]
         bystanders = confirmed(sorted([*self._candidates, *glimpsed], key=lambda one: one.frame))
         first_last = (self._ends or [np.zeros(SMALL_SIZE[::-1], np.uint8)]) * 2
         return SegmentFaces(
@@ -193,29 +204,32 @@ class SegmentTracker:
             np.array([index for _, index, _ in rows], np.int32),
             np.array([face.confidence for _, _, face in rows], np.float32),
             np.array([face.box for _, _, face in rows], np.float32).reshape(-1, 4),
+            np.array(turns, np.float32),
             np.array([face.points for _, _, face in rows], np.float32).reshape(-1, COUNT, 2),
             np.array([one.frame for one in bystanders], np.int32),
             np.array([one.box for one in bystanders], np.float32).reshape(-1, 4),
             np.array([one.score for one in bystanders], np.float32),
+            np.array([one.turn for one in bystanders], np.float32),
             np.array(self._cuts, np.int32),
             np.stack(first_last[:2]),
         )
 
     def _search(self, frame: DetectedFrame) -> None:
         """Start a tracklet at each box that is left and has a face, and keep the others that look like one."""
-        tracked = self._tracker.boxes
-        left = [i for i, box in enumerate(frame.boxes) if not any(_belongs(box, face) for face in tracked)]
-        for i in sorted(left, key=lambda i: -float(frame.scores[i])):
-            box, score, tracked = frame.boxes[i], float(frame.scores[i]), self._tracker.boxes
+        found, tracked = frame.found, self._tracker.boxes
+        left = [i for i, box in enumerate(found.boxes) if not any(_belongs(box, face) for face in tracked)]
+        for i in sorted(left, key=lambda i: -float(found.scores[i])):
+            box, score, turn = found.boxes[i], float(found.scores[i]), float(found.turns[i])
+            tracked = self._tracker.boxes
             if score < LIMITS.min_candidate_score or any(_belongs(box, face) for face in tracked):
                 continue
             if score < LIMITS.ear_score and any(_is_ear(box, face) for face in tracked):
                 continue
-            face = self._landmarker.points_in_box(frame.rgb, box)
+            face = self._landmarker.points_in_box(frame.rgb, box, turn)
             if face is not None and face.confidence >= TRACKING.start_confidence:
                 self._start(frame.index, _with_ibug68_box(face))
             else:
-                self._candidates += self._candidate(frame, box, score)
+                self._candidates += self._candidate(frame, box, score, turn)
 
     def _start(self, index: int, face: Face) -> None:
         number = self._tracker.start(face)
@@ -231,17 +245,17 @@ class SegmentTracker:
         known = (t[index].box for t in self._tracklets.values() if index in t)
         return any(iou(box, face.box) > TRACKING.min_match_iou for box in known)
 
-    def _candidate(self, frame: DetectedFrame, box: F32, score: float) -> list[Candidate]:
+    def _candidate(self, frame: DetectedFrame, box: F32, score: float, turn: float) -> list[Candidate]:
         """A box without points as a candidate, if it is likely enough to be a face."""
         is_small = bool((box[2:] - box[:2] <= LIMITS.small_face_pixels).all())
         least = LIMITS.min_likeness_small if is_small else LIMITS.min_likeness_large
         if score >= LIMITS.high_score:
             least = LIMITS.min_likeness_high_score
-        beyond = self._landmarker.likeness(frame.rgb, box) - least
+        beyond = self._landmarker.likeness(frame.rgb, box, turn) - least
         if score < LIMITS.certain_score and beyond < 0:
             return []
         is_confirmed = score >= LIMITS.certain_score or beyond >= LIMITS.confirmed_likeness
-        return [Candidate(frame.index, box, score, is_confirmed)]
+        return [Candidate(frame.index, box, score, is_confirmed, turn)]
 
 
 class _Ibug68Boxes:
@@ -259,13 +273,22 @@ class _Ibug68Boxes:
         face = self._landmarker.refine(rgb, previous)
         return None if face is None else _with_ibug68_box(face)
 
-    def face_in_box(self, rgb: U8, box: F32) -> Face | None:
-        face = self._landmarker.points_in_box(rgb, box)
+    def face_in_box(self, rgb: U8, box: F32, turn: float) -> Face | None:
+        face = self._landmarker.points_in_box(rgb, box, turn)
         return None if face is None else _with_ibug68_box(face)
 
 
 def _with_ibug68_box(face: Face) -> Face:
     return replace(face, box=tight_box(face.points[IBUG68]))
+
+
+def _turns(faces: Iterable[Face]) -> list[float]:
+    """Of faces in the order of time; where only a box was detected, that of the last one with points."""
+    turns, last = [], 0.0
+    for face in faces:
+        last = turn_of(face.points) if np.isfinite(face.points).all() else last
+        turns.append(last)
+    return turns
 
 
 def _belongs(box: F32, face: F32) -> bool:

@@ -99,14 +99,16 @@ def fit(case: Case, segment: int) -> None:
                     placed = locate(model.tracker, frame.luma, points, float(found.confidence[row]))
                     rows.append((track.number, frame.index, placed))
                 if frame.index in track.shown:
-                    pictures[f"{track.number}.{frame.index}"] = picture(frame, found.box[row])
+                    pictures[f"{track.number}.{frame.index}"] = picture(
+                        frame, found.box[row], found.turn[row]
+                    )
     case.work.save_arrays(f"pictures.{segment}.npz", **pictures)
     case.work.save_arrays(f"fit.{segment}.npz", **vars(Fits.of(rows)))
 
 
-def picture(frame: Frame, box: NDArray[np.floating]) -> NDArray[np.uint8]:
+def picture(frame: Frame, box: NDArray[np.floating], turn: float) -> NDArray[np.uint8]:
     """A square picture, PICTURE_PIXELS wide, of a face and its surroundings; black beyond the frame."""
-    x0, y0, x1, y1 = region(box)
+    x0, y0, x1, y1 = region(box, turn=turn)
     half = max(x1 - x0, y1 - y0) / 2 + 1
     low = [int(np.floor((x0 + x1) / 2 - half)), int(np.floor((y0 + y1) / 2 - half))]
     side = int(2 * half) + 1
@@ -170,7 +172,7 @@ def _output_pictures(
     for frame in read_piece(case, segment):
         for entry in segment_renderer.entries.get(frame.index, []):
             if wanted.get(frame.index) == entry.track:
-                pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box)
+                pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box, entry.turn)
     return pictures
 
 

@@ -43,16 +43,23 @@ class RenderLimits:
 
 
 LIMITS = RenderLimits()
+AUDIT_PHASE = 1  # of the rolls that are searched in turn; that of the first stage is 0
 
 
 @dataclass(frozen=True, eq=False)
 class FaceTreatment:
-    """What is done with a face in a frame: track (0 for a bystander), code, box (4,) of the face, growth of a cover."""
+    """What is done with a face in a frame: track (0 for a bystander), code, box (4,), growth of a cover, turn."""
 
     track: int
     done: int
     box: F32
     growth: float
+    turn: float = 0.0
+
+    @property
+    def region(self) -> F64:
+        """The rectangle (4,) that is covered, if the face is."""
+        return region(self.box, self.growth, self.turn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +69,7 @@ class AuditDetection:
     frame: int
     box: F32
     score: float
+    turn: float = 0.0
 
 
 class SegmentRenderer:
@@ -92,7 +100,7 @@ class SegmentRenderer:
                 self._swap(frame, entry)
         for entry in entries:
             if entry.done == COVERED:
-                cover(frame, region(entry.box, entry.growth), self._case.options.cover)
+                cover(frame, entry.region, self._case.options.cover)
         if self._case.options.label:
             self._label = self._label or Label(frame.width, frame.height)
             self._label.draw(frame)
@@ -100,7 +108,7 @@ class SegmentRenderer:
     def _swap(self, frame: Frame, entry: FaceTreatment) -> None:
         shape = self._shapes.get((entry.track, frame.index))
         if shape is None:
-            cover(frame, region(entry.box, entry.growth), self._case.options.cover)
+            cover(frame, entry.region, self._case.options.cover)
             return
         mesh = self._engine(self._tracks[entry.track]).draw(frame, shape)
         self.swapped_boxes[frame.index].append(np.concatenate([mesh.min(0), mesh.max(0)]))
@@ -164,7 +172,11 @@ def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int
     for i in range(low, high):
         entries[int(plan["frame"][i])].append(
             FaceTreatment(
-                int(plan["track"][i]), int(plan["done"][i]), plan["box"][i], float(plan["growth"][i])
+                int(plan["track"][i]),
+                int(plan["done"][i]),
+                plan["box"][i],
+                float(plan["growth"][i]),
+                float(plan["turn"][i]),
             )
         )
     return entries
@@ -173,15 +185,15 @@ def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int
 def audit(frames: Iterable[Frame], segment_renderer: SegmentRenderer) -> Iterator[AuditDetection]:
     """The faces in the output that were neither swapped in nor left on purpose and that no cover hides."""
     landmarker = BuiltinLandmarker()
-    for seen in detect_boxes(frames, FaceDetector(min_score=LIMITS.min_audit_score)):
+    for seen in detect_boxes(frames, FaceDetector(min_score=LIMITS.min_audit_score), phase=AUDIT_PHASE):
         entries = segment_renderer.entries.get(seen.index, [])
         known: list[NDArray[np.floating]] = [*segment_renderer.swapped_boxes.get(seen.index, [])]
         known += [e.box for e in entries if e.done == LEFT]
-        known += [region(e.box, e.growth) for e in entries if e.done == COVERED]
-        for box, score in zip(seen.boxes, seen.scores, strict=True):
+        known += [e.region for e in entries if e.done == COVERED]
+        for box, score, turn in zip(seen.found.boxes, seen.found.scores, seen.found.turns, strict=True):
             unknown = not any(_inside(box, place) for place in known)
-            if unknown and landmarker.likeness(seen.rgb, box) >= LIMITS.min_audit_likeness:
-                yield AuditDetection(seen.index, box, float(score))
+            if unknown and landmarker.likeness(seen.rgb, box, turn) >= LIMITS.min_audit_likeness:
+                yield AuditDetection(seen.index, box, float(score), float(turn))
 
 
 def _inside(box: F32, place: NDArray[np.floating]) -> bool:
@@ -202,5 +214,5 @@ def with_detections(
             max(first, one.frame - LIMITS.audit_margin_frames),
             min(last, one.frame + LIMITS.audit_margin_frames + 1),
         ):
-            more[frame].append(FaceTreatment(0, COVERED, one.box, 1.0))
+            more[frame].append(FaceTreatment(0, COVERED, one.box, 1.0, one.turn))
     return more
