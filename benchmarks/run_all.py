@@ -37,6 +37,7 @@ LANDMARKS = (
     "landmarks.real_clips",
     "landmarks.small_faces",
     "landmarks.rendered",
+    "landmarks.rolls",
     "landmarks.jitter",
     "landmarks.speed",
     "landmarks.footprint",

@@ -99,7 +99,8 @@ def test_a_batch_says_every_file_and_a_summary(
     *lines, last = out.splitlines()
     assert lines == [
         "[1/3] out/a_deidentified.mp4: No face was found in 10 frames.",
-        "[3/3] out/covered_deidentified.mp4: Every face is swapped or covered; a covered one is in 3 frames.",
+        "[3/3] out/covered_deidentified.mp4: The faces that were found are swapped or covered; a covered one is in 3 "
+        "frames. In 7 frames after a face none was found: not verified.",
     ]
     assert last.startswith("3 files: 1 swapped, 1 with covered faces, 1 failed; see out/deidentify-")
     assert Path(last.split("see ")[1]).is_file()

@@ -9,6 +9,7 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.landmarks import iou
+from guise.aam.landmarks.rolls import nearest_quarter, turn_of
 from guise.aam.landmarks.schemes import IBUG68
 from guise.app.live.background_detector import LIMITS, BackgroundDetector, downscaled
 from guise.app.media import Frame, open_input
@@ -62,6 +63,35 @@ def test_boxes_are_those_of_the_picture_whatever_its_size(
     detector.submit(frame)
     assert iou(detector.found.boxes[0], ((truth + 0.5) * factor - 0.5).astype(np.float32)) > 0.8
     assert downscaled(frame).shape[0] == min(LIMITS.picture_height_pixels, size[1])
+
+
+def test_an_upside_down_face_is_found_soon_and_then_in_every_frame(
+    detector: BackgroundDetector, talk: Frame, truth: np.ndarray
+) -> None:
+    rgb = np.ascontiguousarray(talk.rgb()[::-1, ::-1])
+    size = np.array(rgb.shape[1::-1])
+    place = np.concatenate([size - 1 - truth[2:], size - 1 - truth[:2]]).astype(np.float32)
+    hits = []
+    for _ in range(12):
+        detector.submit(Frame.from_rgb(rgb))
+        turned = detector.found.boxes[np.abs(detector.found.turns) > 3]
+        hits.append(any(iou(box, place) > 0.8 for box in turned))
+        if hits[-1]:
+            (face,) = detector.detect(np.zeros((1, 1, 3), np.uint8))
+            assert iou(face.box, place) > 0.5
+            assert nearest_quarter(turn_of(face.points)) == 2
+    assert hits == sorted(hits)
+    assert sum(hits) >= 4
+
+
+def test_beside_an_upright_face_every_roll_takes_its_turn(detector: BackgroundDetector, talk: Frame) -> None:
+    both = np.concatenate([talk.rgb(), talk.rgb()[::-1, ::-1]], axis=1)
+    seen = []
+    for _ in range(9):
+        detector.submit(Frame.from_rgb(both))
+        seen.append(2 in [nearest_quarter(turn) for turn in detector.found.turns.tolist()])
+    assert seen == sorted(seen)
+    assert any(seen)
 
 
 def test_drawing_into_a_submitted_frame_does_not_matter(detector: BackgroundDetector, talk: Frame) -> None:

@@ -224,13 +224,13 @@ def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
     with visit(browser, studio_server, reviewed) as visitor:
         show_faces(visitor)
         choose(visitor, "Cover")
-        make(visitor, "Every face is swapped or covered")
+        make(visitor, "The faces that were found are swapped or covered")
     folder = tmp_path / "studio"
     shutil.copytree(studio_server.folder, folder)
     phone = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
     with studio(folder) as server, visit(browser, server, "/deidentify", **phone) as visitor:
         visitor.get_by_role("link", name="party").first.click()
-        visitor.get_by_text("Every face is swapped or covered").first.wait_for()
+        visitor.get_by_text("The faces that were found are swapped or covered").first.wait_for()
         show_faces(visitor)
         wide = visitor.evaluate("[document.documentElement.scrollWidth, window.innerWidth]")
         assert wide[0] <= wide[1], "nothing is to be moved aside on a phone"

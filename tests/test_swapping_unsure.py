@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guise.aam.landmarks.schemes import mean_geometry
+from guise.aam.landmarks.schemes import IBUG68, mean_geometry
 from guise.app.media import Frame
 from guise.app.swapping.unsure import LIMITS, LostFaceCover
 from guise.common.arrays import F32, U8
@@ -85,3 +85,18 @@ def test_the_cover_follows_the_face(detector: Detector) -> None:
         where = changed(cover)
         assert where is not None
         assert where[55:80, 65 + shift : 90 + shift].mean() > 0.9
+
+
+def test_the_cover_of_an_upside_down_face_reaches_over_its_forehead(detector: Detector) -> None:
+    areas = []
+    for mesh in (MESH, 160 - MESH):
+        cover = LostFaceCover(detector)
+        cover.seen(mesh)
+        where = changed(cover)
+        assert where is not None
+        inner = mesh[IBUG68]
+        rows = np.flatnonzero(where.any(1))
+        areas.append((inner[:, 1].min() - rows.min(), rows.max() - inner[:, 1].max()))
+    (above, below), (under, over) = areas
+    assert above > below + 4
+    assert over > under + 4

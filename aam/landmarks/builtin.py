@@ -49,7 +49,10 @@ class LandmarkerLimits:
     min_box_score: float = 0.2  # from which the network is run on a box; its own confidence decides
     max_distinct_iou: float = 0.5  # of the points' boxes, from which two faces are one
     min_visible_share: float = 0.4  # of the points, that must lie inside the picture
-    min_first_confidence: float = 0.002  # after the first pass, below which there is no second
+    min_first_confidence: float = 0.002  # after the first pass, below which there is no second,
+    min_first_likeness: float = (
+        0.0  # unless the crop looks like a face: rolled by 45 degrees its points are unsure
+    )
     min_confidence: float = 0.05  # of a face that is reported
     min_upright_confidence: float = 0.5  # of an upright face, from which no others are searched for
 
@@ -161,7 +164,7 @@ class BuiltinLandmarker:
         turn : radians, by which the face is rolled clockwise, to about 45 degrees.
         """
         first = self._first(rgb, box, turn)
-        if not _usable(first.points) or self._confidence(first) < LIMITS.min_first_confidence:
+        if not _usable(first.points) or not self._is_hopeful(first):
             return None
         return self._judged(rgb, self._pass(rgb, *upright_square(first.points)))
 
@@ -203,6 +206,11 @@ class BuiltinLandmarker:
             return None
         eyes = float(interocular(found.points))
         return Face.around(found.points, confidence, self._calibration.of_points(found.sigma, eyes))
+
+    def _is_hopeful(self, first: Prediction) -> bool:
+        return (
+            first.logit >= LIMITS.min_first_likeness or self._confidence(first) >= LIMITS.min_first_confidence
+        )
 
     def _confidence(self, found: Prediction) -> float:
         return self._calibration.confidence(found.sigma, float(interocular(found.points)), found.logit)

@@ -1,7 +1,7 @@
 """Face detection on every frame in a thread beside the tracker: finds bystanders and re-acquires a lost face.
 
-Upright faces are searched in every frame.  The other rolls take turns: one in every frame while no upright face is
-certain, otherwise one in every third.
+Upright faces are searched in every frame, and so is the roll at which a turned one was seen last.  The other rolls take
+turns: one in every frame while no upright face is certain, otherwise one in every third.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.builtin import BuiltinLandmarker, distinct
 from guise.aam.landmarks.detector import FaceDetector
-from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_at_rolls
+from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_at_rolls, nearest_quarter
 from guise.app.media import Frame
 from guise.common.arrays import F32, U8
 from guise.common.closing import Closing
@@ -51,6 +51,7 @@ class BackgroundDetector(Closing):
         self._frame: Frame | None = None
         self._found: Future[RolledBoxes] | None = None
         self._count = 0  # of frames
+        self._seen_turned: tuple[int, ...] = ()  # quarter turns of the last frame's faces
 
     def submit(self, frame: Frame) -> None:
         """Start detection in a frame; the caller may draw into the frame as soon as this returns."""
@@ -71,12 +72,15 @@ class BackgroundDetector(Closing):
         return replace(found, boxes=boxes)[kept]
 
     def _detected(self, picture: U8, index: int) -> RolledBoxes:
-        found = detect_at_rolls(self._detector, picture, UPRIGHT)
-        is_sure = bool((found.scores >= LIMITS.min_certain_score).any())
-        round_, rest = divmod(index, LIMITS.turned_interval_frames if is_sure else 1)
-        if rest:
-            return found
-        return found.and_others(detect_at_rolls(self._detector, picture, (TURNED[round_ % len(TURNED)],)))
+        upright = detect_at_rolls(self._detector, picture, UPRIGHT)
+        is_sure = bool((upright.scores >= LIMITS.min_certain_score).any())
+        count, rest = divmod(index, LIMITS.turned_interval_frames if is_sure else 1)
+        due = set(self._seen_turned) | (set() if rest else {TURNED[count % len(TURNED)]})
+        found = upright.and_others(detect_at_rolls(self._detector, picture, sorted(due)))
+        likely = found[found.scores >= LIMITS.min_landmark_score].distinct()
+        turns = {nearest_quarter(turn) for turn in likely.turns.tolist()}
+        self._seen_turned = tuple(turns - set(UPRIGHT))
+        return found
 
     def _looks_like_face(self, picture: U8, box: F32, turn: float) -> bool:
         return self._landmarker.likeness(picture, box, turn) >= LIMITS.min_likeness

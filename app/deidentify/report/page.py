@@ -48,7 +48,7 @@ class PageLimits:
 LIMITS = PageLimits()
 HEADLINES = {
     ALL_SWAPPED: ("good", "✓ All faces swapped"),
-    SOME_COVERED: ("fair", "◧ Some faces covered"),
+    SOME_COVERED: ("fair", "◧ Faces covered, or frames not verified"),
     FAILED: ("bad", "✕ A face may be visible"),
 }
 COUNTS = {

@@ -78,10 +78,13 @@ def write_batch(path: Path, entries: Sequence[BatchEntry]) -> None:
 
 
 def outcome(report: FileReport) -> int:
-    """The exit code: 0 all swapped or left as the user said, 3 some covered, 1 a face may be visible."""
+    """The exit code.
+
+    0: all swapped or left as the user said.  3: some covered, or frames not verified.  1: a face may be visible.
+    """
     if any(not finding.covered for finding in report.audit):
         return FAILED
-    return SOME_COVERED if len(frames_with(report, "covered")) else ALL_SWAPPED
+    return SOME_COVERED if len(frames_with(report, "covered")) or unverified(report) else ALL_SWAPPED
 
 
 def verdict(report: FileReport) -> str:
@@ -92,12 +95,27 @@ def verdict(report: FileReport) -> str:
     swapped, covered, left = (len(frames_with(report, done)) for done in DONE)
     if not swapped + covered + left:
         return f"No face was found in {_frames(report.frames)}."
-    about_left = f" A face is left as it is in {_frames(left)}, as you said." if left else ""
     if covered:
-        return f"Every face is swapped or covered; a covered one is in {_frames(covered)}.{about_left}"
-    return (
-        f"Every face is swapped, in {_frames(swapped)}." if swapped else "No face is changed."
-    ) + about_left
+        sentence = (
+            f"The faces that were found are swapped or covered; a covered one is in {_frames(covered)}."
+        )
+    else:
+        sentence = (
+            f"The faces that were found are swapped, in {_frames(swapped)}."
+            if swapped
+            else "No face is changed."
+        )
+    if left:
+        sentence += f" A face is left as it is in {_frames(left)}, as you said."
+    if without := unverified(report):
+        sentence += f" In {_frames(without)} after a face none was found: not verified."
+    return sentence
+
+
+def unverified(report: FileReport) -> int:
+    """Number of frames in which no face was found, after one that has one: it may have left, or was missed."""
+    known = np.unique(np.concatenate([frames_with(report, done) for done in DONE]))
+    return report.frames - int(known[0]) - len(known) if len(known) else 0
 
 
 def frames_with(report: FileReport, done: str) -> NDArray[np.int32]:
