@@ -23,9 +23,10 @@ from guise.aam.landmarks.schemes import (
     UPPER_LIP_TOP,
     mean_geometry,
 )
+from guise.aam.parsing import CELLS
 from training import occluders
 from training.augment import Props, Sample, plain, sample
-from training.canvas import CELLS, SIZE, Canvas, class_maps, possible_maps
+from training.canvas import SIZE, Canvas, class_maps, possible_maps
 from training.clutter import clutter
 from training.data import Labelled
 from training.measure import Answers, figures_of, iou, iris_errors

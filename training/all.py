@@ -22,7 +22,7 @@ from pathlib import Path
 
 DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
-RENDERED_ONLY_BATCHES, FACE_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 6850
+RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,9 @@ class Plan:
     def tasks(self) -> Iterator[Task]:
         """All tasks in order."""
         parts, hands, alignment = self.work / "parts", self.work / "hands.npz", self.work / "alignment.json"
-        alone, face, detector = (self.work / name for name in ("rendered", "face", "detector"))
+        alone, face, parsing, detector = (
+            self.work / name for name in ("rendered", "face", "parsing", "detector")
+        )
         real = ("--real", str(self.data))
         yield Task("people", self._rendering(parts), parts / "complete")
         yield Task(
@@ -122,6 +124,14 @@ class Plan:
         )
         finish = ("--run", str(face), "--parts", str(parts), *real, "--hands", str(hands), *given)
         yield Task("report", [("finish_face", *finish)], face / "face.md")
+        parse = ("--goal", "parsing", "--first-weights", str(face / "face.pt"), "--output", str(parsing))
+        yield Task(
+            "parsing",
+            [("train_face", *train, *given, *parse, "--steps", str(PARSING_BATCHES))],
+            parsing / "complete",
+        )
+        finish = ("--run", str(parsing), *finish[2:])
+        yield Task("parsing report", [("finish_parsing", *finish)], parsing / "face.md")
         yield Task(
             "detector",
             [
@@ -172,11 +182,13 @@ class Plan:
 
     def shipped(self) -> dict[Path, Path]:
         """Destination of each file that ships."""
-        face = self.work / "face"
+        face, parsing = self.work / "face", self.work / "parsing"
         return {
             face / "landmarks.onnx": DATA / "landmarks.onnx",
             face / "landmarks.json": DATA / "landmarks.json",
             face / "face.md": DATA / "landmarks.md",
+            parsing / "face.onnx": DATA / "face.onnx",
+            parsing / "face.md": DATA / "face.md",
             self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",

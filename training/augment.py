@@ -57,6 +57,11 @@ class Strength:
     size: float = 0.11
     shift: float = 0.055
     wild: float = 0.2  # share of samples that are turned by up to 60 degrees
+    hidden: float = 0.42  # share of samples with an object in front of the face
+
+
+# What the crops of a face that is being followed are like, where parsing is asked for.
+FOLLOWED = Strength(turn=9.0, size=0.1, shift=0.045, wild=0.06, hidden=0.62)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +106,7 @@ def sample(rng: Rng, face: Labelled, props: Props, strength: Strength = Strength
     if face.mask is not None and rng.random() < 0.75:
         alpha = cv2.warpAffine(face.mask * np.uint8(255), matrix, (SIZE, SIZE))
         canvas.crop = _before(rng, canvas.crop, alpha, props.backgrounds)
-    _things(rng, canvas, props)
+    _things(rng, canvas, props, strength.hidden)
     canvas.crop = camera(rng, light(rng, canvas.crop))
     _cut(rng, canvas)
     return canvas.finish()
@@ -226,7 +231,7 @@ def _before(rng: Rng, crop: Picture, alpha: Picture, backgrounds: U8) -> Picture
 # -- on or in front of the face ------------------------------------------------------------------------------------
 
 
-def _things(rng: Rng, canvas: Canvas, props: Props) -> None:
+def _things(rng: Rng, canvas: Canvas, props: Props, hidden: float) -> None:
     if rng.random() < 0.08:
         _beard(rng, canvas)
     if rng.random() < 0.15:
@@ -235,7 +240,7 @@ def _things(rng: Rng, canvas: Canvas, props: Props) -> None:
         _fringe(rng, canvas)
     if rng.random() < 0.12:
         strands_of_hair(rng, canvas, _colour_of_hair(rng))
-    if rng.random() < 0.42:
+    if rng.random() < hidden:
         for _ in range(1 if rng.random() < 0.75 else 2):
             occluder(rng, canvas, lambda: background(rng, props.backgrounds), props.hands)
 

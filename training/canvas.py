@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks import schemes
+from guise.aam.parsing import CELLS
 from guise.common.arrays import F32, F64, U8, Bool
 from training.parsing_labels import (
     BACKGROUND,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from training.augment import Sample
 
 SIZE = 128  # pixels, the side of the network's input
-CELLS = 64  # cells, the side of the parsing maps
 LABELS_PER_SIDE = 192  # that are averaged to the maps
 MIN_IRIS_SHARE = 0.25  # that must be seen for an iris to count
 

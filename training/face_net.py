@@ -17,10 +17,11 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE
+from guise.aam.parsing import CELLS
 from training.landmark_net import CELL, LandmarkNet, _conv
 from training.parsing_labels import CLASSES
 
-MAPS = 64  # cells, the side of the parsing maps
+MAPS = CELLS  # the side of the parsing maps
 TYPICAL_IRIS_RADIUS_PIXELS = 4.0  # of the crop
 
 
@@ -73,13 +74,26 @@ class FaceNet(LandmarkNet):
         """All outputs, in the form that the losses need."""
         stem, pyramid, coarse = self.features(images)
         points, local, guess, log_sigma, face = self.points_of(pyramid, coarse)
+        iris, iris_log_sigma = self._irises(pyramid)
+        parsing = self.parsing_of(stem, pyramid)
+        return Output(points, local, guess, log_sigma, face, iris, iris_log_sigma, parsing)
+
+    def _irises(self, pyramid: Tensor) -> tuple[Tensor, Tensor]:
         under, centre = self._under_heat(self.iris_heat, pyramid.flatten(2))
         rest = torch.matmul(under.transpose(0, 1), self.iris_local).transpose(0, 1) + self.iris_offset
         radius = TYPICAL_IRIS_RADIUS_PIXELS * torch.exp(rest[..., 2:3].clamp(-2, 2))
-        iris = torch.cat([centre + CELL * rest[..., :2], radius], -1)
+        return torch.cat([centre + CELL * rest[..., :2], radius], -1), rest[..., 3].clamp(-3, 5)
+
+    def irises_of(self, pyramid: Tensor) -> Tensor:
+        """Irises (n, 2, 4): centre, radius and standard deviation, from features."""
+        iris, log_sigma = self._irises(pyramid)
+        return torch.cat([iris, torch.exp(log_sigma)[..., None]], -1)
+
+    def parsing_of(self, stem: Tensor, pyramid: Tensor) -> Tensor:
+        """Logits (n, classes, 64, 64) of the parsing, from features."""
         wide = F.interpolate(self.context(pyramid), scale_factor=2.0) + self.from_stem(stem)
-        parsing = self.classes(self.detail(wide))
-        return Output(points, local, guess, log_sigma, face, iris, rest[..., 3].clamp(-3, 5), parsing)
+        logits: Tensor = self.classes(self.detail(wide))
+        return logits
 
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
         seen = self.predict(images)

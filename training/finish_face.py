@@ -2,10 +2,9 @@
 
     python -m training.finish_face --run OUT --parts PARTS --real DATA [--hands HANDS] [--ship]
 
-OUT is the output of `train_face.py`. Of the whole network (`face.onnx`: points, sigma, face, iris, parsing) and of its
-landmarker (`landmarks.onnx`: points, sigma, face) an 8-bit variant is made, and used if it is faster and no less
-accurate; `report.json`, `landmarks.json` and `face.md` are written beside them. With --ship the landmarker goes to
-aam/data.
+OUT is the output of `train_face.py`. Of its landmarker (`landmarks.onnx`: points, sigma, face) an 8-bit variant is
+made, and used if it is faster and no less accurate; `report.json`, `landmarks.json` and `face.md` are written beside
+it. With --ship the landmarker goes to aam/data. What ships for irises and parsing is made by `finish_parsing.py`.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from training.measure import Answer, answers_of_file, figures_of, point_errors
 from training.report import report, tables
 
 DATA = Path(__file__).parents[1] / "aam" / "data"
-POINT_OUTPUTS, ALL_OUTPUTS = ("points", "sigma", "face"), ("points", "sigma", "face", "iris", "parsing")
+OUTPUTS = ("points", "sigma", "face")
 GOOD_ERROR_INTEROCULAR = 0.05  # the mean error that the confidence speaks of
 MAX_ERROR_RATIO = 1.02  # of the 8-bit variant's error to the float32 one's
 
@@ -57,13 +56,11 @@ class _Landmarker(nn.Module):
         return points, torch.exp(log_sigma), face
 
 
-def export(net: FaceNet, path: Path, outputs: tuple[str, ...]) -> None:
-    """Write the network as ONNX: input `crop` uint8 (1, 128, 128, 3), outputs POINT_OUTPUTS or ALL_OUTPUTS."""
-    net = copy.deepcopy(net).eval().float()
-    module = net if outputs == ALL_OUTPUTS else _Landmarker(net).eval()
+def export(module: nn.Module, path: Path, outputs: tuple[str, ...]) -> None:
+    """Write a module as ONNX: input `crop` uint8 (1, 128, 128, 3)."""
     torch.onnx.export(
-        module, (torch.zeros(1, SIZE, SIZE, 3, dtype=torch.uint8),), str(path), dynamo=False, opset_version=17,
-        input_names=["crop"], output_names=list(outputs),
+        module.eval(), (torch.zeros(1, SIZE, SIZE, 3, dtype=torch.uint8),), str(path), dynamo=False,
+        opset_version=17, input_names=["crop"], output_names=list(outputs),
     )  # fmt: skip
 
 
@@ -86,7 +83,7 @@ def eight_bit(source: Path, target: Path, crops: U8) -> None:
 
 
 def milliseconds(paths: list[Path], crop: U8, rounds: int = 80) -> list[float]:
-    """Median time of one crop for every model on one thread, measured in turns."""
+    """Median processor time of one crop for every model on one thread, measured in turns."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.log_severity_level = 3
@@ -94,9 +91,9 @@ def milliseconds(paths: list[Path], crop: U8, rounds: int = 80) -> list[float]:
     times = np.zeros((rounds, len(paths)))
     for row in times:
         for k, session in enumerate(sessions):
-            start = time.perf_counter()
+            start = time.thread_time()
             session.run(None, {"crop": crop[None]})
-            row[k] = 1e3 * (time.perf_counter() - start)
+            row[k] = 1e3 * (time.thread_time() - start)
     return [float(t) for t in np.median(times[10:], axis=0)]
 
 
@@ -162,20 +159,15 @@ def _features(answer: Answer, faces: list[Sample], others: U8) -> tuple[NDArray[
 
 
 def variants(run: Path, net: FaceNet, crops: U8) -> dict[str, Path]:
-    """Export float32 and 8-bit files of the network and of its landmarker: paths by name."""
-    paths = {
-        f"{name} {kind}": run / f"{name}_{kind}.onnx"
-        for name in ("face", "landmarks")
-        for kind in ("float32", "8bit")
-    }
-    for name, outputs in (("face", ALL_OUTPUTS), ("landmarks", POINT_OUTPUTS)):
-        export(net, paths[f"{name} float32"], outputs)
-        eight_bit(paths[f"{name} float32"], paths[f"{name} 8bit"], crops)
+    """Export float32 and 8-bit files of the landmarker: paths by name."""
+    paths = {kind: run / f"landmarks_{kind}.onnx" for kind in ("float32", "8bit")}
+    export(_Landmarker(copy.deepcopy(net).float()), paths["float32"], OUTPUTS)
+    eight_bit(paths["float32"], paths["8bit"], crops)
     return paths
 
 
 def measured(paths: dict[str, Path], unseen: list[Sample], real: list[Sample]) -> dict[str, dict[str, float]]:
-    """Errors on rendered and real people held out, parsing, time and size of every file."""
+    """Errors on rendered and real people held out, time and size of every file."""
     times = milliseconds(list(paths.values()), real[0].crop)
     rows = {}
     for (name, path), ms in zip(paths.items(), times, strict=True):
@@ -188,19 +180,18 @@ def measured(paths: dict[str, Path], unseen: list[Sample], real: list[Sample]) -
     return rows
 
 
-def choose(rows: dict[str, dict[str, float]], name: str) -> str:
+def choose(rows: dict[str, dict[str, float]]) -> str:
     """The 8-bit file if it is faster and no less accurate, otherwise float32."""
-    plain, small = rows[f"{name} float32"], rows[f"{name} 8bit"]
+    plain, small = rows["float32"], rows["8bit"]
     same = all(small[k] <= MAX_ERROR_RATIO * plain[k] for k in ("points", "real"))
-    return f"{name} 8bit" if same and small["ms"] < 0.9 * plain["ms"] else f"{name} float32"
+    return "8bit" if same and small["ms"] < 0.9 * plain["ms"] else "float32"
 
 
-CARD = """# Model card: the face network
+CARD = """# Model card: the built-in landmarker
 
-A small convolutional network (`training/face_net.py`) that finds, in an upright crop of 128 x 128 pixels, the 81 points
-of a face with a standard deviation for each, centre and radius of both irises, what each of 64 x 64 cells shows
-({classes}), and whether there is a face at all. Made by `training/train_face.py` and `training/finish_face.py`; the
-latter writes this page.
+A small convolutional network (`training/landmark_net.py`) that finds, in an upright crop of 128 x 128 pixels, the 81
+points of a face with a standard deviation for each, and whether there is a face at all. Made by
+`training/train_face.py` and `training/finish_face.py`; the latter writes this page.
 
 - Licence: that of Guise (Apache-2.0).
 - Data: {rendered:,} pictures of {people} rendered fictional people (CC0, `training/render_people.py`), cut-outs of
@@ -215,8 +206,7 @@ latter writes this page.
 
 ## Held out
 
-Errors of points in per cent of the distance of the outer eye corners, those of irises in per cent of the eye's width
-and of the radius; IoU of the most likely class, "occluded" with one thing before each face.
+Errors of points in per cent of the distance of the outer eye corners.
 
 {tables}
 
@@ -237,15 +227,13 @@ that the calibration was fitted to). Brier score {brier}.
 
 def card(facts: dict[str, Any]) -> str:
     """The model card."""
-    from training.parsing_labels import CLASSES
-
-    columns = ("points", "real", "iris", "iou", "ms", "bytes")
+    columns = ("points", "real", "ms", "bytes")
     rows = ["| file | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
     for name, row in facts["variants"].items():
         rows.append(f"| {name} | " + " | ".join(f"{row[c]:.5g}" if c in row else "" for c in columns) + " |")
     reliability = "\n".join(f"| {a:.2f} | {b:.2f} | {int(c)} |" for a, b, c in facts["reliability"])
     return CARD.format(
-        **facts["training"], classes=", ".join(c.replace("_", " ") for c in CLASSES), tables=tables(facts),
+        **facts["training"], tables=tables(facts),
         variants="\n".join(rows), brier=facts["brier"], reliability=reliability,
     )  # fmt: skip
 
@@ -272,10 +260,9 @@ def main() -> None:
     plain, real_plain = plain_samples(unseen, min(options.count, 300)), plain_samples(real, len(real))
     paths = variants(run, net, np.stack([s.crop for s in plain[::3] + real_plain]))
     rows = measured(paths, plain, real_plain)
-    chosen = {name: choose(rows, name) for name in ("face", "landmarks")}
-    for name, kind in chosen.items():
-        shutil.copy(paths[kind], run / f"{name}.onnx")
-    facts = report(answers_of_file(run / "face.onnx"), unseen, real, props, options.count)
+    chosen = choose(rows)
+    shutil.copy(paths[chosen], run / "landmarks.onnx")
+    facts = report(answers_of_file(run / "landmarks.onnx"), unseen, real, props, options.count)
     facts |= {"variants": rows, "chosen": chosen, "training": json.loads((run / "facts.json").read_text())}
     facts |= calibrate(answers_of_file(run / "landmarks.onnx"), [unseen, real], props)
     (run / "report.json").write_text(json.dumps(facts, indent=1) + "\n")

@@ -24,11 +24,14 @@ FACE_PARTS = (1, 2, 3, 4, 5, 7)  # skin, brows, eyes, lips, inner mouth, facial 
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Points (n, 81, 2), sigma (n, 81), face logit (n,), iris (n, 2, 4), parsing (n, classes, 64, 64); or no more."""
+    """What a network gives, of these.
 
-    points: F32
-    sigma: F32
-    face: F32
+    points (n, 81, 2), sigma (n, 81), face logit (n,), iris (n, 2, 4), parsing (n, classes, 64, 64)
+    """
+
+    points: F32 | None = None
+    sigma: F32 | None = None
+    face: F32 | None = None
     iris: F32 | None = None
     parsing: F32 | None = None
 
@@ -57,10 +60,12 @@ def answers_of_file(path: Path) -> Answer:
     options.intra_op_num_threads = 1
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    names = [output.name for output in session.get_outputs()]
 
     def answer(crops: U8) -> Answers:
-        rows = [session.run(None, {"crop": crop[None]}) for crop in crops]
-        return Answers(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+        rows = [session.run(names, {"crop": crop[None]}) for crop in crops]
+        columns = (np.concatenate(column) for column in zip(*rows, strict=True))
+        return Answers(**dict(zip(names, columns, strict=True)))
 
     return answer
 
@@ -68,7 +73,9 @@ def answers_of_file(path: Path) -> Answer:
 def figures_of(answer: Answer, samples: Sequence[Sample]) -> dict[str, float | F64]:
     """Means over samples, and the IoU of every class (classes,), NaN where neither has it."""
     found = answer(np.stack([s.crop for s in samples]))
-    figures: dict[str, float | F64] = {"points": float(point_errors(found, samples).mean())}
+    figures: dict[str, float | F64] = {}
+    if found.points is not None:
+        figures["points"] = float(point_errors(found, samples).mean())
     if found.iris is not None and any(s.iris_seen.any() for s in samples):
         centre, radius = iris_errors(found, samples)
         figures |= {"iris": float(centre.mean()), "iris_radius": float(radius.mean())}
@@ -85,6 +92,7 @@ def figures_of(answer: Answer, samples: Sequence[Sample]) -> dict[str, float | F
 
 def point_errors(found: Answers, samples: Sequence[Sample]) -> F64:
     """Mean error (n,) of the points of each sample, per cent."""
+    assert found.points is not None
     truth = np.stack([s.points for s in samples])
     return np.asarray(100 * np.linalg.norm(found.points - truth, axis=2).mean(1) / interocular(truth))
 

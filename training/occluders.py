@@ -37,11 +37,13 @@ def occluder(rng: Rng, canvas: Canvas, texture: Callable[[], Picture], hands: Se
     """
     makers = [_fingers, _mug, _microphone, _card, _blob, _mask, _cloth]
     weights = np.array([0.14, 0.12, 0.12, 0.12, 0.18, 0.1, 0.08])
-    if len(hands) and rng.random() < 0.45:
+    if len(hands) and rng.random() < 0.5:
         picture, alpha = _hand(rng, canvas, hands[int(rng.integers(len(hands)))])
     else:
         maker = makers[int(rng.choice(len(makers), p=weights / weights.sum()))]
         picture, alpha = maker(rng, canvas, texture)
+        if len(hands) and maker in (_mug, _microphone, _card) and rng.random() < 0.4:
+            picture, alpha = _held(rng, picture, alpha, canvas, hands[int(rng.integers(len(hands)))])
     if rng.random() < 0.6:
         canvas.crop = _shadow(rng, canvas.crop, alpha)
     if rng.random() < 0.25:
@@ -80,8 +82,18 @@ def _extent(canvas: Canvas) -> float:
     return float(np.linalg.norm(canvas.points[CHIN] - canvas.points[NOSE_ROOT])) + 1e-6
 
 
-def _hand(rng: Rng, canvas: Canvas, cutout: U8) -> Layer:
-    """A rendered hand, about as large as the face, anywhere on it, in the face's colours for some."""
+def _held(rng: Rng, thing: Picture, alpha: Picture, canvas: Canvas, cutout: U8) -> Layer:
+    """The thing with a hand on it."""
+    rows, columns = np.nonzero(alpha > 128)
+    if not len(rows):
+        return thing, alpha
+    at = int(rng.integers(len(rows)))
+    hand, cover = _hand(rng, canvas, cutout, np.array([columns[at], rows[at]], np.float64))
+    return blend(thing, hand, cover), np.maximum(alpha, cover)
+
+
+def _hand(rng: Rng, canvas: Canvas, cutout: U8, place: F64 | None = None) -> Layer:
+    """A rendered hand, about as large as the face, at `place` or anywhere on it, in the face's colours for some."""
     h, w = cutout.shape[:2]
     scale = _extent(canvas) * rng.uniform(1.1, 2.2) / max(h, w)
     angle = np.radians(rng.uniform(-180, 180) if rng.random() < 0.3 else rng.normal(0, 35))
@@ -90,11 +102,12 @@ def _hand(rng: Rng, canvas: Canvas, cutout: U8) -> Layer:
     if rng.random() < 0.5:
         linear = linear @ np.diag([-1.0, 1.0])
     anchor = np.array([w * rng.uniform(0.25, 0.75), h * rng.uniform(0.1, 0.6)])  # fingers lie above the wrist
-    matrix = np.column_stack([linear, _somewhere(rng, canvas) - linear @ anchor])
+    place = _somewhere(rng, canvas) if place is None else place
+    matrix = np.column_stack([linear, place - linear @ anchor])
     flags = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
     warped = cv2.warpAffine(cutout, matrix, (SIZE, SIZE), flags=flags)
     picture, alpha = warped[..., :3], warped[..., 3]
-    if rng.random() < 0.6:
+    if rng.random() < 0.7:
         picture = _in_colours_of(rng, picture, alpha, canvas)
     return np.ascontiguousarray(picture), np.ascontiguousarray(alpha)
 

@@ -16,20 +16,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from guise.aam.landmarks import schemes
+from guise.aam.parsing import FaceClass
 from guise.common.arrays import F64, I32, U8, Bool
 
-CLASSES = (
-    "background",
-    "skin",
-    "brows",
-    "eyes",
-    "lips",
-    "inner_mouth",
-    "hair",
-    "facial_hair",
-    "glasses",
-    "occluder",
-)
+CLASSES = tuple(one.name.lower() for one in FaceClass)
 BACKGROUND, SKIN, BROWS, EYES, LIPS, INNER_MOUTH, HAIR, FACIAL_HAIR, GLASSES, OCCLUDER = range(len(CLASSES))
 
 MAP_TEXELS = 1024  # the side of the map in texture coordinates

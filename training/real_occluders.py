@@ -14,8 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from guise.aam.parsing import CELLS
 from guise.common.arrays import U8, Bool
-from training.canvas import CELLS
 from training.measure import Answer
 from training.parsing_labels import OCCLUDER
 

@@ -65,12 +65,14 @@ def by_group(answer: Answer, pictures: Pictures, count: int) -> Rows:
     chosen = pictures.only(evenly_spaced(pictures, count))
     samples = plain_samples(chosen, len(chosen))
     found = answer(np.stack([s.crop for s in samples]))
-    errors = point_errors(found, samples)
+    errors = None if found.points is None else point_errors(found, samples)
     rows: Rows = {}
     for name, who in groups(chosen).items():
         if who.sum() < 10:
             continue
-        rows[name] = {"pictures": int(who.sum()), "points": float(errors[who].mean())}
+        rows[name] = {"pictures": int(who.sum())}
+        if errors is not None:
+            rows[name]["points"] = float(errors[who].mean())
         if found.iris is not None:
             some = [s for s, w in zip(samples, who, strict=True) if w]
             if any(s.iris_seen.any() for s in some):

@@ -19,7 +19,7 @@ import json
 import signal
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training.augment import SIZE, Props, negative, sample
+from training.augment import FOLLOWED, SIZE, Props, Strength, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, join, load_part, load_real, part_files
@@ -43,13 +43,38 @@ from training.parsing_labels import CLASSES
 SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
 CHAPTER_STEPS = 250  # after which newly rendered parts are read
 LOG_STEPS = 250  # from one line of the curves to the next
-NEGATIVE_SHARE = 0.1  # samples without a face
-REAL_SHARE = 0.2  # real pictures
 NONE, POSSIBLE, EXACT = 0, 1, 2  # what is known of a sample's parsing
 # How much a cell of each class counts: small classes would be drowned by skin and background.
-CLASS_WEIGHTS = (0.6, 0.8, 2.0, 3.0, 2.0, 3.0, 1.0, 1.5, 3.0, 1.5)
+CLASS_WEIGHTS = (0.6, 0.8, 2.0, 3.0, 2.0, 3.0, 1.0, 1.5, 3.0, 2.0)
 
 Batch = tuple[Tensor, ...]
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a training is for: the shares of its samples, how its crops lie, and how much each loss counts.
+
+    Parameters
+    ----------
+    negative, real : shares of samples without a face, and of real pictures
+    strength : how far the crops are off
+    points, iris, parsing : factors of the losses
+    """
+
+    negative: float = 0.1
+    real: float = 0.2
+    strength: Strength = field(default_factory=Strength)
+    points: float = 1.0
+    iris: float = 0.4
+    parsing: float = 2.0
+
+
+# `points`: one network for everything.  `parsing`: a network of its own for irises and parsing, which runs on crops of
+# a face that is followed; the points then merely steady its trunk.
+GOALS = {
+    "points": Goal(),
+    "parsing": Goal(negative=0.05, real=0.28, strength=FOLLOWED, points=0.2, iris=0.6, parsing=4.0),
+}
 
 
 @dataclass(frozen=True)
@@ -72,10 +97,11 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
     """Batches from first to last, each from a generator of its own: (seed, number)."""
 
     def __init__(
-        self, rendered: Pictures, real: Pictures | None, props: Props, numbers: range, batch: int, seed: int
-    ) -> None:
+        self, rendered: Pictures, real: Pictures | None, props: Props, numbers: range, batch: int, seed: int,
+        goal: Goal = GOALS["points"],
+    ) -> None:  # fmt: skip
         self.rendered, self.real, self.props = rendered, real, props
-        self.numbers, self.batch, self.seed = numbers, batch, seed
+        self.numbers, self.batch, self.seed, self.goal = numbers, batch, seed, goal
 
     def __iter__(self) -> Iterator[tuple[NDArray, ...]]:
         """Yield this worker's share of the batches."""
@@ -100,18 +126,18 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
         )
         maps, known = np.zeros((n, len(CLASSES), MAPS, MAPS), np.uint8), np.zeros(n, np.uint8)
         for k in range(n):
-            source = self.real if rng.random() < REAL_SHARE and self.real is not None else self.rendered
+            source = self.real if rng.random() < self.goal.real and self.real is not None else self.rendered
             one = source[int(rng.integers(len(source)))]
-            if rng.random() < NEGATIVE_SHARE:
+            if rng.random() < self.goal.negative:
                 crops[k], face[k] = negative(rng, one.image, one.points, self.props.backgrounds), 0
                 continue
-            made = sample(rng, one, self.props)
+            made = sample(rng, one, self.props, self.goal.strength)
             crops[k], points[k], iris[k], open_[k] = made.crop, made.points, made.iris, made.iris_seen
             maps[k], known[k] = np.round(made.maps * 255), EXACT if made.exact else POSSIBLE
         return crops, points, face, iris, open_, maps, known
 
 
-def loss_of(net: FaceNet, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+def loss_of(net: FaceNet, batch: Batch, goal: Goal = GOALS["points"]) -> tuple[Tensor, dict[str, float]]:
     """Sum of the losses of points, irises and parsing, and the figures of the curves."""
     crops, points, face, iris, open_, maps, known = batch
     seen = net.predict(crops)
@@ -123,7 +149,8 @@ def loss_of(net: FaceNet, batch: Batch) -> tuple[Tensor, dict[str, float]]:
     entropy = F.binary_cross_entropy_with_logits(seen.face, face)
     gaze = iris_loss(seen, iris, open_)
     parsing = parsing_loss(seen.parsing.float(), maps, known)
-    total = likelihood + 0.3 * near + 0.3 * far + entropy + 0.4 * gaze + 2 * parsing
+    total = goal.points * (likelihood + 0.3 * near + 0.3 * far + entropy)
+    total = total + goal.iris * gaze + goal.parsing * parsing
     figures = {
         "loss": total, "points_px": squared[there].sqrt().mean(), "face": entropy, "iris": gaze, "parsing": parsing,
     }  # fmt: skip
@@ -164,9 +191,11 @@ class Trainer:
     """Network, its running average, optimiser, curves."""
 
     def __init__(
-        self, output: Path, course: Course, batch: int, seed: int, workers: int, device: str = "cpu"
-    ) -> None:
+        self, output: Path, course: Course, batch: int, seed: int, workers: int, device: str = "cpu",
+        goal: Goal = GOALS["points"],
+    ) -> None:  # fmt: skip
         torch.manual_seed(seed)
+        self.goal = goal
         self.net, self.device = FaceNet(), torch.device(device)
         self.course, self.batch, self.seed, self.workers = course, batch, seed, workers
         self.output, self.step, self.start, self.ended = output, 0, time.time(), False
@@ -203,7 +232,7 @@ class Trainer:
     def chapter(self, rendered: Pictures, real: Pictures | None, props: Props, validation: Mapping) -> None:
         """Train on to the next multiple of CHAPTER_STEPS."""
         last = min(self.course.steps, (self.step // CHAPTER_STEPS + 1) * CHAPTER_STEPS)
-        samples = Samples(rendered, real, props, range(self.step, last), self.batch, self.seed)
+        samples = Samples(rendered, real, props, range(self.step, last), self.batch, self.seed, self.goal)
         loader = DataLoader(
             samples, batch_size=None, num_workers=self.workers, prefetch_factor=4 if self.workers else None
         )
@@ -223,7 +252,7 @@ class Trainer:
         self.net.train()
         batch = tuple(part.to(self.device, non_blocking=True) for part in batch)
         with torch.autocast(self.device.type, torch.bfloat16):
-            loss, figures = loss_of(self.net, batch)
+            loss, figures = loss_of(self.net, batch, self.goal)
         self.optimiser.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
@@ -278,15 +307,16 @@ class Shelf:
         return self._alignment.rendered(joined) if self._alignment else joined
 
 
-def write_facts(options: argparse.Namespace, rendered: Pictures, real: Pictures | None) -> None:
+def write_facts(options: argparse.Namespace, done: int, rendered: Pictures, real: Pictures | None) -> None:
     """Write what the model card says about the training."""
     start = "from the weights shipped before"
     if options.first_weights or options.scratch:
         start = "from random weights"
     facts = {
         "rendered": len(rendered), "people": len(set(rendered.person)), "real": len(real) if real else 0,
-        "real_people": len(set(real.person)) if real else 0, "steps": options.steps, "batch": options.batch,
-        "seed": options.seed, "start": start,
+        "real_people": len(set(real.person)) if real else 0, "steps": options.steps, "done": done,
+        "batch": options.batch, "seed": options.seed,
+        "start": start,
     }  # fmt: skip
     (options.output / "facts.json").write_text(json.dumps(facts, indent=1) + "\n")
 
@@ -302,6 +332,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--limit", type=int, help="use at most this many parts")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--goal", choices=sorted(GOALS), default="points")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--device", default="cpu", help="cpu or cuda")
@@ -329,14 +360,16 @@ def main() -> None:
         options.seed,
         options.workers,
         options.device,
+        GOALS[options.goal],
     )
     props = make_props(options.seed, options.hands)
     if options.first_weights:
         trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
     elif not options.scratch:
         first = Samples(
-            shelf.pictures(held_out=False), real if alignment else None, props, range(8), 64, options.seed + 1
-        )
+            shelf.pictures(held_out=False), real if alignment else None, props, range(8), 64, options.seed + 1,
+            GOALS[options.goal],
+        )  # fmt: skip
         load_shipped(trainer.net, SHIPPED, np.concatenate([first.make(k)[0] for k in first.numbers]))
         trainer.net.start_irises()
     trainer.prepare()
@@ -353,12 +386,12 @@ def main() -> None:
         validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
     signal.signal(signal.SIGTERM, trainer.end)
     while trainer.step < options.steps and not trainer.ended:
-        write_facts(options, shelf.pictures(held_out=False), real if alignment else None)
         count, rendered = shelf.refresh(), shelf.pictures(held_out=False)
         _append(
             options.output / "chapters.csv", {"step": trainer.step, "parts": count, "pictures": len(rendered)}
         )
         trainer.chapter(rendered, real if alignment else None, props, validation)
+        write_facts(options, trainer.step, rendered, real if alignment else None)
 
 
 if __name__ == "__main__":

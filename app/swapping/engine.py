@@ -90,16 +90,17 @@ class Engine(Closing):
     def draw(self, frame: Frame, shape: F64) -> F64:
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
-        parameters = self.estimator(shape, texels)
-        self.update_occlusion(parameters, texels)
+        parameters = self.estimator(shape, self.clear(frame, shape, texels))
         appearance = self.synthesise(parameters, shape)
         self._last = shape, appearance
         return self.painter.paint(frame, shape, appearance, texels)
 
-    def update_occlusion(self, parameters: F32, texels: F32) -> None:
-        """Measure what hides the face, given the source's parameters (k,) and the frame's RGB at the texels (t, 3)."""
-        if self.occlusion is not None:
-            self.occlusion.update(parameters, texels)
+    def clear(self, frame: Frame, shape: F64, texels: F32) -> F32:
+        """The frame's RGB (t, 3) at the texels, without what hides the face at a shape (81, 2)."""
+        if self.occlusion is None:
+            return texels
+        self.occlusion.update(frame, shape)
+        return self.occlusion.cleared(texels)
 
     def synthesise(self, parameters: F32, shape: F64) -> F32:
         """The target's appearance (162 + 3 n,) for the source's parameters (k,) and tracked shape (81, 2)."""
@@ -118,4 +119,4 @@ def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineO
     """What hides the source's face; a disguise is drawn over everything, so that nothing of the person shows."""
     if options.light == "paper" or options.disguise or not options.occluders:
         return None
-    return Occlusion(source.appearance, estimator.texels)
+    return Occlusion(source.reference, estimator.sampler)

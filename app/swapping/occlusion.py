@@ -1,9 +1,8 @@
-"""What hides the source's face in a frame: a hand, a mug, a microphone.
+"""What hides the source's face in a frame: hands and other objects, hair, glasses.
 
-The source's model says what their face looks like with its present expression.  Where the frame differs from that in
-colour by more than a smooth light explains, or is far darker or brighter than any shadow or gloss, something else is
-seen.  There the light isn't measured, and the frame's own pixels stay in front of the drawn face.  A hand of the colour
-of the face isn't noticed.  RGB 0..255.
+The frame is parsed (`guise.aam.parsing`), and what is in front of the face is read where the drawn face's mesh lies.
+There the frame's own pixels stay, and neither light nor expression is measured.  While nothing but hair and glasses is
+in front, only some frames are parsed; what was found moves along with the face.
 """
 
 from __future__ import annotations
@@ -12,148 +11,156 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike
 
-from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
-from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
+from guise.aam.landmarks.builtin import CROP, SIZE, cut
+from guise.aam.landmarks.crops import crop_to_picture, upright_square
+from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE
 from guise.aam.mask import soft_parts
-from guise.aam.similarity import align_planar
-from guise.app.swapping.coarse_grid import CellReader, CoarseGrid, TexelSums
-from guise.common.arrays import F32, F64, Floating, Int
+from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.app.media import Frame
+from guise.app.swapping.coarse_grid import CoarseGrid
+from guise.common.arrays import F32, F64, Floating
 
 
 @dataclass(frozen=True)
 class OcclusionLimits:
-    """Widths, thresholds and memory; differences are of natural logarithms of channels."""
+    """Widths, thresholds and memory.
 
-    cell_face_widths: float = 0.025
-    light_sigma_face_widths: float = 0.12
-    sigma_face_widths: float = 0.025  # over which differences are averaged
-    difference: tuple[float, float] = (0.11, 0.19)  # up to which all is visible, from which all is hidden
-    shadow: float = 0.8  # difference in brightness that light may make
-    darkness_weight: float = 0.2  # of what exceeds it, beside the difference in colour
-    memory: float = 0.5  # share kept of the occlusion from frame to frame
-    light_memory: float = 0.6  # share kept of the light
-    first_rounds: int = 3  # of the first, robust fit of the light
-    max_outlier: float = 0.17  # difference of a texel that counts in it
-    black_grey_levels: float = 4.0  # added before a ratio is taken
-    min_weight: float = 1e-3  # of a texel
-    shown: tuple[float, float] = (0.2, 0.9)  # occlusion: up to it the drawn face is whole, from it gone
-    feature_growth_face_widths: float = 0.02  # around eyes and mouth, whose inside is hard to predict
+    Each share is a pair: that of a class up to which the drawn face is whole, and that from which it is gone.
+    """
+
+    cell_face_widths: float = 0.0125
+    object_share: tuple[float, float] = (0.15, 0.45)
+    hair_share: tuple[float, float] = (0.5, 0.85)
+    glasses_share: tuple[float, float] = (0.3, 0.6)
+    memory: float = (
+        0.7  # share of hair and glasses kept from one parsed frame to the next; objects come and go
+    )
+    pause_frames: int = 2  # between two parsed frames while no object is in front
+    brow_growth_face_widths: float = (
+        0.03  # around brows and eyes, where hair doesn't count: brows are always covered
+    )
+    min_hidden: float = 0.02  # share from which something is in front
 
 
 LIMITS = OcclusionLimits()
-HOLE_KERNEL = np.ones((3, 3), np.uint8)  # cells; smaller holes in what hides the face are filled
 
 
 class Occlusion:
-    """Measured frame by frame, smooth in time.
+    """Measured frame by frame; what is worn is smooth in time.
 
     Parameters
     ----------
-    model : AppearanceModel of the source.
-    texels : (t,) indices into the reference frame's mask pixels, where frames are sampled.
+    reference : ReferenceFrame.
+    texels : sampler of the places at which light and expression are measured.
     """
 
-    def __init__(self, model: AppearanceModel, texels: Int) -> None:
-        reference = self._reference = model.reference
-        rows = (SHAPE_ENTRIES + 3 * texels[:, None] + np.arange(3)).ravel()
-        self._mean = model.components.mean[rows]
-        self._basis = np.ascontiguousarray(model.components.basis[rows])
-        grid = self._grid = CoarseGrid(reference, LIMITS.cell_face_widths)
-        places = grid.places(texels)
-        self._sums, self._at_texels = TexelSums(grid.size, places), CellReader(places)
-        self._light_smoother = grid.smoother(LIMITS.light_sigma_face_widths)
-        self._smoother = grid.smoother(LIMITS.sigma_face_widths)
-        inside = soft_parts(reference, (RIGHT_EYE, LEFT_EYE, INNER_LIPS), LIMITS.feature_growth_face_widths)
-        self._reliable = 1 - inside[reference.mask][texels]
-        self._everywhere = np.ones(len(texels), np.float32)
-        self._sampler = reference.sampler[texels]
-        self._corners = np.stack(np.meshgrid(*(np.arange(n, dtype=np.float32) for n in grid.size[::-1])))
+    def __init__(self, reference: ReferenceFrame, texels: MeshSampler) -> None:
+        self._reference, self._texels = reference, texels
+        self._parser = FaceParser()
+        self._grid = CoarseGrid(reference, LIMITS.cell_face_widths)
+        height, width = self._grid.size
+        cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
+        places = cells * self._grid.cell
+        self._cells = MeshSampler.build(reference, places.astype(np.float64))
+        features = (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE)
+        bare = soft_parts(reference, features, LIMITS.brow_growth_face_widths)
+        x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
+        self._hair_weight = np.asarray(1 - bare[y, x], np.float32)
         self.reset()
 
     def reset(self) -> None:
         """Measure the next frame without memory."""
-        self._light: F32 | None = None
-        self._hidden = np.zeros(self._grid.size, np.float32)
-        self._visible = np.ones(len(self._reliable), np.float32)
+        self._layers: _Layers | None = None  # of the last parsed frame, until it is drawn
+        self._pause_frames = 0
+        self._worn: F32 | None = None
+        self._uncovered: F32 | None = None
+        self._visible: F32 | None = None
+        self._clear: F32 | None = None
 
     @property
-    def visible(self) -> F32:
-        """(t,) share in [0, 1] by which each texel counts as the source's face."""
+    def visible(self) -> F32 | None:
+        """(t,) share in [0, 1] by which each texel counts as the source's face; None before the first frame."""
         return self._visible
 
-    @property
-    def found(self) -> bool:
-        """Whether anything hides a part of the face."""
-        return float(self._hidden.max()) > LIMITS.shown[0]
+    def update(self, frame: Frame, shape: F64) -> None:
+        """Look at a frame in which the face lies at a shape (81, 2)."""
+        if self._pause_frames:
+            self._pause_frames -= 1
+            return
+        self._layers = _Layers.of(parse_frame(self._parser, frame, shape))
+        self._visible = 1 - np.max(self._layers.at(self._texels.positions(shape)), axis=1)
 
-    def update(self, parameters: F32, seen: F32) -> None:
-        """Measure a frame.
+    def cleared(self, seen: F32) -> F32:
+        """The frame's RGB (t, 3) at the texels; where something is in front, what was seen there before."""
+        if self._clear is None or self._visible is None:
+            self._clear = seen
+        else:
+            self._clear = self._clear + self._visible[:, None] * (seen - self._clear)
+        return self._clear
 
-        parameters (k,) : of the source's appearance in it.   seen (t, 3) : the frame's RGB at the texels.
+    def uncovered(self, mesh: F64) -> F32 | None:
+        """(h, w) share in [0, 1] of the drawn face that nothing hides, on the reference grid; None is all of it.
+
+        mesh : (81, 2) pixels, where the face is drawn.  Until another frame is parsed it's the same array.
         """
-        own = (self._mean + self._basis @ parameters).reshape(-1, 3)
-        black = np.float32(LIMITS.black_grey_levels)
-        log = np.log((np.maximum(seen, 0) + black) / (np.maximum(own, 0) + black))
-        if self._light is None:
-            self._light = self._first_light(log)
-        change = log - self._at_texels(self._light).T
-        clear = self._reliable * self._visible > 0.5
-        jump = np.median(change[clear], axis=0) if clear.any() else np.zeros(3, np.float32)
-        self._light += jump[:, None, None]
-        hidden = self._hidden_cells(_difference(change - jump))
-        self._hidden += np.float32(1 - LIMITS.memory) * (hidden - self._hidden)
-        self._visible = np.clip(1 - 2 * self._at_texels(self._hidden[None])[0], 0, 1)
-        weights = self._reliable * self._visible + np.float32(LIMITS.min_weight)
-        light = self._light_smoother.means(self._sums(log, weights))
-        self._light += np.float32(1 - LIMITS.light_memory) * (light - self._light)
+        if self._layers is None:
+            return self._uncovered
+        thing, hair, glasses = self._layers.at(self._cells.positions(mesh)).T
+        self._layers = None
+        worn = np.maximum(hair * self._hair_weight, glasses)
+        self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
+        self._pause_frames = 0 if thing.max() > LIMITS.min_hidden else LIMITS.pause_frames
+        hidden = np.maximum(thing, self._worn)
+        self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
+        return self._uncovered
 
-    def uncovered(self, mesh: F64, head: F64) -> F32:
-        """(h, w) share in [0, 1] of the drawn face that nothing hides, on the reference grid.
-
-        mesh, head : (81, 2) pixels, where the face is drawn and where the source's own lies.
-        """
-        fit = align_planar(head, self._reference.points, RIGID_WEIGHTS)
-        away = self._sampler.positions((fit.apply(mesh) - fit.apply(head)) / self._grid.cell)
-        x, y = self._corners + self._smoother.means(self._sums(away, self._everywhere))
-        hidden = cv2.remap(self._hidden, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    def _on_reference(self, cells: F32) -> F32:
         height, width = self._reference.size
         to_cells = np.array([[1 / self._grid.cell, 0, 0], [0, 1 / self._grid.cell, 0]])
-        shares = cv2.warpAffine(
-            1 - _ramp(hidden, LIMITS.shown),
-            to_cells,
-            (width, height),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
+        picture = cv2.warpAffine(
+            cells.reshape(self._grid.size), to_cells, (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        return np.clip(picture, 0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Layers:
+    """How far objects, hair and glasses hide the cells (64, 64, 3) of a parsed frame."""
+
+    parsing: FaceParsing
+    hidden: F32
+
+    @classmethod
+    def of(cls, parsing: FaceParsing) -> _Layers:
+        layers = (
+            (FaceClass.OCCLUDER, LIMITS.object_share),
+            (FaceClass.HAIR, LIMITS.hair_share),
+            (FaceClass.GLASSES, LIMITS.glasses_share),
         )
-        return np.clip(shares, 0, 1)
+        return cls(parsing, np.dstack([_ramp(parsing.shares[kind], ends) for kind, ends in layers]))
 
-    def _first_light(self, log: F32) -> F32:
-        """Smooth light (3, h, w) of logarithms (t, 3), without the texels far from it."""
-        weights = self._reliable + np.float32(LIMITS.min_weight)
-        for _ in range(LIMITS.first_rounds):
-            light = self._light_smoother.means(self._sums(log, weights))
-            difference = _difference(log - self._at_texels(light).T)
-            weights = self._reliable * (difference < LIMITS.max_outlier) + np.float32(LIMITS.min_weight)
-        return light
-
-    def _hidden_cells(self, difference: Floating) -> F32:
-        """(h, w) share in [0, 1] that is hidden, of the texels' differences (t,) from their face in this light."""
-        weights = self._reliable + np.float32(LIMITS.min_weight)
-        local = self._smoother.means(self._sums(difference[:, None], weights))[0]
-        shares = _ramp(local, LIMITS.difference)
-        return np.asarray(cv2.morphologyEx(shares, cv2.MORPH_CLOSE, HOLE_KERNEL), np.float32)
+    def at(self, points: Floating) -> F32:
+        """(n, 3) at points (n, 2) of the picture."""
+        return self.parsing.at(points, self.hidden)
 
 
-def _ramp(values: ArrayLike, ends: tuple[float, float]) -> F32:
+def parse_frame(parser: FaceParser, frame: Frame, shape: F64) -> FaceParsing:
+    """Parse the face at a shape (81, 2) of a frame, of which only the face's surroundings are converted."""
+    centre, side, turn = upright_square(shape)
+    side *= CROP.side_head_boxes
+    to_picture = crop_to_picture(centre, side, turn, (SIZE, SIZE))
+    corners = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
+    reached = corners @ to_picture[:, :2].T + to_picture[:, 2]
+    x0, y0, w, h = frame.align_roi(*(reached.min(0) - 1), *(reached.max(0) + 2))
+    if w < 2 or h < 2:
+        return parser.of_crop(np.zeros((SIZE, SIZE, 3), np.uint8), to_picture)
+    crop, _ = cut(frame.rgb_roi(x0, y0, w, h), centre - (x0, y0), side, turn)
+    return parser.of_crop(crop, to_picture)
+
+
+def _ramp(shares: F32, ends: tuple[float, float]) -> F32:
     """0 up to the first end, 1 from the second, linear between them."""
-    return np.asarray(np.clip((np.asarray(values) - ends[0]) / (ends[1] - ends[0]), 0, 1), np.float32)
-
-
-def _difference(change: F32) -> F32:
-    """(t,) how little light explains changes (t, 3) of the channels' logarithms: colour, and extreme brightness."""
-    brightness = change.mean(1)
-    excess = np.maximum(np.abs(brightness) - np.float32(LIMITS.shadow), 0)
-    colour = np.abs(change - brightness[:, None]).mean(1)
-    return np.asarray(colour + np.float32(LIMITS.darkness_weight) * excess)
+    return np.asarray(np.clip((shares - ends[0]) / (ends[1] - ends[0]), 0, 1), np.float32)

@@ -71,7 +71,7 @@ class Painter:
         self._pull = options.outline * outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
-        self._occluded: set[bool] = set()  # compositors whose alpha holds an occlusion
+        self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
         self._zeros = np.zeros((3, 0), np.float32)
 
@@ -86,9 +86,7 @@ class Painter:
         if texels is not None:
             visible = None if self._occlusion is None else self._occlusion.visible
             self._palette.update(texture[self._texels], texels, visible)
-        uncovered = None
-        if self._occlusion is not None and self._occlusion.found:
-            uncovered = self._occlusion.uncovered(mesh, head)
+        uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
         self.blend(frame, mesh, texture, zoom, uncovered)
         return mesh
 
@@ -169,13 +167,12 @@ class Painter:
         return self._compositors[fine]
 
     def _set_occlusion(self, fine: bool, uncovered: F32 | None) -> None:
-        """Draw only what nothing hides; the alpha is touched only in frames with an occlusion and after them."""
-        if uncovered is not None:
-            self._compositor(fine).set_alpha(self._enlarged(self._alpha * uncovered, fine))
-            self._occluded.add(fine)
-        elif fine in self._occluded:
-            self._compositor(fine).set_alpha(self._enlarged(self._alpha, fine))
-            self._occluded.remove(fine)
+        """Draw only what nothing hides; the alpha is touched only when that changes."""
+        if uncovered is self._shown.get(fine):
+            return
+        alpha = self._alpha if uncovered is None else self._alpha * uncovered
+        self._compositor(fine).set_alpha(self._enlarged(alpha, fine))
+        self._shown[fine] = uncovered
 
     def _enlarged(self, alpha: F32, fine: bool) -> F32:
         """An alpha (h, w) at the size of the texture."""

@@ -156,8 +156,8 @@ def _timed_swap(engine: Engine, frame: Frame, clock: _Clock) -> bool:
     clock.times["track"] += tracking.times["track"]
     places = engine.estimator.sampler.positions
     texels = clock.measure("sample", lambda: frame.sample_rgb(places(fit.shape)))
-    parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, texels))
-    clock.measure("occlusion", lambda: engine.update_occlusion(parameters, texels))
+    clear = clock.measure("occlusion", lambda: engine.clear(frame, fit.shape, texels))
+    parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, clear))
     appearance = clock.measure("extrapolate", lambda: engine.synthesise(parameters, fit.shape))
     painting = _Clock()
     painting.measure("paint", lambda: engine.painter.paint(frame, fit.shape, appearance, texels))

@@ -1,0 +1,116 @@
+"""What each part of a face's surroundings shows, and where the irises are, by a small network that ships with Guise.
+
+`aam/data/face.onnx` is made by scripts in `training/`; `aam/data/face.md` says from what data and how large the errors
+are.  The network sees the upright crop of 128 x 128 pixels about a face whose points are known, and divides it into
+64 x 64 cells.
+
+Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).  Not for several threads at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import cv2
+import numpy as np
+
+from guise.aam.landmarks.builtin import CROP, DATA, cut
+from guise.aam.landmarks.crops import upright_square
+from guise.aam.onnx_model import open_session
+from guise.common.arrays import F32, F64, U8, Floating
+
+CELLS = 64  # the side of the maps
+CROP_PIXELS_PER_CELL = 2
+
+
+class FaceClass(IntEnum):
+    """What a cell can show, in the order of the maps."""
+
+    BACKGROUND = 0
+    SKIN = 1
+    BROWS = 2
+    EYES = 3
+    LIPS = 4
+    INNER_MOUTH = 5
+    HAIR = 6
+    FACIAL_HAIR = 7
+    GLASSES = 8
+    OCCLUDER = 9
+
+
+@dataclass(frozen=True, eq=False)
+class FaceParsing:
+    """The maps of one face.
+
+    Parameters
+    ----------
+    shares : (10, 64, 64) float32, share in [0, 1] of each `FaceClass` in each cell; they sum to 1.
+    to_picture : (2, 3) affine map from cells to pixels of the picture.
+    irises : (2, 4) float64: x, y, radius and standard deviation of the centre in pixels of the picture, of the
+        person's right eye and of the left one.  Of a shut or hidden eye they are a guess.
+    """
+
+    shares: F32
+    to_picture: F64
+    irises: F64
+
+    def share(self, *classes: FaceClass) -> F32:
+        """(64, 64) share of all these classes together."""
+        return np.asarray(self.shares[list(classes)].sum(0))
+
+    def at(self, points: Floating, cells: F32) -> F32:
+        """(n,) or (n, c) bilinear values, at points (n, 2) of the picture, of maps (64, 64, ...); 0 outside."""
+        places = cv2.transform(np.asarray(points, np.float32)[None], self.to_cells)[0]
+        return read_cells(cells, places)
+
+    @property
+    def to_cells(self) -> F64:
+        """(2, 3) affine map from pixels of the picture to cells."""
+        return np.asarray(cv2.invertAffineTransform(self.to_picture), np.float64)
+
+
+class FaceParser:
+    """Parses faces whose points are known.
+
+    Parameters
+    ----------
+    threads : of onnxruntime.
+    """
+
+    def __init__(self, threads: int = 1) -> None:
+        self._session = open_session((DATA / "face.onnx").read_bytes(), threads)
+
+    def parse(self, rgb: U8, points: Floating) -> FaceParsing:
+        """The maps of the face with points (81, 2) in a picture."""
+        centre, side, turn = upright_square(np.asarray(points, np.float64))
+        return self.of_crop(*cut(rgb, centre, CROP.side_head_boxes * side, turn))
+
+    def of_crop(self, crop: U8, to_picture: F64) -> FaceParsing:
+        """The maps of a crop (128, 128, 3), given the map (2, 3) from its pixels to those of the picture."""
+        iris, shares = self._session.run(["iris", "parsing"], {"crop": crop[None]})
+        irises = iris[0].astype(np.float64)
+        irises[:, :2] = irises[:, :2] @ to_picture[:, :2].T + to_picture[:, 2]
+        irises[:, 2:] *= float(np.hypot(*to_picture[:, 0]))
+        first = np.full(
+            2, (CROP_PIXELS_PER_CELL - 1) / 2
+        )  # of the crop's pixels, the middle of the first cell
+        linear = to_picture[:, :2] * CROP_PIXELS_PER_CELL
+        return FaceParsing(
+            shares[0], np.column_stack([linear, to_picture[:, :2] @ first + to_picture[:, 2]]), irises
+        )
+
+
+_FOLDED_COLUMNS = 256  # of places, as cv2.remap takes at most 32767
+
+
+def read_cells(cells: F32, places: F32) -> F32:
+    """(n,) or (n, c) bilinear values of maps (h, w) or (h, w, c) at places (n, 2) in cells; 0 beyond them."""
+    rows = -(-len(places) // _FOLDED_COLUMNS)
+    folded = np.zeros((rows * _FOLDED_COLUMNS, 2), np.float32)
+    folded[: len(places)] = places
+    values = cv2.remap(
+        cells, folded.reshape(rows, _FOLDED_COLUMNS, 2), None, cv2.INTER_LINEAR,  # type: ignore[call-overload]
+        borderMode=cv2.BORDER_CONSTANT, borderValue=0,
+    )  # fmt: skip
+    return np.asarray(values, np.float32).reshape(rows * _FOLDED_COLUMNS, *cells.shape[2:])[: len(places)]
