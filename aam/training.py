@@ -23,11 +23,12 @@ from guise.aam.appearance import (
     rest_weights,
     sample_texture,
 )
+from guise.aam.detail import FineGrid, with_detail
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
-from guise.aam.light import LUMA, equalised_light, skin_colours
+from guise.aam.light import equalised_light, skin_colours
 from guise.aam.mask import core_band, learn_mask, skin_mask
 from guise.aam.model import Identity, RestFrame
-from guise.aam.reference import DEFAULT_RESOLUTION, MeshSampler, ReferenceFrame, remap_points
+from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
 from guise.common.arrays import F32, F64, U8, Bool, Int
@@ -39,7 +40,7 @@ class TrainingLimits:
     """Thresholds of the choice of frames and of the parts of a model."""
 
     min_frames: int = 12  # below which no useful model comes out
-    rest_frames: int = 3  # averaged into the detail of the neutral face
+    rest_frames: int = 8  # of which the sharpest give the neutral face its detail
     max_held_out_frames: int = 60
     training_share: float = 0.8  # of the usable frames, at most
     min_points_inside: float = 0.6  # share of the landmarks that must lie in the picture
@@ -245,11 +246,12 @@ def train_identity(
         raise TrainingError("no frame shows the face at rest; use a clip with a closed mouth in it")
     progress(1.0)
     assert at_rest[0].picture is not None
+    appearance, detail = _detailed(appearance, at_rest)
     return Identity(
         name,
         appearance,
         tracker,
-        _detail(at_rest, appearance),
+        detail,
         RestFrame(at_rest[0].picture, at_rest[0].shape),
         {"frames": len(training), "held_out_error": tracker.quality.error, **(facts or {})},
     )
@@ -280,6 +282,16 @@ def _appearance(
     return AppearanceModel(reference, components, neutral, mask)
 
 
+def _detailed(appearance: AppearanceModel, at_rest: Sequence[Observation]) -> tuple[AppearanceModel, F32]:
+    """The appearance with a sharp neutral face, and the detail that is too fine for it, see `with_detail`."""
+    sample = FineGrid(appearance.reference)
+    frames = [sample(o.picture, o.shape) for o in at_rest if o.picture is not None]
+    texture, detail = with_detail(appearance.neutral_texture, frames, appearance.mask, appearance.reference)
+    neutral = appearance.neutral.copy()
+    neutral[SHAPE_ENTRIES:] = texture.ravel()
+    return replace(appearance, neutral=neutral), detail
+
+
 def _without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:
     """A texture (n, 3) with smooth skin in place of hair and background, so that it can be drawn there too."""
     known = skin_mask(reference) & core_band(reference) & mask
@@ -308,20 +320,3 @@ def held_out_error(tracker: Tracker, held_out: Sequence[Observation]) -> float:
             miss = np.linalg.norm(fit.shape - truth, axis=1).mean()
             errors.append(miss / np.linalg.norm(truth[LEFT_EYE_OUTER] - truth[RIGHT_EYE_OUTER]))
     return float(np.mean(errors)) if errors else float("nan")
-
-
-def _detail(at_rest: Sequence[Observation], appearance: AppearanceModel) -> F32:
-    """Luma (2 h, 2 w) of the neutral face that the texture grid is too coarse for."""
-    reference = appearance.reference
-    h, w = reference.size
-    ys, xs = np.mgrid[: 2 * h, : 2 * w]
-    places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / 2 - 0.5
-    sampler = MeshSampler.build(reference, places)
-    fine = []
-    for observed in at_rest:
-        assert observed.picture is not None
-        luma = (observed.picture @ LUMA).astype(np.float32)
-        picture = remap_points(luma, sampler.positions(observed.shape)).reshape(2 * h, 2 * w)
-        coarse = cv2.resize(picture, (w, h), interpolation=cv2.INTER_AREA)
-        fine.append(picture - cv2.resize(coarse, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR))
-    return np.asarray(np.mean(fine, axis=0), np.float32)
