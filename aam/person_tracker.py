@@ -1,21 +1,27 @@
-"""Tracking one person through a video: fit frame by frame, decide when they are lost, re-acquire them.
+"""Tracking one person through a video: where they are in each frame, when they are lost, and where they are again.
 
-Where the tracker doesn't recognise the person (hard light, a turned head, a hand in front) but a landmarker sees a face
-in the same place, the landmarker's points carry the track until the tracker recognises the person again.  Pixels, x
-right, y down.
+A landmarker and the person's own tracker are one estimator.  The landmarker has seen many faces and follows every
+expression, so its points, from one frame to the next, say where the face is; the tracker knows this person and says
+whether it is theirs.  Where the landmarker fails (a hidden or tiny face), the tracker's own fit continues.  Where the
+tracker doesn't recognise the person (hard light, a turned head, a hand in front) but the landmarker sees a face in the
+same place, its points carry the track.  Pixels, x right, y down.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from guise.aam.landmarks import BoxDetector, Face, Landmarker, iou
+from guise.aam.landmarks.crops import upright_square
 from guise.aam.landmarks.plausible import is_plausible_motion
-from guise.aam.landmarks.schemes import IBUG68
+from guise.aam.landmarks.schemes import IBUG68, INNER51, RIGID_WEIGHTS, interocular
+from guise.aam.model import RestFrame
+from guise.aam.reference import ReferenceFrame
 from guise.aam.shape_filter import ShapeFilter
-from guise.aam.similarity import Failed
+from guise.aam.similarity import Failed, align_planar
 from guise.aam.tracker import Fit, Tracker
 from guise.common.arrays import F64, U8
 from guise.common.errors import GuiseError
@@ -27,7 +33,9 @@ FaceFinder = BoxDetector | Landmarker
 class PersonTrackingLimits:
     """Thresholds for finding a person again."""
 
-    min_start_confidence: float = 0.5  # of a landmarker's face, from which the tracker starts on it
+    min_confidence: float = 0.5  # of a landmarker's face that is taken
+    reach_head_boxes: float = 0.95  # from a face's middle, within which the landmarker is shown the picture
+    max_same_definition_interocular: float = 0.02  # mean distance of two sources' points of one face
     max_start_faces: int = 4  # faces of a frame on which a start is tried
     eager_lost_frames: int = (
         10  # lost frames with a search in each; later only every `search_interval_frames`-th
@@ -55,6 +63,9 @@ class PersonTracker:
     finder : finds faces in the first frame and after a loss: a box detector, or a landmarker, which gives the tracker
         a whole face to start from; without one, give `start`.
     start : (81, 2) landmarks of the first frame, pixels, or None.
+    landmarker : follows the face from frame to frame; None for the finder, if that is one, or the tracker alone.
+    rest : a frame of the person with their model's points.  Where the landmarker defines points differently from the
+        landmarks that the model was made from, its points are moved by the difference there.
 
     Attributes
     ----------
@@ -62,37 +73,72 @@ class PersonTracker:
     most_faces : largest number of faces that the finder has seen in one frame.
     """
 
-    def __init__(self, tracker: Tracker, finder: FaceFinder | None, start: F64 | None = None) -> None:
+    def __init__(
+        self,
+        tracker: Tracker,
+        finder: FaceFinder | None,
+        start: F64 | None = None,
+        *,
+        landmarker: Landmarker | None = None,
+        rest: RestFrame | None = None,
+    ) -> None:
         if not len(tracker.pixels):
             raise GuiseError(
                 "the model of the person in the video is a donor's, which can be shown but not tracked: "
                 "enrol the person from the video"
             )
         self.tracker, self.finder = tracker, finder
+        self.landmarker = finder if landmarker is None and isinstance(finder, Landmarker) else landmarker
         self.lost_frames = 0
         self.most_faces = 0
         self._last = start
         self._velocity = np.zeros(2)
         self._filter = ShapeFilter()
-        self._face: Face | None = None  # the landmarker's, while it carries the track
+        self._by_landmarks = False  # whether the landmarker's points were the last fit
         self._carried_frames = 0
         self._recognised = False  # in any frame
         self._difference: F64 | None = None
+        self._definition = _Definition(self.landmarker, rest, tracker.reference)
 
     def update(self, luma: U8) -> Fit | Failed:
         """The person in the next frame (h, w), temporally filtered, or why there is no fit."""
-        fit = self._continued(luma)
-        if not isinstance(fit, Fit):
-            fit = self._reacquired(luma, fit)
-        elif self._face is not None:
-            self._face = None
+        fit, by_landmarks = self._found(luma)
         if not isinstance(fit, Fit):
             self._filter.reset()
-        fit = self._crossfaded(fit)
-        self._remember(fit)
+        fit = self._crossfaded(fit, by_landmarks)
+        self._remember(fit, by_landmarks)
         return replace(fit, shape=self._filter(fit.shape)) if isinstance(fit, Fit) else fit
 
+    def _found(self, luma: U8) -> tuple[Fit | Failed, bool]:
+        """The person in a frame, and whether the landmarker's points say where."""
+        near = self._followed(luma)
+        if isinstance(near, Fit) and not near.carried:
+            return near, True
+        tracked = self._continued(luma)
+        if isinstance(tracked, Fit):
+            return tracked, False
+        if isinstance(near, Fit) and self._carried_frames % LIMITS.detection_interval_frames:
+            return near, True
+        return self._searched(luma, near if isinstance(near, Fit) else tracked)
+
+    def _followed(self, luma: U8) -> Fit | Failed:
+        """The landmarker's points where the face was in the last frame."""
+        if self.landmarker is None or self._last is None or self.lost_frames:
+            return Failed("no face to follow")
+        x, y, rgb = _surroundings(luma, self._last)
+        if not rgb.size:
+            return Failed("the face has left the picture")
+        last = self._last - (x, y)
+        last = last - self._definition.on(last)
+        face = self.landmarker.refine(rgb, Face.around(last, 1.0))
+        if face is None or face.confidence < LIMITS.min_confidence:
+            return Failed("no face where it was")
+        if not is_plausible_motion(last, face.points):
+            return Failed("the face jumped")
+        return self.tracker.measured(luma, self._defined(face) + np.array([x, y]))
+
     def _continued(self, luma: U8) -> Fit | Failed:
+        """The tracker's own fit near the last one."""
         if self._last is None:
             return Failed("no face found yet")
         fit = self.tracker.fit(luma, self._last)
@@ -100,52 +146,42 @@ class PersonTracker:
             return fit
         return self.tracker.fit(luma, self._last + self._velocity)
 
-    def _reacquired(self, luma: U8, reason: Failed) -> Fit | Failed:
+    def _searched(self, luma: U8, otherwise: Fit | Failed) -> tuple[Fit | Failed, bool]:
+        """The person among the faces that the finder sees anywhere; what is known otherwise where it sees none."""
         pause = self.lost_frames > LIMITS.eager_lost_frames
         if self.finder is None or (pause and self.lost_frames % LIMITS.search_interval_frames):
-            return reason
+            return otherwise, isinstance(otherwise, Fit)
         if isinstance(self.finder, Landmarker):
-            return self._from_landmarks(self.finder, luma, reason)
+            return self._from_landmarks(self.finder, luma, otherwise)
         boxes = self.finder.detect(luma)
         self.most_faces = max(self.most_faces, len(boxes))
-        return self.tracker.acquire(luma, boxes[: LIMITS.max_start_faces]) if len(boxes) else reason
+        fit = self.tracker.acquire(luma, boxes[: LIMITS.max_start_faces]) if len(boxes) else otherwise
+        return (fit, False) if isinstance(fit, Fit) and fit is not otherwise else (otherwise, True)
 
-    def _from_landmarks(self, landmarker: Landmarker, luma: U8, reason: Failed) -> Fit | Failed:
-        """The tracker's fit from a landmarker's face, or else that face itself: what is in plain view isn't lost."""
-        rgb = np.repeat(luma[..., None], 3, axis=2)
-        faces = self._landmarked(landmarker, rgb)
-        starts = [face.points.astype(np.float64) for face in faces[: LIMITS.max_start_faces]]
-        fit = self.tracker.acquire_from(luma, starts) if starts else reason
-        if isinstance(fit, Fit):
-            self._face = None
-            return fit
-        found = [
-            (one, self.tracker.measured(luma, face.points.astype(np.float64)))
-            for one, face in enumerate(faces)
-        ]
-        known = [
-            (one, fit) for one, fit in found if isinstance(fit, Fit) and self._is_person(faces[one], fit)
-        ]
-        if not known:
-            self._face = None
-            return reason
-        one, fit = min(known, key=lambda entry: entry[1].residual)
-        self._face = faces[one]
-        return fit
-
-    def _landmarked(self, landmarker: Landmarker, rgb: U8) -> list[Face]:
-        """The landmarker's faces: the one that was carried before, refined, or all that are detected."""
-        if self._face is not None and self._carried_frames % LIMITS.detection_interval_frames:
-            face = landmarker.refine(rgb, self._face)
-            if (
-                face is not None
-                and face.confidence >= LIMITS.min_start_confidence
-                and is_plausible_motion(self._face.points, face.points)
-            ):
-                return [face]
-        faces = [face for face in landmarker.detect(rgb) if face.confidence >= LIMITS.min_start_confidence]
+    def _from_landmarks(
+        self, landmarker: Landmarker, luma: U8, otherwise: Fit | Failed
+    ) -> tuple[Fit | Failed, bool]:
+        """The landmarker's face that is the person's, or the tracker's fit from one, or the likeliest face."""
+        faces = [f for f in landmarker.detect(_grey_rgb(luma)) if f.confidence >= LIMITS.min_confidence]
         self.most_faces = max(self.most_faces, len(faces))
-        return faces
+        measured = [(face, self.tracker.measured(luma, self._defined(face))) for face in faces]
+        found = [(face, fit) for face, fit in measured if isinstance(fit, Fit)]
+        recognised = [fit for _, fit in found if not fit.carried]
+        if recognised:
+            return min(recognised, key=lambda fit: fit.residual), True
+        starts = [fit.shape for _, fit in found[: LIMITS.max_start_faces]]
+        fit = self.tracker.acquire_from(luma, starts)
+        if isinstance(fit, Fit):
+            return fit, False
+        likely = [fit for face, fit in found if self._is_person(face, fit)]
+        if likely:
+            return min(likely, key=lambda fit: fit.residual), True
+        return otherwise, isinstance(otherwise, Fit)
+
+    def _defined(self, face: Face) -> F64:
+        """A face's points (81, 2) as the model defines them."""
+        points = face.points.astype(np.float64)
+        return points + self._definition.on(points)
 
     def _is_person(self, face: Face, fit: Fit) -> bool:
         """Whether a face is where the person was a moment ago, or its texture is not too far from theirs.
@@ -162,24 +198,67 @@ class PersonTracker:
             or fit.residual < LIMITS.max_carried_residual * self.tracker.quality.threshold
         )
 
-    def _crossfaded(self, fit: Fit | Failed) -> Fit | Failed:
+    def _crossfaded(self, fit: Fit | Failed, by_landmarks: bool) -> Fit | Failed:
         """The fit; after a change between tracker and landmarker the difference of the two fades over some frames."""
         if not isinstance(fit, Fit):
-            self._carried_frames, self._difference = 0, None
+            self._difference = None
             return fit
-        if self._last is not None and self.lost_frames == 0 and fit.carried != (self._carried_frames > 0):
+        if self._last is not None and self.lost_frames == 0 and by_landmarks != self._by_landmarks:
             self._difference = self._last + self._velocity - fit.shape
-        self._carried_frames = self._carried_frames + 1 if fit.carried else 0
         if self._difference is None:
             return fit
         self._difference = LIMITS.crossfade_memory * self._difference
         return replace(fit, shape=fit.shape + self._difference)
 
-    def _remember(self, fit: Fit | Failed) -> None:
+    def _remember(self, fit: Fit | Failed, by_landmarks: bool) -> None:
         if not isinstance(fit, Fit):
             self.lost_frames += 1
+            self._carried_frames = 0
             return
         restarted = self._last is None or self.lost_frames > 0
         self._velocity = np.zeros(2) if restarted else fit.shape.mean(0) - np.asarray(self._last).mean(0)
-        self._last, self.lost_frames = fit.shape, 0
+        self._last, self.lost_frames, self._by_landmarks = fit.shape, 0, by_landmarks
+        self._carried_frames = self._carried_frames + 1 if fit.carried else 0
         self._recognised |= not fit.carried
+
+
+def _surroundings(luma: U8, shape: F64) -> tuple[int, int, U8]:
+    """Left, top and RGB picture of what a landmarker looks at around a shape (81, 2), in a picture (h, w)."""
+    centre, side, _ = upright_square(shape)
+    reach = LIMITS.reach_head_boxes * side
+    height, width = luma.shape
+    if not np.isfinite(reach):
+        return 0, 0, np.zeros((0, 0, 3), np.uint8)
+    x0, y0 = (int(np.clip(np.floor(c - reach), 0, n)) for c, n in zip(centre, (width, height), strict=True))
+    x1, y1 = (
+        int(np.clip(np.ceil(c + reach) + 1, 0, n)) for c, n in zip(centre, (width, height), strict=True)
+    )
+    part = luma[y0:y1, x0:x1]
+    return x0, y0, _grey_rgb(part) if part.size else np.zeros((0, 0, 3), np.uint8)
+
+
+def _grey_rgb(luma: U8) -> U8:
+    return np.asarray(cv2.cvtColor(luma, cv2.COLOR_GRAY2RGB), np.uint8)
+
+
+class _Definition:
+    """By how much a model's points differ from the landmarker's on the same face, where they differ by definition."""
+
+    def __init__(
+        self, landmarker: Landmarker | None, rest: RestFrame | None, reference: ReferenceFrame
+    ) -> None:
+        self._reference = reference
+        self._offset: F64 | None = None  # (81, 2) grid pixels
+        face = landmarker.refine(rest.picture, Face.around(rest.shape, 1.0)) if landmarker and rest else None
+        if face is None or rest is None:
+            return
+        away = rest.shape - face.points
+        allowed = LIMITS.max_same_definition_interocular * interocular(rest.shape)
+        if np.linalg.norm(away[INNER51], axis=1).mean() > allowed:
+            self._offset = away @ align_planar(rest.shape, reference.points, RIGID_WEIGHTS).linear
+
+    def on(self, points: F64) -> F64:
+        """The difference (81, 2) on a face with points (81, 2), in their pixels."""
+        if self._offset is None:
+            return np.zeros_like(points)
+        return self._offset @ align_planar(self._reference.points, points, RIGID_WEIGHTS).linear

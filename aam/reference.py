@@ -57,6 +57,11 @@ class ReferenceFrame:
         """(81, 2) displacement of the points, grid pixels, per degree that a head turns to the image right."""
         return np.array(_data()["yaw_per_degree"]) * self.resolution
 
+    @cached_property
+    def pitch_mode(self) -> F64:
+        """(81, 2) displacement of the points, grid pixels, per degree that a head turns up."""
+        return np.array(_data()["pitch_per_degree"]) * self.resolution
+
     def yaw(self, aligned: F64) -> float:
         """Degrees by which the head of an aligned shape (81, 2) is turned to the image right.
 

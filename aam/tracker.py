@@ -61,7 +61,7 @@ class Fit:
     parameters : (k,) float64, shape parameters in standard deviations.
     residual : float, root mean square of the normalised texture that the model doesn't explain.
     confidence : float in [0, 1], 0.5 at the lost threshold.
-    carried : the shape is a landmarker's, as the tracker did not recognise the face (light, turn, a hand in front).
+    carried : the shape is a landmarker's, and the person's texture isn't recognised there (light, turn, a hand).
     """
 
     shape: F64
@@ -252,12 +252,13 @@ class Tracker:
         return again if isinstance(again, Fit) and again.residual < fit.residual else fit
 
     def measured(self, luma: U8, shape: F64) -> Fit | Failed:
-        """A shape (81, 2) found by other means, with the residual of the person's texture there; `carried` is true."""
+        """A shape (81, 2) found by other means, with the residual of the person's texture there."""
         match = self.match(luma, shape)
         if isinstance(match, Failed):
             return match
         _, parameters = self._shape_space.encode(shape)
-        return Fit(shape, parameters, match.residual, match.confidence, carried=True)
+        carried = not match.residual < self.quality.threshold
+        return Fit(shape, parameters, match.residual, match.confidence, carried)
 
     def starts(self, box: Floating) -> list[F64]:
         """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""

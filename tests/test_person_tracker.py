@@ -29,7 +29,7 @@ class Blinded(Tracker):
     def measured(self, luma: U8, shape: F64) -> Fit | Failed:
         fit = super().measured(luma, shape)
         assert isinstance(fit, Fit)
-        return replace(fit, residual=self.residual * self.quality.threshold)
+        return replace(fit, residual=self.residual * self.quality.threshold, carried=True)
 
 
 @pytest.fixture

@@ -6,16 +6,18 @@ from made_up import FRAME, appearance
 from numpy.testing import assert_allclose
 
 from guise.aam.appearance import AppearanceModel
-from guise.aam.extrapolation import turned_neutral
 from guise.aam.landmarks.schemes import (
     BROWS,
+    JAW,
     LOWER_INNER_LIP,
     LOWER_LIDS,
+    NOSE,
+    OUTLINE,
     RIGHT_MOUTH_CORNER,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
-from guise.aam.shape_transfer import MAX_LID_RATIO, ShapeTransfer
+from guise.aam.shape_transfer import MAX_LID_RATIO, ShapeTransfer, laid_over
 from guise.common.arrays import F64
 
 SOURCE, TARGET = appearance(1), appearance(2)
@@ -27,6 +29,11 @@ def with_eyes(model: AppearanceModel, factor: float) -> AppearanceModel:
     middle = (shape[UPPER_LIDS] + shape[LOWER_LIDS]) / 2
     for lids in (UPPER_LIDS, LOWER_LIDS):
         shape[lids] = middle + factor * (shape[lids] - middle)
+    return with_shape(model, shape)
+
+
+def with_shape(model: AppearanceModel, shape: F64) -> AppearanceModel:
+    """The model with another shape (81, 2) at rest."""
     neutral = model.neutral.copy()
     neutral[: shape.size] = (shape * FRAME.shape_weight).ravel()
     return AppearanceModel(model.reference, model.components, neutral, model.mask)
@@ -38,20 +45,35 @@ def posed(shape: F64) -> F64:
     return np.asarray(shape @ turn + (200, 90))
 
 
-def at_rest(source: AppearanceModel, target: AppearanceModel) -> F64:
-    return target.shape_of(turned_neutral(target, source))
+def test_a_neutral_face_becomes_the_targets_face_at_rest() -> None:
+    transfer = ShapeTransfer(SOURCE, TARGET)
+    assert_allclose(transfer.apply(posed(SOURCE.neutral_shape)), transfer.rest, atol=1e-5)
 
 
-def test_a_neutral_face_becomes_the_targets_neutral_face() -> None:
-    made = ShapeTransfer(SOURCE, TARGET).apply(posed(SOURCE.neutral_shape))
-    assert_allclose(made, at_rest(SOURCE, TARGET), atol=1e-5)
+def test_who_is_enrolled_turned_and_elsewhere_lies_on_the_head_as_it_is() -> None:
+    turned = FRAME.points + 6 * FRAME.pitch_mode - 4 * FRAME.yaw_mode
+    away = np.abs(laid_over(posed(turned), FRAME.points, FRAME) - FRAME.points).max()
+    assert away < 0.01 * FRAME.resolution
+    assert away < 0.3 * np.abs(FRAME.align(turned) - FRAME.points).max()
+
+
+def test_features_keep_their_own_proportions_within_the_heads_outline() -> None:
+    narrow = FRAME.points.copy()
+    narrow[JAW] += 0.1 * (narrow[JAW].mean(0) - narrow[JAW]) * [1, 0]
+    long_nosed = FRAME.points.copy()
+    long_nosed[NOSE[4:]] += (0, 0.04 * FRAME.resolution)
+    rest = ShapeTransfer(with_shape(SOURCE, narrow), with_shape(TARGET, long_nosed)).rest
+    assert_allclose(rest[OUTLINE], FRAME.align(narrow)[OUTLINE], atol=1e-4)
+    own, there = (np.ptp(shape[NOSE][:, 1]) for shape in (FRAME.points, rest))
+    assert there > 1.06 * own
 
 
 def test_movements_keep_their_size() -> None:
     moved = SOURCE.neutral_shape.copy()
     moved[BROWS] -= (0, 2)
     moved[RIGHT_MOUTH_CORNER] -= (1.5, 0.5)
-    made = ShapeTransfer(SOURCE, TARGET).apply(posed(moved)) - at_rest(SOURCE, TARGET)
+    transfer = ShapeTransfer(SOURCE, TARGET)
+    made = transfer.apply(posed(moved)) - transfer.rest
     own = FRAME.align(moved) - FRAME.align(SOURCE.neutral_shape)
     assert_allclose(made[BROWS], own[BROWS], atol=1e-5)
     assert_allclose(made[RIGHT_MOUTH_CORNER], own[RIGHT_MOUTH_CORNER], atol=1e-5)
@@ -68,8 +90,9 @@ def test_shut_lids_stay_shut_whatever_the_two_eye_sizes(own: float, other: float
 @pytest.mark.parametrize("share", [0.5, 1.3, 3.0])
 def test_lids_open_by_the_share_of_the_sources(share: float) -> None:
     source, target = with_eyes(SOURCE, 0.7), with_eyes(TARGET, 1.2)
-    made = ShapeTransfer(source, target).apply(posed(with_eyes(SOURCE, 0.7 * share).neutral_shape))
-    rest = at_rest(source, target)
+    transfer = ShapeTransfer(source, target)
+    made = transfer.apply(posed(with_eyes(SOURCE, 0.7 * share).neutral_shape))
+    rest = transfer.rest
     expected = min(share, MAX_LID_RATIO) * (rest[LOWER_LIDS] - rest[UPPER_LIDS])
     assert_allclose(made[LOWER_LIDS] - made[UPPER_LIDS], expected, atol=1e-4)
 
@@ -83,7 +106,7 @@ def test_lips_that_touch_touch_and_an_open_mouth_opens_as_far() -> None:
     assert_allclose(made[UPPER_INNER_LIP], made[LOWER_INNER_LIP], atol=1e-5)
     gaps, rest, own = (
         s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP]
-        for s in (transfer.apply(posed(wide)), at_rest(SOURCE, TARGET), FRAME.align(SOURCE.neutral_shape))
+        for s in (transfer.apply(posed(wide)), transfer.rest, FRAME.align(SOURCE.neutral_shape))
     )
     seen = FRAME.align(wide)
     assert_allclose(gaps, seen[LOWER_INNER_LIP] - seen[UPPER_INNER_LIP] + rest - own, atol=1e-5)

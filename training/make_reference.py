@@ -3,8 +3,8 @@
     python training/make_reference.py
 
 Near-frontal frames of every sample person are aligned, averaged and made symmetric.  The lips come from the frames with
-the widest mouth, so that teeth and the inside of the mouth get pixels of their own.  How the points move
-when a head turns to the side (yaw) is regressed from all frames and made antisymmetric.
+the widest mouth, so that teeth and the inside of the mouth get pixels of their own.  How the points move when a head
+turns to the side (yaw) and up (pitch) is regressed from all frames and made antisymmetric and symmetric.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def _symmetric(shape: np.ndarray) -> np.ndarray:
     return (mean + mean[list(MIRROR)] * [-1, 1]) / 2
 
 
-def _yaw_mode(reference: np.ndarray) -> np.ndarray:
-    """(81, 2) displacement per degree of yaw, in face widths."""
+def _turn_modes(reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(81, 2) displacements per degree of yaw and of pitch, in face widths."""
     modes = []
     for folder in sorted((ROOT / "sample_videos").glob("p*")):
         for clip in ("talk", "talk2"):
@@ -59,11 +59,11 @@ def _yaw_mode(reference: np.ndarray) -> np.ndarray:
                 [align(s, reference, RIGID_WEIGHTS).apply(s) for s in truth["landmarks"].astype(float)]  # type: ignore[union-attr]
             )
             design = np.column_stack([turn, np.ones(len(turn))])
-            modes.append(
-                np.linalg.lstsq(design, shapes.reshape(len(shapes), -1), rcond=None)[0][0].reshape(-1, 2)
-            )
-    mode = np.mean(modes, axis=0)
-    return (mode - mode[list(MIRROR)] * [-1, 1]) / 2
+            fitted = np.linalg.lstsq(design, shapes.reshape(len(shapes), -1), rcond=None)[0]
+            modes.append(fitted[:2].reshape(2, -1, 2))
+    yaw, pitch = np.mean(modes, axis=0)
+    mirrored = [mode[list(MIRROR)] * [-1, 1] for mode in (yaw, pitch)]
+    return (yaw - mirrored[0]) / 2, (pitch + mirrored[1]) / 2
 
 
 def main() -> None:
@@ -76,6 +76,7 @@ def main() -> None:
     shape = _symmetric(_aligned_mean(np.stack(means))[0])
     low, high = shape.min(0), shape.max(0)
     unit = (shape - [(low[0] + high[0]) / 2, low[1]]) / (high[0] - low[0])
+    yaw, pitch = _turn_modes(unit)
     out = ROOT / "aam" / "data" / "face81.json"
     content = {
         "scheme": "face81",
@@ -84,7 +85,8 @@ def main() -> None:
         "triangles": Delaunay(
             unit.round(5)
         ).simplices.tolist(),  # stored: ties may be cut otherwise elsewhere
-        "yaw_per_degree": _yaw_mode(unit).round(7).tolist(),
+        "yaw_per_degree": yaw.round(7).tolist(),
+        "pitch_per_degree": pitch.round(7).tolist(),
     }
     out.write_text(json.dumps(content) + "\n")
     print(out.relative_to(ROOT), "height / width", round(float(unit[:, 1].max()), 3))

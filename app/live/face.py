@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from guise.aam.extrapolation import Extrapolator
-from guise.aam.landmarks import iou
+from guise.aam.landmarks import iou, open_landmarker
 from guise.aam.landmarks.rolls import RolledBoxes, turn_of
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
@@ -97,7 +97,10 @@ class LiveFace(Closing):
         self.person, self.identities = person, list(identities)
         self.options = replace(options, occluders=False)  # a wrong one would show the person
         self.detector = BackgroundDetector()
-        self.tracker = PersonTracker(person.tracker, self.detector)
+        self.landmarker = open_landmarker("builtin")
+        self.tracker = PersonTracker(
+            person.tracker, self.detector, landmarker=self.landmarker, rest=person.rest_frame
+        )
         self.cover_planner = CoverPlanner()
         self._engines: dict[int, Engine] = {}
         self._puppets: dict[int, Puppet] = {}
@@ -158,7 +161,9 @@ class LiveFace(Closing):
     def _puppet(self, frame: Frame, settings: LiveSettings) -> FaceResult:
         if settings.identity not in self._puppets:
             donor = self.identities[settings.identity]
-            self._puppets[settings.identity] = Puppet(self.person, donor, self.detector, self.options)
+            self._puppets[settings.identity] = Puppet(
+                self.person, donor, self.detector, self.options, self.landmarker
+            )
         puppet = self._puppets[settings.identity]
         _set_alpha(puppet.extrapolator, settings.alpha)
         self.detector.submit(frame)

@@ -138,7 +138,7 @@ class _ModelTracker:
     """One person, by the tracker of their model."""
 
     def __init__(self, model: Identity, finder: Landmarker) -> None:
-        self._tracker = PersonTracker(model.tracker, finder)
+        self._tracker = PersonTracker(model.tracker, finder, rest=model.rest_frame)
 
     def __call__(self, frame: Frame) -> F64 | None:
         fit = self._tracker.update(frame.luma)

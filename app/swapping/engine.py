@@ -65,7 +65,7 @@ class Engine(Closing):
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
-        self.tracker = PersonTracker(source.tracker, finder)
+        self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
         self._shape_transfer = (

@@ -19,12 +19,12 @@ class EngineOptions:
     renderer : "auto", "gl" or "cpu".
     light : "local", ratios of local means of skin, which keep hard shadows, and what hides the face stays in front of
         it; "paper", smooth fields and one similarity of colours, drawn over everything.
-    transfer : "full", the shape moves as much as the source's; "paper", within the donor's own space and a share
-        `alpha` outside it.
+    transfer : "full", the face is fitted into the head at rest, and its shape moves as much as the source's; "paper",
+        the shape moves within the donor's own space and a share `alpha` outside it, and lies on the head by its rigid
+        landmarks.
     palette : "symmetric" or "least-squares" scale of the colour similarity of light "paper".
-    outline : share in [0, 1] by which jaw and forehead follow the head in the picture.
-    jaw, forehead : face widths by which they are then drawn beyond it, the forehead most in its middle, to hide the
-        rim of the face as well.
+    jaw, forehead : face widths by which they are drawn beyond the head's outline, the forehead most in its middle, to
+        hide the rim of the face as well.
     hold_frames : for which a lost face keeps its last place.
     occluders : keep what is in front of the face in front; without it the face is drawn over everything.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
@@ -36,7 +36,6 @@ class EngineOptions:
     light: Literal["local", "paper"] = "local"
     transfer: Literal["full", "paper"] = "full"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
-    outline: float = 0.7
     jaw: float = 0.0
     forehead: float = 0.0
     hold_frames: int = 4

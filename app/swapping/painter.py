@@ -68,7 +68,7 @@ class Painter:
         self._texels = estimator.texels
         self._detail = target.detail
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
-        self._pull = options.outline * outline_pull(self.reference)
+        self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -91,10 +91,13 @@ class Painter:
         return mesh
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
-        """The face's shape (81, 2) on the grid, aligned with the head by its rigid landmarks; and the zoom."""
-        fit = align_planar(shape, head, RIGID_WEIGHTS)
+        """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom."""
+        full = self.options.transfer == "full"
+        fit = align_planar(self.reference.align(head) if full else shape, head, RIGID_WEIGHTS)
         mesh = self._features @ fit.apply(shape)
-        return mesh + self._pull @ (head - mesh) + self._beyond @ fit.linear, fit.scale
+        if not full:
+            mesh = mesh + self._pull @ (head - mesh)
+        return mesh + self._beyond @ fit.linear, fit.scale
 
     def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None) -> None:
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.

@@ -32,6 +32,7 @@ from guise.common.arrays import F64, Bool
 
 HAIR_RIM_FACE_WIDTHS = 0.09  # inside the hull, where the source's hair is kept
 OUTLINE_REACH_FACE_WIDTHS = 0.11  # over which the inner points follow the outline
+OUTLINE_SHARE = 0.7  # by which the outline follows that of the head
 
 
 @dataclass(frozen=True)
@@ -75,14 +76,15 @@ def outward(reference: ReferenceFrame, jaw: float, forehead: float) -> F64:
 def outline_pull(reference: ReferenceFrame) -> F64:
     """(81, 81) weights by which each point follows the outline of the head in the picture.
 
-    Jaw and forehead follow fully, so that the face is as wide as the head and no second chin shows; inner points follow
-    the outline near them, less the farther away they are, so that no brow extends beyond a turned head.
+    Jaw and forehead follow by `OUTLINE_SHARE`, so that the face is about as wide as the head and no second chin shows;
+    inner points follow the outline near them, less the farther away they are, so that no brow extends beyond a turned
+    head.
     """
     near = np.exp(-((_to_outline(reference) * 1.5) ** 2))
     pull = np.zeros((POINTS, POINTS))
     pull[:, OUTLINE] = _bound(reference) * near / near.sum(1, keepdims=True)
     pull[OUTLINE] = np.eye(POINTS)[OUTLINE]
-    return pull
+    return OUTLINE_SHARE * pull
 
 
 def proportions(reference: ReferenceFrame) -> F64:

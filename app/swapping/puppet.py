@@ -16,6 +16,7 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.extrapolation import Extrapolator
+from guise.aam.landmarks import Landmarker
 from guise.aam.landmarks.schemes import (
     FOREHEAD,
     JAW,
@@ -76,7 +77,7 @@ class Puppet(Closing):
     ----------
     source : Identity of the driver.
     target : Identity whose still moves.
-    finder : finds the face at the start and after a loss, see `PersonTracker`.
+    finder, landmarker : find and follow the driver's face, see `PersonTracker`.
     options : EngineOptions.
     """
 
@@ -86,11 +87,12 @@ class Puppet(Closing):
         target: Identity,
         finder: FaceFinder | None,
         options: EngineOptions = EngineOptions(),
+        landmarker: Landmarker | None = None,
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
         self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
         self.estimator = ParameterEstimator(source.appearance)
-        self.tracker = PersonTracker(source.tracker, finder)
+        self.tracker = PersonTracker(source.tracker, finder, landmarker=landmarker, rest=source.rest_frame)
         self._still = fitted(target.rest_frame)
         own = ParameterEstimator(target.appearance)
         self.painter = Painter(target, target, own, options)
