@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 
@@ -102,3 +103,21 @@ def test_after_a_long_loss_only_a_likely_face_is_carried(
 def test_without_a_landmarker_nothing_is_carried(blinded: Blinded, talk2: Clip) -> None:
     tracker = PersonTracker(blinded, None, start=talk2[1][0])
     assert not isinstance(tracker.update(talk2[0][0]), Fit)
+
+
+def rolled(luma: np.ndarray, points: np.ndarray, degrees: float) -> tuple[np.ndarray, np.ndarray]:
+    """A frame (h, w) rolled clockwise about its middle, with its points."""
+    height, width = luma.shape
+    matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), -degrees, 1.0)
+    picture = cv2.warpAffine(luma, matrix, (width, height), borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(picture), points @ matrix[:, :2].T + matrix[:, 2]
+
+
+@pytest.mark.parametrize("start", [0, 90, 180, 270])
+def test_who_rolls_on_from_any_roll_is_tracked(p01: Identity, talk2: Clip, start: int) -> None:
+    tracker = PersonTracker(p01.tracker, open_landmarker("builtin"))
+    for number, (luma, truth) in enumerate(zip(*talk2, strict=True)):
+        if number == 12:
+            return
+        frame, points = rolled(luma, truth, start + 8 * number)
+        assert error(tracker.update(frame), points) < 0.06

@@ -23,6 +23,8 @@ from guise.common.arrays import F32, F64, U8, Floating
 UPRIGHT = (0,)
 TURNED = (1, 2, 3)
 EVERY_ROLL = (*UPRIGHT, *TURNED)
+_TURNED_INTERVAL = 3  # pictures from one search at another roll than upright to the next
+SCHEDULE_FRAMES = _TURNED_INTERVAL * len(TURNED)
 _TURNS = (0.0, np.pi / 2, np.pi, -np.pi / 2)
 _TURN_BACK = {1: cv2.ROTATE_90_COUNTERCLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_CLOCKWISE}
 
@@ -90,15 +92,16 @@ def detect_at_rolls(
 
 
 def detect_on_schedule(detector: ScoredDetector, image: U8, index: int, sure_score: float) -> RolledBoxes:
-    """Faces upright, and at other rolls: all where no upright face is sure, otherwise one, in turn with the index.
+    """Faces upright, and at other rolls: all where no upright face is sure, otherwise one in every third picture.
 
-    index : of the picture in a video; in any three pictures in a row every roll is searched.
+    index : of the picture in a video; every roll is searched within `SCHEDULE_FRAMES`.
     sure_score : of an upright face.
     """
     upright = detect_at_rolls(detector, image, UPRIGHT)
     is_sure = bool((upright.scores >= sure_score).any())
-    due = (TURNED[index % len(TURNED)],) if is_sure else TURNED
-    return upright.and_others(detect_at_rolls(detector, image, due))
+    count, rest = divmod(index, _TURNED_INTERVAL)
+    one = () if rest else (TURNED[count % len(TURNED)],)
+    return upright.and_others(detect_at_rolls(detector, image, one if is_sure else TURNED))
 
 
 def nearest_quarter(turn: float) -> int:

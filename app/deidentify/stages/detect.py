@@ -1,10 +1,10 @@
 """The first stage: every face of a segment, tracked forward and backward from where it is found.
 
 A detector runs on every frame with a low threshold: on the frame as it is, and turned by quarter turns (all three where
-no upright face is certain, otherwise one of them, in turn).  Boxes that are certainly faces start a tracklet, which is
-tracked from frame to frame and, from its first frame, back through the frames before; what else looks like a face is
-kept as a bystander.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8;
-turns in radians, by which a face is rolled clockwise.
+no upright face is certain, otherwise one of them in every third frame, in turn).  Boxes that are certainly faces start
+a tracklet, which is tracked from frame to frame and, from its first frame, back through the frames before; what else
+looks like a face is kept as a bystander.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG
+points; frames RGB uint8; turns in radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def detect_boxes(
 ) -> Iterator[DetectedFrame]:
     """Detect faces in all frames, a few at a time.
 
-    phase : of the rolls that are searched in turn; with 0 and 1 a frame is searched at different ones.
+    phase : of the rolls that are searched in turn, in frames.
     """
 
     def work(frame: Frame) -> DetectedFrame:

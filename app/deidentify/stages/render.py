@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.rolls import SCHEDULE_FRAMES
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.decide import COVERED, LEFT, SWAPPED
 from guise.app.deidentify.stages.detect import detect_boxes
@@ -43,7 +44,9 @@ class RenderLimits:
 
 
 LIMITS = RenderLimits()
-AUDIT_PHASE = 1  # of the rolls that are searched in turn; that of the first stage is 0
+# Of the rolls that are searched in turn: other frames than in the first stage are searched turned, so that the two
+# together search every roll in any five frames in a row.
+AUDIT_PHASE = SCHEDULE_FRAMES // 2
 
 
 @dataclass(frozen=True, eq=False)
