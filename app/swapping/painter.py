@@ -26,7 +26,8 @@ from guise.app.swapping.similarity_palette import SimilarityPalette
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render import Compositor, feather, make_compositor
 
-FEATHER_FACE_WIDTHS = 0.01  # standard deviation of the soft border
+FEATHER_FACE_WIDTHS = 0.02  # standard deviation of the soft border
+NARROW_FEATHER_FACE_WIDTHS = 0.01  # the same with the light "paper", which shows less of the person's own rim
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class Painter:
     ) -> None:
         self.options, self.reference = options, target.reference
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
-        self._alpha = feather(mask, FEATHER_FACE_WIDTHS * self.reference.resolution)
+        width = NARROW_FEATHER_FACE_WIDTHS if options.light == "paper" else FEATHER_FACE_WIDTHS
+        self._alpha = feather(mask, width * self.reference.resolution)
         self._palette = make_palette(self.reference, estimator.texels, mask, options)
         self._occlusion = occlusion
         self._texels = estimator.texels
