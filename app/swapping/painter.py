@@ -17,6 +17,7 @@ from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
+from guise.app.swapping.grain import Grain
 from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
@@ -69,6 +70,7 @@ class Painter:
         self._occlusion = occlusion
         self._texels = estimator.texels
         self._detail = target.detail
+        self._grain = None if options.light == "paper" else Grain(self.reference, mask)
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
@@ -89,7 +91,7 @@ class Painter:
             visible = None if self._occlusion is None else self._occlusion.visible
             self._palette.update(texture[self._texels], texels, visible)
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
-        self.blend(frame, mesh, texture, zoom, uncovered)
+        self.blend(frame, mesh, texture, zoom, uncovered, self._grain)
         return mesh
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
@@ -101,10 +103,14 @@ class Painter:
             mesh = mesh + self._pull @ (head - mesh)
         return mesh + self._beyond @ fit.linear, fit.scale
 
-    def blend(self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None) -> None:
+    def blend(
+        self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,
+        grain: Grain | None = None,
+    ) -> None:  # fmt: skip
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
 
         uncovered : (h, w) share in [0, 1] of the face that is drawn, on the reference grid; None is all of it.
+        grain : measures the frame's grain and adds it to the texture; None adds nothing.
         """
         x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
         if w < 2 or h < 2:
@@ -112,13 +118,20 @@ class Painter:
         fine = zoom > ZOOM.min_detail_zoom
         picture = self._stored(texture, frame.colour, zoom, fine)
         roi = frame.read_roi(x0, y0, w, h)
+        seen = None
+        if grain is not None:
+            picture, seen = grain.add(picture, frame.index), grain.seen(roi)
         self._set_occlusion(fine, uncovered)
         self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
+        if grain is not None and seen is not None:
+            grain.update(seen, roi, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
 
     def reset(self) -> None:
         """Fit palette and occlusion afresh to the next face."""
         self._palette.reset()
+        if self._grain is not None:
+            self._grain.reset()
         if self._occlusion is not None:
             self._occlusion.reset()
 
