@@ -24,7 +24,7 @@ from guise.aam.landmarks.rolls import (
     turn_of,
 )
 from guise.aam.landmarks.schemes import IBUG68
-from guise.app.deidentify.stages.detect import detect_faces
+from guise.app.deidentify.stages.detect import DetectedFrame, SegmentTracker, detect_faces
 from guise.app.deidentify.stages.render import AUDIT_PHASE
 from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import cover, region
@@ -206,6 +206,21 @@ def test_a_face_that_rolls_over_is_one_tracklet_with_its_turns() -> None:
     assert set(found.tracklet.tolist()) == {0}
     off = np.exp(1j * found.turn) / np.exp(2j * np.pi * found.frame / len(frames))
     assert np.abs(np.angle(off)).max() < 0.15
+
+
+def test_a_wrong_roll_with_a_higher_score_leaves_no_bystander_on_a_tracked_face() -> None:
+    rgb, truth = rolled(*still(), 180)
+    inner = truth[IBUG68]
+    box = np.concatenate([inner.min(0), inner.max(0)])
+    hair = np.add(box, (0, 40, 0, 40))
+    boxes = np.array([box, box + 4, hair], np.float32)
+    scores = np.array([0.9, 0.8, 0.6], np.float32)
+    found = RolledBoxes(boxes, scores, np.array([0, np.pi, 0], np.float32))
+    tracker = SegmentTracker(landmarker())
+    for index in range(3):
+        tracker.update(DetectedFrame(index, rgb, found, np.zeros((18, 32), np.uint8)))
+    assert tracker.faces().frame.tolist() == [0, 1, 2]
+    assert len(tracker.faces().bystander_frame) == 0
 
 
 def test_an_upside_down_face_beside_an_upright_one_is_found_in_every_frame() -> None:

@@ -206,7 +206,12 @@ class MultiFaceTracker:
     @property
     def boxes(self) -> list[F32]:
         """Of the faces that are there in the current frame."""
-        return [track.current.box for track in self._tracks if track.current is not None]
+        return [face.box for face in self.faces]
+
+    @property
+    def faces(self) -> list[Face]:
+        """Those that are there in the current frame."""
+        return [track.current for track in self._tracks if track.current is not None]
 
     def update(self, rgb: U8, boxes: RolledBoxes | None = None) -> dict[int, Face]:
         """The faces in the next frame by their numbers, which count from 0 as faces appear, larger ones first.

@@ -26,6 +26,7 @@ from guise.aam.landmarks.rolls import RolledBoxes, detect_on_schedule, turn_of
 from guise.aam.landmarks.schemes import COUNT, IBUG68
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.media import Frame
+from guise.app.swapping.cover import region
 from guise.common.arrays import F32, I32, U8
 
 
@@ -53,6 +54,7 @@ class DetectionLimits:
     ear_reach_face_sizes: float = 0.2  # beside a face, where something small of a lower score than
     ear_score: float = 0.5  # this is its ear
     ear_face_sizes: float = 0.5  # and smaller than this
+    wrong_roll_radians: float = 1.0  # from which a box on a tracked head is no face, unless it is certain
     cut_correlation: float = 0.6  # of small pictures, below which a new shot begins
     cut_grey_levels: float = 8.0  # of mean change, from which it can
 
@@ -216,20 +218,28 @@ class SegmentTracker:
 
     def _search(self, frame: DetectedFrame) -> None:
         """Start a tracklet at each box that is left and has a face, and keep the others that look like one."""
-        found, tracked = frame.found, self._tracker.boxes
-        left = [i for i, box in enumerate(found.boxes) if not any(_belongs(box, face) for face in tracked)]
+        found, candidates = frame.found, list[Candidate]()
+        left = [i for i, box in enumerate(found.boxes) if not self._is_on_known(box)]
         for i in sorted(left, key=lambda i: -float(found.scores[i])):
             box, score, turn = found.boxes[i], float(found.scores[i]), float(found.turns[i])
-            tracked = self._tracker.boxes
-            if score < LIMITS.min_candidate_score or any(_belongs(box, face) for face in tracked):
-                continue
-            if score < LIMITS.ear_score and any(_is_ear(box, face) for face in tracked):
+            if score < LIMITS.min_candidate_score or self._is_on_known(box, score, turn):
                 continue
             face = self._landmarker.points_in_box(frame.rgb, box, turn)
             if face is not None and face.confidence >= TRACKING.start_confidence:
                 self._start(frame.index, _with_ibug68_box(face))
             else:
-                self._candidates += self._candidate(frame, box, score, turn)
+                candidates += self._candidate(frame, box, score, turn)
+        # Boxes at a wrong roll may come before the face's own.
+        self._candidates += [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
+
+    def _is_on_known(self, box: F32, score: float = 1.0, turn: float = 0.0) -> bool:
+        """Whether a box is that of a face that is tracked in this frame, or of something on its head."""
+        return any(
+            _belongs(box, face.box)
+            or (score < LIMITS.ear_score and _is_ear(box, face.box))
+            or (score < LIMITS.certain_score and _is_at_wrong_roll(box, turn, face))
+            for face in self._tracker.faces
+        )
 
     def _start(self, index: int, face: Face) -> None:
         number = self._tracker.start(face)
@@ -302,6 +312,15 @@ def _is_ear(box: F32, face: F32) -> bool:
     margin = LIMITS.ear_reach_face_sizes * size
     reach = np.concatenate([face[:2] - margin, face[2:] + margin])
     return _holds_centre(reach, box) and bool(((box[2:] - box[:2]) < LIMITS.ear_face_sizes * size).all())
+
+
+def _is_at_wrong_roll(box: F32, turn: float, face: Face) -> bool:
+    """Whether a box lies on a tracked head, hair included, that is rolled differently."""
+    if not np.isfinite(face.points).all():
+        return False
+    own = turn_of(face.points)
+    head = region(face.box, turn=own).astype(np.float32)
+    return abs(np.angle(np.exp(1j * (turn - own)))) > LIMITS.wrong_roll_radians and _holds_centre(head, box)
 
 
 def _holds_centre(box: F32, other: F32) -> bool:
