@@ -23,6 +23,7 @@ from pathlib import Path
 DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
+GROUPS = 40  # of people whose faces are swapped
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Plan:
     people: int = PEOPLE
     steps: int = FACE_BATCHES
     device: str = "cpu"
+    groups: int = GROUPS
 
     def tasks(self) -> Iterator[Task]:
         """All tasks in order."""
@@ -165,6 +167,23 @@ class Plan:
             recognition,
         )
 
+        swaps, light = self.work / "swaps", self.work / "light"
+        yield Task("swaps", self._swaps(swaps), swaps / "complete")
+        yield Task(
+            "light", [("train_light", "--swaps", str(swaps), "--output", str(light))], light / "light.md"
+        )
+
+    def _swaps(self, parts: Path) -> list[tuple[str, ...]]:
+        """Commands that divide the groups of four people among the processes."""
+        share = -(-self.groups // self.processes)
+        return [
+            self._run(
+                "render_swaps", parts, "--program", self.program, "--first", first,
+                "--groups", min(share, self.groups - first),
+            )
+            for first in range(0, self.groups, share)
+        ]  # fmt: skip
+
     def _rendering(self, parts: Path) -> list[tuple[str, ...]]:
         """Commands that divide the people among the processes, in whole parts."""
         share = -(-self.people // (10 * self.processes)) * 10
@@ -191,6 +210,8 @@ class Plan:
             parsing / "face.md": DATA / "face.md",
             self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
+            self.work / "light" / "light.onnx": DATA / "light.onnx",
+            self.work / "light" / "light.md": DATA / "light.md",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",
         }
 

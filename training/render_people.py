@@ -56,8 +56,8 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def load_program(folder: Path, size: int) -> dict:
-    """The renderer's modules, set to pictures of `size` pixels."""
+def load_program(folder: Path, size: int, ao_directions: int = AO_DIRECTIONS) -> dict:
+    """The renderer's modules, set to pictures of `size` pixels and that many directions of ambient occlusion."""
     sys.path.insert(0, str(folder))
     sys.argv = ["train_set.py", "--size", str(size), "--out", os.devnull]  # it reads its size when imported
     import actor
@@ -72,7 +72,7 @@ def load_program(folder: Path, size: int) -> dict:
 
     actor._disk = lambda key, make: make()  # no person is rendered twice
     bake = render.Renderer.bake_ao
-    render.Renderer.bake_ao = lambda self, *a, **kw: bake(self, *a, **{**kw, "ndir": AO_DIRECTIONS})
+    render.Renderer.bake_ao = lambda self, *a, **kw: bake(self, *a, **{**kw, "ndir": ao_directions})
     return {
         "actor": actor,
         "assets": assets,

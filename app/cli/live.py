@@ -108,7 +108,7 @@ def live(
     readout: Annotated[
         bool, typer.Option("--readout", help="Show frame rate, latency and dropped frames in the window.")
     ] = False,
-    light: LightChoice = LightName.local,
+    light: LightChoice = LightName.learned,
     transfer: TransferChoice = TransferName.full,
     renderer: RendererChoice = RendererName.auto,
     encoder: Encoder = "libx264",

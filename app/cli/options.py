@@ -31,7 +31,8 @@ class UnsureName(StrEnum):
 class LightName(StrEnum):
     """How the face gets the light of the scene."""
 
-    local = "local"
+    learned = "learned"
+    classical = "classical"
     paper = "paper"
 
 
@@ -102,7 +103,7 @@ LightChoice = Annotated[
     LightName,
     typer.Option(
         "--light",
-        help="Light on the face: local also follows hard shadows and keeps hands in front of it; paper is smooth.",
+        help="Light on the face: by a network; by local means of skin; or smooth, as in the paper, and over hands too.",
     ),
 ]
 TransferChoice = Annotated[

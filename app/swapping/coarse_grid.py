@@ -70,7 +70,7 @@ class Smoother:
     """
 
     def __init__(self, size: tuple[int, int], sigma: float) -> None:
-        self._rows, self._columns = (_kernel(length, sigma) for length in size)
+        self._rows, self._columns = (gaussian_kernel(length, sigma) for length in size)
 
     def __call__(self, cells: F32) -> F32:
         """Smoothed planes (c, h, w)."""
@@ -82,11 +82,13 @@ class Smoother:
         return np.asarray(smooth[:-1] / np.maximum(smooth[-1], 1e-9))
 
 
-def _kernel(length: int, sigma: float) -> F32:
-    """(n, n) symmetric matrix of a Gaussian with a wide foot."""
+def gaussian_kernel(
+    length: int, sigma: float, foot_share: float = KERNEL.foot_share, floor_share: float = KERNEL.floor_share
+) -> F32:
+    """(n, n) symmetric matrix of a Gaussian with a wide foot; sigma in cells."""
     square = np.subtract.outer(np.arange(length), np.arange(length)) ** 2 / (2 * sigma**2)
-    foot = KERNEL.foot_share * np.exp(-square / KERNEL.foot_widening**2)
-    return np.asarray(np.exp(-square) + foot + KERNEL.floor_share, np.float32)
+    foot = foot_share * np.exp(-square / KERNEL.foot_widening**2)
+    return np.asarray(np.exp(-square) + foot + floor_share, np.float32)
 
 
 class TexelSums:

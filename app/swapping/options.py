@@ -17,8 +17,8 @@ class EngineOptions:
     ----------
     alpha : share in [0, 1] of the expression outside the donor's own space that is let through.
     renderer : "auto", "gl" or "cpu".
-    light : "local", ratios of local means of skin, which keep hard shadows, and what hides the face stays in front of
-        it; "paper", smooth fields and one similarity of colours, drawn over everything.
+    light : "learned", by a network, or "classical", ratios of local means of skin; both keep hard shadows, and what
+        hides the face stays in front of it. "paper", smooth fields and one similarity of colours, drawn over all.
     transfer : "full", the face is fitted into the head at rest, and its shape moves as much as the source's; "paper",
         the shape moves within the donor's own space and a share `alpha` outside it, and lies on the head by its rigid
         landmarks.
@@ -33,7 +33,7 @@ class EngineOptions:
 
     alpha: float = DEFAULT_ALPHA
     renderer: Renderer = "auto"
-    light: Literal["local", "paper"] = "local"
+    light: Literal["learned", "classical", "paper"] = "learned"
     transfer: Literal["full", "paper"] = "full"
     palette: Literal["symmetric", "least-squares"] = "symmetric"
     jaw: float = 0.0

@@ -18,6 +18,7 @@ from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.grain import Grain
+from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
@@ -202,6 +203,8 @@ class Painter:
 
 def make_palette(reference: ReferenceFrame, texels: Int, mask: Bool, options: EngineOptions) -> Palette:
     """The palette that the options name."""
-    if options.light == "local":
+    if options.light == "learned":
+        return LearnedLight(reference, texels, mask)
+    if options.light == "classical":
         return LocalLight(reference, texels, mask)
     return SimilarityPalette(reference, texels, mask, options.palette)

@@ -1,0 +1,157 @@
+"""The scene's light and skin tone on a face, by a small network trained on rendered swaps with exact truth.
+
+The classical light (`local_light.py`) takes every smooth difference between the frame and the face for light, also the
+source's own cheeks, lips and eye sockets; the network has seen what remains of them under another's face.  It gets
+sums of texels on a coarse grid and gives an affine map of colours per cell, one gain for the eyes and one for the
+mouth (training/light_net.py, training/train_light.py).  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE
+from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.onnx_model import open_session
+from guise.aam.reference import ReferenceFrame
+from guise.app.swapping.coarse_grid import CellReader, TexelSums
+from guise.common.arrays import F32, Bool, Int
+
+CELL_FACE_WIDTHS = 1 / 32
+GRID = 41, 35  # height, width in cells; the margin is one cell
+BLACK_GREY_LEVELS = 4.0  # added before a ratio is taken
+
+
+@dataclass(frozen=True)
+class LearnedLightLimits:
+    """Memory, pace, and the colour of brows."""
+
+    memory: float = 0.5  # share kept from frame to frame
+    brow_tint: float = 0.6  # share of a brow's colour that is taken from the skin
+    brow_growth_face_widths: float = 0.02
+    min_share: float = 0.01  # of a brow or a part, from which a pixel belongs to it
+    frames_per_look: int = 2  # of the network
+
+
+LIMITS = LearnedLightLimits()
+PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
+
+
+def places(reference: ReferenceFrame, texels: Int | None = None) -> F32:
+    """(t, 2) places in cells of texels, given as indices into the reference frame's mask pixels; of all by default."""
+    pixels = reference.pixels if texels is None else reference.pixels[texels]
+    ys, xs = np.divmod(pixels, reference.size[1])
+    from_corner = np.column_stack([xs, ys]) - reference.points.min(0)
+    return np.asarray(from_corner / (CELL_FACE_WIDTHS * reference.resolution) + 1, np.float32)
+
+
+def part_masks(reference: ReferenceFrame) -> list[F32]:
+    """Share (n,) of eyes and of the mouth in each of the reference frame's mask pixels."""
+    return [soft_parts(reference, part, 0.0)[reference.mask] for part in PARTS]
+
+
+class LearnedLight:
+    """A `Palette` by a network, smooth in time; the network looks at every second frame.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
+    mask : (h, w) bool, where the face is shown.
+    """
+
+    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool) -> None:
+        at = places(reference, texels)
+        skin = (skin_mask(reference) & mask)[reference.mask][texels]
+        self._kinds = [np.flatnonzero(kind) for kind in (skin, ~skin)]
+        self._sums = [TexelSums(GRID, at[kind]) for kind in self._kinds]
+        self._weight = np.float32(mask.sum() / len(texels) / (CELL_FACE_WIDTHS * reference.resolution) ** 2)
+        self._at_pixels = CellReader(places(reference))
+        parts = np.array(part_masks(reference))
+        self._in_parts = np.flatnonzero(parts.max(0) > LIMITS.min_share)
+        self._parts = parts[:, self._in_parts]
+        self._surface = 1 - self._parts.max(0)
+        brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)[reference.mask]
+        self._brows = np.flatnonzero(brows > LIMITS.min_share)
+        self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows, None]
+        self._session = session()
+        self.reset()
+
+    def reset(self) -> None:
+        """Take the next update as it is."""
+        self._light = _Light()
+        self._aim: _Light | None = None
+        self._updates = 0
+
+    @property
+    def contrast(self) -> float:
+        """Scale of grey differences on skin."""
+        return float(np.median(np.tensordot(LUMA, self._light.map[:3], 1)))
+
+    def update(self, face: F32, seen: F32, visible: F32 | None) -> None:
+        """See `Palette.update`."""
+        fresh = self._aim is None
+        if self._aim is None or self._updates % LIMITS.frames_per_look == 0:
+            visible = np.ones(len(face), np.float32) if visible is None else visible
+            self._aim = self._looked(face, seen, visible * self._weight)
+        self._updates += 1
+        self._light.move(self._aim, 1.0 if fresh else 1.0 - LIMITS.memory)
+
+    def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
+        """See `Palette.apply`."""
+        gains, lit = self._at_pixels(self._light.map[:3]), self._at_pixels(self._light.map[3:])
+        part_gains = gains[:, self._in_parts] * self._surface + self._light.parts.T @ self._parts
+        gains[:, self._in_parts] = part_gains
+        lit[:, self._in_parts] *= self._surface
+        lit[:, self._brows] += gains[:, self._brows] * self._brow_changes(texture[self._brows]).T
+        gains *= texture.T
+        gains += lit
+        out = to_stored.astype(np.float32) @ gains
+        out += offset.astype(np.float32)[:, None]
+        return np.asarray(out)
+
+    def _looked(self, face: F32, seen: F32, weights: F32) -> _Light:
+        """What the network finds; weights (t,) are 1 in all of a cell."""
+        colours = np.concatenate([face, seen], axis=1)
+        sums = [
+            s(colours[kind], weights[kind])[None] for kind, s in zip(self._kinds, self._sums, strict=True)
+        ]
+        found, gains = self._session.run(None, dict(zip(("skin", "other"), sums, strict=True)))
+        tint = sums[0][0, :3].sum((1, 2))
+        return _Light(found[0], gains[0], tint / max(float(tint @ LUMA), 1.0))
+
+    def _brow_changes(self, brows: F32) -> F32:
+        """What brings brows (b, 3) nearer to the colour of the face's skin: the little colour of dark hair is noise."""
+        return np.asarray(self._brow_share * ((brows @ LUMA)[:, None] * self._light.tint - brows))
+
+
+def _same_map() -> F32:
+    """(6, h, w) that changes nothing."""
+    return np.concatenate([np.ones((3, *GRID), np.float32), np.zeros((3, *GRID), np.float32)])
+
+
+@dataclass(eq=False)
+class _Light:
+    """Gain and offset of each cell (6, h, w), gains of the parts (2, 3), colour of the face's own skin (3,)."""
+
+    map: F32 = field(default_factory=_same_map)
+    parts: F32 = field(default_factory=lambda: np.ones((len(PARTS), 3), np.float32))
+    tint: F32 = field(default_factory=lambda: np.ones(3, np.float32))
+
+    def move(self, aim: _Light, share: float) -> None:
+        """Move a share of the way to another."""
+        self.map = self.map + share * (aim.map - self.map)
+        self.parts = self.parts + share * (aim.parts - self.parts)
+        self.tint = self.tint + share * (aim.tint - self.tint)
+
+
+@lru_cache(maxsize=1)
+def session() -> Any:
+    """The network that ships with the package."""
+    return open_session(resources.files("guise.aam").joinpath("data/light.onnx").read_bytes())

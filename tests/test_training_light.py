@@ -1,0 +1,83 @@
+"""What the learned light is trained on and how it is scored: sampling of groups, errors, and the untrained network."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+torch = pytest.importorskip("torch")
+
+from guise.app.swapping.learned_light import GRID  # noqa: E402
+from training import swap_data  # noqa: E402
+from training.light_net import LightNet  # noqa: E402
+from training.swap_data import Cells  # noqa: E402
+from training.train_light import Batches, Classical, Errors, Lit, measure  # noqa: E402
+
+CELLS = Cells()
+PEOPLE, SCENES, SIZE = 2, 2, 96
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory: pytest.TempPathFactory) -> swap_data.Samples:
+    """A group of two people of one colour each: donors as they are, scenes half as bright, truths as the scenes."""
+    reference = CELLS.reference
+    shape = (reference.points - reference.points.mean(0)) * (0.7 * SIZE / reference.size[0]) + SIZE / 2
+    colours = np.array([[200, 150, 120], [120, 80, 60]])
+    pictures = [np.full((SIZE, SIZE, 3), colours[i]) for i in range(PEOPLE) for _ in range(SCENES)]
+    pictures += [picture // 2 for picture in pictures] + [
+        colours[i] // 2 * np.ones((SIZE, SIZE, 1)) for i in (0, 0, 1, 1)
+    ]
+    jpegs = [
+        cv2.imencode(".jpg", np.uint8(p[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+        for p in pictures
+    ]
+    path = Path(tmp_path_factory.mktemp("swaps")) / "group_00003.npz"
+    np.savez(
+        path,
+        jpeg=np.frombuffer(b"".join(jpegs), np.uint8),
+        length=np.array([len(jpeg) for jpeg in jpegs], np.int32),
+        face81=np.repeat(shape[None].astype(np.float32), len(pictures), 0),
+        hair=np.zeros((PEOPLE, SCENES, SIZE, SIZE // 8), np.uint8),
+        people=np.int32(PEOPLE),
+        scenes=np.int32(SCENES),
+    )
+    return swap_data.load([path], CELLS)
+
+
+def test_every_donor_is_sampled_on_every_head_and_mirrored(samples: swap_data.Samples) -> None:
+    assert len(samples.group) == 2 * PEOPLE * PEOPLE * SCENES
+    assert (samples.group == 3).all()
+    face = samples.shown[0] > 200
+    assert 500 < face.sum() < GRID[0] * GRID[1]
+    assert_allclose(samples.truth[0][:, face].T, [[100, 75, 60]] * face.sum(), atol=2)
+    assert_allclose(samples.donor[SCENES][0][:, CELLS.weight[0] > 0.9].mean(1), [120, 80, 60], atol=2)
+    assert_allclose(samples.scene[SCENES][0][:, CELLS.weight[0] > 0.9].mean(1), [100, 75, 60], atol=2)
+
+
+def test_the_untrained_network_is_a_classical_light(samples: swap_data.Samples) -> None:
+    batches, rows = Batches(samples, CELLS), np.arange(len(samples.group))
+    untrained = measure(Lit(LightNet().eval(), CELLS), batches, rows)
+    assert untrained["error"] < 3
+    assert measure(Classical(CELLS), batches, rows)["error"] < 3
+    assert measure(lambda batch: batch.face, batches, rows)["error"] > 20
+
+
+def test_errors_are_lab_distances_of_what_is_shown() -> None:
+    grey, shown = torch.full((1, 3, *GRID), 120.0), torch.ones(1, *GRID)
+    lighter = grey.clone()
+    lighter[..., : GRID[1] // 2] = 160
+    plain, smooth = Errors()(lighter, grey, shown)
+    assert 5 < float(plain) < 10
+    assert 5 < float(smooth) < 10
+    shown[..., : GRID[1] // 2] = 0
+    assert float(Errors()(lighter, grey, shown)[0]) < 0.5
+
+
+def test_disturbed_batches_keep_the_truth_consistent_with_the_scene(samples: swap_data.Samples) -> None:
+    batch = Batches(samples, CELLS).random(8, np.random.default_rng(0))
+    own = (batch.truth - batch.untouched).abs().amax((1, 2, 3))
+    assert (own < 1e-3).any()  # somebody with their own face, under the same camera
+    assert batch.shown.min() == 0
+    assert torch.isfinite(batch.skin).all()

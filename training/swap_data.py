@@ -1,0 +1,166 @@
+"""What the learned light is trained on, laid out on its coarse grid.
+
+The pictures of `render_swaps.py` are sampled on the reference frame as the engine samples them, the donor's and the
+scene's under their own points with some noise, the truth where it should be drawn, and averaged in the cells of the
+learned light. RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.mask import skin_mask
+from guise.aam.reference import ReferenceFrame
+from guise.app.swapping.learned_light import GRID, part_masks, places
+from guise.common.arrays import F32, F64, U8
+
+RESOLUTION = 64
+POINT_NOISE_FACE_WIDTHS = 0.006  # of each point
+SHIFT_NOISE_FACE_WIDTHS = 0.004  # of all points together
+MAX_HAIR_SHARE = 0.1  # of a texel that is shown
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """n swaps, in cells (h, w).
+
+    Attributes
+    ----------
+    donor, neutral, scene : (n, 2, 3, h, w) uint8 means of skin and of other texels: the face that is shown, with the
+        scene's expression and at rest, and the person in the scene.
+    truth, untouched : (n, 3, h, w) uint8 means of all: the scene with the donor's face, and as it is, in the same
+        places.
+    shown : (n, h, w) uint8, weight of what no hair covers, 255 for a whole cell.
+    group : (n,)
+    """
+
+    donor: U8
+    neutral: U8
+    scene: U8
+    truth: U8
+    untouched: U8
+    shown: U8
+    group: U8
+
+    def __getitem__(self, rows: np.ndarray) -> Samples:
+        return Samples(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+
+class Cells:
+    """Means of textures in cells.
+
+    Attributes
+    ----------
+    weight : (2, h, w) float32, texels of skin and others in each cell over those of a whole one.
+    parts : (parts, h, w) float32 share of each of the learned light's parts.
+    """
+
+    def __init__(self, resolution: int = RESOLUTION) -> None:
+        self.reference = ReferenceFrame.canonical(resolution)
+        at = places(self.reference)
+        corner = np.floor(at).astype(int)
+        x, y = (at - corner).T
+        rows = [(corner[:, 1] + dy) * GRID[1] + corner[:, 0] + dx for dy in (0, 1) for dx in (0, 1)]
+        shares = [(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x]
+        texels = np.arange(len(at))
+        self._splat = csr_matrix(
+            (np.concatenate(shares), (np.concatenate(rows), np.tile(texels, 4))), (GRID[0] * GRID[1], len(at))
+        )
+        skin = skin_mask(self.reference)[self.reference.mask]
+        self._kinds = [kind.astype(np.float32) for kind in (skin, ~skin)]
+        whole = float(self._splat.sum(1).max())
+        self.weight = np.stack([self._laid_out(kind) / whole for kind in self._kinds])
+        every = self._laid_out(np.ones(len(at), np.float32))
+        self.parts = np.stack(
+            [self._laid_out(part) / np.maximum(every, 1e-6) for part in part_masks(self.reference)]
+        )
+
+    def kinds(self, texture: F32) -> U8:
+        """(2, 3, h, w) means of skin and of other texels."""
+        return np.stack([self.means(texture, kind) for kind in self._kinds])
+
+    def means(self, texture: F32, weight: F32) -> U8:
+        """(3, h, w) means, 0 where nothing is."""
+        sums = np.stack([self._laid_out(plane * weight) for plane in texture.T])
+        return np.asarray(sums / np.maximum(self._laid_out(weight), 1e-6) + 0.5, np.uint8)
+
+    def share(self, weight: F32) -> U8:
+        """(h, w) weight in each cell, 255 for a whole one."""
+        return np.asarray(
+            255 * np.clip(self._laid_out(weight) / float(self._splat.sum(1).max()), 0, 1), np.uint8
+        )
+
+    def _laid_out(self, values: F32) -> F32:
+        return np.asarray(self._splat @ values, np.float32).reshape(GRID)
+
+
+def load(files: list[Path], cells: Cells, seed: int = 0) -> Samples:
+    """All swaps of the groups in files, also mirrored, and everyone with their own face."""
+    rows = []
+    for path in files:
+        number = int(path.stem.split("_")[1])
+        rows += [(*row, number) for row in _swaps(path, cells, np.random.default_rng([seed, number]))]
+    return Samples(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _swaps(path: Path, cells: Cells, rng: np.random.Generator):
+    with np.load(path) as file:
+        data = {name: file[name] for name in file.files}
+    people, k = int(data["people"]), int(data["scenes"])
+    pictures = [
+        cv2.imdecode(data["jpeg"][end - length : end], cv2.IMREAD_COLOR)[..., ::-1].copy()
+        for end, length in zip(np.cumsum(data["length"]), data["length"], strict=True)
+    ]
+    points = data["face81"].astype(np.float64)
+    hair = np.unpackbits(data["hair"], axis=3)[..., : pictures[0].shape[1]].reshape(
+        people * k, *pictures[0].shape[:2]
+    )
+    yield from _sampled(pictures, points, hair, (people, k), cells, rng)
+    mirrored = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures]
+    points = points[:, list(MIRROR)] * (-1, 1) + (pictures[0].shape[1] - 1, 0)
+    yield from _sampled(mirrored, points, hair[:, :, ::-1], (people, k), cells, rng)
+
+
+def _sampled(pictures, points, hair, count: tuple[int, int], cells: Cells, rng: np.random.Generator):
+    """Everyone's face on everyone's head, their own as well."""
+    (people, k), sampler = count, cells.reference.sampler
+    hair = np.ascontiguousarray(hair, np.float32)
+    donors, scenes = (
+        [
+            cells.kinds(sampler.sample(pictures[i], _noisy(points[i], rng)))
+            for i in range(first, first + people * k)
+        ]
+        for first in (0, people * k)
+    )
+    truth = 2 * people * k
+    for head in range(people):
+        for donor in range(people):
+            for j in range(k):
+                scene = head * k + j
+                drawn = people * k + scene if donor == head else truth
+                shown = (sampler.sample(hair[scene], points[drawn]) < MAX_HAIR_SHARE).astype(np.float32)
+                ideal, untouched = (
+                    cells.means(sampler.sample(pictures[i], points[drawn]), shown)
+                    for i in (drawn, people * k + scene)
+                )
+                yield (
+                    donors[donor * k + j],
+                    donors[donor * k],
+                    scenes[scene],
+                    ideal,
+                    untouched,
+                    cells.share(shown),
+                )
+                truth += donor != head
+
+
+def _noisy(shape: F64, rng: np.random.Generator) -> F64:
+    width = float(np.ptp(shape[:, 0]))
+    noise = rng.normal(0, POINT_NOISE_FACE_WIDTHS * width, shape.shape)
+    return np.asarray(shape + noise + rng.normal(0, SHIFT_NOISE_FACE_WIDTHS * width, 2))

@@ -1,0 +1,358 @@
+"""Trains the learned light and writes its model.
+
+    python -m training.train_light --swaps PARTS --output RUN [--steps 4000]
+
+PARTS holds the groups of `render_swaps.py`. Writes RUN/light.onnx, light.md (its card) and light.pt. The first groups
+are held back and measured: the Lab error of the lit face against the truth, and of both smoothed as `colour`, next to
+those of the classical light and of doing nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from guise.aam.light import LUMA
+from guise.app.swapping.coarse_grid import gaussian_kernel
+from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, places
+from guise.app.swapping.local_light import LocalLight
+from guise.common.arrays import F32
+from training import swap_data
+from training.light_net import LightNet, weights
+from training.swap_data import Cells, Samples
+
+COLOUR_SIGMA_FACE_WIDTHS = 0.05  # at which colours are compared
+WARM_UP, KEPT_OF_MEAN = 100, 0.995
+REPORT_STEPS = 200
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Standard deviations of what cameras do, as logs unless said otherwise."""
+
+    exposure: float = 0.12
+    white_balance: float = 0.07
+    gamma: float = 0.1
+    saturation: float = 0.1
+    noise_grey_levels: float = 1.5
+    at_rest: float = 0.5  # share of faces whose expression is weakened
+    occluded: float = 0.25  # share of faces with something in front
+    occluder_radius_face_widths: tuple[float, float] = (0.08, 0.3)
+
+
+DISTURBANCE = Disturbance()
+XYZ = torch.tensor(
+    [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
+)
+WHITE = torch.tensor([0.950456, 1.0, 1.088754])
+
+
+def lab(planes: Tensor) -> Tensor:
+    """CIE Lab (n, 3, h, w) of RGB 0..255."""
+    rgb = (planes / 255).clamp(1e-4, 1)
+    linear = torch.where(rgb > 0.04045, ((rgb + 0.055) / 1.055) ** 2.4, rgb / 12.92)
+    xyz = torch.einsum("rc,nchw->nrhw", XYZ / WHITE[:, None], linear)
+    f = torch.where(xyz > 0.008856, xyz.clamp(min=1e-6) ** (1 / 3), 7.787 * xyz + 16 / 116)
+    return torch.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], 1)
+
+
+class Errors:
+    """Lab distances of cells, at their own size and smoothed."""
+
+    def __init__(self) -> None:
+        sigma = COLOUR_SIGMA_FACE_WIDTHS / CELL_FACE_WIDTHS
+        self._kernels = [torch.tensor(gaussian_kernel(n, sigma, 0.0, 0.0)) for n in GRID]
+
+    def __call__(self, made: Tensor, truth: Tensor, shown: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean over what is shown (n, h, w) of pictures (n, 3, h, w): plain, smooth, each (n,)."""
+        difference = lab(made) - lab(truth)
+        weight = shown[:, None]
+        smooth = self._smooth(difference * weight) / self._smooth(weight).clamp(min=1e-3)
+        total = shown.sum((1, 2)).clamp(min=1)
+        plain, smooth = (
+            ((d.square().sum(1) + 0.05).sqrt() * shown).sum((1, 2)) / total for d in (difference, smooth)
+        )
+        return plain, smooth
+
+    def _smooth(self, planes: Tensor) -> Tensor:
+        return self._kernels[0] @ planes @ self._kernels[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Sums (n, 7, h, w) of skin and others; the face's means, truth and untouched (n, 3, h, w); shown (n, h, w)."""
+
+    skin: Tensor
+    other: Tensor
+    face: Tensor
+    truth: Tensor
+    untouched: Tensor
+    shown: Tensor
+
+
+class Batches:
+    """Samples as tensors, disturbed or as they are."""
+
+    def __init__(self, samples: Samples, cells: Cells) -> None:
+        self._samples, self._weight = samples, torch.tensor(cells.weight)
+        ys, xs = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32) * CELL_FACE_WIDTHS
+        self._places = torch.tensor(xs), torch.tensor(ys)
+
+    def plain(self, rows: np.ndarray) -> Batch:
+        """As they are."""
+        s = self._samples[rows]
+        donor, scene, truth, untouched = (
+            torch.tensor(x, dtype=torch.float32) for x in (s.donor, s.scene, s.truth, s.untouched)
+        )
+        shown = torch.tensor(s.shown, dtype=torch.float32) / 255
+        return self._batch(donor, scene, truth, untouched, shown, self._weight.expand(len(rows), -1, -1, -1))
+
+    def random(self, count: int, rng: np.random.Generator) -> Batch:
+        """Random ones under the disturbances of two cameras."""
+        d = DISTURBANCE
+        s = self._samples[rng.integers(len(self._samples.group), size=count)]
+        donor, rest, scene, truth, untouched = (
+            torch.tensor(x, dtype=torch.float32) for x in (s.donor, s.neutral, s.scene, s.truth, s.untouched)
+        )
+        share = _tensor(np.where(rng.random(count) < d.at_rest, rng.random(count), 0)).view(-1, 1, 1, 1, 1)
+        donor = _camera([donor + share * (rest - donor)], rng)[0]
+        scene, truth, untouched = _camera([scene, truth[:, None], untouched[:, None]], rng)
+        scene = scene + torch.randn(scene.shape) * d.noise_grey_levels
+        seen = 0.3 + 0.7 * torch.rand(count, 1, *GRID)
+        free = self._free(count, rng)
+        weight = self._weight * seen * free[:, None]
+        shown = torch.tensor(s.shown, dtype=torch.float32) / 255 * free
+        return self._batch(donor, scene, truth[:, 0], untouched[:, 0], shown, weight)
+
+    def _batch(
+        self, donor: Tensor, scene: Tensor, truth: Tensor, untouched: Tensor, shown: Tensor, weight: Tensor
+    ) -> Batch:
+        weight = weight[:, :, None]
+        sums = torch.cat([donor * weight, scene * weight, weight], 2)
+        whole = self._weight[:, None]
+        face = (donor * whole).sum(1) / whole.sum(0).clamp(min=1e-6)
+        return Batch(sums[:, 0], sums[:, 1], face, truth, untouched, shown)
+
+    def _free(self, count: int, rng: np.random.Generator) -> Tensor:
+        """(n, h, w) 0 in an ellipse in some of them."""
+        free = torch.ones(count, *GRID)
+        for one in np.flatnonzero(rng.random(count) < DISTURBANCE.occluded):
+            x, y = (rng.uniform(0, n * CELL_FACE_WIDTHS) for n in GRID[::-1])
+            radius, slim = rng.uniform(*DISTURBANCE.occluder_radius_face_widths), rng.uniform(0.6, 1.6)
+            free[one][(self._places[0] - x) ** 2 + ((self._places[1] - y) * slim) ** 2 < radius**2] = 0
+        return free
+
+
+def _tensor(values: np.ndarray) -> Tensor:
+    return torch.tensor(values, dtype=torch.float32)
+
+
+def _camera(pictures: list[Tensor], rng: np.random.Generator) -> list[Tensor]:
+    """Pictures (n, k, 3, h, w) as another camera would show them, the same one for all of a row."""
+    d, n = DISTURBANCE, len(pictures[0])
+    gain = _tensor(np.exp(rng.normal(0, d.exposure, (n, 1)) + rng.normal(0, d.white_balance, (n, 3))))
+    gamma = _tensor(np.exp(rng.normal(0, d.gamma, n))).view(-1, 1, 1, 1, 1)
+    saturation = _tensor(np.exp(rng.normal(0, d.saturation, n))).view(-1, 1, 1, 1, 1)
+    luma = torch.tensor(LUMA)[:, None, None]
+    made = []
+    for picture in pictures:
+        lit = (picture / 255).clamp(1 / 512, 1) ** gamma * gain[:, None, :, None, None]
+        grey = (lit * luma).sum(2, keepdim=True)
+        made.append((255 * (grey + (lit - grey) * saturation)).clamp(0, 255))
+    return made
+
+
+class Lit(nn.Module):
+    """The network's map applied to means of cells."""
+
+    def __init__(self, net: LightNet, cells: Cells) -> None:
+        super().__init__()
+        self.net = net
+        parts = torch.tensor(cells.parts)
+        self.register_buffer("parts", parts)
+        self.register_buffer("surface", 1 - parts.max(0).values)
+
+    def forward(self, batch: Batch) -> Tensor:
+        """The face in the light of the scene (n, 3, h, w)."""
+        found, gains = self.net(batch.skin, batch.other)
+        gain = found[:, :3] * self.surface + torch.einsum("npc,phw->nchw", gains, self.parts)
+        return batch.face * gain + found[:, 3:] * self.surface
+
+
+class Classical:
+    """The classical light on means of cells, taken for texels."""
+
+    def __init__(self, cells: Cells) -> None:
+        reference = cells.reference
+        self._at = np.ravel_multi_index(tuple(np.round(places(reference)).astype(int).T[::-1]), GRID)
+        self._light = LocalLight(reference, np.arange(len(self._at)), reference.mask)
+        self._count = np.bincount(self._at, minlength=GRID[0] * GRID[1])
+
+    def __call__(self, batch: Batch) -> Tensor:
+        """The face in the light of the scene (n, 3, h, w)."""
+        whole = batch.skin + batch.other
+        seen = (whole[:, 3:6] / whole[:, 6:].clamp(min=1e-6)).flatten(2).numpy()
+        faces = batch.face.flatten(2).numpy()
+        return _tensor(np.array([self._lit(*pair) for pair in zip(faces, seen, strict=True)]))
+
+    def _lit(self, face: F32, seen: F32) -> F32:
+        texels = np.ascontiguousarray(face[:, self._at].T)
+        self._light.reset()
+        self._light.update(texels, np.ascontiguousarray(seen[:, self._at].T), None)
+        made = self._light.apply(texels, np.eye(3), np.zeros(3))
+        sums = [np.bincount(self._at, plane, len(self._count)) for plane in made]
+        return np.asarray(sums / np.maximum(self._count, 1), np.float32).reshape(3, *GRID)
+
+
+@torch.no_grad()
+def measure(lit: Callable[[Batch], Tensor] | None, batches: Batches, rows: np.ndarray) -> dict[str, float]:
+    """Mean errors of the lit face, or of doing nothing; `gain` as in a comparison with doing nothing."""
+    errors, found = Errors(), []
+    for some in np.array_split(rows, max(1, len(rows) // 48)):
+        batch = batches.plain(some)
+        made = batch.untouched if lit is None else lit(batch)
+        found.append(
+            torch.stack(
+                [
+                    *errors(made, batch.truth, batch.shown),
+                    errors(batch.untouched, batch.truth, batch.shown)[0],
+                ]
+            )
+        )
+    error, colour, nothing = torch.cat(found, 1).mean(1).tolist()
+    return {"error": error, "colour": colour, "gain": 1 - error / nothing}
+
+
+def train(
+    net: LightNet, samples: Samples, cells: Cells, held_back: np.ndarray, options: argparse.Namespace
+) -> dict[str, dict[str, float]]:
+    """Train in place; the net ends as the running mean of its weights. Figures of what is held back."""
+    rng = np.random.default_rng(options.seed)
+    torch.manual_seed(options.seed)
+    is_held = np.isin(samples.group, held_back)
+    batches, lit, errors = Batches(samples[~is_held], cells), Lit(net, cells), Errors()
+    held = samples[is_held & (samples.truth != samples.untouched).any((1, 2, 3))]
+    check, rows = Batches(held, cells), np.arange(0, len(held.group), 3)
+    print(
+        f"{len(samples.group)} samples, {weights(net)} weights; nothing {_said(measure(None, check, rows))}",
+        flush=True,
+    )
+    others = {
+        "nothing": measure(None, check, rows),
+        "classical light": measure(Classical(cells), check, rows),
+    }
+    print(
+        f"classical {_said(others['classical light'])}; start {_said(measure(lit, check, rows))}", flush=True
+    )
+    optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=1e-3)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, options.rate, options.steps, pct_start=0.1)
+    mean = {name: value.clone() for name, value in net.state_dict().items()}
+    start = time.time()
+    for step in range(1, options.steps + 1):
+        batch = batches.random(options.batch, rng)
+        plain, smooth = errors(lit(batch), batch.truth, batch.shown)
+        nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
+        loss = ((plain + smooth) / (nothing + 2)).mean()
+        optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        optimiser.step()
+        schedule.step()
+        kept = KEPT_OF_MEAN if step > WARM_UP else 0.9
+        for name, value in net.state_dict().items():
+            mean[name].lerp_(value, 1 - kept)
+        if step % REPORT_STEPS == 0 or step == options.steps:
+            now = {name: value.clone() for name, value in net.state_dict().items()}
+            net.load_state_dict(mean)
+            seconds, figures = time.time() - start, _said(measure(lit, check, rows))
+            print(f"{step}: {seconds:.0f} s, loss {float(loss.detach()):.3f}, {figures}", flush=True)
+            torch.save(mean, options.output / "light.pt")
+            if step < options.steps:
+                net.load_state_dict(now)
+    return {**others, "learned light": measure(lit, check, rows)}
+
+
+def _said(figures: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:.3f}" for name, value in figures.items())
+
+
+CARD = """# Model card: the learned light
+
+A small convolutional network (`training/light_net.py`, {weights:,} weights) that gives a synthesised face the light and
+the skin tone of a frame. It sees means of both on a grid of 41 x 35 cells and gives an affine map of colours for each
+cell; it cannot add what the face does not have.
+
+- Licence: that of Guise (Apache-2.0).
+- Data: {samples:,} swaps of {groups} groups of four rendered people who do not exist (CC0,
+  `training/render_swaps.py`), each on the heads of the others, mirrored as well. No picture of a real person.
+- Training: `training/train_light.py`, {steps} batches of {batch}, under random exposure, white balance, gamma,
+  saturation, noise, misplaced points and occlusions.
+- Not meant for telling who somebody is or what they feel; it does neither.
+
+## Error on rendered people held back
+
+Mean Lab distance from the ideal swap, of means of cells and of these smoothed by 0.05 face widths (`colour`); gain is
+1 - error / error of doing nothing.
+
+| what | error | colour | gain |
+|---|---|---|---|
+{rows}
+"""
+
+
+def card(figures: dict[str, dict[str, float]], **about: object) -> str:
+    """The model card."""
+    rows = [
+        f"| {name} | " + " | ".join(f"{value:.2f}" for value in row.values()) + " |"
+        for name, row in figures.items()
+    ]
+    return CARD.format(rows="\n".join(rows), **about)
+
+
+def export(net: LightNet, path: Path) -> None:
+    """Write the network as ONNX."""
+    sums = torch.rand(1, 7, *GRID) + 0.5
+    torch.onnx.export(
+        net.eval(), (sums, sums.clone()), str(path), input_names=["skin", "other"], output_names=["map", "parts"],
+        opset_version=17, dynamo=False,
+    )  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--swaps", type=Path, required=True, help="folder of the rendered groups")
+    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--batch", type=int, default=16)
+    parser.add_argument("--rate", type=float, default=3e-3)
+    parser.add_argument("--held-back", type=int, default=1, help="groups")
+    parser.add_argument("--first-weights", type=Path)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(1)
+    cells = Cells()
+    samples = swap_data.load(sorted(options.swaps.glob("group_*.npz")), cells)
+    net = LightNet()
+    if options.first_weights:
+        net.load_state_dict(
+            {k: v for k, v in torch.load(options.first_weights).items() if k in dict(net.named_parameters())},
+            strict=False,
+        )
+    groups = np.unique(samples.group)
+    figures = train(net, samples, cells, groups[: options.held_back], options)
+    export(net, options.output / "light.onnx")
+    about = {"weights": weights(net), "steps": options.steps, "batch": options.batch}
+    text = card(figures, samples=len(samples.group), groups=len(groups) - options.held_back, **about)
+    (options.output / "light.md").write_text(text)
+
+
+if __name__ == "__main__":
+    main()
