@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.appearance import AppearanceModel
 from guise.aam.landmarks.schemes import (
     LOWER_INNER_LIP,
     LOWER_LIDS,
@@ -43,16 +42,20 @@ LIMITS = LayingLimits()
 
 
 class ShapeTransfer:
-    """Carries tracked shapes of a source person over to a target; both models share their reference frame.
+    """Carries tracked shapes of a source person over to a target.
 
     What it makes lies where the source's face, aligned with the reference frame, lies.
+
+    Parameters
+    ----------
+    source, target : (81, 2) the two faces at rest, aligned with the reference frame.
+    reference : ReferenceFrame.
     """
 
-    def __init__(self, source: AppearanceModel, target: AppearanceModel) -> None:
-        self._reference = target.reference
-        self._from = self._reference.align(source.neutral_shape)
-        over = laid_over(self._reference.align(target.neutral_shape), self._from, self._reference)
-        self._to = over + outline_pull(self._reference) @ (self._from - over)
+    def __init__(self, source: F64, target: F64, reference: ReferenceFrame) -> None:
+        self._reference, self._from = reference, source
+        over = laid_over(target, source, reference)
+        self._to = over + outline_pull(reference) @ (source - over)
 
     @property
     def rest(self) -> F64:

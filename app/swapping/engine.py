@@ -14,6 +14,7 @@ from guise.aam.extrapolation import Extrapolator
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
+from guise.aam.shape_prior import at_rest
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
@@ -68,9 +69,7 @@ class Engine(Closing):
         self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
-        self._shape_transfer = (
-            ShapeTransfer(source.appearance, target.appearance) if options.transfer == "full" else None
-        )
+        self._shape_transfer = _shape_transfer(source, target) if options.transfer == "full" else None
         self._last: tuple[F64, F32] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
@@ -113,6 +112,12 @@ class Engine(Closing):
     def close(self) -> None:
         """Release the compositors."""
         self.painter.close()
+
+
+def _shape_transfer(source: Identity, target: Identity) -> ShapeTransfer:
+    reference = target.reference
+    own, other = (at_rest(one.appearance.neutral_shape, reference) for one in (source, target))
+    return ShapeTransfer(own, other, reference)
 
 
 def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineOptions) -> Occlusion | None:
