@@ -15,14 +15,21 @@ def noisy(deviation: float, seed: int) -> np.ndarray:
     return np.clip(SMOOTH + noise[..., None], 0, 255).round().astype(np.uint8)
 
 
+def grained(grain: Grain, number: int) -> np.ndarray:
+    """A smooth texture with the grain of a frame."""
+    picture = SMOOTH.copy()
+    grain.add(picture, number)
+    return picture
+
+
 def drawn_after(grain: Grain, deviation: float, frames: int = 30) -> np.ndarray:
     """The last of some frames with noise, on which a smooth face is drawn pixel by pixel."""
     for number in range(frames):
-        picture = grain.add(SMOOTH, number)
+        picture = grained(grain, number)
         seen = grain.seen(noisy(deviation, number))
         if seen is not None:
             grain.update(seen, picture, FRAME.points)
-    return grain.add(SMOOTH, frames)
+    return grained(grain, frames)
 
 
 @pytest.mark.parametrize("deviation", [1.0, 2.5])
@@ -45,7 +52,7 @@ def test_a_clean_frame_and_a_noisier_face_get_none() -> None:
 def test_the_grain_of_a_frame_is_always_the_same_and_that_of_the_next_another() -> None:
     one, other = Grain(FRAME, FRAME.mask), Grain(FRAME, FRAME.mask)
     np.testing.assert_array_equal(drawn_after(one, 2.0), drawn_after(other, 2.0))
-    first, second = (one.add(SMOOTH, number)[..., 0].astype(float).ravel() for number in (5, 6))
+    first, second = (grained(one, number)[..., 0].astype(float).ravel() for number in (5, 6))
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.1
 
 

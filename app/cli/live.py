@@ -15,10 +15,13 @@ from guise.app.cli.options import (
     Alpha,
     Crf,
     Encoder,
+    EyesChoice,
     Force,
     Json,
     LightChoice,
     LightName,
+    MouthChoice,
+    OwnerName,
     Preset,
     Quiet,
     RendererChoice,
@@ -110,6 +113,8 @@ def live(
     ] = False,
     light: LightChoice = LightName.learned,
     transfer: TransferChoice = TransferName.full,
+    eyes: EyesChoice = OwnerName.donor,
+    mouth: MouthChoice = OwnerName.source,
     renderer: RendererChoice = RendererName.auto,
     encoder: Encoder = "libx264",
     crf: Crf = 20,
@@ -140,7 +145,8 @@ def live(
         source, camera, tuple(identity or ()), person, tuple(output or (() if headless else ("window",))), headless,
         _size(size), fps, loop, enrol, settings,
         EngineOptions(
-            light=light.value, transfer=transfer.value, jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value
+            light=light.value, transfer=transfer.value, eyes=eyes.value, mouth=mouth.value,
+            jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value,
         ),
         EncodeOptions(encoder, crf, preset), force,
     )  # fmt: skip

@@ -36,6 +36,13 @@ class LightName(StrEnum):
     paper = "paper"
 
 
+class OwnerName(StrEnum):
+    """Whose eyes or mouth are shown."""
+
+    donor = "donor"
+    source = "source"
+
+
 class TransferName(StrEnum):
     """How the expression moves the face."""
 
@@ -111,6 +118,18 @@ TransferChoice = Annotated[
     typer.Option(
         "--transfer",
         help="Movement of the face: full is all of the person's; paper is within the identity's own range and --alpha.",
+    ),
+]
+EyesChoice = Annotated[
+    OwnerName,
+    typer.Option(
+        "--eyes", help="Eyeballs between the lids: the identity's (donor) or the person's own (source)."
+    ),
+]
+MouthChoice = Annotated[
+    OwnerName,
+    typer.Option(
+        "--mouth", help="Teeth and tongue between the lips: the identity's (donor) or the person's own."
     ),
 ]
 Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]

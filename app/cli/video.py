@@ -14,6 +14,7 @@ from guise.app.cli.options import (
     Crf,
     Detector,
     Encoder,
+    EyesChoice,
     Force,
     Json,
     LandmarkerSpec,
@@ -22,7 +23,9 @@ from guise.app.cli.options import (
     LightName,
     Lossless,
     ModelPath,
+    MouthChoice,
     Output,
+    OwnerName,
     Preset,
     Quiet,
     RendererChoice,
@@ -53,6 +56,8 @@ def swap(
     alpha: Alpha = 0.6,
     light: LightChoice = LightName.learned,
     transfer: TransferChoice = TransferName.full,
+    eyes: EyesChoice = OwnerName.donor,
+    mouth: MouthChoice = OwnerName.source,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     unsure: UnsureOption = UnsureName.cover,
@@ -72,7 +77,8 @@ def swap(
         settings = _settings(
             console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
         )
-        settings = replace(settings, unsure=unsure.value)
+        options = replace(settings.options, eyes=eyes.value, mouth=mouth.value)
+        settings = replace(settings, options=options, unsure=unsure.value)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = swap_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "swapped")

@@ -64,16 +64,16 @@ class Grain:
         """Standard deviation of what is added to a texture, grey levels."""
         return float(np.sqrt(self._variance))
 
-    def add(self, picture: U8, frame: int) -> U8:
-        """A texture (h, w, 3), brightness first, with the grain of the frame of this number."""
+    def add(self, picture: U8, frame: int) -> None:
+        """Put the grain of the frame of this number on a texture (h, w, 3), brightness first, in place."""
         if self.deviation < LIMITS.min_grey_levels:
-            return picture
+            return
         x, y = np.random.default_rng(frame).integers(0, LIMITS.tile_slack_pixels, 2)
         h, w = picture.shape[:2]
-        luma, *colour = cv2.split(picture)
+        luma = cv2.extractChannel(picture, 0)
         tile = self._tile[y : y + h, x : x + w]
-        luma = cv2.addWeighted(luma, 1.0, tile, self.deviation, 0.0, dtype=cv2.CV_8U)
-        return np.asarray(cv2.merge([luma, *colour]), np.uint8)
+        cv2.addWeighted(luma, 1.0, tile, self.deviation, 0.0, dst=luma, dtype=cv2.CV_8U)
+        cv2.insertChannel(luma, picture, 0)
 
     def seen(self, picture: U8) -> F32 | None:
         """The energy of grain in a rectangle (h, w, 3) before drawing; None in frames that aren't measured."""

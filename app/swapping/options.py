@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from guise.aam.extrapolation import DEFAULT_ALPHA
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, Group
 from guise.render.compositor import Renderer
 
 
@@ -27,6 +28,8 @@ class EngineOptions:
         hide the rim of the face as well.
     hold_frames : for which a lost face keeps its last place.
     occluders : keep what is in front of the face in front; without it the face is drawn over everything.
+    eyes, mouth : whose eyeballs and inside of the mouth show between the drawn lids and lips; in a disguise never the
+        source's.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
         the person is harder to recognise from what remains of the head (hair, ears, neck).
     """
@@ -40,4 +43,14 @@ class EngineOptions:
     forehead: float = 0.0
     hold_frames: int = 4
     occluders: bool = True
+    eyes: Literal["donor", "source"] = "donor"
+    mouth: Literal["donor", "source"] = "source"
     disguise: bool = False
+
+    @property
+    def source_parts(self) -> tuple[Group, ...]:
+        """Landmark groups inside which the source's own face shows; in a disguise nowhere."""
+        if self.disguise:
+            return ()
+        eyes = (RIGHT_EYE, LEFT_EYE) if self.eyes == "source" else ()
+        return (*eyes, INNER_LIPS) if self.mouth == "source" else eyes

@@ -17,6 +17,7 @@ from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
+from guise.app.swapping.apertures import Aperture
 from guise.app.swapping.grain import Grain
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
@@ -76,6 +77,7 @@ class Painter:
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
+        self._kept: dict[bool, list[Aperture]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
         self._zeros = np.zeros((3, 0), np.float32)
@@ -92,7 +94,7 @@ class Painter:
             visible = None if self._occlusion is None else self._occlusion.visible
             self._palette.update(texture[self._texels], texels, visible)
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
-        self.blend(frame, mesh, texture, zoom, uncovered, self._grain)
+        self.blend(frame, mesh, texture, zoom, uncovered, self._grain, head)
         return mesh
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
@@ -106,12 +108,13 @@ class Painter:
 
     def blend(
         self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,
-        grain: Grain | None = None,
+        grain: Grain | None = None, head: F64 | None = None,
     ) -> None:  # fmt: skip
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
 
         uncovered : (h, w) share in [0, 1] of the face that is drawn, on the reference grid; None is all of it.
         grain : measures the frame's grain and adds it to the texture; None adds nothing.
+        head : (81, 2) pixels of the source, whose own eyes or mouth are kept if the options say so.
         """
         x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
         if w < 2 or h < 2:
@@ -121,7 +124,11 @@ class Painter:
         roi = frame.read_roi(x0, y0, w, h)
         seen = None
         if grain is not None:
-            picture, seen = grain.add(picture, frame.index), grain.seen(roi)
+            grain.add(picture, frame.index)
+            seen = grain.seen(roi)
+        if head is not None:
+            for aperture in self._apertures(fine):
+                aperture.fill(picture, roi, head - (x0, y0))
         self._set_occlusion(fine, uncovered)
         self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
         if grain is not None and seen is not None:
@@ -184,6 +191,14 @@ class Painter:
                 self._enlarged(self._alpha, fine),
             )
         return self._compositors[fine]
+
+    def _apertures(self, fine: bool) -> list[Aperture]:
+        """Where the source's own eyes and mouth show."""
+        if fine not in self._kept:
+            self._kept[fine] = [
+                Aperture(self.reference, part, 2 if fine else 1) for part in self.options.source_parts
+            ]
+        return self._kept[fine]
 
     def _set_occlusion(self, fine: bool, uncovered: F32 | None) -> None:
         """Draw only what nothing hides; the alpha is touched only when that changes."""

@@ -1,0 +1,64 @@
+"""The source's own mouth and eyes, drawn through the identity's lips and lids."""
+
+import numpy as np
+import pytest
+from made_up import SAMPLES
+from models import model_file
+
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.aam.mask import soft_parts
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.app.media import Frame, open_input
+from guise.app.swapping.apertures import Aperture
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.options import EngineOptions
+
+FRAME = ReferenceFrame.canonical(96)
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_an_aperture_shows_what_the_frame_shows_there_and_nothing_around_it_changes(factor: int) -> None:
+    h, w = FRAME.size
+    roi = np.zeros((2 * h, 2 * w, 3), np.uint8)
+    roi[..., 0] = np.linspace(50, 200, 2 * w)  # on the source's face, twice as large as the grid's
+    picture = np.full((factor * h, factor * w, 3), 255, np.uint8)
+    Aperture(FRAME, INNER_LIPS, factor).fill(picture, roi, (FRAME.points + 0.5) * 2 - 0.5)
+    x, y = FRAME.points[INNER_LIPS].mean(0)
+    at = round((y + 0.5) * factor - 0.5), round((x + 0.5) * factor - 0.5)
+    assert picture[at][0] == pytest.approx(50 + 150 * x / w, abs=3)
+    assert picture[at][1] <= 3
+    share = soft_parts(FRAME, (INNER_LIPS,), 0.0).repeat(factor, 0).repeat(factor, 1)
+    assert (picture[share == 0] == 255).all()
+
+
+def test_a_disguise_never_shows_the_source() -> None:
+    assert EngineOptions(eyes="source", mouth="source", disguise=True).source_parts == ()
+    parts = EngineOptions(eyes="source", mouth="source").source_parts
+    assert [list(p) for p in parts] == [list(p) for p in (RIGHT_EYE, LEFT_EYE, INNER_LIPS)]
+    assert EngineOptions(mouth="donor").source_parts == ()
+
+
+def drawn(options: EngineOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A frame before and after a swap, and the drawn mesh."""
+    p01, p02 = (Identity.load(model_file(name)) for name in ("p01", "p02"))
+    with open_input(SAMPLES / "p01" / "talk.mp4") as media, Engine(p01, p02, None, options) as engine:
+        frame: Frame = next(iter(media))
+        before = frame.rgb()
+        shape = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float)
+        return before, engine.draw(frame, shape), frame.rgb()
+
+
+def test_eyes_are_the_sources_only_where_that_is_chosen() -> None:
+    before, mesh, own = drawn(EngineOptions(eyes="source", renderer="cpu"))
+    _, _, other = drawn(EngineOptions(eyes="donor", renderer="cpu"))
+    changed = np.abs(own.astype(float) - other).max(2) > 8
+    ys, xs = np.nonzero(changed)
+    assert len(ys) > 20
+    eyes = mesh[[*RIGHT_EYE, *LEFT_EYE]]
+    margin = 0.05 * np.ptp(mesh[:, 0])
+    assert xs.min() > eyes[:, 0].min() - margin
+    assert xs.max() < eyes[:, 0].max() + margin
+    assert ys.min() > eyes[:, 1].min() - margin
+    assert ys.max() < eyes[:, 1].max() + margin
+    assert not np.array_equal(before, own)
