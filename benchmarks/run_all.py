@@ -38,6 +38,7 @@ LANDMARKS = (
     "landmarks.small_faces",
     "landmarks.rendered",
     "landmarks.rolls",
+    "landmarks.parsing",
     "landmarks.jitter",
     "landmarks.speed",
     "landmarks.footprint",
@@ -81,7 +82,7 @@ WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed",
 )  # fmt: skip
-WITH_PARTS = ("landmarks.rendered", "landmarks.calibration")
+WITH_PARTS = ("landmarks.rendered", "landmarks.parsing", "landmarks.calibration")
 
 
 def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str]:

@@ -44,7 +44,7 @@ from training.parsing_labels import (
     skin_regions,
 )
 from training.props import STYLES, _outwards, beard_area, beard_texture, rim, tube
-from training.real_occluders import outlined_figures
+from training.real_occluders import load_outlined, outlined_figures
 
 SIDE = 176
 PROPS = Props(np.stack([clutter(np.random.default_rng(k), 192) for k in range(3)]))
@@ -263,17 +263,26 @@ def test_facial_hair_does_not_hide_points() -> None:
 def test_outlined_crops_are_measured_without_what_is_left_out(tmp_path: Path) -> None:
     square = [[-0.5, -0.5], [63.5, -0.5], [63.5, 127.5], [-0.5, 127.5]]
     beyond = [[63.5, -0.5], [95.5, -0.5], [95.5, 127.5], [63.5, 127.5]]
-    labels = {"one": {"occluder": [square], "ignore": [beyond]}}
-    (tmp_path / "labels.json").write_text(json.dumps(labels))
-    cv2.imwrite(str(tmp_path / "one.png"), np.full((SIZE, SIZE, 3), 50, np.uint8))
+    whole = [[-0.5, -0.5], [127.5, -0.5], [127.5, 127.5], [-0.5, 127.5]]
+    row = {
+        "clip": "one",
+        "frame": 0,
+        "crop": [100, 100, 64, 0],
+        "hull": whole,
+        "occluder": [square],
+        "ignore": [beyond],
+    }
+    (tmp_path / "labels.json").write_text(json.dumps([row, row | {"clip": "absent"}]))
+    writer = cv2.VideoWriter(str(tmp_path / "one.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25, (200, 200))
+    writer.write(np.full((200, 200, 3), 50, np.uint8))
+    writer.release()
+    given = load_outlined(tmp_path, tmp_path / "labels.json")
+    assert given.crops.shape == (1, SIZE, SIZE, 3)
     parsing = np.zeros((1, len(CLASSES), CELLS, CELLS), np.float32)
     parsing[:, SKIN] = 0.5
     parsing[:, OCCLUDER, :, 2:44] = 1
-
-    def answer(crops: np.ndarray) -> Answers:
-        nothing = np.zeros((1, 81), np.float32)
-        return Answers(points(60.0, SIZE / 2)[None], nothing, nothing[:, 0], None, parsing)
-
-    figures = outlined_figures(answer, tmp_path)
-    assert figures["occluder_iou"] == pytest.approx(30 / 33, abs=0.04)
+    figures = outlined_figures(parsing, given)
+    assert figures["occluder_iou"] == pytest.approx(30 / 32, abs=0.04)
     assert figures["false_occluder"] < 1
+    with pytest.raises(FileNotFoundError, match=r"labels\.json"):
+        load_outlined(tmp_path / "nowhere", tmp_path / "labels.json")

@@ -1,6 +1,6 @@
 """Turn the weights of a training for irises and parsing into what ships: an ONNX file and its model card.
 
-    python -m training.finish_parsing --run OUT --parts PARTS --real DATA [--hands HANDS] [--outlined FOLDER] [--ship]
+    python -m training.finish_parsing --run OUT --parts PARTS --real DATA [--hands HANDS] [--ship]
 
 OUT is the output of `train_face.py --goal parsing`. Writes `face.onnx` (outputs `iris` and `parsing`; in 8 bits if that
 is faster and no less accurate), `report.json` and `face.md` there. With --ship they go to aam/data.
@@ -28,7 +28,7 @@ from training.face_net import FaceNet
 from training.finish_face import DATA, eight_bit, export, milliseconds
 from training.measure import answers_of_file, figures_of
 from training.parsing_labels import CLASSES
-from training.real_occluders import outlined_figures
+from training.real_occluders import load_outlined, outlined_figures
 from training.report import by_class, by_group
 
 MAX_IOU_LOSS = 0.01  # of the 8-bit file, beside the float32 one
@@ -94,13 +94,12 @@ def card(facts: dict[str, Any]) -> str:
         table.append(
             f"| {name.replace('_', ' ')} | {facts['plain'][name]:.3f} | {facts['occluded'][name]:.3f} |"
         )
-    outlined = ""
-    if facts["outlined"]:
-        row = facts["outlined"]
-        outlined = (
-            f"On {row['crops']:.0f} crops of real videos with hands and objects outlined by hand: occluder IoU "
-            f"{row['occluder_iou']:.3f}, {row['false_occluder']:.2f} % of the face's other cells called occluder."
-        )
+    row = facts["outlined"]
+    outlined = (
+        f"On {row['crops']:.0f} crops of real videos, a third of them with hands outlined by hand "
+        f"(`training/real_occluders.json`): occluder IoU {row['occluder_iou']:.3f} within the face, "
+        f"{row['false_occluder']:.2f} % of its other cells called occluder."
+    )
     return CARD.format(
         **facts["training"], bytes=facts["bytes"], ms=facts["ms"],
         classes=", ".join(c.replace("_", " ") for c in CLASSES), irises="\n".join(lines), parsing="\n".join(table),
@@ -117,9 +116,6 @@ def main() -> None:
     parser.add_argument("--real", type=Path, required=True)
     parser.add_argument("--hands", type=Path)
     parser.add_argument("--alignment", type=Path)
-    parser.add_argument(
-        "--outlined", type=Path, help="real crops with occluders outlined, see real_occluders.py"
-    )
     parser.add_argument("--count", type=int, default=600, help="held-out pictures that are measured on")
     parser.add_argument("--ship", action="store_true", help="copy the network and its card to aam/data")
     options = parser.parse_args()
@@ -152,11 +148,14 @@ def main() -> None:
     chosen = int(bool(same) and times[1] < times[0])
     shutil.copy(files[chosen], run / "face.onnx")
     answer = answers_of_file(run / "face.onnx")
+    outlined = load_outlined(options.real / "real")
+    parsing = answer(outlined.crops).parsing
+    assert parsing is not None
     facts: dict[str, Any] = {
         "groups": by_group(answer, unseen, options.count),
         "plain": by_class(answer, unseen, options.count, None),
         "occluded": by_class(answer, unseen, options.count, props),
-        "outlined": outlined_figures(answer, options.outlined) if options.outlined else {},
+        "outlined": outlined_figures(parsing, outlined),
         "ms": times[chosen], "bytes": (run / "face.onnx").stat().st_size,
         "training": json.loads((run / "facts.json").read_text()),
     }  # fmt: skip

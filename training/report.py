@@ -31,7 +31,7 @@ from training.measure import (
     point_errors,
 )
 from training.parsing_labels import CLASSES
-from training.real_occluders import outlined_figures
+from training.real_occluders import load_outlined, outlined_figures
 
 ROLLS_DEGREES = (0, 15, 30, 45, 60)
 YAW_RANGES_DEGREES = ((0, 15), (15, 30), (30, 45), (45, 60), (60, 76))
@@ -152,9 +152,6 @@ def main() -> None:
     parser.add_argument("--hands", type=Path)
     parser.add_argument("--alignment", type=Path)
     parser.add_argument("--count", type=int, default=600)
-    parser.add_argument(
-        "--outlined", type=Path, help="real crops with occluders outlined, see real_occluders.py"
-    )
     parser.add_argument("--json", type=Path, help="write the figures there")
     options = parser.parse_args()
     alignment = read_alignment(options.alignment)
@@ -162,8 +159,10 @@ def main() -> None:
     real = alignment.real(load_real(options.real, held_out=True))
     props = make_props(99, options.hands, held_out=True, backgrounds=300)
     facts = report(answer_of(options.weights), unseen, real, props, options.count)
-    if options.outlined:
-        facts["outlined"] = outlined_figures(answer_of(options.weights), options.outlined)
+    outlined = load_outlined(options.real / "real")
+    parsing = answer_of(options.weights)(outlined.crops).parsing
+    if parsing is not None:
+        facts["outlined"] = outlined_figures(parsing, outlined)
     print(tables(facts))
     if options.json:
         options.json.write_text(json.dumps(facts, indent=1) + "\n")
