@@ -37,7 +37,7 @@ def occluder(rng: Rng, canvas: Canvas, texture: Callable[[], Picture], hands: Se
     """
     makers = [_fingers, _mug, _microphone, _card, _blob, _mask, _cloth]
     weights = np.array([0.14, 0.12, 0.12, 0.12, 0.18, 0.1, 0.08])
-    if len(hands) and rng.random() < 0.5:
+    if len(hands) and rng.random() < 0.6:
         picture, alpha = _hand(rng, canvas, hands[int(rng.integers(len(hands)))])
     else:
         maker = makers[int(rng.choice(len(makers), p=weights / weights.sum()))]
