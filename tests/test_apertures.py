@@ -32,8 +32,22 @@ def test_an_aperture_shows_what_the_frame_shows_there_and_nothing_around_it_chan
     assert (picture[share == 0] == 255).all()
 
 
+@pytest.mark.parametrize(("lids", "expected"), [(1.0, 255), (0.1, 0)])
+def test_an_eye_may_be_the_sources_only_while_it_is_shut(lids: float, expected: int) -> None:
+    h, w = FRAME.size
+    head = FRAME.points.copy()
+    middle = head[LEFT_EYE, 1].mean()
+    head[LEFT_EYE, 1] = middle + lids * (head[LEFT_EYE, 1] - middle)
+    picture = np.full((h, w, 3), 255, np.uint8)
+    Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points).fill(picture, np.zeros_like(picture), head)
+    x, y = FRAME.points[LEFT_EYE].mean(0).round().astype(int)
+    assert picture[y, x, 0] == pytest.approx(expected, abs=3)
+
+
 def test_a_disguise_never_shows_the_source() -> None:
     assert EngineOptions(eyes="source", mouth="source", disguise=True).source_parts == ()
+    assert EngineOptions(disguise=True).shut_parts == ()
+    assert EngineOptions(light="paper").shut_parts == ()
     parts = EngineOptions(eyes="source", mouth="source").source_parts
     assert [list(p) for p in parts] == [list(p) for p in (RIGHT_EYE, LEFT_EYE, INNER_LIPS)]
     assert EngineOptions(mouth="donor").source_parts == ()

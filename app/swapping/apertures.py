@@ -6,6 +6,8 @@ mesh: whatever the two faces' proportions, an eye is whole and of one colour.  P
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -14,7 +16,20 @@ from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.common.arrays import F32, F64, U8
 
-EDGE = 0.02  # share of the source, below which a pixel is left to the identity
+
+@dataclass(frozen=True)
+class ApertureLimits:
+    """Where and when the source shows."""
+
+    min_share: float = 0.02  # of the source, below which a pixel is left to the identity
+    shut_growth_face_widths: float = 0.02  # of the source's part while it is shut
+    shut: tuple[float, float] = (
+        0.55,
+        0.3,
+    )  # openings, of that at rest, from which and at which lids count as shut
+
+
+LIMITS = ApertureLimits()
 
 
 class Aperture:
@@ -25,25 +40,49 @@ class Aperture:
     reference : ReferenceFrame.
     part : landmark group whose hull is the aperture, soft-edged.
     factor : pixels of the texture per grid pixel, along each axis.
+    at_rest : the source's shape (81, 2) at rest, if the source is to show only while the aperture is shut: then there
+        are only lashes and lids to see, where the texture's modes leave slivers of the identity's open eye.
     """
 
-    def __init__(self, reference: ReferenceFrame, part: Group, factor: int) -> None:
+    def __init__(
+        self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64 | None = None
+    ) -> None:
+        self._part = part
+        self._opening = None if at_rest is None else opening(at_rest[part])
         h, w = reference.size
-        share = soft_parts(reference, (part,), 0.0)
+        grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
+        share = soft_parts(reference, (part,), grow)
         share = np.asarray(
             cv2.resize(share, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32
         )
-        ys, xs = (np.flatnonzero((share > EDGE).any(axis)) for axis in (1, 0))
+        ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]
-        self._rest = 1 - self._share
         rows, columns = np.mgrid[self._place]
         places = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / factor - 0.5
         self._sampler = MeshSampler.build(reference, places)
 
     def fill(self, picture: U8, roi: U8, head: F64) -> None:
         """Lay what a rectangle shows on the source's shape (81, 2), in its pixels, into a texture in place."""
+        shown = self._shown(head)
+        if shown == 0:
+            return
         places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
         own = cv2.remap(roi, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         here = np.ascontiguousarray(picture[self._place])
-        picture[self._place] = cv2.blendLinear(own, here, self._share, self._rest)
+        share = self._share * np.float32(shown)
+        picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
+
+    def _shown(self, head: F64) -> float:
+        """Share in [0, 1] of the source."""
+        if self._opening is None:
+            return 1.0
+        first, last = LIMITS.shut
+        ratio = opening(head[self._part]) / max(self._opening, 1e-6)
+        return float(np.clip((first - ratio) / (first - last), 0, 1))
+
+
+def opening(outline: F64) -> float:
+    """Area of an aperture's outline (n, 2), of the square of its length."""
+    area = cv2.contourArea(outline.astype(np.float32))
+    return float(area / max(float(np.linalg.norm(np.ptp(outline, axis=0))), 1e-6) ** 2)

@@ -54,3 +54,10 @@ class EngineOptions:
             return ()
         eyes = (RIGHT_EYE, LEFT_EYE) if self.eyes == "source" else ()
         return (*eyes, INNER_LIPS) if self.mouth == "source" else eyes
+
+    @property
+    def shut_parts(self) -> tuple[Group, ...]:
+        """Landmark groups inside which the source's own face shows while they are shut."""
+        if self.disguise or self.light == "paper" or self.eyes == "source":
+            return ()
+        return RIGHT_EYE, LEFT_EYE

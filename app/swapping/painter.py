@@ -77,6 +77,7 @@ class Painter:
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
+        self._source_at_rest = source.appearance.neutral_shape
         self._kept: dict[bool, list[Aperture]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
@@ -195,8 +196,9 @@ class Painter:
     def _apertures(self, fine: bool) -> list[Aperture]:
         """Where the source's own eyes and mouth show."""
         if fine not in self._kept:
-            self._kept[fine] = [
-                Aperture(self.reference, part, 2 if fine else 1) for part in self.options.source_parts
+            factor, at_rest = 2 if fine else 1, self._source_at_rest
+            self._kept[fine] = [Aperture(self.reference, p, factor) for p in self.options.source_parts] + [
+                Aperture(self.reference, p, factor, at_rest) for p in self.options.shut_parts
             ]
         return self._kept[fine]
 
