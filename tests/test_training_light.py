@@ -13,7 +13,7 @@ from guise.app.swapping.learned_light import GRID  # noqa: E402
 from training import swap_data  # noqa: E402
 from training.light_net import LightNet  # noqa: E402
 from training.swap_data import Cells  # noqa: E402
-from training.train_light import Batches, Classical, Errors, Lit, measure  # noqa: E402
+from training.train_light import Batches, Classical, Errors, Lit, Portraits, measure  # noqa: E402
 
 CELLS = Cells()
 PEOPLE, SCENES, SIZE = 2, 2, 96
@@ -81,3 +81,16 @@ def test_disturbed_batches_keep_the_truth_consistent_with_the_scene(samples: swa
     assert (own < 1e-3).any()  # somebody with their own face, under the same camera
     assert batch.shown.min() == 0
     assert torch.isfinite(batch.skin).all()
+
+
+def test_a_photograph_is_its_own_truth_in_a_smooth_light(samples: swap_data.Samples) -> None:
+    real = Portraits(samples.donor[[0, 1, SCENES, SCENES + 1]], ["a", "a", "b", "b"], CELLS)
+    batch, own = real.random(40, np.random.default_rng(1))
+    assert torch.equal(batch.truth, batch.untouched)
+    assert 10 < own.sum() < 40
+    assert (
+        batch.shown[~own].sum((1, 2)) < batch.shown[own].sum((1, 2)).min()
+    ).all()  # of others, the skin alone
+    face = batch.truth[:, :, batch.shown[~own][0] > 0.9]
+    assert (face.std(2) > 2).any()
+    assert (face.diff(dim=2).abs().mean() < 0.5 * face.std(2).mean()).all()

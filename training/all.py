@@ -171,9 +171,11 @@ class Plan:
 
         swaps, light = self.work / "swaps", self.work / "light"
         yield Task("swaps", self._swaps(swaps), swaps / "complete")
-        yield Task(
-            "light", [("train_light", "--swaps", str(swaps), "--output", str(light))], light / "light.md"
-        )
+        yield Task("light", [self._light(swaps, light)], light / "light.md")
+
+    def _light(self, swaps: Path, output: Path) -> tuple[str, ...]:
+        photographs = str(self.data / "pairs" / "london")
+        return ("train_light", "--swaps", str(swaps), "--photographs", photographs, "--output", str(output))
 
     def _swaps(self, parts: Path) -> list[tuple[str, ...]]:
         """Commands that divide the groups of four people among the processes."""

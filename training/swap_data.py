@@ -19,6 +19,7 @@ from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.learned_light import GRID, part_masks, places
 from guise.common.arrays import F32, F64, U8
+from training.data import london_people
 
 RESOLUTION = 64
 POINT_NOISE_FACE_WIDTHS = 0.006  # of each point
@@ -107,6 +108,23 @@ def load(files: list[Path], cells: Cells, seed: int = 0) -> Samples:
         number = int(path.stem.split("_")[1])
         rows += [(*row, number) for row in _swaps(path, cells, np.random.default_rng([seed, number]))]
     return Samples(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def portraits(folder: Path, cells: Cells, seed: int = 0) -> tuple[U8, list[str]]:
+    """Means (m, 2, 3, h, w) of the photographs of pairs/london that may be trained on, and who each shows."""
+    rng, rows, names = np.random.default_rng(seed), [], []
+    with np.load(folder / "face81_mediapipe.npz") as stored:
+        points = {name: stored[name].astype(np.float64) for name in stored.files}
+    for person in london_people(folder):
+        for name in (f"{person}_neutral", f"{person}_smile"):
+            picture = cv2.imread(str(folder / f"{name}.jpg"), cv2.IMREAD_COLOR)
+            if picture is None or name not in points:
+                continue
+            width = float(np.ptp(points[name][:, 0]))
+            soft = cv2.GaussianBlur(picture[..., ::-1], (0, 0), 0.4 * width / RESOLUTION)
+            rows.append(cells.kinds(cells.reference.sampler.sample(soft, _noisy(points[name], rng))))
+            names.append(person)
+    return np.array(rows), names
 
 
 def _swaps(path: Path, cells: Cells, rng: np.random.Generator):

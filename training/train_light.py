@@ -1,10 +1,11 @@
 """Trains the learned light and writes its model.
 
-    python -m training.train_light --swaps PARTS --output RUN [--steps 4000]
+    python -m training.train_light --swaps PARTS --photographs LONDON --output RUN [--steps 4000]
 
-PARTS holds the groups of `render_swaps.py`. Writes RUN/light.onnx, light.md (its card) and light.pt. The first groups
-are held back and measured: the Lab error of the lit face against the truth, and of both smoothed as `colour`, next to
-those of the classical light and of doing nothing.
+PARTS holds the groups of `render_swaps.py`; LONDON photographs of real people, whose truth is known for their own face
+only: without them the network takes shading of real skin for another light. Writes RUN/light.onnx, light.md (its card)
+and light.pt. The first groups are held back and measured: the Lab error of the lit face against the truth, and of both
+smoothed as `colour`, next to those of the classical light and of doing nothing.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from guise.aam.light import LUMA
 from guise.app.swapping.coarse_grid import gaussian_kernel
 from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, places
 from guise.app.swapping.local_light import LocalLight
-from guise.common.arrays import F32
+from guise.common.arrays import F32, U8
 from training import swap_data
 from training.light_net import LightNet, weights
 from training.swap_data import Cells, Samples
@@ -150,6 +151,57 @@ class Batches:
         return free
 
 
+class Portraits:
+    """Photographs of real people in random smooth lights: with their own face, or another's.
+
+    Parameters
+    ----------
+    means : (m, 2, 3, h, w) of skin and of other texels.
+    people : who each shows.
+    """
+
+    def __init__(self, means: U8, people: list[str], cells: Cells) -> None:
+        self._means, self.people = torch.tensor(means, dtype=torch.float32), np.array(people)
+        self._weight = torch.tensor(cells.weight)
+        ys, xs = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32) * CELL_FACE_WIDTHS
+        self._places = torch.tensor(np.stack([xs - xs.mean(), ys - ys.mean()]))
+
+    def random(self, count: int, rng: np.random.Generator) -> tuple[Batch, Tensor]:
+        """A batch, whose truth is the photograph in its light, and which rows (n,) show somebody's own face."""
+        face = rng.integers(len(self.people), size=count)
+        seen, own = rng.integers(len(self.people), size=count), rng.random(count) < 0.5
+        for row in np.flatnonzero(own):
+            seen[row] = rng.choice(np.flatnonzero(self.people == self.people[face[row]]))
+        (donor,), (scene,) = (_camera([self._means[rows]], rng) for rows in (face, seen))
+        donor, scene = (x * self._light(count, s, rng) for x, s in ((donor, 0.3), (scene, 1.0)))
+        donor, scene = donor.clamp(0, 255), scene.clamp(0, 255)
+        weight = self._weight.expand(count, -1, -1, -1)[:, :, None]
+        whole = self._weight.sum(0).clamp(min=1e-6)
+        means = [(x * weight).sum(1) / whole for x in (donor, scene)]
+        sums = torch.cat([donor * weight, scene * weight, weight], 2)
+        same = torch.tensor(own | (self.people[face] == self.people[seen]))
+        shown = torch.where(
+            same[:, None, None], self._weight.sum(0), self._weight[0] * (self._weight[1] < 0.05)
+        )
+        return Batch(sums[:, 0], sums[:, 1], means[0], means[1], means[1], shown), same
+
+    def _light(self, count: int, strength: float, rng: np.random.Generator) -> Tensor:
+        """(n, 1, 3, h, w) factors: slopes, curvature, some colour, and for one in three a soft shadow's edge."""
+        x, y = self._places
+        fields = torch.stack([x, y, x * x, x * y, y * y])
+        grey = torch.einsum("nk,khw->nhw", _tensor(rng.normal(0, strength * 0.7, (count, 5))), fields)[
+            :, None
+        ]
+        tint = torch.einsum("nck,khw->nchw", _tensor(rng.normal(0, strength * 0.12, (count, 3, 5))), fields)
+        angle = rng.uniform(0, 2 * np.pi, count)
+        normal = _tensor(np.stack([np.cos(angle), np.sin(angle)], 1))
+        edge = torch.einsum("nk,khw->nhw", normal, self._places) - _tensor(rng.normal(0, 0.15, (count, 1, 1)))
+        depth = _tensor(np.where(rng.random(count) < 0.35 * strength, rng.uniform(0.2, 0.7, count), 0))
+        width = _tensor(rng.uniform(0.02, 0.15, count))
+        shade = 1 - depth[:, None, None] * torch.sigmoid(edge / width[:, None, None])
+        return ((grey + tint).exp() * shade[:, None])[:, None]
+
+
 def _tensor(values: np.ndarray) -> Tensor:
     return torch.tensor(values, dtype=torch.float32)
 
@@ -231,7 +283,12 @@ def measure(lit: Callable[[Batch], Tensor] | None, batches: Batches, rows: np.nd
 
 
 def train(
-    net: LightNet, samples: Samples, cells: Cells, held_back: np.ndarray, options: argparse.Namespace
+    net: LightNet,
+    samples: Samples,
+    cells: Cells,
+    held_back: np.ndarray,
+    options: argparse.Namespace,
+    real: Portraits | None = None,
 ) -> dict[str, dict[str, float]]:
     """Train in place; the net ends as the running mean of its weights. Figures of what is held back."""
     rng = np.random.default_rng(options.seed)
@@ -260,6 +317,10 @@ def train(
         plain, smooth = errors(lit(batch), batch.truth, batch.shown)
         nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
         loss = ((plain + smooth) / (nothing + 2)).mean()
+        if real is not None:
+            batch, same = real.random(options.batch // 2, rng)
+            plain, smooth = errors(lit(batch), batch.truth, batch.shown)
+            loss = loss + options.real_weight * torch.where(same, plain + smooth, smooth).mean()
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(net.parameters(), 1.0)
@@ -291,7 +352,10 @@ cell; it cannot add what the face does not have.
 
 - Licence: that of Guise (Apache-2.0).
 - Data: {samples:,} swaps of {groups} groups of four rendered people who do not exist (CC0,
-  `training/render_swaps.py`), each on the heads of the others, mirrored as well. No picture of a real person.
+  `training/render_swaps.py`), each on the heads of the others, mirrored as well; and {photographs} of
+  the Face Research Lab London Set (CC BY 4.0; DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666) in random
+  smooth lights, each to be restored from the same person's other photograph, or, of another person's, the smooth
+  colours of the skin.
 - Training: `training/train_light.py`, {steps} batches of {batch}, under random exposure, white balance, gamma,
   saturation, noise, misplaced points and occlusions.
 - Not meant for telling who somebody is or what they feel; it does neither.
@@ -328,6 +392,8 @@ def export(net: LightNet, path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--swaps", type=Path, required=True, help="folder of the rendered groups")
+    parser.add_argument("--photographs", type=Path, help="folder pairs/london")
+    parser.add_argument("--real-weight", type=float, default=0.1)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--batch", type=int, default=16)
@@ -340,6 +406,9 @@ def main() -> None:
     torch.set_num_threads(1)
     cells = Cells()
     samples = swap_data.load(sorted(options.swaps.glob("group_*.npz")), cells)
+    real = None
+    if options.photographs:
+        real = Portraits(*swap_data.portraits(options.photographs, cells), cells)
     net = LightNet()
     if options.first_weights:
         net.load_state_dict(
@@ -347,9 +416,11 @@ def main() -> None:
             strict=False,
         )
     groups = np.unique(samples.group)
-    figures = train(net, samples, cells, groups[: options.held_back], options)
+    figures = train(net, samples, cells, groups[: options.held_back], options, real)
     export(net, options.output / "light.onnx")
+    count = len(real.people) if real is not None else 0
     about = {"weights": weights(net), "steps": options.steps, "batch": options.batch}
+    about["photographs"] = f"{count} photographs of {len(set(real.people) if real else ())} people"
     text = card(figures, samples=len(samples.group), groups=len(groups) - options.held_back, **about)
     (options.output / "light.md").write_text(text)
 
