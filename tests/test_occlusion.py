@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from made_up import SAMPLES
@@ -17,10 +18,12 @@ from guise.aam.landmarks.schemes import (
     NOSE_TIP,
     OUTER_LIPS,
     RIGHT_EYE,
+    Group,
 )
 from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
+from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.app.media import Frame, open_input
 from guise.app.swapping import occlusion
 from guise.app.swapping.engine import Engine
@@ -141,6 +144,22 @@ def test_only_some_frames_are_parsed_while_no_object_is_in_front(
     rgb, _ = scene.with_object()
     scene.show(rgb, LIMITS.pause_frames + 4)
     assert len(calls) >= 6
+
+
+@pytest.mark.parametrize(("sides", "worn"), [((RIGHT_EYE,), False), ((RIGHT_EYE, LEFT_EYE), True)])
+def test_glasses_are_worn_before_both_eyes(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, sides: tuple[Group, ...], worn: bool
+) -> None:
+    plain = occlusion.parse_frame(FaceParser(), Frame.from_rgb(scene.rgb), scene.shape)
+    shares = np.zeros_like(plain.shares)
+    for eye in sides:
+        lens = cv2.convexHull(scene.shape[eye].astype(np.float32))[:, 0]
+        lens = (2 * lens - lens.mean(0)) @ plain.to_cells[:, :2].T + plain.to_cells[:, 2]
+        cv2.fillConvexPoly(shares[FaceClass.GLASSES], np.round(lens).astype(np.int32), 1.0)
+    parsing = FaceParsing(shares, plain.to_picture, plain.irises)
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
+    left = scene.show(scene.rgb)
+    assert (left is not None and left.min() < 0.1) == worn
 
 
 def frames_with_an_object() -> tuple[list[U8], F64]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from guise.aam.landmarks.builtin import CROP, SIZE, cut
 from guise.aam.landmarks.crops import crop_to_picture, upright_square
-from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE
+from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, NOSE_ROOT, RIGHT_BROW, RIGHT_EYE
 from guise.aam.mask import soft_parts
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
@@ -33,14 +33,14 @@ class OcclusionLimits:
     cell_face_widths: float = 0.0125
     object_share: tuple[float, float] = (0.15, 0.45)
     hair_share: tuple[float, float] = (0.5, 0.85)
-    glasses_share: tuple[float, float] = (0.3, 0.6)
+    frame_share: tuple[float, float] = (0.2, 0.5)  # of glasses, beside the eyes
+    lens_share: tuple[float, float] = (0.7, 0.95)  # of glasses, dark ones, before the eyes
+    mirror_face_widths: float = 0.04  # within which glasses must be seen on the other side of the face, too
     memory: float = (
         0.7  # share of hair and glasses kept from one parsed frame to the next; objects come and go
     )
     pause_frames: int = 2  # between two parsed frames while no object is in front
-    brow_growth_face_widths: float = (
-        0.03  # around brows and eyes, where hair doesn't count: brows are always covered
-    )
+    growth_face_widths: float = 0.03  # around brows and eyes, where hair doesn't count
     min_hidden: float = 0.02  # share from which something is in front
 
 
@@ -64,10 +64,15 @@ class Occlusion:
         cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
         places = cells * self._grid.cell
         self._cells = MeshSampler.build(reference, places.astype(np.float64))
-        features = (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE)
-        bare = soft_parts(reference, features, LIMITS.brow_growth_face_widths)
+        eyes = (RIGHT_EYE, LEFT_EYE)
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
-        self._hair_weight = np.asarray(1 - bare[y, x], np.float32)
+        around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *eyes), LIMITS.growth_face_widths)
+        self._hair_weight = np.asarray(1 - around[y, x], np.float32)
+        self._frame_weight = np.asarray(1 - soft_parts(reference, eyes, 0.0)[y, x], np.float32)
+        middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
+        self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
+        reach = 2 * round(LIMITS.mirror_face_widths / LIMITS.cell_face_widths) + 1
+        self._reach = np.ones((reach, reach), np.uint8)
         self.reset()
 
     def reset(self) -> None:
@@ -107,14 +112,20 @@ class Occlusion:
         """
         if self._layers is None:
             return self._uncovered
-        thing, hair, glasses = self._layers.at(self._cells.positions(mesh)).T
+        thing, hair, frame, lens = self._layers.at(self._cells.positions(mesh)).T
         self._layers = None
+        glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
         worn = np.maximum(hair * self._hair_weight, glasses)
         self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
         self._pause_frames = 0 if thing.max() > LIMITS.min_hidden else LIMITS.pause_frames
         hidden = np.maximum(thing, self._worn)
         self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
         return self._uncovered
+
+    def _on_both_sides(self, glasses: F32) -> F32:
+        """The share (n,) of the cells without what has no counterpart: an eye in the shade is no glass."""
+        other = cv2.dilate(glasses.reshape(self._grid.size)[:, self._mirrored], self._reach)
+        return np.minimum(glasses, other.ravel())
 
     def _on_reference(self, cells: F32) -> F32:
         height, width = self._reference.size
@@ -128,7 +139,7 @@ class Occlusion:
 
 @dataclass(frozen=True, eq=False)
 class _Layers:
-    """How far objects, hair and glasses hide the cells (64, 64, 3) of a parsed frame."""
+    """How far objects, hair, frames of glasses and dark glasses hide the cells (64, 64, 4) of a parsed frame."""
 
     parsing: FaceParsing
     hidden: F32
@@ -138,12 +149,13 @@ class _Layers:
         layers = (
             (FaceClass.OCCLUDER, LIMITS.object_share),
             (FaceClass.HAIR, LIMITS.hair_share),
-            (FaceClass.GLASSES, LIMITS.glasses_share),
+            (FaceClass.GLASSES, LIMITS.frame_share),
+            (FaceClass.GLASSES, LIMITS.lens_share),
         )
         return cls(parsing, np.dstack([_ramp(parsing.shares[kind], ends) for kind, ends in layers]))
 
     def at(self, points: Floating) -> F32:
-        """(n, 3) at points (n, 2) of the picture."""
+        """(n, 4) at points (n, 2) of the picture."""
         return self.parsing.at(points, self.hidden)
 
 
