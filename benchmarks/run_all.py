@@ -21,6 +21,7 @@ NAMES = (
     "roundtrip",
     "tracker_synthetic",
     "tracker_real",
+    "tracker_scenes",
     "tracker_speed",
     "transfer",
     "frame_time",
