@@ -78,10 +78,14 @@ MESH = (
     "mesh.landmarks",
     "mesh.speed",
 )
-ALL = (*NAMES, *LANDMARKS, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
+PICTURE = (
+    "picture.truth",
+    "picture.pairs",
+)
+ALL = (*NAMES, *LANDMARKS, *PICTURE, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
-    "deidentify.leaks", "deidentify.expression", "deidentify.speed",
+    "deidentify.leaks", "deidentify.expression", "deidentify.speed", "picture.pairs",
 )  # fmt: skip
 WITH_PARTS = ("landmarks.rendered", "landmarks.parsing", "landmarks.calibration")
 
@@ -95,6 +99,8 @@ def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str
         given += ["--peers-python", str(options.peers_python)]
     if name in LANDMARKS:
         given += ["--landmarker", options.landmarker]
+    if name in PICTURE:
+        given += ["--work", str(options.output / "picture")]
     if name in WITH_PARTS and options.parts:
         given += ["--parts", str(options.parts)]
     if name.endswith("memory"):

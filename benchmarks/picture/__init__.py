@@ -1,0 +1,1 @@
+"""Benchmarks of the picture that `guise swap` makes."""
