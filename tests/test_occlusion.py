@@ -10,7 +10,9 @@ from models import model_file
 from numpy.testing import assert_array_equal
 
 from guise.aam.landmarks.schemes import (
+    BROWS,
     CHIN,
+    HAIRLINE,
     LEFT_EYE,
     LOWER_LIP_BOTTOM,
     NOSE,
@@ -24,11 +26,13 @@ from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, open_input
 from guise.app.swapping import occlusion
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.occlusion import LIMITS, Occlusion
 from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.place import shown_mask
 from guise.common.arrays import F32, F64, U8
 
 BLUE = np.array([30, 60, 200], np.uint8)
@@ -223,3 +227,14 @@ def test_without_occluders_everything_is_covered(p01: Identity, changes: dict[st
     before, after, shape = drawn(p01, options)
     x, y = square(shape)
     assert (after[y + 20 : y + 30, x - 12 : x + 12] != before[y + 20 : y + 30, x - 12 : x + 12]).any()
+
+
+def test_brows_are_shown_whatever_the_sources_mask_says() -> None:
+    reference = ReferenceFrame.canonical(64)
+    nothing = np.zeros(reference.size, bool)
+    shown = shown_mask(nothing, reference)
+    x, y = np.round(reference.points[BROWS]).astype(int).T
+    assert shown[y, x].all()
+    x, y = np.round(reference.points[HAIRLINE]).astype(int)
+    assert not shown[y + 2, x]
+    assert shown_mask(reference.mask, reference)[reference.mask].all()

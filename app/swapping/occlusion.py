@@ -40,7 +40,7 @@ class OcclusionLimits:
         0.7  # share of hair and glasses kept from one parsed frame to the next; objects come and go
     )
     pause_frames: int = 2  # between two parsed frames while no object is in front
-    growth_face_widths: float = 0.03  # around brows and eyes, where hair doesn't count
+    growth_face_widths: float = 0.01  # around brows and eyes, where hair doesn't count
     min_hidden: float = 0.02  # share from which something is in front
 
 

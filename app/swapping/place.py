@@ -27,10 +27,12 @@ from guise.aam.landmarks.schemes import (
     RIGHT_EYE,
     RIGHT_TEMPLE,
 )
+from guise.aam.mask import soft_parts
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.common.arrays import F64, Bool
 
 HAIR_RIM_FACE_WIDTHS = 0.09  # inside the hull, where the source's hair is kept
+BROW_GROWTH_FACE_WIDTHS = 0.05  # around the brows, within which the source's own never show
 OUTLINE_REACH_FACE_WIDTHS = 0.11  # over which the inner points follow the outline
 OUTLINE_SHARE = 0.7  # by which the outline follows that of the head
 
@@ -50,14 +52,16 @@ DISGUISE = DisguiseProportions()
 def shown_mask(source: Bool, reference: ReferenceFrame) -> Bool:
     """Where a face is shown on the source's head (h, w): everywhere but over hair at the forehead and at the rim.
 
-    Farther inside, below the brows, the source's mask doesn't count: what it leaves out there (stubble, shadow, a lock
-    of hair) would show the source's own face.  The target needs no mask: its neutral face has skin where hair was.
+    Around the brows it is shown whatever the source's mask says, which takes the tails of dark or raised brows for
+    hair; a fringe is kept in front frame by frame, see `Occlusion`.  Farther inside, below the brows, the source's mask
+    doesn't count either: what it leaves out there (stubble, shadow, a lock of hair) would show the source's own face.
+    The target needs no mask: its neutral face has skin where hair was.
     """
     inside = cv2.distanceTransform(np.pad(reference.mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     below = np.arange(reference.size[0])[:, None] >= reference.points[BROW_TOPS, 1].mean()
-    return np.asarray(
-        reference.mask & (source | (below & (inside > HAIR_RIM_FACE_WIDTHS * reference.resolution)))
-    )
+    brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_GROWTH_FACE_WIDTHS) > 0.5
+    inner = below & (inside > HAIR_RIM_FACE_WIDTHS * reference.resolution)
+    return np.asarray(reference.mask & (source | inner | brows))
 
 
 def outward(reference: ReferenceFrame, jaw: float, forehead: float) -> F64:
