@@ -12,12 +12,14 @@ import shutil
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from benchmarks import common
-from benchmarks.children import GUISE, CommandError, ffmpeg, ran
+from benchmarks.children import GUISE, CommandError, ran
 from guise.app.measure.figures import mean_of
+from guise.app.media import EncodeOptions, open_input, open_sink
 
 Figures = dict[str, float]
 # How bad a figure is, for the worst of several.
@@ -54,10 +56,12 @@ def alone(video: Path, output: Path) -> Path:
 
 
 def beginning(video: Path, seconds: float, output: Path) -> Path:
-    """The first seconds of a clip, without loss, sound or the landmarks beside it."""
+    """The first seconds of a clip, without loss or the landmarks beside it."""
     output.parent.mkdir(parents=True, exist_ok=True)
-    same = ("-an", "-c:v", "libx264", "-qp", "0", "-preset", "ultrafast", "-fps_mode", "passthrough")
-    ran(ffmpeg("-i", video, "-t", f"{seconds:g}", *same, output))
+    options = EncodeOptions(lossless=True, preset="ultrafast")
+    with open_input(video) as source, open_sink(output, source, options, force=True) as sink:
+        for frame in islice(source, round(seconds * source.frame_rate)):
+            sink.write(frame)
     return output
 
 
