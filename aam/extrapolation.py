@@ -42,6 +42,8 @@ class Extrapolator:
         transfer, 0 projection.
     anchored : anchor on the neutral appearances.
     gate : share in [0, 1] of alpha for texture away from eyes and mouth; 1 is the paper's formula.
+    max_deviations : of the target's own modes from the anchor, to which their amounts are limited: far beyond what
+        the target's clip shows (a head turned farther, say) their sum breaks up into streaks.  None for no limit.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class Extrapolator:
         *,
         anchored: bool = True,
         gate: float = DEFAULT_GATE,
+        max_deviations: float | None = None,
     ) -> None:
         if source.reference.id != target.reference.id:
             raise ReferenceMismatchError(
@@ -64,7 +67,9 @@ class Extrapolator:
                 f"{target.reference.resolution} pixels across the face); enrol both with the same --resolution"
             )
         ys, yt = source.components.basis, target.components.basis
-        self._projected = yt @ (yt.T @ ys)
+        self._basis, self._amounts = yt, yt.T @ ys
+        self._most = None if max_deviations is None else max_deviations * target.components.deviations
+        self._projected = yt @ self._amounts
         self._outside = _gate(source.reference, gate)[:, None] * (ys - self._projected)
         self._matrix = np.empty_like(self._projected)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
@@ -91,7 +96,14 @@ class Extrapolator:
 
     def apply(self, parameters: F32) -> F32:
         """Target appearance (n,) of source parameters rho_s (k,)."""
-        return np.asarray(self._matrix @ (parameters - self._rest) + self._base, np.float32)
+        away = parameters - self._rest
+        made = self._matrix @ away + self._base
+        if self._most is not None:
+            amounts = self._amounts @ away
+            excess = amounts - np.clip(amounts, -self._most, self._most)
+            if excess.any():
+                made -= self._basis @ excess
+        return np.asarray(made, np.float32)
 
 
 def _gate(reference: ReferenceFrame, gate: float) -> F32:

@@ -131,6 +131,17 @@ def test_a_model_transfers_to_itself_unchanged() -> None:
     assert_allclose(moved, SOURCE.components.synthesise(rho), rtol=1e-4, atol=2e-2)
 
 
+def test_what_the_target_never_showed_is_held_at_a_limit() -> None:
+    free = Extrapolator(SOURCE, TARGET, gate=1.0)
+    limited = Extrapolator(SOURCE, TARGET, gate=1.0, max_deviations=4.0)
+    rest, some = SOURCE.neutral_parameters, some_parameters(3) - SOURCE.neutral_parameters
+    basis, most = TARGET.components.basis, 4.0 * TARGET.components.deviations
+    far = limited.apply(rest + 1000 * some) - limited.apply(rest)
+    assert (np.abs(basis.T @ far) <= 1.001 * most).all()
+    assert (np.abs(basis.T @ (free.apply(rest + 1000 * some) - free.apply(rest))) > most).any()
+    assert_allclose(limited.apply(rest + 1e-3 * some), free.apply(rest + 1e-3 * some), atol=1e-4)
+
+
 @pytest.mark.parametrize("alpha", [-0.01, 1.01, float("nan")])
 def test_alpha_outside_its_range_is_refused(alpha: float) -> None:
     with pytest.raises(ValueError, match=r"alpha must be in \[0, 1\], got"):

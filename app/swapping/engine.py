@@ -25,6 +25,8 @@ from guise.app.swapping.painter import Painter
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
+MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
+
 Outcome = Literal["swapped", "held", "lost"]
 
 
@@ -64,12 +66,18 @@ class Engine(Closing):
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
         self.source, self.target, self.options = source, target, options
-        self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
+        full = options.transfer == "full"
+        self.extrapolator = Extrapolator(
+            source.appearance,
+            target.appearance,
+            options.alpha,
+            max_deviations=MAX_TEXTURE_DEVIATIONS if full else None,
+        )
         self.estimator = ParameterEstimator(source.appearance)
         self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
-        self._shape_transfer = _shape_transfer(source, target) if options.transfer == "full" else None
+        self._shape_transfer = _shape_transfer(source, target) if full else None
         self._last: tuple[F64, F32] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
