@@ -56,7 +56,7 @@ def swap(
     alpha: Alpha = 0.6,
     light: LightChoice = LightName.learned,
     transfer: TransferChoice = TransferName.full,
-    eyes: EyesChoice = OwnerName.donor,
+    eyes: EyesChoice = OwnerName.source,
     mouth: MouthChoice = OwnerName.source,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",

@@ -43,7 +43,7 @@ class EngineOptions:
     forehead: float = 0.0
     hold_frames: int = 4
     occluders: bool = True
-    eyes: Literal["donor", "source"] = "donor"
+    eyes: Literal["donor", "source"] = "source"
     mouth: Literal["donor", "source"] = "source"
     disguise: bool = False
 
