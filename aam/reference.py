@@ -146,7 +146,7 @@ class MeshSampler:
         """Places (n, 2) in grid pixels; one outside the hull takes the nearest triangle."""
         columns = np.clip(np.round(places).astype(int), 0, np.array(reference.size[::-1]) - 1)
         triangle = reference.triangle_map[columns[:, 1], columns[:, 0]]
-        if (triangle < 0).any():  # only then, as it needs a large import
+        if (triangle < 0).any():
             triangle = _filled(reference.triangle_map)[columns[:, 1], columns[:, 0]]
         vertices = reference.triangles[triangle]
         a, b, c = (reference.points[vertices[:, k]] for k in range(3))
@@ -195,10 +195,13 @@ def remap_points(image: U8 | F32, points: F32) -> F32:
 
 def _filled(triangle_map: I32) -> I32:
     """The triangle map with every outside pixel given the nearest inside pixel's triangle."""
-    from scipy.ndimage import distance_transform_edt
-
-    nearest = distance_transform_edt(triangle_map < 0, return_distances=False, return_indices=True)
-    return np.asarray(triangle_map[tuple(nearest)])
+    inside = triangle_map >= 0
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    triangles = np.zeros(int(nearest.max()) + 1, np.int32)
+    triangles[nearest[inside]] = triangle_map[inside]
+    return np.asarray(triangles[nearest])
 
 
 @lru_cache(maxsize=1)
