@@ -113,7 +113,7 @@ def live(
     ] = False,
     light: LightChoice = LightName.learned,
     transfer: TransferChoice = TransferName.full,
-    eyes: EyesChoice = OwnerName.source,
+    eyes: EyesChoice = OwnerName.donor,
     mouth: MouthChoice = OwnerName.source,
     renderer: RendererChoice = RendererName.auto,
     encoder: Encoder = "libx264",

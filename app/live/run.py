@@ -64,7 +64,9 @@ class LiveOptions:
     loop: bool = False
     enrol: bool = False
     settings: LiveSettings = field(default_factory=LiveSettings)
-    options: EngineOptions = field(default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS))
+    options: EngineOptions = field(
+        default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, eyes="donor")
+    )
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     force: bool = False
 

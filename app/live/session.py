@@ -55,7 +55,9 @@ class SessionConfig:
     person: Identity | None = None
     name: str = "me"
     keep: Keep = forget
-    options: EngineOptions = field(default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS))
+    options: EngineOptions = field(
+        default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, eyes="donor")
+    )
     recording: Callable[[], bool] = lambda: False
     notice: Callable[[], str] = str
 
