@@ -134,7 +134,7 @@ def threads(server: StudioServer) -> int:
     return len(os.listdir(f"/proc/{server.process.pid}/task"))
 
 
-def test_another_face_comes_back_alpha_and_cover_change_it_and_leaving_ends_it(
+def test_another_face_comes_back_a_cover_changes_it_and_leaving_ends_it(
     chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
 ) -> None:
     face, far = regions
@@ -149,11 +149,6 @@ def test_another_face_comes_back_alpha_and_cover_change_it_and_leaving_ends_it(
         assert difference(shown, sent, face) > 12
 
         noise = difference(result(page), shown, face)
-        for _ in range(2):
-            page.get_by_role("slider", name="Expression").locator("[tabindex]").press("PageDown")
-        until(page, lambda: difference(result(page), shown, face) > 2 * noise + 1, "changed by alpha")
-        assert difference(result(page), sent, far) < 6
-
         page.get_by_role("button", name="Cover").click()
         until(page, lambda: "as you chose" in page.get_by_role("status").first.inner_text(), "covered")
         until(page, lambda: difference(result(page), shown, face) > 3 * noise + 5, "seen to be covered")
