@@ -238,16 +238,21 @@ def card(facts: dict[str, Any]) -> str:
     )  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Turn trained weights into what ships.")
+def arguments(about: str, shipping: str) -> argparse.Namespace:
+    """The command line of a script that measures and ships trained weights."""
+    parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--run", type=Path, required=True)
     parser.add_argument("--parts", type=Path, required=True)
     parser.add_argument("--real", type=Path, required=True)
     parser.add_argument("--hands", type=Path)
     parser.add_argument("--alignment", type=Path)
     parser.add_argument("--count", type=int, default=600, help="held-out pictures that are measured on")
-    parser.add_argument("--ship", action="store_true", help="copy the landmarker to aam/data")
-    options = parser.parse_args()
+    parser.add_argument("--ship", action="store_true", help=shipping)
+    return parser.parse_args()
+
+
+def main() -> None:
+    options = arguments("Turn trained weights into what ships.", "copy the landmarker to aam/data")
     cv2.setNumThreads(0)
     torch.set_num_threads(1)
     run: Path = options.run

@@ -8,7 +8,6 @@ is faster and no less accurate), `report.json` and `face.md` there. With --ship 
 
 from __future__ import annotations
 
-import argparse
 import copy
 import json
 import shutil
@@ -25,7 +24,7 @@ from training.cutouts import make_props
 from training.data import load_parts, load_real
 from training.definitions import read_alignment
 from training.face_net import FaceNet
-from training.finish_face import DATA, eight_bit, export, milliseconds
+from training.finish_face import DATA, arguments, eight_bit, export, milliseconds
 from training.measure import answers_of_file, figures_of
 from training.parsing_labels import CLASSES
 from training.real_occluders import load_outlined, outlined_figures
@@ -108,17 +107,10 @@ def card(facts: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description="Turn trained weights for irises and parsing into what ships."
+    options = arguments(
+        "Turn trained weights for irises and parsing into what ships.",
+        "copy the network and its card to aam/data",
     )
-    parser.add_argument("--run", type=Path, required=True)
-    parser.add_argument("--parts", type=Path, required=True)
-    parser.add_argument("--real", type=Path, required=True)
-    parser.add_argument("--hands", type=Path)
-    parser.add_argument("--alignment", type=Path)
-    parser.add_argument("--count", type=int, default=600, help="held-out pictures that are measured on")
-    parser.add_argument("--ship", action="store_true", help="copy the network and its card to aam/data")
-    options = parser.parse_args()
     cv2.setNumThreads(0)
     torch.set_num_threads(1)
     run: Path = options.run
