@@ -117,8 +117,7 @@ def align(
     mu_x, mu_y = w @ x, w @ y
     dx, dy = x - mu_x, y - mu_y
     var_x, var_y = float(w @ (dx * dx).sum(1)), float(w @ (dy * dy).sum(1))
-    tiny = 1e-12 * max(1.0, float(np.abs(x).max()), float(np.abs(y).max())) ** 2
-    if var_x <= tiny or var_y <= tiny:
+    if var_x <= _rounding_variance(x) or var_y <= _rounding_variance(y):
         return Failed("coincident points")
     z = (dy * w[:, None]).T @ dx  # Z of the paper
     if prior > 0:
@@ -128,6 +127,11 @@ def align(
     if c <= 0:
         return Failed("the points have no common direction")
     return Similarity(c, rotation, mu_y - c * (rotation @ mu_x))
+
+
+def _rounding_variance(points: F64) -> float:
+    """Variance up to which points (n, d) coincide, whatever their unit."""
+    return 1e-12 * float(np.abs(points).max(initial=0)) ** 2
 
 
 def _normalised_weights(weights: ArrayLike | None, n: int) -> F64 | None:

@@ -24,7 +24,7 @@ from guise.common.arrays import F64, Int
 Json = dict[str, Any]
 
 KINDS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 16: "MAT4"}
+WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 SIDE2 = 81
 TRIANGLES = np.concatenate([grid()[:, [0, 1, 2]], grid()[:, [0, 2, 3]]])
 
@@ -237,20 +237,36 @@ def test_numbers_of_all_kinds_are_read(tmp_path: Path) -> None:
     assert_array_equal(read_mesh(tmp_path / "moved.glb").mesh.vertices, steps + 0.25)
 
 
-def test_a_skinned_mesh_stands_as_it_is_bound(tmp_path: Path) -> None:
-    """Joints at rest undo what the nodes above do; a pose is refused."""
-    made = head(skin=0, **PLACED)
-    made.node(translation=[0.0, 1, 0], children=[2], scale=[0.01, 0.01, 0.01])
-    made.json["nodes"].append({"translation": [0.0, 50, 0]})
+def skinned(held: Glb, weights: F64) -> Glb:
+    """With two joints at rest in a scaled skeleton, by weights (n, 2)."""
+    held.node(translation=[0.0, 1, 0], children=[2], scale=[0.01, 0.01, 0.01])
+    held.json["nodes"].append({"translation": [0.0, 50, 0]})
     binds = np.stack([np.eye(4), np.eye(4)])
     binds[0][1, 3], binds[1][1, 3] = -1, -1.5
     binds = np.linalg.inv(np.diag([0.01, 0.01, 0.01, 1])) @ binds
-    held = made.accessor(binds.transpose(0, 2, 1).reshape(2, 16))
-    made.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": held}]
+    bind = held.accessor(binds.transpose(0, 2, 1).reshape(2, 16))
+    held.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": bind}]
+    four = np.pad(weights, ((0, 0), (0, 2)))
+    held.json["meshes"][0]["primitives"][0]["attributes"] |= {
+        "JOINTS_0": held.accessor(np.tile([0, 1, 0, 0], (SIDE2, 1)), "u1"),
+        "WEIGHTS_0": held.accessor(four),
+    }
+    return held
+
+
+def test_a_skinned_mesh_stands_as_its_main_joint_puts_it(tmp_path: Path) -> None:
+    """Joints at rest undo what the nodes above do; a pose of other joints does not matter, as in an avatar's arms."""
+    weights = np.tile([0.9, 0.1], (SIDE2, 1))
+    weights[:5] = [0, 1]
+    made = skinned(head({"smile": ways()["jawOpen 0"]}, skin=0, **PLACED), weights)
     assert_allclose(made.read(tmp_path).mesh.vertices, sheet(), atol=1e-6)
     made.json["nodes"][2]["rotation"] = PLACED["rotation"]
-    with pytest.raises(MeshError, match=r"its skeleton is posed: export it .* \(rest pose\)"):
-        made.read(tmp_path)
+    file = made.read(tmp_path)
+    assert_allclose(file.mesh.vertices, sheet(), atol=1e-6)
+    write_rig(tmp_path / "rig.glb", file, ["smile"], file.mesh.vertices[None] + ways()["jawOpen 0"])
+    assert_allclose(read_rig(tmp_path / "rig.glb").shapes[0] - sheet(), ways()["jawOpen 0"], atol=1e-6)
+    made.json["nodes"][1]["translation"] = [0.0, 1.5, 0]
+    assert_allclose(made.read(tmp_path).mesh.vertices, sheet() + np.array([0, 0.5, 0]), atol=1e-6)
 
 
 def test_a_gltf_with_its_files(tmp_path: Path) -> None:

@@ -155,9 +155,12 @@ def test_as_many_decimals_as_the_largest_needs() -> None:
 
 
 BAD = {
-    "too short": (HEAD.replace(b"v 2 1 .75", b"v 2 1"), r"line 10 must hold 3 numbers, got: v 2 1"),
-    "a word": (HEAD.replace(b"v 2 1 .75", b"v 2 one 1"), r"line 10 must hold 3 numbers, got: v 2 one 1"),
-    "nan": (HEAD.replace(b"v 2 1 .75", b"v 2 nan 1"), r"line 10 must hold 3 numbers, got: v 2 nan 1"),
+    "too short": (HEAD.replace(b"v 2 1 .75", b"v 2 1"), r"line 10 must hold 3 finite numbers, got: v 2 1"),
+    "a word": (
+        HEAD.replace(b"v 2 1 .75", b"v 2 one 1"),
+        r"line 10 must hold 3 finite numbers, got: v 2 one 1",
+    ),
+    "nan": (HEAD.replace(b"v 2 1 .75", b"v 2 nan 1"), r"line 10 must hold 3 finite numbers, got: v 2 nan 1"),
     "overflow": (HEAD.replace(b"v 2 1 .75", b"v 2 1e999 1"), r"1 of its 7 vertices are not finite"),
     "out of range": (HEAD.replace(b"f 1/", b"f 8/"), r"line 22 names a `v` line that does not exist .* 7\)"),
     "far": (HEAD.replace(b"f 1/1/1", b"f 99999999999999999999"), r"line 22 names a `v` line"),
@@ -166,8 +169,8 @@ BAD = {
     "no such normal": (HEAD.replace(b"1/1/1 2", b"1/1/3 2"), r"line 22 names a `vn` line"),
     "no number": (HEAD.replace(b"f 1/", b"f x/"), r"line 22 must hold vertex numbers, got: f x/1/1"),
     "no faces": (HEAD.replace(b"f ", b"p "), r"7 vertices but no faces: point clouds"),
-    "empty": (b"", "no vertices"),
-    "something else": (bytes(range(256)) * 9, "no vertices"),
+    "empty": (b"", "it is empty: export the mesh again"),
+    "something else": (bytes(range(256)) * 9, "it is no OBJ file, which would have `v` lines"),
 }
 
 

@@ -273,3 +273,19 @@ def test_a_rig_is_a_glb_with_a_shape_for_each_name(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="shapes must be finite"):
         write_rig(tmp_path / "rig.glb", file, ["x"], file.mesh.vertices[None] * np.nan)
     assert not (tmp_path / "rig.glb").exists()
+
+
+@pytest.mark.parametrize("count", [0, 1, 30, SIDE2])
+def test_morph_targets_hold_only_what_moves(count: int, tmp_path: Path) -> None:
+    target = targets(tmp_path, ".glb")
+    shape = target.mesh.vertices.copy()
+    shape[:count] += ways()["jawOpen 1"][:count]
+    write_rig(tmp_path / "rig.glb", target, ["a", "b"], np.stack([shape, target.mesh.vertices + 1]))
+    held = document(tmp_path / "rig.glb")
+    accessor = held["accessors"][held["meshes"][0]["primitives"][0]["targets"][0]["POSITION"]]
+    assert ("sparse" in accessor) == (count < SIDE2)
+    made = read_rig(tmp_path / "rig.glb").shapes[0]
+    assert_allclose(made, shape, atol=1e-6)
+    index = held["accessors"].index(accessor)
+    values = GltfContainer.read((tmp_path / "rig.glb").read_bytes(), tmp_path).read_accessor(index)
+    assert_array_equal([accessor["min"], accessor["max"]], [values.min(0), values.max(0)])

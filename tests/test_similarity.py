@@ -250,6 +250,17 @@ def test_complex_similarities_of_a_batch_are_the_general_answers(seed: int) -> N
         assert_allclose([t.real, t.imag], general.translation, atol=1e-9)
 
 
+@pytest.mark.parametrize("units", [(1e-6, 1.0), (1.0, 1e-6), (1e6, 1e-6), (1e9, 1.0)])
+def test_units_do_not_matter(units: tuple[float, float]) -> None:
+    source, target = (
+        points * unit for points, unit in zip(noisy_pair(np.random.default_rng(3))[:2], units, strict=True)
+    )
+    here, there = align(source, target), align(source / units[0], target / units[1])
+    assert here
+    assert there
+    assert_allclose(here.apply(source) / units[1], there.apply(source / units[0]), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("source", "target", "weights", "reason"),
     [

@@ -81,6 +81,8 @@ def _read_bytes(path: Path) -> bytes:
         raise MeshError(
             f"it has {size >> 20} MB, but at most {MAX_FILE_BYTES >> 20} MB are read: decimate the mesh first"
         )
+    if not size:
+        raise MeshError("it is empty: export the mesh again")
     return path.read_bytes()
 
 

@@ -1,7 +1,9 @@
 """glTF and GLB: the triangles of a scene as one mesh, written back into the document.
 
 Coordinates are those of the scene: node transformations are applied, and inverted for writing.  A mesh with a skeleton
-is in its bind pose.  The vertices of the file are those of its primitives, node by node.  Tangents are left unchanged.
+stands as the joint that moves most of it puts it: morph targets act before the skeleton, so the pose of other joints,
+such as the arms of an avatar, does not matter.  The vertices of the file are those of its primitives, node by node.
+Tangents are left unchanged.
 """
 
 from __future__ import annotations
@@ -21,7 +23,6 @@ from guise.analogy.normals import finite_or_zero, unit_vectors
 from guise.common.arrays import F64, Bool, Int
 
 GL_TRIANGLES = 4
-MAX_JOINT_DEVIATION = 1e-3  # of joint matrices, relative to their size, in the bind pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +259,7 @@ def _mesh_matrices(container: GltfContainer) -> dict[int, F64]:
     for node, matrix in world.items():
         if "mesh" in nodes[node]:
             skin = nodes[node].get("skin")
-            found[node] = matrix if skin is None else _bind_matrix(container, skin, world)
+            found[node] = matrix if skin is None else _joint_matrix(container, nodes[node], world)
             if abs(np.linalg.det(found[node][:3, :3])) < 1e-30:
                 raise MeshError(f"its node {nodes[node].get('name', node)} is scaled to zero")
     return found
@@ -297,13 +298,24 @@ def _local_matrix(node: Json) -> F64:
     return found
 
 
-def _bind_matrix(container: GltfContainer, skin: int, world: dict[int, F64]) -> F64:
-    """The common matrix (4, 4) of all joints of a skeleton in its bind pose."""
-    held = container.json["skins"][skin]
-    joints = [world.get(joint, np.eye(4)) for joint in held["joints"]]
-    if "inverseBindMatrices" in held:
-        inverse = container.read_accessor(held["inverseBindMatrices"]).astype(np.float64).reshape(-1, 4, 4)
-        joints = [joint @ bind.T for joint, bind in zip(joints, inverse, strict=False)]
-    if np.abs(np.array(joints) - joints[0]).max() > MAX_JOINT_DEVIATION * np.abs(joints[0]).max():
-        raise MeshError("its skeleton is posed: export it in its bind pose (rest pose)")
-    return joints[0]
+def _joint_matrix(container: GltfContainer, node: Json, world: dict[int, F64]) -> F64:
+    """The matrix (4, 4) of the joint that moves most of a node's mesh."""
+    skin, mesh = container.json["skins"][node["skin"]], container.json["meshes"][node["mesh"]]
+    joint = _dominant_joint(container, mesh, len(skin["joints"]))
+    matrix = world.get(skin["joints"][joint], np.eye(4))
+    if "inverseBindMatrices" not in skin:
+        return matrix
+    inverse = container.read_accessor(skin["inverseBindMatrices"]).astype(np.float64).reshape(-1, 4, 4)
+    return np.asarray(matrix @ inverse[joint].T)
+
+
+def _dominant_joint(container: GltfContainer, mesh: Json, count: int) -> int:
+    """The joint, of `count`, with the largest sum of weights over the vertices of a mesh; the first without weights."""
+    total = np.zeros(count)
+    for primitive in mesh["primitives"]:
+        held = primitive["attributes"]
+        for name in filter(held.__contains__, ("JOINTS_0", "JOINTS_1")):
+            joints = container.read_accessor(held[name]).astype(np.intp)
+            weights = container.read_accessor(held[name.replace("JOINTS", "WEIGHTS")]).astype(np.float64)
+            total += np.bincount(joints.ravel(), weights.ravel(), minlength=count)
+    return int(total.argmax())

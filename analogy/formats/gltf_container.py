@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.analogy.mesh import MeshError
-from guise.common.arrays import F64, Bool
+from guise.common.arrays import F32, F64, Bool, Int
 
 Json = dict[str, Any]
 
@@ -112,6 +112,36 @@ class GltfContainer:
         }
         self.entries("accessors").append(accessor)
         return len(self.json["accessors"]) - 1
+
+    def append_sparse_accessors(self, columns: list[F32], rows: Int) -> list[int]:
+        """Append accessors of values (count, 3) that are 0 except in `rows` (r,), ascending; their indices.
+
+        They are sparse, with one list of rows for all, where that is smaller.
+        """
+        count = len(columns[0])
+        ids = (rows if len(rows) else np.zeros(1, np.intp)).astype(
+            np.uint16 if count < 1 << 16 else np.uint32
+        )
+        if ids.nbytes + columns[0][ids].nbytes * len(columns) >= columns[0].nbytes * len(columns):
+            return [self.append_accessor(values, GL_ARRAY_BUFFER) for values in columns]
+        indices = {
+            "bufferView": self.append_view(ids.tobytes()),
+            "componentType": 5123 if ids.itemsize == 2 else 5125,
+        }
+        for values in columns:
+            held = np.ascontiguousarray(values[ids])
+            sparse = {
+                "count": len(ids),
+                "indices": indices,
+                "values": {"bufferView": self.append_view(held.tobytes())},
+            }
+            low, high = held.min(0), held.max(0)
+            if len(ids) < count:
+                low, high = np.minimum(low, 0), np.maximum(high, 0)
+            accessor = {"componentType": 5126, "count": count, "type": "VEC3", "sparse": sparse}
+            self.entries("accessors").append({**accessor, "min": low.tolist(), "max": high.tolist()})
+        first = len(self.json["accessors"]) - len(columns)
+        return list(range(first, first + len(columns)))
 
     def append_view(self, data: bytes, target: int | None = None) -> int:
         """Append a buffer view; its index."""

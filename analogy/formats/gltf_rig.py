@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from guise.analogy.formats.gltf import GltfDocument, GltfPart, damage_as_mesh_error, scene_parts
-from guise.analogy.formats.gltf_container import GL_ARRAY_BUFFER, GltfContainer, Json, read_uri
+from guise.analogy.formats.gltf_container import GltfContainer, Json, read_uri
 from guise.analogy.mesh import MeshError
 from guise.analogy.normals import StoredNormals
 from guise.common.arrays import F32, F64, Bool
+
+
+@dataclass(frozen=True)
+class SparseSettings:
+    """What a morph target leaves out."""
+
+    min_motion_sizes: float = 1e-5  # of a vertex, of the size of the file: 2 micrometres on a head
+    min_normal_turn: float = 2e-3  # of a unit normal: a tenth of a degree
+
+
+SPARSE = SparseSettings()
 
 
 def build_rig_glb(
@@ -55,13 +67,17 @@ def _moves(part: GltfPart, parts: list[GltfPart], moving: Bool) -> bool:
 def _target(
     made: GltfContainer, held: GltfDocument, part: GltfPart, vertices: F64, normals: F64 | None
 ) -> dict[str, int]:
-    """The accessors of the displacements of a part."""
-    way = part.from_scene(vertices[part.rows] - held.vertices[part.rows], is_position=False)
-    target = {"POSITION": made.append_accessor(way.astype(np.float32), GL_ARRAY_BUFFER)}
+    """The accessors of the displacements of a part, sparse where most of it stays."""
+    way = vertices[part.rows] - held.vertices[part.rows]
+    moves = np.abs(way).max(axis=1) > SPARSE.min_motion_sizes * float(np.ptp(held.vertices, axis=0).max())
+    columns = {"POSITION": part.from_scene(way, is_position=False).astype(np.float32)}
     if normals is not None and held.normals is not None and part.has_attribute("NORMAL"):
         turn = part.normals_from_scene(normals[part.rows]) - part.normals_from_scene(held.normals[part.rows])
-        target["NORMAL"] = made.append_accessor(turn.astype(np.float32), GL_ARRAY_BUFFER)
-    return target
+        moves |= np.abs(turn).max(axis=1) > SPARSE.min_normal_turn
+        columns["NORMAL"] = turn.astype(np.float32)
+    return dict(
+        zip(columns, made.append_sparse_accessors(list(columns.values()), np.flatnonzero(moves)), strict=True)
+    )
 
 
 def _drop_targets(made: GltfContainer) -> None:

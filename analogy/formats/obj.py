@@ -48,6 +48,8 @@ class ObjDocument:
         self.lines, self._end = _split_lines(data)
         self._where = _lines_by_keyword(self.lines)
         self.vertices = _parse_vectors(self.lines, self._where[b"v"], 3)[:, :3]
+        if not len(self.vertices):
+            raise MeshError("it is no OBJ file, which would have `v` lines")
         corners, sizes, self._face_lines = _parse_faces(self.lines, self._where)
         self.polygons = Polygons(corners[:, 0], sizes)
         self.uv_ids = corners[:, 1] if len(corners) and corners[:, 1].min() >= 0 else None
@@ -163,7 +165,7 @@ def _parse_vectors(lines: list[bytes], where: list[int], least: int) -> F64:
     if found is None:
         for i in where:
             if _parse_table(_join_values(lines, [i]), 1, least) is None:
-                raise _line_error(lines, i, f"must hold {least} numbers")
+                raise _line_error(lines, i, f"must hold {least} finite numbers")
     return np.zeros((0, least)) if found is None else found
 
 
