@@ -39,6 +39,7 @@ LANDMARKS = (
     "landmarks.small_faces",
     "landmarks.rendered",
     "landmarks.rolls",
+    "landmarks.head_pose",
     "landmarks.parsing",
     "landmarks.jitter",
     "landmarks.speed",
@@ -87,7 +88,7 @@ WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed", "picture.pairs",
 )  # fmt: skip
-WITH_PARTS = ("landmarks.rendered", "landmarks.parsing", "landmarks.calibration")
+WITH_PARTS = ("landmarks.rendered", "landmarks.head_pose", "landmarks.parsing", "landmarks.calibration")
 
 
 def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str]:

@@ -161,6 +161,7 @@ def test_every_face_of_every_frame_with_its_track_and_time(
     face = document["frames"][4]["faces"][0]
     np.testing.assert_allclose(face["points"], face_at(72, 100).points, atol=1)
     np.testing.assert_allclose(face["point_confidence"], np.linspace(0, 1, 81), atol=1e-4)
+    assert np.abs(face["yaw_pitch_roll"]).max() < 12  # the mean face looks about straight ahead
     assert face["confidence"] == pytest.approx(230 / 255, abs=0.01)
     points = np.array(face["points"])
     assert face["box"] == [*points.min(axis=0), *points.max(axis=0)]
@@ -232,6 +233,9 @@ def test_npz_holds_the_same_and_can_be_read_again(here: Path, capsys: pytest.Cap
             for column, face in enumerate(frame["faces"]):
                 place = index, column
                 np.testing.assert_array_equal(stored["face81"][place], np.float32(face["points"]))
+                np.testing.assert_allclose(
+                    stored["yaw_pitch_roll"][place], face["yaw_pitch_roll"], atol=0.051
+                )
                 np.testing.assert_allclose(
                     stored["point_confidence"][place], face["point_confidence"], atol=1e-4
                 )

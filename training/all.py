@@ -136,6 +136,12 @@ class Plan:
         yield Task("parsing report", [("finish_parsing", *finish)], parsing / "face.md")
         prior = self.work / "shape_prior.npz"
         yield Task("shape prior", [self._run("shape_prior", prior, "--parts", parts)], prior)
+        solid = self.work / "solid_shape.npz"
+        yield Task(
+            "solid shape",
+            [self._run("solid_shape", solid, "--parts", parts, "--program", self.program)],
+            solid,
+        )
         yield Task(
             "detector",
             [
@@ -217,6 +223,7 @@ class Plan:
             self.work / "light" / "light.onnx": DATA / "light.onnx",
             self.work / "light" / "light.md": DATA / "light.md",
             self.work / "shape_prior.npz": DATA / "shape_prior.npz",
+            self.work / "solid_shape.npz": DATA / "solid_shape.npz",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",
         }
 

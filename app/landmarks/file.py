@@ -15,7 +15,15 @@ from typing import Any
 from guise.aam.landmarks import Face, Landmarker, tight_box
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
-from guise.app.landmarks.formats import FileHeader, LandmarkFile, TrackedFace, format_of, open_landmark_file
+from guise.aam.solid_shape import SolidTracker
+from guise.app.landmarks.formats import (
+    FileHeader,
+    LandmarkFile,
+    TrackedFace,
+    format_of,
+    head_angles,
+    open_landmark_file,
+)
 from guise.app.landmarks.overlay import draw_face
 from guise.app.media import EncodeOptions, Frame, MediaInput, NullSink, Sink, open_input, open_sink, process
 from guise.common.arrays import F32
@@ -129,7 +137,7 @@ def landmarks_file(
 
 
 class _VideoFaces:
-    """The faces of each frame: tracked and filtered in a video, detected in each picture."""
+    """The faces of each frame, and how they are turned: tracked and filtered in a video, detected in each picture."""
 
     def __init__(
         self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
@@ -140,16 +148,25 @@ class _VideoFaces:
         )
         self._smooth = smooth
         self._filters: dict[int, LandmarkFilter] = {}
+        self._solids: dict[int, SolidTracker] = {}
 
     def __call__(self, frame: Frame) -> list[TrackedFace]:
         """The faces of a frame: by their numbers, or the largest first."""
         if self._tracker is None:
             faces = self._landmarker.detect(frame.rgb())
-            return [TrackedFace(face) for face in faces if face.confidence >= self._min_confidence]
+            return [
+                TrackedFace(face, head_angles(SolidTracker(), face))
+                for face in faces
+                if face.confidence >= self._min_confidence
+            ]
         tracked = self._tracker.update(frame.rgb())
         if self._smooth:
             tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
-        return [TrackedFace(face, number) for number, face in tracked.items()]
+        self._solids = {number: self._solids.get(number) or SolidTracker() for number in tracked}
+        return [
+            TrackedFace(face, head_angles(self._solids[number], face), number)
+            for number, face in tracked.items()
+        ]
 
     def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
         """Each face after the filter of its track, which starts afresh after a gap."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.annotations import TRACKED_FORMAT, TRACKED_VERSION, pts_bytes, shortest
 from guise.aam.landmarks.schemes import IBUG68
+from guise.aam.solid_shape import SolidTracker
 from guise.app.media import Frame, MediaInput
 from guise.common.errors import OutputError
 from guise.common.files import PartFile, require_free
@@ -33,10 +34,16 @@ SCHEME = "face81"
 
 @dataclass(frozen=True, eq=False)
 class TrackedFace:
-    """A face of a frame, with the number of its track, which only videos have."""
+    """A face of a frame, its yaw, pitch and roll in degrees, and the number of its track, which only videos have."""
 
     face: Face
+    angles: tuple[float, float, float]
     track: int | None = None
+
+
+def head_angles(solid: SolidTracker, face: Face) -> tuple[float, float, float]:
+    """Yaw, pitch and roll of a track's next face, degrees."""
+    return solid.update(face.points.astype(np.float64)).pose.angles
 
 
 @dataclass(frozen=True)
@@ -180,6 +187,7 @@ class NpzFile(LandmarkFile):
             "face81": np.full((*shape, 81, 2), np.nan, np.float32),
             "confidence": np.full(shape, np.nan, np.float32),
             "point_confidence": np.full((*shape, 81), np.nan, np.float32),
+            "yaw_pitch_roll": np.full((*shape, 3), np.nan, np.float32),
             "box": np.full((*shape, 4), np.nan, np.float32),
             "track": np.full(shape, -1, np.int32),
         }
@@ -310,6 +318,7 @@ def _face_entry(one: TrackedFace) -> dict[str, Any]:
         "track": one.track,
         "confidence": round(face.confidence, 4),
         "box": shortest(face.box),
+        "yaw_pitch_roll": [round(angle, 1) for angle in one.angles],
         "points": shortest(face.points),
         "point_confidence": None
         if confidence is None
@@ -319,7 +328,7 @@ def _face_entry(one: TrackedFace) -> dict[str, Any]:
 
 def _fill(arrays: dict[str, NDArray[Any]], place: tuple[int, int], one: TrackedFace) -> None:
     arrays["face81"][place], arrays["box"][place] = one.face.points, one.face.box
-    arrays["confidence"][place] = one.face.confidence
+    arrays["confidence"][place], arrays["yaw_pitch_roll"][place] = one.face.confidence, one.angles
     if one.face.point_confidence is not None:
         arrays["point_confidence"][place] = one.face.point_confidence
     if one.track is not None:

@@ -29,7 +29,8 @@ from guise.aam.landmarks import (
 from guise.aam.landmarks.plausible import is_plausible_motion
 from guise.aam.landmarks.schemes import mean_geometry
 from guise.aam.similarity import align_planar
-from guise.app.landmarks.formats import FileHeader, TrackedFace, open_landmark_file
+from guise.aam.solid_shape import SolidTracker
+from guise.app.landmarks.formats import FileHeader, TrackedFace, head_angles, open_landmark_file
 from guise.app.media import open_input
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.files import write_whole
@@ -292,10 +293,11 @@ def find_landmarks(clip: Path, output: Path, landmarker: Landmarker, progress: P
     with open_input(clip) as source, one_thread():
         about = FileHeader.of(source, landmarker.name, smoothed=False)
         tracker, total = FaceTracker(landmarker, LIMITS.min_confidence), source.frame_count or 1
+        solid = SolidTracker()
         with open_landmark_file(output, source, about, "npz", force=True) as file:
             for frame in source:
                 face = tracker.update(frame.rgb())
-                file.add(frame, [] if face is None else [TrackedFace(face, 0)])
+                file.add(frame, [] if face is None else [TrackedFace(face, head_angles(solid, face), 0)])
                 count += face is not None
                 progress("landmarks", min(1.0, (frame.index + 1) / total))
             if not count:

@@ -1,0 +1,227 @@
+"""The 81 points of a face in 3-D, and the turn of a head found from them.
+
+A linear model learnt from rendered people (`training/solid_shape.py`): solid shape = mean + identity + movement, seen
+by scaled orthography.  A fit finds pose, identity and movement that explain 81 points best, points that lie far off
+counting less (Xiao, Baker, Matthews and Kanade, Real-time combined 2D+3D active appearance models, CVPR 2004, section
+4, with their modes found from 3-D data).  Face widths, x to the image's right, y down, z away from the viewer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.reference import POINTS
+from guise.common.arrays import F64
+
+DATA = Path(__file__).parent / "data" / "solid_shape.npz"
+
+
+@dataclass(frozen=True)
+class SolidLimits:
+    """Steps and thresholds of the fit."""
+
+    first_steps: int = 6  # without a start
+    next_steps: int = 2  # from the frame before
+    outlier_deviations: float = 3.0  # of the noise, from which a point counts half
+    memory_frames: int = 60  # over which a person's identity is averaged
+    remembered_deviation: float = 0.25  # of an identity that is known from many frames
+
+
+LIMITS = SolidLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class HeadPose:
+    """How a head is turned and where it is seen: x -> scale * (rotation x)[:2] + translation.
+
+    Parameters
+    ----------
+    rotation : (3, 3), of the head looking straight at the camera.
+    scale : pixels a face width.
+    translation : (2,) pixels.
+    """
+
+    rotation: F64
+    scale: float
+    translation: F64
+
+    @property
+    def angles(self) -> tuple[float, float, float]:
+        """Yaw to the image's right, pitch up and roll to the image's right, degrees."""
+        r = self.rotation
+        yaw = np.arcsin(np.clip(r[2, 0], -1, 1))
+        pitch, roll = -np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+        return tuple(float(np.degrees(a)) for a in (yaw, pitch, roll))  # type: ignore[return-value]
+
+    @property
+    def linear(self) -> F64:
+        """(3, 2) for rows: solid differences (n, 3) are seen as differences @ linear, pixels."""
+        return self.scale * self.rotation[:2].T
+
+    def apply(self, solid: F64) -> F64:
+        """Where solid points (n, 3) are seen (n, 2), pixels."""
+        return solid @ self.linear + self.translation
+
+
+@dataclass(frozen=True, eq=False)
+class SolidFit:
+    """A solid shape seen in a picture.
+
+    Parameters
+    ----------
+    pose : HeadPose.
+    identity, movement : (k,) standard deviations of the modes.
+    rest, solid : (81, 3) face widths, of the person at rest and as seen.
+    """
+
+    pose: HeadPose
+    identity: F64
+    movement: F64
+    rest: F64
+    solid: F64
+
+    @property
+    def points(self) -> F64:
+        """(81, 2) pixels, where the solid shape is seen."""
+        return self.pose.apply(self.solid)
+
+
+@dataclass(frozen=True, eq=False)
+class SolidPrior:
+    """What is known of all faces.
+
+    Parameters
+    ----------
+    mean : (81, 3) face at rest.
+    identity, movement : (k, 81, 3) modes, one standard deviation long.
+    noise : (81,) standard deviation of found points, per axis.
+    """
+
+    mean: F64
+    identity: F64
+    movement: F64
+    noise: F64
+    _modes: F64 = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Both kinds of modes in one array."""
+        object.__setattr__(self, "_modes", np.concatenate([self.identity, self.movement]))
+
+    @classmethod
+    def shipped(cls) -> SolidPrior:
+        """The prior that ships with the package."""
+        return _shipped()
+
+    def at_rest(self, identity: F64) -> F64:
+        """(81, 3) of a person with identity (k,), at rest."""
+        return np.asarray(self.mean + np.tensordot(identity, self.identity, 1))
+
+    def fit(
+        self, points: F64, start: SolidFit | None = None, known: F64 | None = None, deviation: float = 1.0
+    ) -> SolidFit:
+        """The likeliest solid shape seen at points (81, 2), pixels.
+
+        start : of the frame before.
+        known : (k,) the person's identity, of which each entry is sure within `deviation` standard deviations.
+        """
+        centre = np.zeros(len(self.identity)) if known is None else known
+        amounts = np.concatenate([centre, np.zeros(len(self.movement))])
+        precision = np.ones(len(amounts))
+        precision[: len(centre)] = deviation**-2
+        if start is None:
+            pose, steps = _first_pose(self._solid(amounts), points), LIMITS.first_steps
+        else:
+            pose, steps = start.pose, LIMITS.next_steps
+            amounts = np.concatenate([start.identity, start.movement])
+        middle = np.concatenate([centre, np.zeros(len(self.movement))])
+        for _ in range(steps):
+            pose, amounts = self._step(points, pose, amounts, middle, precision)
+        own, moved = np.split(amounts, [len(centre)])
+        return SolidFit(pose, own, moved, self.at_rest(own), self._solid(amounts))
+
+    def _solid(self, amounts: F64) -> F64:
+        return np.asarray(self.mean + np.tensordot(amounts, self._modes, 1))
+
+    def _step(
+        self, points: F64, pose: HeadPose, amounts: F64, middle: F64, precision: F64
+    ) -> tuple[HeadPose, F64]:
+        """One Gauss-Newton step on rotation, scale, translation and amounts."""
+        turned = self._solid(amounts) @ pose.rotation.T
+        away = points - pose.scale * turned[:, :2] - pose.translation
+        sigma = pose.scale * self.noise
+        far = (away**2).sum(1) / (LIMITS.outlier_deviations * sigma) ** 2
+        weight = 1 / (sigma * np.sqrt(1 + far))
+        x, y, z = turned.T
+        none, one = np.zeros(POINTS), np.ones(POINTS)
+        turns = pose.scale * np.array([[none, z, -y], [-z, none, x]])  # of a small rotation about x, y, z
+        placed = np.array([[x, one, none], [y, none, one]])
+        modes = np.einsum("kpc,dc->dkp", self._modes, pose.scale * pose.rotation[:2])
+        design = np.concatenate([turns, placed, modes], axis=1) * weight
+        flat = design.transpose(1, 0, 2).reshape(design.shape[1], -1)
+        normal, right = flat @ flat.T, flat @ (away.T * weight).ravel()
+        size = len(right) - len(amounts)
+        normal[np.arange(size, len(right)), np.arange(size, len(right))] += precision
+        right[size:] -= precision * (amounts - middle)
+        step = np.linalg.solve(normal + 1e-9 * np.eye(len(right)), right)
+        rotation = _turned(step[:3]) @ pose.rotation
+        scale = float(np.clip(pose.scale + step[3], 0.5 * pose.scale, 2 * pose.scale))
+        return HeadPose(rotation, scale, pose.translation + step[4:6]), amounts + step[6:]
+
+
+class SolidTracker:
+    """Fits one person's solid shape frame by frame; their identity is learnt on the way, so that the pose is steady.
+
+    known : (k,) the person's identity from their model; None when nothing is known.
+    """
+
+    def __init__(self, known: F64 | None = None, prior: SolidPrior | None = None) -> None:
+        self.prior = prior or SolidPrior.shipped()
+        self._identity, self._fixed = known, known is not None
+        self._frames = LIMITS.memory_frames if self._fixed else 0
+        self._last: SolidFit | None = None
+
+    def reset(self) -> None:
+        """The next face is the same person's, but not where the last one was."""
+        self._last = None
+
+    def update(self, points: F64) -> SolidFit:
+        """The solid shape seen at points (81, 2), pixels."""
+        share = self._frames / LIMITS.memory_frames
+        deviation = 1.0 + share * (LIMITS.remembered_deviation - 1.0)
+        fit = self.prior.fit(points, self._last, self._identity, deviation)
+        self._last = fit
+        if not self._fixed:
+            self._frames = min(self._frames + 1, LIMITS.memory_frames)
+            old = np.zeros_like(fit.identity) if self._identity is None else self._identity
+            self._identity = old + (fit.identity - old) / self._frames
+        return fit
+
+
+def _first_pose(solid: F64, points: F64) -> HeadPose:
+    """The pose in which a solid shape (81, 3) comes nearest to points (81, 2), by least squares and a rotation."""
+    weights = RIGID_WEIGHTS[:, None]
+    away, seen = solid - RIGID_WEIGHTS @ solid, points - RIGID_WEIGHTS @ points
+    affine = np.linalg.lstsq(away * np.sqrt(weights), seen * np.sqrt(weights), rcond=None)[0].T
+    u, lengths, vt = np.linalg.svd(affine, full_matrices=False)
+    two = u @ vt
+    rotation, scale = np.vstack([two, np.cross(two[0], two[1])]), max(float(lengths.mean()), 1e-6)
+    return HeadPose(rotation, scale, RIGID_WEIGHTS @ points - scale * two @ (RIGID_WEIGHTS @ solid))
+
+
+def _turned(vector: F64) -> F64:
+    """(3, 3) rotation about a vector (3,) by its length, radians (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / max(angle, 1e-12)
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
+
+
+@cache
+def _shipped() -> SolidPrior:
+    with np.load(DATA) as stored:
+        return SolidPrior(**{name: stored[name].astype(np.float64) for name in stored.files})
