@@ -187,11 +187,34 @@ class Identity:
         return cls(header["name"], appearance, tracker, detail, rest_frame, json.loads(header["facts"]))
 
 
-def _ordered(data: bytes) -> bytes:
-    """A safetensors file with its metadata sorted, so that the same model always gives the same bytes."""
+@dataclass(frozen=True)
+class ModelHeader:
+    """What a model file says about itself: the person's name, and the facts of `Identity`."""
+
+    name: str
+    facts: dict[str, Any]
+
+
+def read_header(path: str | os.PathLike[str]) -> ModelHeader:
+    """The header alone, which is quick.  ModelError when the file is missing or is no model."""
+    header = _read(Path(path), header_only=True)[1]
+    try:
+        return ModelHeader(header["name"], dict(json.loads(header["facts"])))
+    except (KeyError, ValueError, TypeError) as error:
+        raise ModelError(f"{path} is damaged ({error}); enrol the person again") from error
+
+
+def rename_model(path: str | os.PathLike[str], name: str) -> None:
+    """Give the person in a model file another name; nothing else in it changes."""
+    read_header(path)
+    write_whole(Path(path), _ordered(Path(path).read_bytes(), name=name))
+
+
+def _ordered(data: bytes, **changes: str) -> bytes:
+    """A safetensors file with its metadata changed and sorted, so that the same model always gives the same bytes."""
     end = 8 + int.from_bytes(data[:8], "little")
     head = json.loads(data[8:end])
-    head["__metadata__"] = dict(sorted(head["__metadata__"].items()))
+    head["__metadata__"] = dict(sorted((head["__metadata__"] | changes).items()))
     text = json.dumps(head, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 8)
     return len(text).to_bytes(8, "little") + text + data[end:]
@@ -245,7 +268,7 @@ def _unpacked(prefix: str, t: dict[str, NDArray[Any]]) -> Components:
     )
 
 
-def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+def _read(path: Path, *, header_only: bool = False) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     from safetensors import SafetensorError, safe_open
 
     if not path.is_file():
@@ -254,7 +277,8 @@ def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         with safe_open(path, "np") as file:
             header = dict(file.metadata() or {})
             _check_format(path, header)
-            return {key: file.get_tensor(key) for key in file.keys()}, header  # noqa: SIM118
+            keys = [] if header_only else file.keys()
+            return {key: file.get_tensor(key) for key in keys}, header
     except (SafetensorError, OSError) as error:
         raise ModelError(f"{path} is not a Guise model or is truncated; enrol the person again") from error
 

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tempfile
 import threading
 from collections.abc import Iterator
 from functools import cache
@@ -12,6 +13,8 @@ from hypothesis import settings
 from made_up import SAMPLES
 
 from guise.aam.model import Identity
+
+os.environ["GUISE_PEOPLE"] = tempfile.mkdtemp(prefix="people")  # never the user's own
 
 settings.register_profile("default", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)

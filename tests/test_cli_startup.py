@@ -52,7 +52,7 @@ def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
         elif command := re.match(r"│ ([a-z]+) ", line):
             names.append(command[1])
     assert list(groups) == ["Options", *GROUPS] == ["Options", "Faces", "Video", "Live", "Offline", "Tools"]
-    assert groups["Faces"] == ["enroll", "info", "landmarks"]
+    assert groups["Faces"] == ["enroll", "info", "landmarks", "people"]
     assert groups["Video"] == ["swap", "puppet", "deidentify", "measure"]
     assert groups["Live"] == ["live", "studio"]
     assert groups["Offline"] == ["analogy"]

@@ -18,7 +18,7 @@ from guise.app.live.controls import Controls
 from guise.app.live.output import OutputFrame
 from guise.app.live.session import LiveSession, SessionConfig
 from guise.app.live.stats import PipelineStats
-from guise.app.people import cache as models
+from guise.app.people import kept
 from guise.app.swapping.donors import open_donor
 from guise.common.threads import one_thread
 
@@ -27,7 +27,7 @@ CLIP = SAMPLES / "p01" / "talk.mp4"
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(models, "folder", lambda: tmp_path / "cache")
+    monkeypatch.setenv("GUISE_PEOPLE", str(tmp_path / "people"))
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_headless_keeps_every_frame_and_the_sound(
 def test_the_model_of_a_file_is_made_once(
     tmp_path: Path, p01: Identity, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    models.keep(models.file_key(CLIP), p01)
+    kept.keep(kept.video_key(CLIP, p01.reference.resolution, kept.video_key(CLIP.with_suffix(".npz"))), p01)
     person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
     p01.save(person)
     assert live("--headless", "--source", CLIP, "--identity", person, "-o", out) == 0

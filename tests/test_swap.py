@@ -139,6 +139,24 @@ def test_without_a_model_the_person_is_enrolled_first(tmp_path: Path, p06: Ident
     ]
 
 
+def test_the_person_of_a_video_is_enrolled_once(
+    tmp_path: Path, clip: Path, p01: Identity, p06: Identity, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GUISE_PEOPLE", str(tmp_path / "people"))
+    monkeypatch.setattr("guise.app.enrolment.enrol.enrol", lambda *_, **__: p01)
+    said: list[str] = []
+    settings = replace(LOSSLESS, keep_people=True, say=said.append)
+    for name in ("first.mp4", "second.mp4"):
+        swap_file(clip, p06, tmp_path / name, source=LandmarkSource(), settings=settings)
+    assert [text.split(" clip.mp4")[0] for text in said] == [
+        "enrolling the person in",
+        "the model of the person in",
+        "the person in",
+    ]
+    assert (tmp_path / "first.mp4").read_bytes() == (tmp_path / "second.mp4").read_bytes()
+    assert len(list((tmp_path / "people").iterdir())) == 1
+
+
 def test_one_thread_is_for_the_block_only() -> None:
     def threads() -> list[int]:
         return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]

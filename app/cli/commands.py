@@ -18,6 +18,7 @@ from guise.app.cli.deidentify import deidentify
 from guise.app.cli.faces import enroll, info, landmarks
 from guise.app.cli.live import live
 from guise.app.cli.measure import measure
+from guise.app.cli.people import people
 from guise.app.cli.studio import studio
 from guise.app.cli.tools import bench, demo, doctor
 from guise.app.cli.video import puppet, swap
@@ -26,7 +27,7 @@ from guise.common.version import version
 __all__ = ["GROUPS", "Abort", "app"]
 
 GROUPS: dict[str, tuple[Callable[..., Any] | typer.Typer, ...]] = {
-    "Faces": (enroll, info, landmarks),
+    "Faces": (enroll, info, landmarks, people),
     "Video": (swap, puppet, deidentify, measure),
     "Live": (live, studio),
     "Offline": (analogy,),

@@ -31,8 +31,14 @@ from guise.app.cli.options import (
 def enroll(
     videos: Annotated[list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person.")],
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="NAME.guise", help="The model file to write.")
-    ],
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="NAME.guise",
+            help="The model file to write; default: the person is kept by name, see `guise people`.",
+        ),
+    ] = None,
     landmarks: LandmarkFiles = None,
     landmarker: LandmarkerSpec = None,
     frames: Annotated[
@@ -46,9 +52,7 @@ def enroll(
     modes: Annotated[
         int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")
     ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="The person's name in the model; default: that of the file.")
-    ] = None,
+    name: Annotated[str | None, typer.Option(help="The person's name; default: that of the file.")] = None,
     refine: Annotated[
         bool | None,
         typer.Option(
@@ -62,15 +66,17 @@ def enroll(
 ) -> None:
     """Learn a model of a person's face from one or more clips."""
     from guise.app.enrolment.file import describe_options, enrol_file
+    from guise.app.people.kept import place_for
 
     console = Console(quiet=quiet, json=json)
     source = replace(landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
     options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
+    name = name or (output or videos[0]).stem
+    output = output or place_for(name)
     with Stages(console) as stages:
         report = enrol_file(
-            videos, output, source, name=name or output.stem, options=options, force=force, progress=stages,
-            say=console.note,
-        )  # fmt: skip
+            videos, output, source, name=name, options=options, force=force, progress=stages, say=console.note
+        )
     console.table(f"{report.output}: {report.name}", report.as_rows())
     console.result(report.as_json())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -49,17 +48,17 @@ Source = Annotated[
 ]
 Camera = Annotated[int, typer.Option(min=0, metavar="N", help="Number of the camera.")]
 Identities = Annotated[
-    list[Path] | None,
+    list[str] | None,
     typer.Option(
         "--identity",
-        metavar="NAME.guise",
+        metavar="FACE",
         help="Whose face to show; repeat to choose among several with the number keys; default: the fictional people.",
     ),
 ]
 Person = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
-        metavar="SRC.guise",
+        metavar="SRC",
         help="Model of the person in the picture; default: the one kept for this camera or file, or a new one.",
     ),
 ]

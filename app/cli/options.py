@@ -63,16 +63,28 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
-ModelPath = Annotated[
-    Path, typer.Option("--identity", metavar="NAME.guise", help="Model of the face that is shown.")
+FaceSpec = Annotated[
+    str,
+    typer.Option(
+        "--identity",
+        metavar="FACE",
+        help="The face that is shown: NAME.guise, a name of `guise people list`, or p01 to p07 of the gallery.",
+    ),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]
-SourcePath = Annotated[
-    Path | None,
+SourceSpec = Annotated[
+    str | None,
     typer.Option(
         "--source",
-        metavar="SRC.guise",
-        help="Model of the person in VIDEO; default: they are enrolled first.",
+        metavar="SRC",
+        help="Model of the person in VIDEO, a file or a name of `guise people list`; default: they are enrolled first.",
+    ),
+]
+NoKeep = Annotated[
+    bool,
+    typer.Option(
+        "--no-keep",
+        help="Enrol the person in VIDEO even if their model was kept by an earlier run, and do not keep it.",
     ),
 ]
 LandmarkFiles = Annotated[

@@ -15,6 +15,7 @@ from guise.app.cli.options import (
     Detector,
     Encoder,
     EyesChoice,
+    FaceSpec,
     Force,
     Json,
     LandmarkerSpec,
@@ -22,15 +23,15 @@ from guise.app.cli.options import (
     LightChoice,
     LightName,
     Lossless,
-    ModelPath,
     MouthChoice,
+    NoKeep,
     Output,
     OwnerName,
     Preset,
     Quiet,
     RendererChoice,
     RendererName,
-    SourcePath,
+    SourceSpec,
     TransferChoice,
     TransferName,
     UnsureName,
@@ -48,9 +49,9 @@ if TYPE_CHECKING:
 
 def swap(
     video: Video,
-    identity: ModelPath,
+    identity: FaceSpec,
     output: Output,
-    source: SourcePath = None,
+    source: SourceSpec = None,
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
@@ -65,6 +66,7 @@ def swap(
     crf: Crf = 20,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
+    no_keep: NoKeep = False,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -78,7 +80,7 @@ def swap(
             console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
         )
         options = replace(settings.options, eyes=eyes.value, mouth=mouth.value)
-        settings = replace(settings, options=options, unsure=unsure.value)
+        settings = replace(settings, options=options, unsure=unsure.value, keep_people=not no_keep)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = swap_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "swapped")
@@ -86,9 +88,9 @@ def swap(
 
 def puppet(
     video: Video,
-    identity: ModelPath,
+    identity: FaceSpec,
     output: Output,
-    source: SourcePath = None,
+    source: SourceSpec = None,
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
@@ -99,6 +101,7 @@ def puppet(
     crf: Crf = 20,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
+    no_keep: NoKeep = False,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -111,6 +114,7 @@ def puppet(
         settings = _settings(
             console, stages, alpha, light, TransferName.paper, renderer, detector, encoder, crf, preset, lossless, force
         )  # fmt: skip
+        settings = replace(settings, keep_people=not no_keep)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
     say_report(console, report, "followed")
@@ -132,19 +136,19 @@ def _settings(
 
 
 def _open(
-    identity: Path, source: Path | None, landmarks: Path | None, landmarker: str | None
+    identity: str, source: str | None, landmarks: Path | None, landmarker: str | None
 ) -> tuple[Identity, Identity | LandmarkSource]:
     """The identity, and the person in the video: their model, or where their landmarks come from."""
-    from guise.aam.model import Identity
+    from guise.app.swapping.donors import open_face
 
-    shown = Identity.load(identity)
+    shown = open_face(identity)
     if source is None:
         return shown, landmark_source([landmarks] if landmarks else [], landmarker, 1)
     if landmarks or landmarker:
         raise typer.BadParameter(
             "--landmarks and --landmarker are for enrolment, which --source replaces: leave them out"
         )
-    return shown, Identity.load(source)
+    return shown, open_face(source)
 
 
 def say_report(console: Console, report: SwapReport, word: str, *, last: bool = True) -> None:

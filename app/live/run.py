@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,8 @@ from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.media import EncodeOptions
 from guise.app.media.input import VideoInput
-from guise.app.people import cache as models
-from guise.app.swapping.donors import gallery, open_donor
+from guise.app.people import kept
+from guise.app.swapping.donors import gallery, open_donor, open_face
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.settings import SwapSettings
 from guise.app.swapping.source_person import source_person
@@ -44,8 +44,8 @@ class LiveOptions:
     ----------
     input : a file or the address of a stream; None for the camera.
     camera : its number.
-    identities : donor models; none: those of the gallery.
-    person : model of the person at the camera, or None.
+    identities : the faces, as for `open_face`; none: those of the gallery.
+    person : the person at the camera, likewise, or None.
     outputs : "window", "virtualcam" or files.
     headless : without a window, every frame of a file, as fast as possible.
     size, fps : requested of the camera.   loop : repeat the file.
@@ -55,8 +55,8 @@ class LiveOptions:
 
     input: str | None = None
     camera: int = 0
-    identities: Sequence[Path] = ()
-    person: Path | None = None
+    identities: Sequence[str] = ()
+    person: str | None = None
     outputs: Sequence[str] = (WINDOW,)
     headless: bool = False
     size: tuple[int, int] = (1280, 720)
@@ -144,7 +144,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
     _check(options)
     notices = Notices(say)
     say = notices.say
-    identities = [Identity.load(path) for path in options.identities] or [open_donor(n) for n in gallery()]
+    identities = [open_face(face) for face in options.identities] or [open_donor(n) for n in gallery()]
     controls = Controls(len(identities), options.settings)
     with contextlib.ExitStack() as stack, one_thread():
         capture = stack.enter_context(_capture(options, say))
@@ -153,7 +153,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         outputs += _sound(options, capture, say)
         person = _person(options, capture, identities[0], progress, say)
         config = SessionConfig(
-            identities, person, name=capture.name, keep=lambda made: _keep(_key(options, capture), made, say),
+            identities, person, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
             options=options.options, recording=lambda: recordings.recording, notice=notices.current,
         )  # fmt: skip
         requests = _RequestHandler(config, controls, recordings, snapshots)
@@ -255,22 +255,16 @@ def _person(
 ) -> Identity | None:
     """The model of the person in the picture: given, cached or made from the file; None: to be enrolled on screen."""
     if options.person is not None:
-        return Identity.load(options.person)
-    cached = None if options.enrol else models.cached(_key(options, capture), say)
-    if cached is not None and cached.reference.id == like.reference.id:
-        return cached
-    if not isinstance(capture, FileCapture):
-        return None
-    made = source_person(
-        capture.media, LandmarkSource(), like, replace(SwapSettings(), progress=progress, say=say)
+        return open_face(options.person)
+    if isinstance(capture, FileCapture):
+        settings = SwapSettings(keep_people=True, progress=progress, say=say)
+        return source_person(capture.media, LandmarkSource(), like, settings, anew=options.enrol)
+    known = None if options.enrol else kept.cached(capture.name, say)
+    return known if known is not None and known.reference.id == like.reference.id else None
+
+
+def _keep(camera: str, made: Identity, say: Say) -> None:
+    say(
+        f"your model, biometric data, is kept in {kept.keep(camera, made)}: guise people delete removes it, "
+        "--enrol makes a new one"
     )
-    models.keep(_key(options, capture), made)
-    return made
-
-
-def _key(options: LiveOptions, capture: Capture) -> str:
-    return models.file_key(capture.media.path) if isinstance(capture, FileCapture) else capture.name
-
-
-def _keep(key: str, made: Identity, say: Say) -> None:
-    say(f"your model is kept in {models.keep(key, made)}; --enrol makes a new one")

@@ -27,6 +27,7 @@ import numpy as np
 from guise.aam.averaging import average
 from guise.aam.model import Identity, ModelError
 from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, SIGNATURE_LENGTH, cosine_similarity, signature
+from guise.app.people.kept import everybody
 from guise.common.arrays import F32
 from guise.common.files import write_whole
 
@@ -69,6 +70,31 @@ def open_donor(spec: str) -> Identity:
     if not spec.endswith(MODEL_SUFFIX):
         raise DonorError(f"there is no donor {spec}; use NAME.guise, or one of {', '.join(gallery())}")
     return Identity.load(spec)
+
+
+def open_face(spec: str) -> Identity:
+    """The model that a user names: a donor's spec as for `open_donor`, or the name of somebody who is kept.
+
+    Raises
+    ------
+    DonorError, ModelError
+        When there is none, or its file cannot be used.
+    """
+    path = Path(spec)
+    if spec.startswith(MEAN_PREFIX) or path.suffix == MODEL_SUFFIX:
+        return open_donor(spec)
+    if path.is_file():
+        raise DonorError(
+            f"{spec} is not a model of a face: make one from it with: guise enroll {spec} -o {path.stem}{MODEL_SUFFIX}"
+        )
+    if spec in gallery():
+        return open_donor(spec)
+    people = {person.name: person.path for person in everybody()}
+    if spec not in people:
+        raise DonorError(
+            f"there is no face {spec}: give NAME{MODEL_SUFFIX}, or one of {', '.join([*gallery(), *people])}"
+        )
+    return Identity.load(people[spec])
 
 
 def parts(spec: str) -> list[str]:

@@ -24,6 +24,7 @@ class SwapSettings:
         start and after a loss.
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
         face for a second, or "leave" the frame as it is.
+    keep_people : use the model of the video's person that an earlier run has kept, and keep a new one.
     force : replace an existing output.
     progress : called with the stage and the share of it that is done.
     say : called with notes for the user.
@@ -33,6 +34,7 @@ class SwapSettings:
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     detector: str = "builtin"
     unsure: Unsure = "cover"
+    keep_people: bool = False
     force: bool = False
     progress: Progress = silent
     say: Say = mute

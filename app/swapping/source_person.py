@@ -1,4 +1,4 @@
-"""Who is in the video: a given model, or one enrolled from the video itself."""
+"""Who is in the video: a given model, or one enrolled from the video itself, now or when it was swapped before."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ from typing import Any
 
 from guise.aam.model import Identity
 from guise.app.media import MediaInput
+from guise.app.people import kept
 from guise.app.swapping.report import SwapError
 from guise.app.swapping.settings import SwapSettings
 
 
-def source_person(media: MediaInput, given: Any, like: Identity, settings: SwapSettings) -> Identity:
+def source_person(
+    media: MediaInput, given: Any, like: Identity, settings: SwapSettings, *, anew: bool = False
+) -> Identity:
     """The model of the person in a video: the given one, or one enrolled from the video at the resolution of `like`.
 
     given : Identity, or LandmarkSource for the enrolment.
+    anew : enrol even if a model is kept.
     """
     if isinstance(given, Identity):
         return given
@@ -23,11 +27,37 @@ def source_person(media: MediaInput, given: Any, like: Identity, settings: SwapS
             "give the model of the person in it with --source"
         )
     from guise.aam.training import TrainingOptions
-    from guise.app.enrolment.enrol import enrol
+    from guise.app.enrolment.enrol import enrol, landmark_file
 
+    resolution = like.reference.resolution
+    file = given.files[0] if given.files else landmark_file(media.path)
+    key = ""
+    if settings.keep_people and given.landmarker is None:
+        points = kept.video_key(file) if file is not None else "found"
+        key = kept.video_key(media.path, resolution, points)
+        known = None if anew else kept.cached(key, settings.say)
+        if known is not None:
+            settings.say(
+                f"the person in {media.name} was enrolled before and is {known.name} of guise people list"
+            )
+            return known
     settings.say(f"enrolling the person in {media.name}")
-    training = TrainingOptions(resolution=like.reference.resolution)
-    name = media.path.stem
-    return enrol(
-        [media.path], given, name=name, options=training, progress=settings.progress, say=settings.say
+    training = TrainingOptions(resolution=resolution)
+    made = enrol(
+        [media.path], given, name=media.path.stem, options=training, progress=settings.progress, say=settings.say
+    )  # fmt: skip
+    return _kept(key, made, media.name, settings) if key else made
+
+
+def _kept(key: str, made: Identity, origin: str, settings: SwapSettings) -> Identity:
+    """The model as it is read again, so that the next run gives the same; as it is where it cannot be kept."""
+    try:
+        path = kept.keep(key, made, origin)
+    except OSError as error:
+        settings.say(f"the model of the person in {origin} is not kept for the next time: {error}")
+        return made
+    settings.say(
+        f"the model of the person in {origin}, biometric data, is kept for the next time in {path}: "
+        "guise people delete removes it"
     )
+    return Identity.load(path)

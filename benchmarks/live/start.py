@@ -43,7 +43,7 @@ raise SystemExit(main())
 def first_swap(arguments: Sequence[str | Path], cache: Path) -> float:
     """Seconds from the start of the command to its first swapped frame; NaN when there was none."""
     command = [sys.executable, "-c", CHILD, "live", *(str(part) for part in arguments)]
-    environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
+    environment = {**os.environ, "GUISE_PEOPLE": str(cache)}
     start, first = time.perf_counter(), float("nan")
     with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
