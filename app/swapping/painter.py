@@ -18,7 +18,7 @@ from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture
-from guise.app.swapping.grain import Grain
+from guise.app.swapping.finish import Finish
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
@@ -74,7 +74,7 @@ class Painter:
         self._detail = target.detail
         # Cubic makes up for what the bilinear warp blurs; "paper" stays what the privacy figures are measured with.
         self._enlarging = cv2.INTER_LINEAR if options.light == "paper" else cv2.INTER_CUBIC
-        self._grain = None if options.light == "paper" else Grain(self.reference, mask)
+        self._finish = None if options.light == "paper" else Finish(self.reference, mask)
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
@@ -83,6 +83,7 @@ class Painter:
         self._kept: dict[bool, list[Aperture]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
+        self._beside, self._nearest = beyond_mask(self.reference.mask)
         self._zeros = np.zeros((3, 0), np.float32)
 
     def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
@@ -97,7 +98,7 @@ class Painter:
             visible = None if self._occlusion is None else self._occlusion.visible
             self._palette.update(texture[self._texels], texels, visible)
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
-        self.blend(frame, mesh, texture, zoom, uncovered, self._grain, head)
+        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head)
         return mesh
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
@@ -111,12 +112,12 @@ class Painter:
 
     def blend(
         self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,
-        grain: Grain | None = None, head: F64 | None = None,
+        finish: Finish | None = None, head: F64 | None = None,
     ) -> None:  # fmt: skip
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
 
         uncovered : (h, w) share in [0, 1] of the face that is drawn, on the reference grid; None is all of it.
-        grain : measures the frame's grain and adds it to the texture; None adds nothing.
+        finish : measures the frame's sharpness and grain and gives them to the texture; None changes nothing.
         head : (81, 2) pixels of the source, whose own eyes or mouth are kept if the options say so.
         """
         x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
@@ -125,24 +126,22 @@ class Painter:
         fine = zoom > ZOOM.min_detail_zoom
         picture = self._stored(texture, frame.colour, zoom, fine)
         roi = frame.read_roi(x0, y0, w, h)
-        seen = None
-        if grain is not None:
-            grain.add(picture, frame.index)
-            seen = grain.seen(roi)
+        if finish is not None:
+            finish.before(roi, picture, frame.index)
         if head is not None:
             for aperture in self._apertures(fine):
                 aperture.fill(picture, roi, head - (x0, y0))
         self._set_occlusion(fine, uncovered)
         self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
-        if grain is not None and seen is not None:
-            grain.update(seen, roi, mesh - (x0, y0))
+        if finish is not None:
+            finish.after(roi, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
 
     def reset(self) -> None:
         """Fit palette and occlusion afresh to the next face."""
         self._palette.reset()
-        if self._grain is not None:
-            self._grain.reset()
+        if self._finish is not None:
+            self._finish.reset()
         if self._occlusion is not None:
             self._occlusion.reset()
 
@@ -161,6 +160,8 @@ class Painter:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
         planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
         picture = self._scattered(planes)
+        if self._finish is not None:
+            picture = self._finish.sharpness.apply(picture)
         if zoom < ZOOM.max_blur_zoom:
             return np.asarray(cv2.GaussianBlur(picture, (0, 0), ZOOM.blur_grid_pixels / zoom), np.uint8)
         if not fine:
@@ -168,6 +169,8 @@ class Painter:
         h, w = self.reference.size
         picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=self._enlarging), np.uint8)
         contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
+        if self._finish is not None:
+            contrast *= self._finish.sharpness.gain
         luma = cv2.extractChannel(picture, 0)
         cv2.addWeighted(luma, 1.0, self._detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
         return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
@@ -179,6 +182,8 @@ class Painter:
         bytes_ = cv2.add(planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
         words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
         self._grid[self.reference.mask] = words
+        grid = self._grid.ravel()
+        grid[self._beside] = grid[self._nearest]
         return np.asarray(
             cv2.cvtColor(self._grid.view(np.uint8).reshape(*self.reference.size, 4), cv2.COLOR_BGRA2BGR)
         )
@@ -218,6 +223,21 @@ class Painter:
             return alpha
         h, w = self.reference.size
         return np.asarray(cv2.resize(alpha, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def beyond_mask(mask: Bool) -> tuple[Int, Int]:
+    """Flat indices of the pixels outside a mask (h, w), and of the mask's pixel nearest to each.
+
+    Its colour is continued there, so that no filter takes in the black beside a face.
+    """
+    _, labels = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    inside = np.flatnonzero(mask)
+    place = np.empty(int(labels.max()) + 1, np.intp)
+    place[labels.ravel()[inside]] = inside
+    outside = np.flatnonzero(~mask)
+    return outside, place[labels.ravel()[outside]]
 
 
 def make_palette(reference: ReferenceFrame, texels: Int, mask: Bool, options: EngineOptions) -> Palette:
