@@ -19,6 +19,7 @@ from guise.aam.appearance import Components, principal_components
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import Failed, PlanarSimilarity, align_planar
+from guise.aam.texture_match import TextureMatcher, normalised
 from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
 
 FEATURE_RESOLUTION = 48  # feature grid pixels across the face
@@ -39,8 +40,6 @@ class TrackerLimits:
     min_crop_pixels: int = 12  # of the picture, below which the face has left it
     max_crop_picture_sides: float = 4.0  # half the working crop's side, in the picture's longer side
     max_parameter_deviations: float = 3.5  # that a shape parameter may reach
-    occlusion_residual: float = 0.8  # of the normalised texture, from which a place doesn't show the person
-    occlusion_blur_grid_pixels: float = 2.5  # standard deviation, over which that residual is averaged
     max_good_error_interocular: float = 0.05  # up to which a simulated fit counts as right
     good_quantile: float = 0.95  # of the residuals of right fits
     bad_quantile: float = 0.1  # of the residuals of wrong fits
@@ -79,7 +78,8 @@ class FaceMatch:
     ----------
     residual : root mean square of the normalised texture that the model doesn't explain.
     confidence : float in [0, 1] from it, 0.5 at the lost threshold.
-    occluded_share : share of the face whose texture isn't this person's: a hand, a microphone, another face.
+    occluded_share : share of the face, of what isn't known to be hidden, whose texture isn't this person's: a hand, a
+        microphone, another face.
     """
 
     residual: float
@@ -220,7 +220,7 @@ class Tracker:
             correction = stage[0] + features @ stage[1:]
             pose, parameters = space.corrected(pose, parameters, correction)
         shape = space.decode(pose, parameters)
-        residual = self._residual(normalised(self._sampler.sample(crop.image, shape)))
+        residual = self._matcher.residual(self._sampler.sample(crop.image, shape))
         if not residual < self.quality.threshold:
             return Failed(f"the face is not recognised (residual {residual:.2f})")
         return Fit(crop.to_frame(shape), parameters, residual, self.quality.confidence(residual))
@@ -271,40 +271,24 @@ class Tracker:
         tries = [(1.0, s) for s in shifts] + [(0.88, (0, 0)), (1.14, (0, 0))]
         return [mean * face * scale + centre + np.array(shift) * face for scale, shift in tries]
 
-    def match(self, luma: U8, shape: F64) -> FaceMatch | Failed:
-        """How well the face at a shape (81, 2), frame pixels, in luma (h, w) matches this person."""
+    def match(self, luma: U8, shape: F64, hidden: Bool | None = None) -> FaceMatch | Failed:
+        """How well the face at a shape (81, 2), frame pixels, in luma (h, w) matches this person.
+
+        hidden : (n,) which of the `places` don't count, as something is in front of them.
+        """
         crop = cut(luma, shape, self.reference)
         if isinstance(crop, Failed):
             return crop
-        features = normalised(self._sampler.sample(crop.image, crop.to_crop(shape)))
-        residual = self._residual(features)
-        return FaceMatch(residual, self.quality.confidence(residual), self._occluded_share(features))
+        found = self._matcher.match(self._sampler.sample(crop.image, crop.to_crop(shape)), hidden)
+        return FaceMatch(found.residual, self.quality.confidence(found.residual), found.foreign_share)
 
-    def _occluded_share(self, features: F32) -> float:
-        """Share of the pixels around which the residual exceeds `occlusion_residual`."""
-        centred = features - self.texture.mean
-        squared = np.zeros(len(self.reference.pixels), np.float32)
-        squared[self.pixels] = (centred - self.texture.basis @ (centred @ self.texture.basis)) ** 2
-        return float((self._blurred(squared) > LIMITS.occlusion_residual**2 * self._weight).mean())
+    def places(self, shape: F64) -> F32:
+        """Where (n, 2) the person's texture is compared when the face lies at a shape (81, 2), in its pixels."""
+        return self._sampler.positions(shape)
 
     @cached_property
-    def _weight(self) -> F32:
-        """Share of each pixel's surroundings that is used."""
-        used = np.zeros(len(self.reference.pixels), np.float32)
-        used[self.pixels] = 1
-        return self._blurred(used)
-
-    def _blurred(self, values: F32) -> F32:
-        """Values (n,) of the feature grid's mask pixels, averaged over their surroundings, at the pixels used."""
-        sigma = LIMITS.occlusion_blur_grid_pixels
-        picture = cv2.GaussianBlur(self.reference.scatter(values), (0, 0), sigma)
-        return np.asarray(picture[self.reference.mask][self.pixels])
-
-    def _residual(self, features: F32) -> float:
-        centred = features - self.texture.mean
-        coefficients = centred @ self.texture.basis
-        energy = float(centred @ centred) - float(coefficients @ coefficients)
-        return float(np.sqrt(max(energy, 0.0) / len(features)))
+    def _matcher(self) -> TextureMatcher:
+        return TextureMatcher(self.texture, self.pixels, self.reference, self.quality.good)
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,12 +335,6 @@ class ShapeSpace:
 def _clipped(parameters: F64) -> F64:
     most = LIMITS.max_parameter_deviations
     return np.clip(parameters, -most, most)
-
-
-def normalised(features: F32) -> F32:
-    """Features (n,) with zero mean and unit standard deviation."""
-    centred = features - features.mean()
-    return np.asarray(centred / (np.sqrt(centred @ centred / len(centred)) + 1e-3), np.float32)
 
 
 @dataclass(frozen=True)

@@ -141,6 +141,20 @@ def test_a_face_counts_as_changed_as_far_as_its_box_was() -> None:
     assert 0.4 < share(0, changed, points, seen).seen < 0.6
 
 
+def test_what_is_in_front_of_a_face_need_not_be_changed() -> None:
+    from benchmarks.deidentify.changes import share
+    from guise.aam.landmarks.schemes import IBUG68
+    from guise.aam.reference import ReferenceFrame
+
+    points = ReferenceFrame.canonical(100).points[IBUG68] + 20
+    changed = np.ones((160, 160), bool)
+    changed[85:] = False
+    seen = points[:, 1] < 85
+    assert not share(0, changed, points, seen).is_leaked
+    assert share(0, changed, points, np.ones(68, bool)).is_leaked
+    assert share(0, ~changed, points, seen).is_leaked
+
+
 def test_every_benchmark_of_de_identification_runs_with_all() -> None:
     helpers = {"__init__", "changes", "guise"}
     scripts = {p.stem for p in (Path(run_all.__file__).parent / "deidentify").glob("*.py")} - helpers

@@ -9,7 +9,7 @@ from made_up import SAMPLES
 
 from guise.aam.landmarks import interocular
 from guise.aam.landmarks.rolls import RolledBoxes
-from guise.aam.landmarks.schemes import CHIN, IBUG68, INNER51, NOSE_BASE
+from guise.aam.landmarks.schemes import IBUG68, INNER51
 from guise.app.deidentify.stages.detect import (
     Candidate,
     DetectedFrame,
@@ -19,7 +19,6 @@ from guise.app.deidentify.stages.detect import (
 )
 from guise.app.deidentify.stages.smooth import smooth
 from guise.app.media import Frame, open_input
-from guise.app.swapping.trust import locate
 
 
 def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:
@@ -123,31 +122,7 @@ def _face(box: np.ndarray) -> object:
     return Face.around(scaled, 0.9)
 
 
-# -- placing and smoothing -------------------------------------------------------------------------------------
-
-
-def test_a_person_is_trusted_on_their_own_face_and_not_on_another_one(p01) -> None:  # type: ignore[no-untyped-def]
-    own, other = some("p01", count=1)[0], some("p02", count=1)[0]
-    there = locate(p01.tracker, own.luma, truth("p01", 1)[0].astype(float), 1.0)
-    elsewhere = locate(p01.tracker, other.luma, truth("p02", 1)[0].astype(float), 1.0)
-    assert there.confidence > 0.5
-    assert elsewhere.confidence < 0.5
-    assert np.linalg.norm(there.shape - truth("p01", 1)[0], axis=1).mean() < 0.05 * interocular(
-        truth("p01", 1)[0]
-    )
-
-
-def test_a_hidden_half_of_the_face_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
-    frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
-    luma = frame.luma.copy()
-    x0, x1 = int(points[:, 0].min()), int(points[:, 0].max())
-    luma[int(points[NOSE_BASE, 1]) : int(points[CHIN, 1]) + 5, x0:x1] = 60
-    assert locate(p01.tracker, luma, points, 1.0).confidence < 0.5
-
-
-def test_a_landmarker_of_low_confidence_is_not_trusted(p01) -> None:  # type: ignore[no-untyped-def]
-    frame, points = some("p01", count=1)[0], truth("p01", 1)[0].astype(float)
-    assert locate(p01.tracker, frame.luma, points, 0.2).confidence < 0.5
+# -- smoothing -------------------------------------------------------------------------------------
 
 
 def test_smoothing_reduces_jitter_and_keeps_what_moves_in_its_place() -> None:

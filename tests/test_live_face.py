@@ -14,6 +14,7 @@ from guise.app.live.controls import LiveSettings
 from guise.app.live.face import LIMITS, FaceResult, LiveFace
 from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import region
+from guise.app.swapping.occlusion import LIMITS as OCCLUSION
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64, U8, Bool
 from guise.common.threads import one_thread
@@ -138,15 +139,33 @@ def test_who_returns_is_covered_until_the_face_was_confident_for_a_while(
     assert set(outcomes[first:]) == {"swapped"}
 
 
+def hidden_from(picture: U8, shape: F64, share: float) -> tuple[U8, slice, slice]:
+    """A picture with a board in front of a face (81, 2) from a share of its height down; rows and columns above."""
+    rows, columns = box(shape)
+    top = rows.start + round(share * (rows.stop - rows.start))
+    hidden = picture.copy()
+    hidden[top:, columns] = (90, 60, 50)
+    return hidden, slice(rows.start, top), columns
+
+
 def test_a_face_that_is_hidden_is_covered(face: LiveFace, talk: list[U8], truth: F64) -> None:
     play = Player(face)
     play(talk[0])
-    rows, columns = box(truth[1])
-    hand = talk[1].copy()
-    hand[(rows.start + rows.stop) // 2 : rows.stop, columns] = (90, 60, 50)
-    result, changed, _ = play(hand)
+    hidden, rows, columns = hidden_from(talk[1], truth[1], 0.2)
+    result, changed, _ = play(hidden)
     assert (result.outcome, result.mesh) == ("covered", None)
     assert changed[rows, columns].mean() > 0.99
+
+
+def test_a_face_behind_a_board_is_swapped_around_it(face: LiveFace, talk: list[U8], truth: F64) -> None:
+    play = Player(face)
+    play(talk[0])
+    hidden, rows, columns = hidden_from(talk[1], truth[1], 0.5)
+    for _ in range(OCCLUSION.pause_frames + 1):
+        result, changed, _ = play(hidden)
+        assert result.outcome == "swapped"
+    assert changed[rows, columns].mean() > 0.7
+    assert changed[rows.stop + 20 : rows.stop + 40, columns].mean() < 0.1
 
 
 def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
@@ -267,7 +286,7 @@ def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
     np.testing.assert_array_equal(p01.appearance.neutral, before)
 
 
-def test_nothing_in_front_of_the_face_is_kept_live(p01: Identity) -> None:
-    """What looks like an object in front could be the person's own face."""
+def test_live_only_objects_in_front_of_the_face_are_kept(p01: Identity) -> None:
+    """What looks like hair or glasses in front could be the person's own face."""
     with LiveFace(p01, [p01], EngineOptions(renderer="cpu")) as face:
-        assert not face.options.occluders
+        assert face.options.occluders == "objects"

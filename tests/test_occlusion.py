@@ -221,12 +221,77 @@ def test_both_renderers_draw_an_occlusion_alike(p01: Identity) -> None:
     assert np.abs(on_cpu - on_gl).max() <= 4
 
 
-@pytest.mark.parametrize("changes", [{"light": "paper"}, {"disguise": True}, {"occluders": False}])
+@pytest.mark.parametrize("changes", [{"light": "paper"}, {"disguise": True}, {"occluders": "none"}])
 def test_without_occluders_everything_is_covered(p01: Identity, changes: dict[str, object]) -> None:
     options = replace(EngineOptions(renderer="cpu"), **changes)  # type: ignore[arg-type]
     before, after, shape = drawn(p01, options)
     x, y = square(shape)
     assert (after[y + 20 : y + 30, x - 12 : x + 12] != before[y + 20 : y + 30, x - 12 : x + 12]).any()
+
+
+def test_in_a_disguise_an_object_may_stay_in_front(p01: Identity) -> None:
+    options = EngineOptions(renderer="cpu", light="paper", disguise=True, occluders="objects")
+    before, after, shape = drawn(p01, options)
+    x, y = square(shape)
+    assert_array_equal(after[y + 20 : y + 30, x - 12 : x + 12], before[y + 20 : y + 30, x - 12 : x + 12])
+
+
+def test_the_colours_of_an_object_do_not_reach_the_drawn_face(p01: Identity) -> None:
+    options = EngineOptions(renderer="cpu", light="paper", disguise=True, occluders="objects")
+    pictures, shapes = frames_with_an_object()
+    with open_input(SAMPLES / "p01" / "talk2.mp4") as clip:
+        plain = [frame.rgb() for frame, _ in zip(clip, pictures, strict=False)]
+    faces = []
+    for shown in (plain, pictures):
+        with Engine(p01, Identity.load(model_file("p06")), None, options) as engine:
+            for rgb, shape in zip(shown, shapes, strict=False):
+                frame = Frame.from_rgb(rgb.copy())
+                engine.draw(frame, shape)
+        faces.append(frame.rgb().astype(float))
+    x, y = np.round(shapes[len(pictures) - 1][NOSE_ROOT]).astype(int)
+    without, behind = (one[y - 30 : y, x - 30 : x + 30].mean((0, 1)) for one in faces)
+    assert np.abs(without - behind).max() < 8
+
+
+@pytest.fixture
+def wary(p01: Identity) -> Occlusion:
+    """Only objects that reach in from beyond the face stay in front."""
+    reference = p01.appearance.reference
+    return Occlusion(reference, ParameterEstimator(p01.appearance).sampler, only_objects=True)
+
+
+def fake_parsing(shown: FaceClass, x: slice, y: slice) -> FaceParsing:
+    """Cells that lie on the reference frame's 64 x 64 first pixels: skin, and a rectangle of something else."""
+    shares = np.zeros((len(FaceClass), 64, 64), np.float32)
+    shares[FaceClass.SKIN] = 1
+    shares[FaceClass.SKIN, y, x] = 0
+    shares[shown, y, x] = 1
+    return FaceParsing(shares, np.eye(2, 3), np.zeros((2, 4)))
+
+
+@pytest.mark.parametrize(
+    ("shown", "x", "kept"),
+    [
+        (FaceClass.OCCLUDER, slice(0, 35), True),
+        (FaceClass.OCCLUDER, slice(25, 35), False),
+        (FaceClass.HAIR, slice(0, 35), False),
+        (FaceClass.GLASSES, slice(0, 35), False),
+    ],
+    ids=["a hand", "a patch within the face", "hair", "glasses"],
+)
+def test_where_no_part_of_the_person_may_show_only_objects_that_reach_in_stay_in_front(
+    wary: Occlusion, monkeypatch: pytest.MonkeyPatch, shown: FaceClass, x: slice, kept: bool
+) -> None:
+    reference = ReferenceFrame.canonical(wary._reference.resolution)
+    scale = 64 / reference.resolution
+    parsing = fake_parsing(shown, x, slice(25, 35))
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
+    shape = reference.points * scale
+    wary.update(Frame.from_rgb(np.zeros((8, 8, 3), np.uint8)), shape)
+    left = wary.uncovered(shape)
+    assert (left is not None) == kept
+    if left is not None:
+        assert left.min() < 0.1
 
 
 def test_brows_are_shown_whatever_the_sources_mask_says() -> None:

@@ -16,6 +16,7 @@ from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
+from guise.aam.texture_match import normalised
 from guise.aam.tracker import (
     FEATURE_RESOLUTION,
     Crop,
@@ -25,7 +26,6 @@ from guise.aam.tracker import (
     Tracker,
     TrackerOptions,
     cut,
-    normalised,
     train_tracker,
 )
 

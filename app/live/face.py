@@ -30,7 +30,7 @@ from guise.app.swapping.cover import cover, cover_all, region
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.puppet import Puppet
-from guise.app.swapping.trust import trust
+from guise.app.swapping.trust import TrustJudge
 from guise.common.arrays import F64, U8
 from guise.common.closing import Closing
 
@@ -95,13 +95,14 @@ class LiveFace(Closing):
         self, person: Identity, identities: Sequence[Identity], options: EngineOptions = EngineOptions()
     ) -> None:
         self.person, self.identities = person, list(identities)
-        self.options = replace(options, occluders=False)  # a wrong one would show the person
+        self.options = replace(options, occluders="objects")
         self.detector = BackgroundDetector()
         self.landmarker = open_landmarker("builtin")
         self.tracker = PersonTracker(
             person.tracker, self.detector, landmarker=self.landmarker, rest=person.rest_frame
         )
         self.cover_planner = CoverPlanner()
+        self._judge = TrustJudge()
         self._engines: dict[int, Engine] = {}
         self._puppets: dict[int, Puppet] = {}
 
@@ -148,7 +149,7 @@ class LiveFace(Closing):
         return FaceResult("off" if off else "covered", None, confidence, 1 + len(regions.others))
 
     def _trust(self, frame: Frame, fit: Fit | Failed) -> float:
-        return trust(self.person.tracker, frame.luma, fit.shape) if isinstance(fit, Fit) else 0.0
+        return self._judge.trust(self.person.tracker, frame, fit.shape) if isinstance(fit, Fit) else 0.0
 
     def _engine(self, settings: LiveSettings) -> Engine:
         if settings.identity not in self._engines:

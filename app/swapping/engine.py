@@ -129,7 +129,7 @@ def _shape_transfer(source: Identity, target: Identity) -> ShapeTransfer:
 
 
 def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineOptions) -> Occlusion | None:
-    """What hides the source's face; a disguise is drawn over everything, so that nothing of the person shows."""
-    if options.light == "paper" or options.disguise or not options.occluders:
+    """What hides the source's face and stays in front of the drawn one."""
+    if options.in_front == "none":
         return None
-    return Occlusion(source.reference, estimator.sampler)
+    return Occlusion(source.reference, estimator.sampler, only_objects=options.in_front == "objects")

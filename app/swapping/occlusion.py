@@ -3,10 +3,14 @@
 The frame is parsed (`guise.aam.parsing`), and what is in front of the face is read where the drawn face's mesh lies.
 There the frame's own pixels stay, and neither light nor expression is measured.  While nothing but hair and glasses is
 in front, only some frames are parsed; what was found moves along with the face.
+
+Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
+hands and mugs do: a patch within it that is taken for an object may be skin.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -32,6 +36,9 @@ class OcclusionLimits:
 
     cell_face_widths: float = 0.0125
     object_share: tuple[float, float] = (0.15, 0.45)
+    sure_object_share: tuple[float, float] = (0.35, 0.65)  # where no part of the person may show
+    min_object_face_shares: float = 0.01  # of an object there, of the face
+    rim_face_widths: float = 0.03  # of the face, which such an object reaches
     hair_share: tuple[float, float] = (0.5, 0.85)
     frame_share: tuple[float, float] = (0.2, 0.5)  # of glasses, beside the eyes
     lens_share: tuple[float, float] = (0.7, 0.95)  # of glasses, dark ones, before the eyes
@@ -45,6 +52,16 @@ class OcclusionLimits:
 
 
 LIMITS = OcclusionLimits()
+KINDS = (
+    (FaceClass.OCCLUDER, LIMITS.object_share),
+    (FaceClass.HAIR, LIMITS.hair_share),
+    (FaceClass.GLASSES, LIMITS.frame_share),
+    (FaceClass.GLASSES, LIMITS.lens_share),
+)
+SURE_KINDS = (
+    (FaceClass.OCCLUDER, LIMITS.object_share),
+    (FaceClass.OCCLUDER, LIMITS.sure_object_share),
+)
 
 
 class Occlusion:
@@ -54,10 +71,13 @@ class Occlusion:
     ----------
     reference : ReferenceFrame.
     texels : sampler of the places at which light and expression are measured.
+    only_objects : hair, glasses and whatever lies wholly within the face don't stay in front.
     """
 
-    def __init__(self, reference: ReferenceFrame, texels: MeshSampler) -> None:
+    def __init__(self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False) -> None:
         self._reference, self._texels = reference, texels
+        self._only_objects = only_objects
+        self._kinds = SURE_KINDS if only_objects else KINDS
         self._parser = FaceParser()
         self._grid = CoarseGrid(reference, LIMITS.cell_face_widths)
         height, width = self._grid.size
@@ -68,6 +88,11 @@ class Occlusion:
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
         around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *eyes), LIMITS.growth_face_widths)
         self._hair_weight = np.asarray(1 - around[y, x], np.float32)
+        self._face = reference.mask[y, x].reshape(self._grid.size)
+        reach = 2 * round(LIMITS.rim_face_widths / LIMITS.cell_face_widths) + 1
+        self._rim = self._face & (
+            cv2.erode(np.pad(self._face.astype(np.uint8), 1), np.ones((reach, reach)))[1:-1, 1:-1] == 0
+        )
         self._frame_weight = np.asarray(1 - soft_parts(reference, eyes, 0.0)[y, x], np.float32)
         middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
         self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
@@ -94,7 +119,7 @@ class Occlusion:
         if self._pause_frames:
             self._pause_frames -= 1
             return
-        self._layers = _Layers.of(parse_frame(self._parser, frame, shape))
+        self._layers = _Layers.of(parse_frame(self._parser, frame, shape), self._kinds)
         self._visible = 1 - np.max(self._layers.at(self._texels.positions(shape)), axis=1)
 
     def cleared(self, seen: F32) -> F32:
@@ -112,15 +137,29 @@ class Occlusion:
         """
         if self._layers is None:
             return self._uncovered
-        thing, hair, frame, lens = self._layers.at(self._cells.positions(mesh)).T
+        layers = self._layers.at(self._cells.positions(mesh)).T
         self._layers = None
+        hidden = self._reaching_in(layers[1]) if self._only_objects else self._in_front(*layers)
+        self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
+        return self._uncovered
+
+    def _in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> F32:
+        """The share (n,) of the cells that anything hides."""
         glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
         worn = np.maximum(hair * self._hair_weight, glasses)
         self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
         self._pause_frames = 0 if thing.max() > LIMITS.min_hidden else LIMITS.pause_frames
-        hidden = np.maximum(thing, self._worn)
-        self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
-        return self._uncovered
+        return np.maximum(thing, self._worn)
+
+    def _reaching_in(self, thing: F32) -> F32:
+        """The share (n,) of the cells that objects hide which reach over the rim of the face."""
+        inside = (thing.reshape(self._grid.size) > LIMITS.min_hidden) & self._face
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8))
+        large = stats[:, cv2.CC_STAT_AREA] > LIMITS.min_object_face_shares * self._face.sum()
+        large[0] = False
+        reaching = np.isin(labels, [n for n in np.unique(labels[self._rim]) if large[n]])
+        self._pause_frames = 0 if reaching.any() else LIMITS.pause_frames
+        return np.where(reaching.ravel() | ~self._face.ravel(), thing, 0.0) if reaching.any() else 0 * thing
 
     def _on_both_sides(self, glasses: F32) -> F32:
         """The share (n,) of the cells without what has no counterpart: an eye in the shade is no glass."""
@@ -139,23 +178,17 @@ class Occlusion:
 
 @dataclass(frozen=True, eq=False)
 class _Layers:
-    """How far objects, hair, frames of glasses and dark glasses hide the cells (64, 64, 4) of a parsed frame."""
+    """How far each kind of thing hides the cells (64, 64, k) of a parsed frame."""
 
     parsing: FaceParsing
     hidden: F32
 
     @classmethod
-    def of(cls, parsing: FaceParsing) -> _Layers:
-        layers = (
-            (FaceClass.OCCLUDER, LIMITS.object_share),
-            (FaceClass.HAIR, LIMITS.hair_share),
-            (FaceClass.GLASSES, LIMITS.frame_share),
-            (FaceClass.GLASSES, LIMITS.lens_share),
-        )
-        return cls(parsing, np.dstack([_ramp(parsing.shares[kind], ends) for kind, ends in layers]))
+    def of(cls, parsing: FaceParsing, kinds: Sequence[tuple[FaceClass, tuple[float, float]]]) -> _Layers:
+        return cls(parsing, np.dstack([_ramp(parsing.shares[kind], ends) for kind, ends in kinds]))
 
     def at(self, points: Floating) -> F32:
-        """(n, 4) at points (n, 2) of the picture."""
+        """(n, k) at points (n, 2) of the picture."""
         return self.parsing.at(points, self.hidden)
 
 

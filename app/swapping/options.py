@@ -27,11 +27,13 @@ class EngineOptions:
     jaw, forehead : face widths by which they are drawn beyond the head's outline, the forehead most in its middle, to
         hide the rim of the face as well.
     hold_frames : for which a lost face keeps its last place.
-    occluders : keep what is in front of the face in front; without it the face is drawn over everything.
+    occluders : what stays in front of the drawn face: "all" that is in front of the person's, hair and glasses too;
+        "objects", only those that reach in from beyond the face, so that no part of it shows by mistake; or "none".
     eyes, mouth : whose eyeballs and inside of the mouth show between the drawn lids and lips; in a disguise never the
         source's.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
-        the person is harder to recognise from what remains of the head (hair, ears, neck).
+        the person is harder to recognise from what remains of the head (hair, ears, neck). No hair and no glasses of
+        theirs stay in front.
     """
 
     alpha: float = DEFAULT_ALPHA
@@ -42,10 +44,17 @@ class EngineOptions:
     jaw: float = 0.0
     forehead: float = 0.0
     hold_frames: int = 4
-    occluders: bool = True
+    occluders: Literal["all", "objects", "none"] = "all"
     eyes: Literal["donor", "source"] = "source"
     mouth: Literal["donor", "source"] = "source"
     disguise: bool = False
+
+    @property
+    def in_front(self) -> Literal["all", "objects", "none"]:
+        """What stays in front of the drawn face; "all" is drawn over in a disguise and with the light "paper"."""
+        if self.occluders == "all" and (self.disguise or self.light == "paper"):
+            return "none"
+        return self.occluders
 
     @property
     def source_parts(self) -> tuple[Group, ...]:

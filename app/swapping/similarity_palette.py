@@ -36,6 +36,8 @@ class PaletteLimits:
     light_ratio: tuple[float, float] = (0.5, 2.0)  # range of the ratio of two lights
     highlight_slope: float = 0.35  # above the brightest skin, so that teeth and eyes don't glow
     brightest_skin_quantile: float = 0.98
+    min_visible: float = 1e-3  # as which less counts
+    whole_visible: float = 0.9  # of each texel, from which all count alike
     ridge: float = (
         1e-3  # damping per texel of the quadratic terms; a tenth of it of the levels of eyes and mouth
     )
@@ -45,7 +47,7 @@ LIMITS = PaletteLimits()
 
 
 class SimilarityPalette:
-    """A `Palette` of a similarity and smooth fields, smooth in time; a hidden part of the face counts as well.
+    """A `Palette` of a similarity and smooth fields, smooth in time.
 
     Parameters
     ----------
@@ -65,9 +67,7 @@ class SimilarityPalette:
         self._at = self._field[texels].astype(np.float64)
         inner = self._at[:, QUADRATIC_FIELDS:].max(1) > 0.5
         self._fitted = np.union1d(self._skin, np.flatnonzero(inner))
-        known = self._at[self._fitted]
-        ridge = LIMITS.ridge * len(known) * np.diag([0, 0, 0, 1, 1, 1, 0.1, 0.1])
-        self._solve = np.linalg.solve(known.T @ known + ridge, known.T)
+        self._solve = self._solver(np.ones(len(self._at)))
         self._at_shown = self._at[self._shown]
         self.reset()
 
@@ -88,7 +88,10 @@ class SimilarityPalette:
         if self._frames % LIMITS.update_interval_frames and not self._fresh:
             return
         keep = 0.0 if self._fresh else LIMITS.memory
-        own, there = (_with_grey_slopes(self._solve @ rgb[self._fitted]) for rgb in (face, seen))
+        weights = np.ones(len(seen)) if visible is None else np.maximum(visible, LIMITS.min_visible)
+        whole = float(weights.min()) >= LIMITS.whole_visible
+        solve = self._solve if whole else self._solver(weights)
+        own, there = (_with_grey_slopes(solve @ rgb[self._fitted]) for rgb in (face, seen))
         levels = own[QUADRATIC_FIELDS:]
         there[QUADRATIC_FIELDS:] = _grey(there[QUADRATIC_FIELDS:]) + levels - _grey(levels)
         keep *= float(np.exp(-(((there[0] - self._there[0]).mean() / LIMITS.light_jump_grey_levels) ** 2)))
@@ -99,15 +102,24 @@ class SimilarityPalette:
         found = align(
             gain * (face[self._shown] - own),
             seen[self._shown] - there,
+            None if whole else weights[self._shown],
             scale=self._scale,
             prior=LIMITS.rotation_prior,
         )
         if isinstance(found, Similarity):
             linear = float(np.clip(found.scale, *LIMITS.contrast)) * found.rotation
             self._linear = keep * self._linear + (1 - keep) * linear
-        bright = _brightest(seen[self._skin].mean(1))
+        skin = self._skin[weights[self._skin] > 0.5] if not whole else self._skin
+        bright = _brightest(seen[skin].mean(1)) if len(skin) else self._bright
         self._bright = keep * self._bright + (1 - keep) * bright
         self._fresh = False
+
+    def _solver(self, weights: F64) -> F64:
+        """(8, m) from the fitted texels' values to the fields, where texels have weights (t,)."""
+        known = self._at[self._fitted]
+        weighted = known.T * weights[self._fitted]
+        ridge = LIMITS.ridge * len(known) * np.diag([0, 0, 0, 1, 1, 1, 0.1, 0.1])
+        return np.asarray(np.linalg.solve(weighted @ known + ridge, weighted))
 
     def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
         """See `Palette.apply`."""

@@ -1,21 +1,26 @@
-"""How far a tracked face can be trusted: whose it is, whether something hides it, whether it is in profile.
+"""How far a tracked face can be trusted: whose it is, how much of it is hidden, whether it is in profile.
 
 Where the landmarker's points and the person's tracker agree, the face lies at their mean, otherwise at the points.
-What the person's model cannot explain there (a hand, a profile, another person) lowers the confidence, which decides
-between swap and cover.  Pixels as shown, x right, y down.
+What the person's model cannot explain there (a profile, another person) lowers the confidence, which decides between
+swap and cover.  A hand or another object that the parsing sees in front doesn't, as long as enough of the face is
+visible and that is the person's.  Pixels as shown, x right, y down.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from guise.aam.landmarks import interocular
 from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, NOSE_TIP, RIGHT_EYE_OUTER
+from guise.aam.parsing import FaceClass, FaceParser
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FaceMatch, Fit, Tracker
-from guise.common.arrays import F64, U8
+from guise.app.media import Frame
+from guise.app.swapping.occlusion import parse_frame
+from guise.common.arrays import F32, F64
 
 
 @dataclass(frozen=True)
@@ -25,8 +30,19 @@ class TrustLimits:
     agreement_interocular: float = (
         0.06  # mean distance of tracker and landmarker, up to which their mean is taken
     )
-    occluded_share: float = 0.08  # of the face
+    occluded_share: float = 0.08  # of the visible face, that isn't the person's texture
     occluded_share_width: float = 0.015  # of the logistic function
+    min_object_share: float = 0.15  # of a place, from which an object hides it
+    object_share: float = 0.15  # of a place, from which an object hides it
+    edge_share: float = 0.08  # the same where nothing is compared,
+    object_edge_cells: int = 2  # about it, either
+    min_hidden_share: float = 0.02  # of the face, from which an object is seen
+    hidden_share: float = 0.6  # of the face, behind objects
+    hidden_share_width: float = 0.02
+    # As less of the face is compared, it must be more like the person's; shadows and missed fingers may be near.
+    residual_gain_behind_objects: float = 1.3
+    occluded_share_behind_objects: float = 0.16
+    unquestioned: float = 0.9  # confidence from which nothing in front is searched for
     profile_offset: float = 0.42  # of the nose's tip from the middle, in distances of the outer eye corners
     profile_offset_width: float = 0.03
     landmarker_gain: float = 1.25  # by which a landmarker's confidence counts
@@ -43,27 +59,64 @@ class LocatedFace:
     confidence: float
 
 
-def locate(tracker: Tracker, luma: U8, points: F64, confidence: float) -> LocatedFace:
-    """A person's face near a landmarker's points (81, 2) in luma (h, w).
+class TrustJudge:
+    """Judges how far faces can be trusted.  Not for several threads at once."""
 
-    confidence : the landmarker's, in [0, 1].
-    """
-    fit = tracker.fit(luma, points)
-    shape = points
-    if isinstance(fit, Fit) and _distance(fit.shape, points) < LIMITS.agreement_interocular:
-        shape = (fit.shape + points) / 2
-    return LocatedFace(shape, min(trust(tracker, luma, shape), _landmarker_trust(confidence)))
+    def __init__(self) -> None:
+        self._parser = FaceParser()
+
+    def locate(self, tracker: Tracker, frame: Frame, points: F64, confidence: float) -> LocatedFace:
+        """A person's face near a landmarker's points (81, 2) in a frame.
+
+        confidence : the landmarker's, in [0, 1].
+        """
+        fit = tracker.fit(frame.luma, points)
+        shape = points
+        if isinstance(fit, Fit) and _distance(fit.shape, points) < LIMITS.agreement_interocular:
+            shape = (fit.shape + points) / 2
+        return LocatedFace(shape, min(self.trust(tracker, frame, shape), _landmarker_trust(confidence)))
+
+    def trust(self, tracker: Tracker, frame: Frame, shape: F64) -> float:
+        """Confidence in [0, 1] that the face at a shape (81, 2) is the person's, visible enough and frontal."""
+        match = tracker.match(frame.luma, shape)
+        if isinstance(match, Failed):
+            return 0.0
+        whole = min(match.confidence, _unexplained(match, LIMITS.occluded_share))
+        if whole < LIMITS.unquestioned:
+            whole = max(whole, self._trust_behind_objects(tracker, frame, shape))
+        return min(whole, _frontal_trust(shape))
+
+    def _trust_behind_objects(self, tracker: Tracker, frame: Frame, shape: F64) -> float:
+        """The same of what objects leave of the face; 0 where there is none, or where that is too little."""
+        parsing = parse_frame(self._parser, frame, shape)
+        places, objects = tracker.places(shape), parsing.share(FaceClass.OCCLUDER)
+        hidden = parsing.at(places, objects) > LIMITS.object_share
+        if hidden.mean() < LIMITS.min_hidden_share:
+            return 0.0
+        near = parsing.at(places, _grown(objects, LIMITS.object_edge_cells)) > LIMITS.edge_share
+        match = tracker.match(frame.luma, shape, near)
+        if isinstance(match, Failed):
+            return 0.0
+        own = tracker.quality.confidence(LIMITS.residual_gain_behind_objects * match.residual)
+        unexplained = _unexplained(match, LIMITS.occluded_share_behind_objects)
+        return min(
+            own, unexplained, _falling(float(hidden.mean()), LIMITS.hidden_share, LIMITS.hidden_share_width)
+        )
 
 
-def trust(tracker: Tracker, luma: U8, shape: F64) -> float:
-    """Confidence in [0, 1] that the face at a shape (81, 2) in luma (h, w) is the person's, unhidden and frontal."""
-    match = tracker.match(luma, shape)
-    return 0.0 if isinstance(match, Failed) else min(_match_trust(match), _frontal_trust(shape))
+def _grown(cells: F32, reach: int) -> F32:
+    side = 2 * reach + 1
+    return np.asarray(cv2.dilate(cells, np.ones((side, side), np.uint8)), np.float32)
 
 
-def _match_trust(match: FaceMatch) -> float:
-    excess = match.occluded_share - LIMITS.occluded_share
-    return float(min(match.confidence, 1 / (1 + np.exp(excess / LIMITS.occluded_share_width))))
+def _unexplained(match: FaceMatch, max_share: float) -> float:
+    """1 where the person's texture explains the face, 0 where much of it is something else's."""
+    return _falling(match.occluded_share, max_share, LIMITS.occluded_share_width)
+
+
+def _falling(value: float, limit: float, width: float) -> float:
+    """A logistic function, one half at the limit."""
+    return float(1 / (1 + np.exp(np.clip((value - limit) / width, -50, 50))))
 
 
 def _landmarker_trust(confidence: float) -> float:
@@ -79,9 +132,7 @@ def _frontal_trust(shape: F64) -> float:
     if length <= 0:
         return 0.0
     turn = abs(float((nose - right) @ across) / length - 0.5)
-    return float(
-        1 / (1 + np.exp(np.clip((turn - LIMITS.profile_offset) / LIMITS.profile_offset_width, -50, 50)))
-    )
+    return _falling(turn, LIMITS.profile_offset, LIMITS.profile_offset_width)
 
 
 def _distance(a: F64, b: F64) -> float:

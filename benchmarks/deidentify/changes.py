@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.common import F64
 from guise.aam.landmarks.schemes import IBUG68
+from guise.aam.reference import ReferenceFrame
 from guise.app.media import open_input
 
 LOSSLESS, LOSSY = 1, 6  # grey levels from which a pixel counts as changed
@@ -23,6 +24,9 @@ CLOSING_FACE_WIDTHS = 0.15  # of unchanged specks within a changed area: skin ma
 MIN_AREA_SQUARE_FACE_WIDTHS = 0.02  # below which a changed area does not count
 MIN_CHANGED_SHARE = 0.9  # of a true box, in a changed area
 MIN_VISIBLE_SHARE = 0.25  # of the face's points, in the picture and before everything else
+TRIANGLES = np.array(
+    [t for t in ReferenceFrame.canonical(48).triangles if max(t) < 68]
+)  # without the forehead's
 
 
 @dataclass(frozen=True)
@@ -34,12 +38,20 @@ class Share:
     box : share of the box of its points, as far as it lies in the picture, within the box of the changed area.
     seen : the same for the points that can be seen: the others lie under hair or on the far side of the head.
     face : share of the pixels in the outline of the points that can be seen that lie within a changed area.
+    bare : the same in the triangles of the reference's mesh whose three corners can be seen: a box or an outline also
+        spans what is in front of the face, and a hand that a swap leaves in front is unchanged.
     """
 
     frame: int
     box: float
     seen: float
     face: float
+    bare: float
+
+    @property
+    def is_leaked(self) -> bool:
+        """Whether too little was changed: of the box that can be seen, and of the face itself."""
+        return max(self.seen, self.bare) < MIN_CHANGED_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +88,20 @@ def share(index: int, changed: NDArray[np.bool_], points: F64, visible: NDArray[
     for left, top, w, h, size in stats[1:count]:
         if size > MIN_AREA_SQUARE_FACE_WIDTHS * width**2:
             boxes[top : top + h, left : left + w] = 1
-    face = np.zeros_like(area)
-    cv2.fillConvexPoly(face, cv2.convexHull(np.round(points[visible]).astype(np.int32)), 1)
-    inside = face.astype(bool)
+    outline = cv2.convexHull(np.round(points[visible]).astype(np.int32))[:, 0]
+    corners = TRIANGLES[visible[TRIANGLES].all(1)]
     return Share(
         index, _within(boxes, points), _within(boxes, points[visible]),
-        float(area[inside].mean()) if inside.any() else 1.0,
+        _covered(area, [outline]), _covered(area, list(np.round(points[corners]).astype(np.int32))),
     )  # fmt: skip
+
+
+def _covered(area: NDArray[np.uint8], polygons: list[NDArray[np.int32]]) -> float:
+    """Share of convex polygons (n, 2), clipped to the picture, that is 1."""
+    inside = np.zeros_like(area)
+    for polygon in polygons:
+        cv2.fillConvexPoly(inside, polygon, 1)
+    return float(area[inside > 0].mean()) if inside.any() else 1.0
 
 
 def _within(boxes: NDArray[np.uint8], points: F64) -> float:

@@ -33,7 +33,7 @@ from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.swapping.cover import region
-from guise.app.swapping.trust import LocatedFace, locate
+from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back
 from guise.common.threads import one_thread
@@ -83,7 +83,7 @@ def person(case: Case, index: int) -> None:
 
 def fit(case: Case, segment: int) -> None:
     """Fit each person in a segment, and take pictures of the tracks."""
-    found = case.found(segment)
+    found, judge = case.found(segment), TrustJudge()
     wanted: dict[int, list[tuple[LinkedTrack, int]]] = {}
     for track in case.linked:
         for number in (n for s, n in track.pieces if s == segment):
@@ -96,7 +96,7 @@ def fit(case: Case, segment: int) -> None:
             for track, row in wanted.get(frame.index, []):
                 model, points = case.model_of(track.number), found.points[row].astype(np.float64)
                 if model is not None and np.isfinite(points).all():
-                    placed = locate(model.tracker, frame.luma, points, float(found.confidence[row]))
+                    placed = judge.locate(model.tracker, frame, points, float(found.confidence[row]))
                     rows.append((track.number, frame.index, placed))
                 if frame.index in track.shown:
                     pictures[f"{track.number}.{frame.index}"] = picture(

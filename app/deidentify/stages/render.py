@@ -130,6 +130,7 @@ class SegmentRenderer:
                     renderer=options.renderer,
                     jaw=LIMITS.jaw_face_widths,
                     forehead=LIMITS.forehead_face_widths,
+                    occluders="objects",
                     disguise=True,
                     # The privacy figures are measured with these; others need a new measurement.
                     light="paper",
