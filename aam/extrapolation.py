@@ -94,9 +94,9 @@ class Extrapolator:
         """M (n, k), a view that changes with alpha."""
         return self._matrix
 
-    def apply(self, parameters: F32) -> F32:
-        """Target appearance (n,) of source parameters rho_s (k,)."""
-        away = parameters - self._rest
+    def apply(self, parameters: F32, share: float = 1.0) -> F32:
+        """Target appearance (n,) of source parameters rho_s (k,), of whose way from rest a share is taken."""
+        away = np.float32(share) * (parameters - self._rest)
         made = self._matrix @ away + self._base
         if self._most is not None:
             amounts = self._amounts @ away

@@ -1,9 +1,9 @@
 """Another face on a head: the donor's features in their own proportions, moved as far as the head's own move.
 
-At rest the donor's face is laid over the source's, by the similarity and the turn that bring all points nearest: the
-two were enrolled at different distances and turned differently, up and down above all.  Then it is drawn to the outline
-of the head, less and less inwards, so that neither a second chin nor a squeezed face shows.  From there every point
-goes as far as the source's tracked one.  Lids move by ratio, so that shut eyes are shut whatever the size of either
+At rest and in 3-D the donor's face is laid over the source's, by the similarity that brings all points nearest.  Then
+it is drawn to the outline of the head, less and less inwards, so that neither a second chin nor a squeezed face shows.
+How the two differ is seen as the head is turned in the frame, and added to the source's tracked points, so that
+every point goes as far as the source's.  Lids move by ratio, so that shut eyes are shut whatever the size of either
 person's eyes; inner lips that touch touch.  Grid pixels, x right, y down.
 """
 
@@ -18,11 +18,14 @@ from guise.aam.landmarks.schemes import (
     LOWER_INNER_LIP,
     LOWER_LIDS,
     OUTLINE,
+    RIGID_WEIGHTS,
     SILHOUETTE,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
 from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Failed, align, align_planar
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
 
 MAX_LID_RATIO = 1.7  # opening of the lids, of the neutral one
@@ -33,7 +36,6 @@ MIN_GAP_GRID_PIXELS = 1e-3  # by which openings are divided
 class LayingLimits:
     """How a face is laid over another and drawn to its outline; lengths in face widths."""
 
-    turn_cost_per_degree: float = 0.0014  # as much as that mean distance of the points
     outline_reach: float = 0.28  # from the outline, over which points follow it
     outline_softness: float = 0.03  # added to distances from the outline's points
 
@@ -48,62 +50,50 @@ class ShapeTransfer:
 
     Parameters
     ----------
-    source, target : (81, 2) the two faces at rest, aligned with the reference frame.
+    source, target : (81, 2) points of the two faces, pixels of any picture; turned or with an expression if need be.
     reference : ReferenceFrame.
+
+    Attributes
+    ----------
+    source : SolidFit of the source at rest.
+    solid : (81, 3) the target's face at rest on the source's head.
     """
 
     def __init__(self, source: F64, target: F64, reference: ReferenceFrame) -> None:
-        self._reference, self._from = reference, source
-        over = laid_over(target, source, reference)
-        self._to = over + outline_pull(reference) @ (source - over)
+        prior = SolidPrior.shipped()
+        self._reference = reference
+        self.source = prior.rest_of(source)
+        self._from = self.source.rest
+        over = laid_over(prior.rest_of(target).rest, self._from)
+        self.solid = over + outline_pull(reference) @ (self._from - over)
 
-    @property
-    def rest(self) -> F64:
-        """(81, 2) the target's face at rest on the source's head."""
-        return self._to
-
-    def apply(self, shape: F64) -> F64:
-        """The target's shape (81, 2) on the grid for a tracked shape (81, 2) in frame pixels."""
-        seen = self._reference.align(shape)
-        made = self._to + seen - self._from
-        opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(self._from, UPPER_LIDS, LOWER_LIDS))
-        lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (self._to[LOWER_LIDS] - self._to[UPPER_LIDS])
+    def apply(self, shape: F64, pose: HeadPose) -> F64:
+        """The target's shape (81, 2) on the grid for a tracked one (81, 2) in frame pixels, of a head in that pose."""
+        to_grid = align_planar(shape, self._reference.points, RIGID_WEIGHTS)
+        seen, view = to_grid.apply(shape), pose.linear @ to_grid.linear
+        own, target = self._from @ view, self.solid @ view
+        made = seen + target - own
+        opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(own, UPPER_LIDS, LOWER_LIDS))
+        lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
         _open(made, UPPER_LIDS, LOWER_LIDS, lids)
-        _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, self._lip_gaps(seen))
+        _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, _lip_gaps(seen, own, target))
         return np.asarray(made)
 
-    def _lip_gaps(self, seen: F64) -> F64:
-        """(3, 2) from upper to lower inner lips: the source's, plus the difference of the two neutral ones.
 
-        That difference fades as the source's lips close, so that they touch when the source's do.
-        """
-        gaps, own, target = (s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP] for s in (seen, self._from, self._to))
-        opening = np.clip(gaps[:, 1] / _divisor(own[:, 1]), 0, 1)
-        return np.asarray(gaps + opening[:, None] * (target - own))
+def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:
+    """(3, 2) from upper to lower inner lips: the source's, plus the difference of the two neutral ones.
 
-
-def laid_over(face: F64, other: F64, reference: ReferenceFrame) -> F64:
-    """A face (81, 2) moved, scaled, rolled and turned (yaw and pitch) to lie on another (81, 2).
-
-    Least squares over all points, with the turn held back a little: what is left are the proportions of the face.
+    That difference fades as the source's lips close, so that they touch when the source's do.
     """
-    middle = face.mean(0)
-    level = face - middle
-    ways = np.stack(
-        [
-            level,
-            np.column_stack([-level[:, 1], level[:, 0]]),
-            np.tile([1.0, 0.0], (len(face), 1)),
-            np.tile([0.0, 1.0], (len(face), 1)),
-            reference.yaw_mode,
-            reference.pitch_mode,
-        ],
-        axis=-1,
-    )
-    cost = len(face) * (LIMITS.turn_cost_per_degree * reference.resolution) ** 2
-    flat = ways.reshape(-1, ways.shape[-1])
-    normal = flat.T @ flat + np.diag([0, 0, 0, 0, cost, cost])
-    return np.asarray(middle + ways @ np.linalg.solve(normal, flat.T @ (other - middle).ravel()))
+    gaps, usual, other = (s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP] for s in (seen, own, target))
+    opening = np.clip(gaps[:, 1] / _divisor(usual[:, 1]), 0, 1)
+    return np.asarray(gaps + opening[:, None] * (other - usual))
+
+
+def laid_over(face: F64, other: F64) -> F64:
+    """A solid face (81, 3) moved, scaled and turned to lie on another (81, 3): what is left are its proportions."""
+    placed = align(face, other)
+    return face if isinstance(placed, Failed) else placed.apply(face)
 
 
 def outline_pull(reference: ReferenceFrame) -> F64:

@@ -8,17 +8,19 @@ counting less (Xiao, Baker, Matthews and Kanade, Real-time combined 2D+3D active
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
-from guise.aam.reference import POINTS
+from guise.aam.reference import POINTS, ReferenceFrame
 from guise.common.arrays import F64
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
+
+MIN_FRONTAL_FACING = 0.1  # of points at the rim, whose normals point sideways
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class SolidLimits:
 
     first_steps: int = 6  # without a start
     next_steps: int = 2  # from the frame before
+    max_step_face_widths: float = 0.25  # mean way of the points from one frame to the next
     outlier_deviations: float = 3.0  # of the noise, from which a point counts half
     memory_frames: int = 60  # over which a person's identity is averaged
     remembered_deviation: float = 0.25  # of an identity that is known from many frames
@@ -57,6 +60,10 @@ class HeadPose:
         yaw = np.arcsin(np.clip(r[2, 0], -1, 1))
         pitch, roll = -np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
         return tuple(float(np.degrees(a)) for a in (yaw, pitch, roll))  # type: ignore[return-value]
+
+    def turn_from(self, other: HeadPose) -> float:
+        """Degrees between the directions in which two heads look; roll doesn't count."""
+        return float(np.degrees(np.arccos(np.clip(self.rotation[2] @ other.rotation[2], -1, 1))))
 
     @property
     def linear(self) -> F64:
@@ -120,6 +127,17 @@ class SolidPrior:
     def at_rest(self, identity: F64) -> F64:
         """(81, 3) of a person with identity (k,), at rest."""
         return np.asarray(self.mean + np.tensordot(identity, self.identity, 1))
+
+    def rest_of(self, points: F64) -> SolidFit:
+        """Who is seen at points (81, 2), without movement.
+
+        What neither identity nor movement explains belongs to the shape too, the less the more a point is turned away.
+        """
+        fit = self.fit(points)
+        across = np.linalg.inv(fit.pose.linear[:2])
+        left = np.clip(facing(fit.rest, fit.pose.rotation), 0, 1)[:, None] * (points - fit.points)
+        rest = np.column_stack([fit.rest[:, :2] + left @ across, fit.rest[:, 2]])
+        return replace(fit, movement=np.zeros_like(fit.movement), rest=rest, solid=rest)
 
     def fit(
         self, points: F64, start: SolidFit | None = None, known: F64 | None = None, deviation: float = 1.0
@@ -193,13 +211,41 @@ class SolidTracker:
         """The solid shape seen at points (81, 2), pixels."""
         share = self._frames / LIMITS.memory_frames
         deviation = 1.0 + share * (LIMITS.remembered_deviation - 1.0)
-        fit = self.prior.fit(points, self._last, self._identity, deviation)
+        fit = self.prior.fit(points, self._start(points), self._identity, deviation)
         self._last = fit
         if not self._fixed:
             self._frames = min(self._frames + 1, LIMITS.memory_frames)
             old = np.zeros_like(fit.identity) if self._identity is None else self._identity
             self._identity = old + (fit.identity - old) / self._frames
         return fit
+
+    def _start(self, points: F64) -> SolidFit | None:
+        """The last fit, if the face is near it."""
+        if self._last is None:
+            return None
+        away = np.linalg.norm(points - self._last.points, axis=1).mean()
+        return self._last if away < LIMITS.max_step_face_widths * self._last.pose.scale else None
+
+
+def facing(solid: F64, rotation: F64) -> F64:
+    """(81,) how far each point of a turned solid shape (81, 3) faces the camera, of how far it does from the front.
+
+    1 as seen from the front, 0 on the silhouette, less behind it.
+    """
+    normals = _normals(solid)
+    return np.asarray(normals @ rotation[2] / np.minimum(normals[:, 2], -MIN_FRONTAL_FACING))
+
+
+def _normals(solid: F64) -> F64:
+    """(81, 3) unit normals of the surface, out of the face."""
+    triangles = ReferenceFrame.canonical().triangles
+    a, b, c = (solid[triangles[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    area *= np.where(area[:, 2:] > 0, -1, 1)  # as seen from the front all face the camera
+    sums = np.zeros_like(solid)
+    for k in range(3):
+        np.add.at(sums, triangles[:, k], area)
+    return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
 
 
 def _first_pose(solid: F64, points: F64) -> HeadPose:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from guise.aam.landmarks.schemes import LIPS, MIRROR
+from guise.aam.landmarks.schemes import JAW, LIPS, LOWER_INNER_LIP, LOWER_LIP, MIRROR, UPPER_INNER_LIP
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.solid_shape import HeadPose, SolidPrior, SolidTracker
+from guise.aam.solid_shape import HeadPose, SolidPrior, SolidTracker, facing
 from guise.common.arrays import F64
 
 PRIOR = SolidPrior.shipped()
@@ -78,3 +78,52 @@ def test_the_identity_learnt_from_many_frames_steadies_the_pose() -> None:
 
 def test_coincident_points_give_finite_angles() -> None:
     assert np.isfinite(PRIOR.fit(np.full((POINTS, 2), 7.0)).pose.angles).all()
+
+
+# -- at rest ------------------------------------------------------------------------------------------------
+
+FRAME = ReferenceFrame.canonical()
+AVERAGE = PRIOR.rest_of(FRAME.points).rest
+
+
+def distance(a: F64, b: F64) -> float:
+    """Mean, seen from the front, face widths."""
+    return float(np.linalg.norm((a - b)[:, :2], axis=1).mean())
+
+
+def gap(solid: F64) -> float:
+    """Between the inner lips, face widths."""
+    return float((solid[LOWER_INNER_LIP] - solid[UPPER_INNER_LIP])[:, 1].mean())
+
+
+@pytest.mark.parametrize("angles", [(25, 0, 0), (-40, 5, 10), (0, 12, 0), (10, -12, -8)])
+def test_a_turned_face_comes_back(angles: tuple[float, float, float]) -> None:
+    turned_back = PRIOR.rest_of(seen(AVERAGE, *angles)).rest
+    away = turned_back - AVERAGE
+    assert distance(away - away.mean(0), np.zeros_like(away)) < 0.02
+
+
+def test_an_open_mouth_shuts() -> None:
+    opened = FRAME.points.copy()
+    opened[np.union1d(LOWER_LIP, JAW[4:-4])] += (0, 0.09 * FRAME.resolution)
+    assert gap(PRIOR.rest_of(opened).rest) < gap(AVERAGE) + 0.03
+
+
+def test_a_long_face_stays_long() -> None:
+    middle = FRAME.points.mean(0)
+    for factor in (0.93, 1.07):
+        long = PRIOR.rest_of(middle + (FRAME.points - middle) * [1, factor]).rest
+        kept = np.ptp(long[:, 1]) / np.ptp(long[:, 0]) / (np.ptp(AVERAGE[:, 1]) / np.ptp(AVERAGE[:, 0]))
+        assert 0.5 < (kept - 1) / (factor - 1) < 1.4
+
+
+# -- facing -------------------------------------------------------------------------------------------------
+
+
+def test_all_points_face_the_front_and_the_far_cheek_turns_away() -> None:
+    assert facing(PRIOR.mean, np.eye(3)) == pytest.approx(1, abs=1e-9)
+    right = facing(PRIOR.mean, turned(50, 0, 0))
+    assert (right[JAW[-5:-1]] < 0.2).all()
+    assert (right[JAW[1:5]] > 0.9).all()
+    left = facing(PRIOR.mean, turned(-50, 0, 0))
+    np.testing.assert_allclose(left[list(MIRROR)], right, atol=0.1)

@@ -134,8 +134,6 @@ class Plan:
         )
         finish = ("--run", str(parsing), *finish[2:])
         yield Task("parsing report", [("finish_parsing", *finish)], parsing / "face.md")
-        prior = self.work / "shape_prior.npz"
-        yield Task("shape prior", [self._run("shape_prior", prior, "--parts", parts)], prior)
         solid = self.work / "solid_shape.npz"
         yield Task(
             "solid shape",
@@ -222,7 +220,6 @@ class Plan:
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "light" / "light.onnx": DATA / "light.onnx",
             self.work / "light" / "light.md": DATA / "light.md",
-            self.work / "shape_prior.npz": DATA / "shape_prior.npz",
             self.work / "solid_shape.npz": DATA / "solid_shape.npz",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",
         }

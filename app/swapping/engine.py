@@ -9,14 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
-from guise.aam.shape_prior import at_rest
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed
+from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker
 from guise.aam.tracker import Fit
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import Occlusion
@@ -26,6 +28,10 @@ from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
 MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
+TEXTURE_TURN_DEGREES = (
+    12.0,
+    28.0,
+)  # from the source's rest: from where texture moves less, and where not at all
 
 Outcome = Literal["swapped", "held", "lost"]
 
@@ -77,7 +83,13 @@ class Engine(Closing):
         self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
-        self._shape_transfer = _shape_transfer(source, target) if full else None
+        self._shape_transfer = (
+            ShapeTransfer(source.appearance.neutral_shape, target.appearance.neutral_shape, source.reference)
+            if full
+            else None
+        )
+        known = self._shape_transfer and self._shape_transfer.source
+        self.solid = SolidTracker(known.identity if known else None)
         self._last: tuple[F64, F32] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
@@ -91,6 +103,7 @@ class Engine(Closing):
         if self._last is not None and self.tracker.lost_frames <= self.options.hold_frames:
             return SwapResult("held", fit, self.painter.paint(frame, *self._last, None))
         self._last = None
+        self.solid.reset()
         self.painter.reset()
         return SwapResult("lost", fit)
 
@@ -98,7 +111,7 @@ class Engine(Closing):
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
         parameters = self.estimator(shape, self.clear(frame, shape, texels))
-        appearance = self.synthesise(parameters, shape)
+        appearance = self.synthesise(parameters, shape, self.solid.update(shape))
         self._last = shape, appearance
         return self.painter.paint(frame, shape, appearance, texels)
 
@@ -109,23 +122,24 @@ class Engine(Closing):
         self.occlusion.update(frame, shape)
         return self.occlusion.cleared(texels)
 
-    def synthesise(self, parameters: F32, shape: F64) -> F32:
-        """The target's appearance (162 + 3 n,) for the source's parameters (k,) and tracked shape (81, 2)."""
-        appearance = self.extrapolator.apply(parameters)
+    def synthesise(self, parameters: F32, shape: F64, solid: SolidFit) -> F32:
+        """The target's appearance (162 + 3 n,) for the source's parameters (k,), and their shape (81, 2) as tracked."""
+        appearance = self.extrapolator.apply(parameters, self._texture_share(solid.pose))
         if self._shape_transfer is not None:
-            moved = self._shape_transfer.apply(shape) * self.target.reference.shape_weight
+            moved = self._shape_transfer.apply(shape, solid.pose) * self.target.reference.shape_weight
             appearance[:SHAPE_ENTRIES] = moved.ravel()
         return appearance
+
+    def _texture_share(self, pose: HeadPose) -> float:
+        """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""
+        if self._shape_transfer is None:
+            return 1.0
+        turn = pose.turn_from(self._shape_transfer.source.pose)
+        return float(np.interp(turn, TEXTURE_TURN_DEGREES, (1, 0)))
 
     def close(self) -> None:
         """Release the compositors."""
         self.painter.close()
-
-
-def _shape_transfer(source: Identity, target: Identity) -> ShapeTransfer:
-    reference = target.reference
-    own, other = (at_rest(one.appearance.neutral_shape, reference) for one in (source, target))
-    return ShapeTransfer(own, other, reference)
 
 
 def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineOptions) -> Occlusion | None:
