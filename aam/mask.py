@@ -43,6 +43,8 @@ class MaskLimits:
     soft_edge_face_widths: float = 0.015  # standard deviation
     max_colour_deviations: float = 4.0  # Mahalanobis distance from the expected skin colour
     colour_noise_grey_levels: float = 3.0  # added to the deviation of skin colours
+    min_parsed_share: float = 0.85  # of the face in the parsed frames, from which a pixel is given more:
+    max_parsed_colour_deviations: float = 12.0
     max_flicker_skin_medians: float = 3.0  # beyond which a pixel is background
     min_flicker_grey_levels: float = 1.5  # to which a calmer skin's flicker is raised
 
@@ -90,12 +92,15 @@ def soft_parts(reference: ReferenceFrame, parts: Sequence[Group], grow: float) -
     )
 
 
-def learn_mask(textures: F32, reference: ReferenceFrame) -> Bool:
+def learn_mask(textures: F32, reference: ReferenceFrame, parsed: F32 | None = None) -> Bool:
     """Face pixels (h, w) bool learned from training textures (m, n, 3).
+
+    parsed : (h, w) mean share of the face in the parsed frames, or None.
 
     A rim pixel is face when its colour in most frames belongs to the palette of the person's own skin (cheeks, nose,
     central forehead: a smooth field of colours over the grid, so that shading is not mistaken for hair) and when it
-    does not flicker like background.
+    does not flicker like background.  What the parsing calls face in nearly all frames may differ much more: raised
+    brows, shadows and a beard are no hair.
     """
     typical = np.median(textures, axis=0)
     skin = skin_mask(reference)
@@ -107,6 +112,9 @@ def learn_mask(textures: F32, reference: ReferenceFrame) -> Bool:
     steady = flicker < LIMITS.max_flicker_skin_medians * usual
     face = np.zeros(reference.size, bool)
     face[reference.mask] = (distance < LIMITS.max_colour_deviations) & steady
+    if parsed is not None:
+        sure = parsed[reference.mask] > LIMITS.min_parsed_share
+        face[reference.mask] |= sure & (distance < LIMITS.max_parsed_colour_deviations)
     return _tidy(face | core_mask(reference), reference)
 
 

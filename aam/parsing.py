@@ -39,6 +39,11 @@ class FaceClass(IntEnum):
     OCCLUDER = 9
 
 
+FACE_CLASSES = (
+    FaceClass.SKIN, FaceClass.BROWS, FaceClass.EYES, FaceClass.LIPS, FaceClass.INNER_MOUTH, FaceClass.FACIAL_HAIR,
+)  # fmt: skip
+
+
 @dataclass(frozen=True, eq=False)
 class FaceParsing:
     """The maps of one face.

@@ -28,6 +28,7 @@ from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.light import equalised_light, skin_colours
 from guise.aam.mask import core_band, learn_mask, skin_mask
 from guise.aam.model import Identity, RestFrame
+from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
@@ -85,18 +86,31 @@ class TrainingOptions:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What training keeps of a frame: texture (n, 3), working crop, landmarks (81, 2); of rest frames the picture."""
+    """What training keeps of a frame.
+
+    Texture (n, 3), working crop, landmarks (81, 2); of rest frames the picture; of parsed frames the share of the face
+    (m,) in [0, 1] at the mask pixels of the tracker's feature grid.
+    """
 
     texture: F32
     crop: Crop
     shape: F64
     picture: U8 | None = None
+    face: F32 | None = None
 
 
 def observe(
-    rgb: U8, shape: F64, reference: ReferenceFrame, *, keep_picture: bool = False
+    rgb: U8,
+    shape: F64,
+    reference: ReferenceFrame,
+    parser: FaceParser | None = None,
+    *,
+    keep_picture: bool = False,
 ) -> Observation | Failed:
-    """Reduce a frame (h, w, 3) with landmarks (81, 2) in its pixels to what training needs."""
+    """Reduce a frame (h, w, 3) with landmarks (81, 2) in its pixels to what training needs.
+
+    parser : tells the face from hair and background; None leaves that to the colours.
+    """
     feature_frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     luma = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     crop = cut(np.asarray(luma, np.uint8), shape, feature_frame)
@@ -106,7 +120,11 @@ def observe(
     if inside < LIMITS.min_points_inside:
         return Failed("most of the face lies outside the picture")
     texture = sample_texture(rgb, shape, reference)
-    return Observation(texture, crop, shape, rgb.copy() if keep_picture else None)
+    face = None
+    if parser is not None:
+        parsing = parser.parse(rgb, shape)
+        face = parsing.at(feature_frame.sampler.positions(shape), parsing.share(*FACE_CLASSES))
+    return Observation(texture, crop, shape, rgb.copy() if keep_picture else None, face)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +243,7 @@ def train_identity(
     textures = np.stack([o.texture for o in training])
     if options.equalise_light:
         textures = equalised_light(textures, skin_mask(reference)[reference.mask], reference)
-    mask = learn_mask(textures, reference)
+    mask = learn_mask(textures, reference, _parsed_face(training, reference))
     appearance = _appearance(training, textures, mask, observations, choice, reference, options)
     progress(0.2)
     tracker = train_tracker(
@@ -255,6 +273,15 @@ def train_identity(
         RestFrame(at_rest[0].picture, at_rest[0].shape),
         {"frames": len(training), "held_out_error": tracker.quality.error, **(facts or {})},
     )
+
+
+def _parsed_face(training: Sequence[Observation], reference: ReferenceFrame) -> F32 | None:
+    """(h, w) mean share of the face in the parsed frames, on a reference frame's grid; None without such frames."""
+    parsed = [o.face for o in training if o.face is not None]
+    if not parsed:
+        return None
+    small = ReferenceFrame.canonical(FEATURE_RESOLUTION).scatter(np.mean(parsed, axis=0))
+    return np.asarray(cv2.resize(small, reference.size[::-1], interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def _appearance(

@@ -41,8 +41,8 @@ def faces(rng: np.random.Generator, count: int = 12) -> np.ndarray:
     return picture + rng.normal(size=(count, *picture.shape)) * 2
 
 
-def learned(pictures: np.ndarray) -> np.ndarray:
-    return learn_mask(pictures[:, FRAME.mask].astype(np.float32), FRAME)
+def learned(pictures: np.ndarray, parsed: np.ndarray | None = None) -> np.ndarray:
+    return learn_mask(pictures[:, FRAME.mask].astype(np.float32), FRAME, parsed)
 
 
 def test_core_holds_eyes_nose_and_mouth_and_not_the_jaw() -> None:
@@ -104,6 +104,17 @@ def hair_at(side: int) -> np.ndarray:
     return (
         FRAME.mask & ((xs - middle) * side > 0.36 * FRAME.resolution) & (ys < brow + 0.1 * FRAME.resolution)
     )
+
+
+def test_what_the_parsing_calls_face_may_be_darker_but_not_of_any_colour() -> None:
+    pictures, temple = faces(np.random.default_rng(1)), hair_at(1)
+    pictures[:, temple] *= 0.85
+    parsed = np.ones(FRAME.size, np.float32)
+    assert learned(pictures)[temple].mean() < 0.2
+    assert learned(pictures, 0 * parsed)[temple].mean() < 0.2
+    assert learned(pictures, parsed)[temple].mean() > 0.8
+    pictures[:, temple] = [0, 0, 255]
+    assert learned(pictures, parsed)[temple].mean() < 0.2
 
 
 def test_background_that_flickers_at_the_rim_is_left_out() -> None:

@@ -24,6 +24,7 @@ from guise.aam.landmarks import (
 )
 from guise.aam.landmarks.schemes import NOSE_TIP
 from guise.aam.model import Identity
+from guise.aam.parsing import FaceParser
 from guise.aam.reference import ReferenceFrame
 from guise.aam.refinement import refine_shapes
 from guise.aam.similarity import Failed
@@ -220,7 +221,7 @@ def _observe(
     """The chosen frames, and how the face lies in the detector's box in some of them."""
     frame, wanted = ReferenceFrame.canonical(options.resolution), {int(i) for i in choice.all}
     boxed = {int(i) for i in choice.training[:: max(1, len(choice.training) // BOX_FRAMES)]}
-    detector, boxes = LbpDetector(), []
+    detector, parser, boxes = LbpDetector(), FaceParser(), []
     observations: dict[int, Observation] = {}
     base = 0
     for clip, points in zip(clips, shapes, strict=True):
@@ -233,7 +234,7 @@ def _observe(
                     continue
                 if index in wanted:
                     keep = index in choice.neutral
-                    seen = observe(picture.rgb(), points[picture.index], frame, keep_picture=keep)
+                    seen = observe(picture.rgb(), points[picture.index], frame, parser, keep_picture=keep)
                     if not isinstance(seen, Failed):
                         observations[index] = seen
                         progress("frames", len(observations) / len(wanted))

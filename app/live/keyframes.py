@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import openness
+from guise.aam.parsing import FaceParser
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
@@ -100,7 +101,7 @@ class KeyframeAlbum:
     """
 
     def __init__(self, frame: ReferenceFrame) -> None:
-        self._frame = frame
+        self._frame, self._parser = frame, FaceParser()
         self._offered = 0
         self._average_sharpness = 0.0
         self._sharpest: dict[int, Keyframe] = {}  # by interval
@@ -120,7 +121,7 @@ class KeyframeAlbum:
         rests = sharp and self._rests(features)
         if not (sharpest or rests or place is not None):
             return
-        seen = observe(rgb, features.shape, self._frame, keep_picture=rests)
+        seen = observe(rgb, features.shape, self._frame, self._parser, keep_picture=rests)
         if isinstance(seen, Failed):
             return
         kept = Keyframe(self._offered, features, replace(seen, picture=None))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.model import Identity
+from guise.aam.parsing import FaceParser
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.training import (
@@ -99,13 +100,13 @@ def _observations(
     case: Case, frames: NDArray[np.int32], points: F64, choice: Choice
 ) -> dict[int, Observation]:
     """What training needs of the chosen rows."""
-    reference = ReferenceFrame.canonical(TRAINING.resolution)
+    reference, parser = ReferenceFrame.canonical(TRAINING.resolution), FaceParser()
     wanted = {int(frames[row]): int(row) for row in choice.all}
     neutral = set(choice.neutral)
     observations = {}
     for index, picture in _pictures(case, sorted(wanted)):
         row = wanted[index]
-        seen = observe(picture, points[row], reference, keep_picture=row in neutral)
+        seen = observe(picture, points[row], reference, parser, keep_picture=row in neutral)
         if not isinstance(seen, Failed):
             observations[row] = seen
     return observations
