@@ -102,7 +102,14 @@ class PersonTracker:
 
     def update(self, luma: U8) -> Fit | Failed:
         """The person in the next frame (h, w), temporally filtered, or why there is no fit."""
-        fit, by_landmarks = self._found(luma)
+        return self._filtered(*self._found(luma))
+
+    def follow(self, luma: U8, face: Face | None) -> Fit | Failed:
+        """As `update` where another tracker has found the person's face in the frame, or that it isn't there."""
+        fit = Failed("no face there") if face is None else self.tracker.measured(luma, self._defined(face))
+        return self._filtered(fit, by_landmarks=True)
+
+    def _filtered(self, fit: Fit | Failed, by_landmarks: bool) -> Fit | Failed:
         if not isinstance(fit, Fit):
             self._filter.reset()
         fit = self._crossfaded(fit, by_landmarks)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from guise.aam.landmarks.heads import region
 from guise.app.media import Frame
-from guise.app.swapping.cover import cover, region
+from guise.app.swapping.cover import cover
 
 BOX = np.array([60, 70, 120, 140], np.float32)
 STYLES = ("solid", "mosaic", "blur")

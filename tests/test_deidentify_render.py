@@ -3,7 +3,6 @@
 import numpy as np
 
 from guise.app.deidentify.options import DeidentifyOptions
-from guise.app.deidentify.stages.decide import COVERED, SWAPPED
 from guise.app.deidentify.stages.jobs import PICTURE_PIXELS, picture
 from guise.app.deidentify.stages.render import (
     LIMITS,
@@ -14,6 +13,7 @@ from guise.app.deidentify.stages.render import (
     with_detections,
 )
 from guise.app.media import EncodeOptions, Frame
+from guise.app.swapping.decide import COVERED, SWAPPED
 
 BOX = np.array([10, 20, 50, 70], np.float32)
 

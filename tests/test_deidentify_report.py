@@ -31,7 +31,8 @@ from guise.app.deidentify.report.report import (
     write_report,
 )
 from guise.app.deidentify.report.timeline import MAX_COLUMNS, columns
-from guise.app.deidentify.tracks import BYSTANDERS, DONE, AuditFinding, FileReport, Track, TrackOutcome
+from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, Track, TrackOutcome
+from guise.app.swapping.decide import DONE
 
 ROOT = Path(__file__).parents[1]
 SCHEMA = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))

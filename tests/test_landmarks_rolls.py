@@ -12,6 +12,7 @@ from guise.aam.landmarks import Face, FaceTracker, interocular
 from guise.aam.landmarks.boxes import no_boxes
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.face import BoxFit
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import (
     EVERY_ROLL,
     SCHEDULE_FRAMES,
@@ -24,10 +25,10 @@ from guise.aam.landmarks.rolls import (
     turn_of,
 )
 from guise.aam.landmarks.schemes import IBUG68
-from guise.app.deidentify.stages.detect import DetectedFrame, SegmentTracker, detect_faces
 from guise.app.deidentify.stages.render import AUDIT_PHASE
 from guise.app.media import Frame, open_input
-from guise.app.swapping.cover import cover, region
+from guise.app.people.faces import DetectedFrame, SegmentTracker, detect_faces
+from guise.app.swapping.cover import cover
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
 DEGREES = range(0, 360, 45)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.app.live.controls import LiveSettings
 from guise.app.live.face import LIMITS, FaceResult, LiveFace
 from guise.app.media import Frame, open_input
-from guise.app.swapping.cover import region
 from guise.app.swapping.occlusion import LIMITS as OCCLUSION
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64, U8, Bool

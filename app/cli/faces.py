@@ -53,6 +53,14 @@ def enroll(
         int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="The person's name; default: that of the file.")] = None,
+    person: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="NUMBER",
+            help="Which person of a clip that shows several, see `guise people find`.",
+        ),
+    ] = None,
     refine: Annotated[
         bool | None,
         typer.Option(
@@ -68,6 +76,8 @@ def enroll(
     from guise.app.enrolment.file import describe_options, enrol_file
     from guise.app.people.kept import place_for
 
+    if person is not None and len(videos) > 1:
+        raise typer.BadParameter("--person chooses among the people of one clip: give one clip")
     console = Console(quiet=quiet, json=json)
     source = replace(landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
     options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
@@ -75,8 +85,9 @@ def enroll(
     output = output or place_for(name)
     with Stages(console) as stages:
         report = enrol_file(
-            videos, output, source, name=name, options=options, force=force, progress=stages, say=console.note
-        )
+            videos, output, source, name=name, person=person, options=options, force=force, progress=stages,
+            say=console.note,
+        )  # fmt: skip
     console.table(f"{report.output}: {report.name}", report.as_rows())
     console.result(report.as_json())
 

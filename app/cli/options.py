@@ -28,6 +28,14 @@ class UnsureName(StrEnum):
     leave = "leave"
 
 
+class OthersName(StrEnum):
+    """What happens to people who are not named."""
+
+    leave = "leave"
+    cover = "cover"
+    fictional = "fictional"
+
+
 class LightName(StrEnum):
     """How the face gets the light of the scene."""
 
@@ -72,6 +80,27 @@ FaceSpec = Annotated[
     ),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]
+OneFace = Annotated[
+    str | None,
+    typer.Option(
+        "--identity",
+        metavar="FACE",
+        help="The face that is shown: NAME.guise, a name of `guise people list`, or p01 to p07 of the gallery.",
+    ),
+]
+FaceMap = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="SOURCE=FACE",
+        help="Instead of --identity, for each of several people: left, right, largest, a number of "
+        "`guise people find`, or their model, and the face that they get.",
+    ),
+]
+OthersChoice = Annotated[
+    OthersName,
+    typer.Option("--others", help="With --map, everybody else: leave, cover, or give a face of the gallery."),
+]
 SourceSpec = Annotated[
     str | None,
     typer.Option(

@@ -3,20 +3,83 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from guise.app.cli.console import Console
-from guise.app.cli.options import Json, Quiet, help_without_command
+from guise.app.cli.console import Console, Stages
+from guise.app.cli.options import Force, Json, Quiet, Video, help_without_command
+
+SHEET_COLUMNS = 6  # of people
 
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A name of `guise people list`.")]
 
+
+class _FindByDefault(TyperGroup):
+    """What is no command is a video whose people are found: `guise people VIDEO`."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        known = args and (args[0] in self.commands or args[0].startswith("-"))
+        return super().resolve_command(ctx, args if known else ["find", *args])
+
+
 people = typer.Typer(
     name="people",
-    help="The people kept on this computer: enrolled by name, at a camera, or from a video that was swapped.",
+    cls=_FindByDefault,
+    help="Who is in a video, and who is kept on this computer: enrolled by name, at a camera, or from a swapped video.",
 )
 people.callback(invoke_without_command=True)(help_without_command)
+
+
+@people.command()
+def find(
+    video: Video,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="OUT.png", help="Picture of the people; default: VIDEO-people.png."
+        ),
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Find the people in a video and draw them with the numbers that `--map` and `--person` take."""
+    from guise.app.media import open_input
+    from guise.app.media.pictures import labelled, save_picture, sheet
+    from guise.app.people.finding import find_people
+    from guise.common.files import require_free
+
+    console, output = Console(quiet=quiet, json=json), output or Path(f"{video.stem}-people.png")
+    require_free(output, force=force)
+    with open_input(video) as media, Stages(console) as stages:
+        found = find_people(media, lambda share: stages("faces", share))
+    rows = [
+        [
+            str(p.number),
+            f"{len(p.frames)} of {found.count}",
+            f"{p.frames[0]} to {p.frames[-1]}",
+            f"{p.width:.0f}",
+        ]
+        for p in found.people
+    ]
+    if rows:
+        pictures = [labelled(p.thumbnail, f"{p.number}: {len(p.frames)} frames") for p in found.people]
+        save_picture(
+            output, sheet([pictures[k : k + SHEET_COLUMNS] for k in range(0, len(pictures), SHEET_COLUMNS)])
+        )
+        console.grid("", ["person", "frames", "from", "pixels wide"], rows)
+    console.say(f"{output} shows them." if rows else f"Nobody is seen long enough in {video}.")
+    people = [
+        {
+            "number": p.number, "frames": len(p.frames), "first": int(p.frames[0]), "last": int(p.frames[-1]),
+            "width": round(p.width, 1), "first_x": round(p.first_x, 1),
+        }
+        for p in found.people
+    ]  # fmt: skip
+    console.result({"frames": found.count, "people": people, "picture": str(output) if rows else None})
 
 
 @people.command("list")

@@ -15,6 +15,7 @@ from guise.app.cli.options import (
     Detector,
     Encoder,
     EyesChoice,
+    FaceMap,
     FaceSpec,
     Force,
     Json,
@@ -25,6 +26,9 @@ from guise.app.cli.options import (
     Lossless,
     MouthChoice,
     NoKeep,
+    OneFace,
+    OthersChoice,
+    OthersName,
     Output,
     OwnerName,
     Preset,
@@ -45,13 +49,16 @@ if TYPE_CHECKING:
     from guise.app.enrolment.enrol import LandmarkSource
     from guise.app.swapping.report import SwapReport
     from guise.app.swapping.settings import SwapSettings
+    from guise.app.swapping.several import Casting
 
 
 def swap(
     video: Video,
-    identity: FaceSpec,
     output: Output,
+    identity: OneFace = None,
     source: SourceSpec = None,
+    map: FaceMap = None,
+    others: OthersChoice = OthersName.leave,
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
@@ -71,9 +78,10 @@ def swap(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Replace the face of the person in a video by another."""
+    """Replace the face of the person in a video by another, or of each of several people."""
     from guise.app.swapping.file import swap_file
 
+    casting = _casting(identity, map, others, (source, landmarks, landmarker, detector != "builtin"), unsure)
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
@@ -81,9 +89,49 @@ def swap(
         )
         options = replace(settings.options, eyes=eyes.value, mouth=mouth.value)
         settings = replace(settings, options=options, unsure=unsure.value, keep_people=not no_keep)
-        shown, person = _open(identity, source, landmarks, landmarker)
-        report = swap_file(video, shown, output, source=person, settings=settings)
-    say_report(console, report, "swapped")
+        if casting is not None:
+            from guise.app.swapping.several import swap_people
+
+            several = swap_people(video, casting, output, settings=settings)
+        else:
+            shown, person = _open(str(identity), source, landmarks, landmarker)
+            report = swap_file(video, shown, output, source=person, settings=settings)
+    if casting is None:
+        say_report(console, report, "swapped")
+        return
+    say_report(console, several, "swapped", last=False)
+    for one in several.people:
+        got = f"the face {one.face}: " if one.face else ""
+        console.say(
+            f"person {one.number}: {got}{one.swapped} swapped, {one.covered} covered, {one.left} left"
+        )
+    console.result(several.as_json())
+
+
+def _casting(
+    identity: str | None, pairs: list[str] | None, others: OthersName, for_one: tuple[object, ...], unsure: UnsureName
+) -> Casting | None:  # fmt: skip
+    """Who gets whose face, by --map; None where --identity says it of one person."""
+    if (identity is None) == (not pairs):
+        raise typer.BadParameter("give --identity FACE, or --map SOURCE=FACE for each of several people")
+    if not pairs:
+        if others is not OthersName.leave:
+            raise typer.BadParameter("--others goes with --map: name the people who get a face")
+        return None
+    if any(for_one) or unsure is UnsureName.hold:
+        raise typer.BadParameter(
+            "--source, --landmarks, --landmarker, --detector and --unsure hold are for one person: leave them out "
+            "beside --map"
+        )
+    from guise.app.swapping.several import Casting
+
+    faces: dict[str, str] = {}
+    for pair in pairs:
+        who, _, face = pair.partition("=")
+        if not who or not face or who in faces:
+            raise typer.BadParameter(f"--map takes SOURCE=FACE, each SOURCE once, got {pair!r}")
+        faces[who] = face
+    return Casting(faces, others.value)
 
 
 def puppet(

@@ -7,15 +7,13 @@ A track is one face seen without a long break; a person has one or more tracks (
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Action = Literal["swap", "cover", "leave"]
-Done = Literal["swapped", "covered", "left"]
-ACTIONS: tuple[Action, ...] = ("swap", "cover", "leave")
-DONE: tuple[Done, ...] = ("swapped", "covered", "left")
+from guise.app.swapping.decide import Action
+
 BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being tracked
 
 

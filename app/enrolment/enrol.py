@@ -19,6 +19,7 @@ from guise.aam.landmarks import (
     FaceTracker,
     Landmarker,
     LbpDetector,
+    interocular,
     load_annotations,
     open_landmarker,
 )
@@ -40,6 +41,7 @@ from guise.aam.training import (
     train_identity,
 )
 from guise.app.media import open_input
+from guise.app.people.finding import VideoPerson, find_people, people_followed
 from guise.common.arrays import F32, F64, Int
 from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
@@ -47,6 +49,7 @@ from guise.common.threads import one_thread
 
 SIDECARS = (".landmarks.npz", ".npz", ".landmarks.json", ".json", ".pts")
 BOX_FRAMES = 12  # on which the detector's box is compared with the landmarks
+SAME_FACE_INTEROCULAR = 0.5  # mean distance of points that may be of one face
 MIN_BOX_FRAMES = 3  # with a box, below which a typical detector's relation is used
 
 
@@ -60,6 +63,7 @@ class LandmarkSource:
 
     A clip without a file beside it gets its landmarks from the built-in landmarker.
 
+    points : (n, 81, 2) of all frames of each clip, NaN without a face, where they are known already.
     refine : whether detected landmarks are refined jointly over all frames.  By default only those of other landmarkers
         are, as refinement doesn't improve tracking with the built-in one (benchmarks/self_calibration.py).  Landmarks
         from files are trusted.
@@ -68,12 +72,19 @@ class LandmarkSource:
     files: Sequence[Path] = ()
     landmarker: Landmarker | None = None
     refine: bool | None = None
+    points: Sequence[F64] = ()
 
     def refines(self, clip: Path) -> bool:
         """Whether a clip's landmarks are detected and then refined."""
         if self.landmarker is None:
-            return bool(self.refine) and not (self.files or landmark_file(clip))
+            return bool(self.refine) and not self.gives(clip)
         return self.landmarker.name != "builtin" if self.refine is None else self.refine
+
+    def gives(self, clip: Path) -> bool:
+        """Whether a clip's landmarks are given and not detected."""
+        return bool(self.points or self.files) or (
+            self.landmarker is None and landmark_file(clip) is not None
+        )
 
 
 def enrol(
@@ -81,6 +92,7 @@ def enrol(
     landmarks: LandmarkSource,
     *,
     name: str,
+    person: int | None = None,
     options: TrainingOptions = TrainingOptions(),
     progress: Progress = silent,
     say: Say = mute,
@@ -91,10 +103,16 @@ def enrol(
     ----------
     clips : video files, images or folders of images of one person.
     landmarks : see `LandmarkSource`.
+    person : which one of a clip that shows several, as `find_people` numbers them; by default who is seen most.
     progress : called with the stage ("landmarks", "refinement", "frames", "training") and the share of it that is done.
     say : called with notes for the user.
     """
     shapes = [_clip_landmarks(i, clip, landmarks, progress, say) for i, clip in enumerate(clips)]
+    if not landmarks.points:
+        shapes = [
+            _of_one_person(clip, points, landmarks.gives(clip), person, say)
+            for clip, points in zip(clips, shapes, strict=True)
+        ]
     choice = choose_frames(np.concatenate(shapes), options)
     generic = [landmarks.refines(clip) for clip in clips]
     if any(generic):
@@ -134,7 +152,46 @@ def landmark_file(clip: Path) -> Path | None:
     return None
 
 
+def _of_one_person(clip: Path, points: F64, given: bool, number: int | None, say: Say) -> F64:
+    """The landmarks (n, 81, 2) of one person of a clip; the same where it shows nobody else."""
+    with open_input(clip) as media:
+        if media.kind == "image" or (number is None and people_followed(media, points) < 2):
+            return points
+    with open_input(clip) as media:
+        people = find_people(media).people
+    chosen = _chosen(clip, people, number)
+    if len(people) > 1:
+        seen = ", ".join(f"{person.number} in {len(person.frames)} frames" for person in people)
+        say(
+            f"{clip.name} shows {len(people)} people: {seen}; {chosen.number} is learned, --person NUMBER takes "
+            "another, guise people find draws them"
+        )
+    rows = chosen.landmarks(len(points))
+    if not given:
+        return rows
+    there = np.linalg.norm(rows - points, axis=2).mean(1) < SAME_FACE_INTEROCULAR * interocular(points)
+    return np.where(there[:, None, None], points, np.nan)
+
+
+def _chosen(clip: Path, people: Sequence[VideoPerson], number: int | None) -> VideoPerson:
+    if not people:
+        raise EnrolError(
+            f"no face can be followed in {clip}; use a clip that shows one person from the front"
+        )
+    if number is None:
+        return max(people, key=lambda person: len(person.frames))
+    for person in people:
+        if person.number == number:
+            return person
+    numbers = ", ".join(str(person.number) for person in people)
+    raise EnrolError(
+        f"there is no person {number} in {clip}: choose from {numbers}; guise people find draws them"
+    )
+
+
 def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress: Progress, say: Say) -> F64:
+    if landmarks.points:
+        return landmarks.points[index]
     if landmarks.landmarker is not None:
         return _detected(clip, landmarks.landmarker, progress, say)
     file = landmarks.files[index] if landmarks.files else landmark_file(clip)

@@ -75,7 +75,8 @@ def describe_options(
 
 def enrol_file(
     clips: Sequence[Path], output: Path, landmarks: LandmarkSource, *, name: str,
-    options: TrainingOptions = TrainingOptions(), force: bool = False, progress: Progress = silent, say: Say = mute,
+    person: int | None = None, options: TrainingOptions = TrainingOptions(), force: bool = False,
+    progress: Progress = silent, say: Say = mute,
 ) -> EnrolReport:  # fmt: skip
     """Train a person's model and write it; parameters as for `guise.app.enrolment.enrol.enrol`.
 
@@ -83,7 +84,7 @@ def enrol_file(
     """
     require_free(output, force=force)
     start = time.perf_counter()
-    identity = enrol(clips, landmarks, name=name, options=options, progress=progress, say=say)
+    identity = enrol(clips, landmarks, name=name, person=person, options=options, progress=progress, say=say)
     identity.facts["guise"] = version()
     size = identity.save(output)
     components, facts = identity.appearance.components, identity.facts

@@ -16,6 +16,7 @@ import numpy as np
 
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import iou, open_landmarker
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, turn_of
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
@@ -26,7 +27,7 @@ from guise.app.live.background_detector import BackgroundDetector
 from guise.app.live.controls import LiveSettings
 from guise.app.live.letterbox import letterboxed
 from guise.app.media import Frame
-from guise.app.swapping.cover import cover, cover_all, region
+from guise.app.swapping.cover import cover, cover_all
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.puppet import Puppet

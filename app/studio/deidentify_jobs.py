@@ -18,12 +18,12 @@ from guise.app.deidentify.run.job import deidentify_file, pictures
 from guise.app.deidentify.run.registry import open_engine
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import WorkFolder
-from guise.app.deidentify.tracks import Action
 from guise.app.media.containers import suffix_for
 from guise.app.media.pictures import save_picture
 from guise.app.studio.naming import user_names
 from guise.app.studio.store import StudioError
 from guise.app.swapping.cover import CoverStyle
+from guise.app.swapping.decide import Action
 from guise.common.files import write_whole
 from guise.common.progress import Progress, mute
 

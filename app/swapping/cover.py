@@ -1,9 +1,7 @@
 """Covering a face: a region that hides it, drawn in the frame's own planes.
 
-The region is a rounded rectangle around the box of the 68 iBUG points that includes forehead, ears and chin of a face
-at any roll.  "solid"
-leaves nothing of it; "mosaic" and "blur" leave the mean colours of a few cells, too few to show a face.  Pixels as
-shown.
+The region is the head's (`guise.aam.landmarks.heads`) with rounded corners.  "solid" leaves nothing of it; "mosaic" and
+"blur" leave the mean colours of a few cells, too few to show a face.  Pixels as shown.
 """
 
 from __future__ import annotations
@@ -14,23 +12,18 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.rolls import upward
 from guise.app.media import Frame
-from guise.common.arrays import F64, U8, Floating
+from guise.common.arrays import F64, U8
 
 CoverStyle = Literal["solid", "mosaic", "blur"]
 
 OPAQUE = 255
-_OUTWARD = np.array([[-1, 0], [0, -1], [1, 0], [0, 1]])
 
 
 @dataclass(frozen=True)
 class CoverShape:
-    """Size, form and filling of the covered region."""
+    """Form and filling of the covered region."""
 
-    side_box_widths: float = 0.30  # by which the region is larger than the box on either side
-    above_box_heights: float = 0.60
-    below_box_heights: float = 0.25
     superellipse_power: float = 4.0
     corners: int = 64  # of the polygon that is drawn
     cells: int = 6  # across the region, of "mosaic" and "blur"
@@ -38,27 +31,6 @@ class CoverShape:
 
 
 COVER = CoverShape()
-
-
-def region(box: Floating, growth: float = 1.0, turn: float = 0.0) -> F64:
-    """The rectangle (4,) x0 y0 x1 y1 that is covered for a face's box (4,).
-
-    turn : radians, by which the face is rolled clockwise.
-
-    >>> region(np.array([0, 0, 100, 100])).round(0).tolist()
-    [-30.0, -60.0, 130.0, 125.0]
-    >>> region(np.array([0, 0, 100, 100]), turn=np.pi).round(0).tolist()
-    [-30.0, -25.0, 130.0, 160.0]
-    """
-    x0, y0, x1, y1 = (float(v) for v in box)
-    along, across = np.cos(turn) ** 2, np.sin(turn) ** 2
-    width, height = (x1 - x0) * along + (y1 - y0) * across, (x1 - x0) * across + (y1 - y0) * along
-    rises = _OUTWARD @ upward(turn)  # of the left, upper, right and lower edge, towards the forehead
-    beyond = np.where(rises > 0, COVER.above_box_heights, COVER.below_box_heights) * height
-    margins = rises**2 * beyond + (1 - rises**2) * COVER.side_box_widths * width
-    grown = np.array([x0, y0, x1, y1]) + margins * (-1, -1, 1, 1)
-    centre, half = (grown[:2] + grown[2:]) / 2, growth * (grown[2:] - grown[:2]) / 2
-    return np.concatenate([centre - half, centre + half])
 
 
 def cover(frame: Frame, rectangle: F64, style: CoverStyle) -> tuple[int, int, int, int] | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.extrapolation import Extrapolator
+from guise.aam.landmarks import Face
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
@@ -97,7 +98,13 @@ class Engine(Closing):
 
         For `hold_frames` frames after a loss the last face is held where it was.
         """
-        fit = self.tracker.update(frame.luma)
+        return self._swapped(frame, self.tracker.update(frame.luma))
+
+    def swap_face(self, frame: Frame, face: Face | None) -> SwapResult:
+        """As `swap` where a tracker of several people has found the person's face, or that it isn't in the frame."""
+        return self._swapped(frame, self.tracker.follow(frame.luma, face))
+
+    def _swapped(self, frame: Frame, fit: Fit | Failed) -> SwapResult:
         if isinstance(fit, Fit):
             return SwapResult("swapped", fit, self.draw(frame, fit.shape))
         if self._last is not None and self.tracker.lost_frames <= self.options.hold_frames:

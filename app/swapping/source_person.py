@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from guise.aam.model import Identity
@@ -29,23 +31,35 @@ def source_person(
     from guise.aam.training import TrainingOptions
     from guise.app.enrolment.enrol import enrol, landmark_file
 
-    resolution = like.reference.resolution
+    resolution, name = like.reference.resolution, media.path.stem
+
+    def learn() -> Identity:
+        training = TrainingOptions(resolution=resolution)
+        return enrol(
+            [media.path], given, name=name, options=training, progress=settings.progress, say=settings.say
+        )
+
     file = given.files[0] if given.files else landmark_file(media.path)
-    key = ""
-    if settings.keep_people and given.landmarker is None:
-        points = kept.video_key(file) if file is not None else "found"
-        key = kept.video_key(media.path, resolution, points)
-        known = None if anew else kept.cached(key, settings.say)
-        if known is not None:
-            settings.say(
-                f"the person in {media.name} was enrolled before and is {known.name} of guise people list"
-            )
-            return known
-    settings.say(f"enrolling the person in {media.name}")
-    training = TrainingOptions(resolution=resolution)
-    made = enrol(
-        [media.path], given, name=media.path.stem, options=training, progress=settings.progress, say=settings.say
-    )  # fmt: skip
+    points = kept.video_key(file) if file is not None else "found"
+    settings = replace(settings, keep_people=settings.keep_people and given.landmarker is None)
+    return keep_person(media, (resolution, points), name, learn, settings, anew=anew)
+
+
+def keep_person(
+    media: MediaInput, details: tuple[object, ...], name: str, learn: Callable[[], Identity], settings: SwapSettings,
+    *, anew: bool = False,
+) -> Identity:  # fmt: skip
+    """The model of a person in a video that an earlier run has kept, or a new one, which is kept if settings say so.
+
+    details : what it depends on besides the video.   name : of the person, to speak of them.
+    """
+    key = kept.video_key(media.path, *details) if settings.keep_people else ""
+    known = kept.cached(key, settings.say) if key and not anew else None
+    if known is not None:
+        settings.say(f"{name} was enrolled before and is {known.name} of guise people list")
+        return known
+    settings.say(f"enrolling {name} from {media.name}")
+    made = learn()
     return _kept(key, made, media.name, settings) if key else made
 
 
@@ -54,10 +68,10 @@ def _kept(key: str, made: Identity, origin: str, settings: SwapSettings) -> Iden
     try:
         path = kept.keep(key, made, origin)
     except OSError as error:
-        settings.say(f"the model of the person in {origin} is not kept for the next time: {error}")
+        settings.say(f"the model of {made.name} is not kept for the next time: {error}")
         return made
     settings.say(
-        f"the model of the person in {origin}, biometric data, is kept for the next time in {path}: "
+        f"the model of {made.name}, biometric data, is kept for the next time in {path.parent}: "
         "guise people delete removes it"
     )
     return Identity.load(path)

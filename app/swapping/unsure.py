@@ -12,10 +12,11 @@ import numpy as np
 
 from guise.aam.landmarks import iou
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import ScoredDetector, detect_on_schedule, turn_of
 from guise.aam.landmarks.schemes import IBUG68
 from guise.app.media import Frame
-from guise.app.swapping.cover import CoverStyle, cover, region
+from guise.app.swapping.cover import CoverStyle, cover
 from guise.common.arrays import F32, F64
 
 Unsure = Literal["cover", "hold", "leave"]

@@ -28,8 +28,9 @@ from guise.app.deidentify.report.report import (
     verdict,
 )
 from guise.app.deidentify.report.timeline import LABELS, SCALE, Timeline, column_times
-from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Track, TrackOutcome
+from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
 from guise.app.media.pictures import Picture
+from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare
 from guise.common.files import write_whole
 from guise.common.version import version

@@ -17,7 +17,8 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.deidentify.tracks import BYSTANDERS, DONE, FileReport, Track, TrackOutcome
+from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
+from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare
 from guise.common.files import write_whole
 from guise.common.version import version

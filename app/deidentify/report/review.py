@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.deidentify.options import DeidentifyError
-from guise.app.deidentify.tracks import ACTIONS, Track
+from guise.app.deidentify.tracks import Track
+from guise.app.swapping.decide import ACTIONS
 from guise.common.files import write_whole
 
 TRACKS_FORMAT = "guise-tracks"

@@ -19,26 +19,27 @@ from guise.app.deidentify.report.report import write_report
 from guise.app.deidentify.report.review import read_tracks, write_tracks
 from guise.app.deidentify.report.sheet import contact_sheet
 from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from, track_json
-from guise.app.deidentify.stages.decide import (
+from guise.app.deidentify.stages.jobs import Job, result_of
+from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
+from guise.app.deidentify.stages.people import why_not
+from guise.app.deidentify.stages.pieces import publish
+from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
+from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, Track, TrackOutcome
+from guise.app.media import MediaError, open_input, open_sink
+from guise.app.media.pictures import save_picture
+from guise.app.media.segments import scan
+from guise.app.media.sink import check_free
+from guise.app.people.link import Tracklet, link
+from guise.app.swapping.decide import (
     COVERED,
     LEFT,
     SWAPPED,
+    Action,
     Bystanders,
     Decision,
     TrackObservations,
     decide,
 )
-from guise.app.deidentify.stages.jobs import Job, result_of
-from guise.app.deidentify.stages.link import Tracklet, link
-from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
-from guise.app.deidentify.stages.people import why_not
-from guise.app.deidentify.stages.pieces import publish
-from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
-from guise.app.deidentify.tracks import BYSTANDERS, Action, AuditFinding, FileReport, Track, TrackOutcome
-from guise.app.media import MediaError, open_input, open_sink
-from guise.app.media.pictures import save_picture
-from guise.app.media.segments import scan
-from guise.app.media.sink import check_free
 from guise.app.swapping.donors import KeyFile, assign, bare
 from guise.common.arrays import F32
 from guise.common.progress import Progress, Say

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from guise.aam.model import Identity
 from guise.app.deidentify.options import DeidentifyOptions
-from guise.app.deidentify.stages.detect import SegmentFaces
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.segments import Scan
+from guise.app.people.faces import SegmentFaces
 
 LEAD_FRAMES = 16  # by which a rendered segment begins after its keyframe, for the light to be measured over
 

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.app.deidentify.stages.case import Case, LinkedTrack
-from guise.app.deidentify.stages.detect import detect_faces
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
@@ -32,7 +32,7 @@ from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
-from guise.app.swapping.cover import region
+from guise.app.people.faces import detect_faces
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back

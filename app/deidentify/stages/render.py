@@ -16,15 +16,16 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import SCHEDULE_FRAMES
 from guise.app.deidentify.stages.case import Case
-from guise.app.deidentify.stages.decide import COVERED, LEFT, SWAPPED
-from guise.app.deidentify.stages.detect import detect_boxes
 from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
 from guise.app.deidentify.tracks import Track
 from guise.app.media import Frame
-from guise.app.swapping.cover import cover, region
+from guise.app.people.faces import detect_boxes
+from guise.app.swapping.cover import cover
+from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions

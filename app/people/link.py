@@ -1,4 +1,4 @@
-"""The second stage: the tracklets of all segments linked to tracks of the whole video.
+"""The tracklets of all segments linked to tracks of the whole video.
 
 A track continues from one segment to the next and over a gap in which its face was not seen (a hand, a turn of the
 head), but not over a cut.
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.app.deidentify.stages.detect import SegmentFaces, is_cut
+from guise.app.people.faces import SegmentFaces, is_cut
 from guise.common.arrays import F32
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from guise.app.deidentify.stages.decide import (
+from guise.app.swapping.decide import (
     COVERED,
     LEFT,
     SWAPPED,

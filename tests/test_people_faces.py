@@ -10,15 +10,15 @@ from made_up import SAMPLES
 from guise.aam.landmarks import interocular
 from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68, INNER51
-from guise.app.deidentify.stages.detect import (
+from guise.app.deidentify.stages.smooth import smooth
+from guise.app.media import Frame, open_input
+from guise.app.people.faces import (
     Candidate,
     DetectedFrame,
     SegmentTracker,
     confirmed,
     detect_faces,
 )
-from guise.app.deidentify.stages.smooth import smooth
-from guise.app.media import Frame, open_input
 
 
 def some(person: str, clip: str = "talk2.mp4", *, count: int = 30) -> list[Frame]:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from guise.app.deidentify.stages.detect import SegmentFaces, is_cut
-from guise.app.deidentify.stages.link import link
+from guise.app.people.faces import SegmentFaces, is_cut
+from guise.app.people.link import link
 
 RNG = np.random.default_rng(0)
 SCENE = RNG.integers(0, 256, (18, 32), dtype=np.uint8)

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.deidentify.tracks import DONE, Action
 from guise.common.arrays import F32
 
+Action = Literal["swap", "cover", "leave"]
+Done = Literal["swapped", "covered", "left"]
+ACTIONS: tuple[Action, ...] = ("swap", "cover", "leave")
+DONE: tuple[Done, ...] = ("swapped", "covered", "left")
 Bools = NDArray[np.bool_]
 
 SWAPPED, COVERED, LEFT = (DONE.index(done) for done in ("swapped", "covered", "left"))

@@ -1,4 +1,4 @@
-"""The first stage: every face of a segment, tracked forward and backward from where it is found.
+"""Every face of a segment of a video, tracked forward and backward from where it is found.
 
 A detector runs on every frame with a low threshold: on the frame as it is, and turned by quarter turns (all three where
 no upright face is certain, otherwise one of them in every third frame, in turn).  Boxes that are certainly faces start
@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from guise.aam.landmarks import Face, iou, tight_box
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_on_schedule, turn_of
 from guise.aam.landmarks.schemes import COUNT, IBUG68
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.media import Frame
-from guise.app.swapping.cover import region
 from guise.common.arrays import F32, I32, U8
 
 
@@ -187,9 +187,18 @@ class SegmentTracker:
             self._tracklets[number][frame.index] = face
         self._search(frame)
 
+    def present(self) -> dict[int, Face]:
+        """The faces of the last frame by the numbers of their tracklets."""
+        last = self._shot[-1] if self._shot else -1
+        return {number: t[last] for number, t in self._tracklets.items() if last in t}
+
+    def numbers(self) -> list[int]:
+        """The numbers of the tracklets in the order of `faces`."""
+        return [n for n, t in self._tracklets.items() if len(t) >= LIMITS.min_tracklet_frames]
+
     def faces(self) -> SegmentFaces:
         """All of the segment so far."""
-        tracklets = [t for t in self._tracklets.values() if len(t) >= LIMITS.min_tracklet_frames]
+        tracklets = [self._tracklets[number] for number in self.numbers()]
         short = [t for t in self._tracklets.values() if len(t) < LIMITS.min_tracklet_frames]
         glimpsed = [
             Candidate(index, face.box, max(face.confidence, LIMITS.min_score), True, turn)

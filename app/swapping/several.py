@@ -1,0 +1,416 @@
+"""Swap several people of a video, each for a face of their own.
+
+The people are found first (`guise.app.people.finding`), so that everybody keeps their face through crossings and cuts;
+then each frame is drawn by one engine a person.  What happens to whom is decided as in de-identification
+(`guise.app.swapping.decide`): where it isn't certain who or where somebody is, they are covered.
+
+Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames counted from 0.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from guise.aam.landmarks import Face, open_landmarker
+from guise.aam.landmarks.heads import region
+from guise.aam.model import Identity
+from guise.aam.recognition import cosine_similarity, signature
+from guise.aam.training import TrainingError, TrainingOptions
+from guise.app.media import Frame, MediaInput, open_input, open_sink, process
+from guise.app.media.synthetic import synthetic_tags
+from guise.app.people import kept
+from guise.app.people.finding import MIN_ALIKE, VideoPeople, VideoPerson, find_people
+from guise.app.swapping.cover import CoverStyle, cover
+from guise.app.swapping.decide import COVERED, LEFT, SWAPPED, Action, Bystanders, TrackObservations, decide
+from guise.app.swapping.donors import MODEL_SUFFIX, assign, open_donor, open_face
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.report import SwapError, SwapReport, Tally
+from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.source_person import keep_person
+from guise.common.arrays import F32
+from guise.common.threads import one_thread
+
+Others = Literal["leave", "cover", "fictional"]
+PLACES = ("left", "right", "largest")
+
+
+@dataclass(frozen=True)
+class SeveralLimits:
+    """Thresholds of swapping several people."""
+
+    min_confidence: float = 0.5  # of the landmarks on which a face is drawn
+    max_gap_seconds: float = 1.5  # between two sights of somebody who was there meanwhile
+
+
+LIMITS = SeveralLimits()
+
+
+@dataclass(frozen=True)
+class Casting:
+    """Who gets whose face.
+
+    Parameters
+    ----------
+    faces : by the person in the video ("left", "right", "largest", a number of `find_people`, NAME.guise or the name of
+        somebody who is kept) the face, as for `open_face`.
+    others : what happens to everybody else.   cover : how a face is covered.
+    """
+
+    faces: Mapping[str, str]
+    others: Others = "leave"
+    cover: CoverStyle = "mosaic"
+
+
+@dataclass(frozen=True)
+class PersonOutcome:
+    """What was done with a person: number, face ("" if none), and frames in which they were swapped, covered, left."""
+
+    number: int
+    face: str
+    swapped: int
+    covered: int
+    left: int
+
+
+@dataclass(frozen=True)
+class SeveralReport(SwapReport):
+    """What was done to a file and to each person in it.
+
+    A frame counts as covered if somebody whom the user named is, else as swapped if anybody is.
+    """
+
+    people: tuple[PersonOutcome, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON holds it."""
+        return super().as_json() | {"people": [vars(person) for person in self.people]}
+
+
+@dataclass(frozen=True, eq=False)
+class _Role:
+    """A person with what is done to them; `model` is theirs, `face` the one that they get, `named` if the user did."""
+
+    person: VideoPerson
+    action: Action
+    named: bool = False
+    face: str = ""
+    model: Identity | None = None
+    shown: Identity | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Treatment:
+    """What is done with a face in a frame: index of the role or None, code, box (4,), growth of a cover, turn."""
+
+    role: int | None
+    done: int
+    box: F32
+    growth: float
+    turn: float
+
+
+@dataclass
+class _Plan:
+    """By frame, what is done, and the faces of those who are swapped."""
+
+    treatments: dict[int, list[_Treatment]] = field(default_factory=lambda: defaultdict(list))
+    faces: dict[tuple[int, int], Face] = field(default_factory=dict)  # by role and frame
+
+
+def swap_people(
+    video: Path, casting: Casting, output: Path, *, settings: SwapSettings = DEFAULTS
+) -> SeveralReport:
+    """Write `video` with a face for each of several people.
+
+    Parameters
+    ----------
+    video : a video or a folder of images.
+    output : its suffix decides what is written; it appears only when it is complete.
+    settings : see `SwapSettings`; with `unsure` "leave", who is to be swapped is never covered.
+
+    Raises
+    ------
+    SwapError
+        When somebody who gets a face is not in the video, or cannot be learned from it; no output is left.
+    GuiseError
+        For a user's mistake.
+    """
+    faces = {who: open_face(spec) for who, spec in casting.faces.items()}
+    with open_input(video) as media:
+        if media.kind == "image":
+            raise SwapError(
+                f"{media.name} is a single image: --map needs a video, for one image give --identity"
+            )
+        with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
+            found = find_people(media, lambda share: settings.progress("faces", share))
+            roles = _roles(media, found, casting, faces, settings)
+            plan = _plan(found, roles, casting, settings, float(media.frame_rate))
+            tally = Tally(settings, media, "swapping")
+            with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
+                stats = process(
+                    media, sink, lambda frame: tally.add(drawing.draw(frame)), progress=tally.progress
+                )
+            if not any(one.swapped for one in drawing.outcomes()):
+                raise SwapError(
+                    f"nobody could be swapped in {media.name}: their faces are too small, hidden or turned"
+                )
+            tally.renderer = drawing.renderer
+        report = tally.report(output, stats)
+    most = max(Counter(int(f) for person in found.people for f in person.frames).values(), default=0)
+    return SeveralReport(**vars(replace(report, faces=most)), people=drawing.outcomes())
+
+
+def choose(found: VideoPeople, who: str, video: str) -> tuple[VideoPerson, Identity | None]:
+    """The person whom a user means, and their model if that is how they are named; see `Casting`."""
+    people = found.people
+    if not people:
+        raise SwapError(f"nobody is seen long enough in {video} to be swapped: use a longer or clearer video")
+    if who == "largest":
+        return max(people, key=lambda person: person.width), None
+    if who in PLACES:
+        first = sorted(people, key=lambda person: person.first_x)
+        return first[0 if who == "left" else -1], None
+    if who.isdigit():
+        chosen = [person for person in people if person.number == int(who)]
+        if chosen:
+            return chosen[0], None
+        numbers = ", ".join(str(person.number) for person in people)
+        raise SwapError(
+            f"there is no person {who} in {video}: choose from {numbers}; guise people find draws them"
+        )
+    if who not in {p.name for p in kept.everybody()} and not who.endswith(MODEL_SUFFIX):
+        raise SwapError(
+            f"{who} is nobody who could be in {video}: before the = give left, right, largest, a number of "
+            f"guise people find, NAME{MODEL_SUFFIX} or a name of guise people list"
+        )
+    model = open_face(who)
+    likeness = {person.number: cosine_similarity(person.signature, signature(model)) for person in people}
+    best = max(people, key=lambda person: likeness[person.number])
+    if likeness[best.number] < MIN_ALIKE:
+        raise SwapError(
+            f"nobody in {video} looks enough like {who} (person {best.number} most, {likeness[best.number]:.2f} of the "
+            f"{MIN_ALIKE} needed): guise people find draws who is there, give a number"
+        )
+    return best, model
+
+
+def _roles(
+    media: MediaInput, found: VideoPeople, casting: Casting, faces: Mapping[str, Identity], settings: SwapSettings
+) -> list[_Role]:  # fmt: skip
+    chosen: dict[int, tuple[str, Identity | None]] = {}
+    for who in casting.faces:
+        person, model = choose(found, who, media.name)
+        if person.number in chosen:
+            raise SwapError(
+                f"{chosen[person.number][0]} and {who} are the same person, {person.number}: give one face"
+            )
+        chosen[person.number] = who, model
+    extras = [person.number for person in found.people if person.number not in chosen]
+    taken = set(casting.faces.values())
+    spare = (
+        assign(extras, "auto", seed=0, salt=media.name, taken=taken) if casting.others == "fictional" else {}
+    )
+    roles = []
+    for person in found.people:
+        if person.number in chosen:
+            who, model = chosen[person.number]
+            shown = faces[who]
+            model = model or _learned(media, found, person, shown, settings)
+            roles.append(_Role(person, "swap", True, casting.faces[who], model, shown))
+        elif casting.others == "fictional":
+            roles.append(_fictional(media, found, person, spare[person.number], settings))
+        else:
+            roles.append(_Role(person, casting.others))
+    return roles
+
+
+def _fictional(
+    media: MediaInput, found: VideoPeople, person: VideoPerson, donor: str, settings: SwapSettings
+) -> _Role:
+    shown = open_donor(donor)
+    try:
+        return _Role(person, "swap", False, donor, _learned(media, found, person, shown, settings), shown)
+    except SwapError as error:
+        settings.say(f"{error}; they are covered")
+        return _Role(person, "cover")
+
+
+def _learned(
+    media: MediaInput, found: VideoPeople, person: VideoPerson, like: Identity, settings: SwapSettings
+) -> Identity:
+    """The model of a person, enrolled from the video at the resolution of `like`, or kept from an earlier run."""
+    from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
+
+    resolution, name = like.reference.resolution, f"{media.path.stem} person {person.number}"
+
+    def learn() -> Identity:
+        points = person.landmarks(found.count)
+        points[person.frames[person.confidence < LIMITS.min_confidence]] = np.nan
+        training = TrainingOptions(resolution=resolution)
+        source = LandmarkSource(points=[points])
+        return enrol(
+            [media.path], source, name=name, options=training, progress=settings.progress, say=settings.say
+        )
+
+    try:
+        return keep_person(media, (resolution, f"person {person.number}"), name, learn, settings)
+    except (EnrolError, TrainingError) as error:
+        raise SwapError(f"person {person.number} of {media.name} cannot be learned: {error}") from error
+
+
+def _plan(
+    found: VideoPeople, roles: Sequence[_Role], casting: Casting, settings: SwapSettings, rate: float
+) -> _Plan:
+    plan = _Plan()
+    for number, role in enumerate(roles):
+        private = not role.named and role.action != "leave"
+        for rows in _sights(role.person, rate, found.cuts):
+            _add_sight(plan, found, role, number, rows, rate, margins=private)
+        if role.action == "swap" and settings.unsure == "leave" and not private:
+            _leave_unsure(plan, number)
+    _add_unknown(plan, found, roles, casting, settings, rate)
+    return plan
+
+
+def _sights(person: VideoPerson, rate: float, cuts: Sequence[int]) -> list[slice]:
+    """Rows of a person without a long gap or a cut between them."""
+    frames = person.frames
+    breaks = np.diff(frames) > LIMITS.max_gap_seconds * rate
+    for cut in cuts:
+        breaks |= (frames[:-1] < cut) & (cut <= frames[1:])
+    edges = [0, *(np.flatnonzero(breaks) + 1).tolist(), len(frames)]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def _add_sight(
+    plan: _Plan, found: VideoPeople, role: _Role, number: int, rows: slice, rate: float, *, margins: bool
+) -> None:
+    """One sight of a person.   margins : cover where they may be before and after it, too."""
+    person = role.person
+    clear = np.isfinite(person.points[rows]).all((1, 2)) & (person.confidence[rows] >= LIMITS.min_confidence)
+    observed = TrackObservations(
+        person.frames[rows], person.boxes[rows], person.turns[rows], clear.astype(np.float32)
+    )
+    decision = decide(observed, role.action, total=found.count, rate=rate, cuts=found.cuts)
+    for k, frame in enumerate(map(int, decision.frames)):
+        if margins or person.frames[rows][0] <= frame <= person.frames[rows][-1]:
+            plan.treatments[frame].append(
+                _Treatment(
+                    number, int(decision.done[k]), decision.boxes[k], float(decision.growth[k]),
+                    float(decision.turns[k]),
+                )
+            )  # fmt: skip
+    for row in np.flatnonzero(clear) + rows.start:
+        plan.faces[number, int(person.frames[row])] = Face(
+            person.points[row], float(person.confidence[row]), person.boxes[row]
+        )
+
+
+def _leave_unsure(plan: _Plan, number: int) -> None:
+    """Leave a person where they would be covered."""
+    for frame, entries in plan.treatments.items():
+        plan.treatments[frame] = [
+            replace(one, done=LEFT) if one.role == number and one.done == COVERED else one for one in entries
+        ]
+
+
+def _add_unknown(
+    plan: _Plan, found: VideoPeople, roles: Sequence[_Role], casting: Casting, settings: SwapSettings, rate: float
+) -> None:  # fmt: skip
+    """Cover the faces that are nobody's for certain, unless all of them may be left."""
+    if casting.others == "leave" and settings.unsure == "leave":
+        return
+    unknown = found.unknown
+    faces = Bystanders(unknown.frames, unknown.boxes, unknown.scores, unknown.turns)
+    if casting.others != "leave":
+        faces = faces.spread(total=found.count, rate=rate, cuts=found.cuts)
+    for frame, box, turn in zip(faces.frames.tolist(), faces.boxes, faces.turns.tolist(), strict=True):
+        near = any(_overlap(box, one.box) for one in plan.treatments[frame] if one.role is not None)
+        if casting.others != "leave" or near:  # it may be somebody who is to be swapped
+            plan.treatments[frame].append(_Treatment(None, COVERED, box, 1.0, float(turn)))
+
+
+def _overlap(box: F32, other: F32) -> bool:
+    a, b = region(box), region(other)
+    return bool((np.minimum(a[2:], b[2:]) > np.maximum(a[:2], b[:2])).all())
+
+
+class _Drawing:
+    """Draws the plan; one engine a person, made when it is first needed."""
+
+    def __init__(
+        self, roles: Sequence[_Role], plan: _Plan, style: CoverStyle, settings: SwapSettings
+    ) -> None:
+        self._roles, self._plan, self._style = roles, plan, style
+        self._options = replace(settings.engine_options(), hold_frames=0)
+        self._landmarker = open_landmarker("builtin")
+        self._engines: dict[int, Engine] = {}
+        self._stack = ExitStack()
+        self._counts: dict[int, Counter[int]] = defaultdict(Counter)
+
+    def __enter__(self) -> _Drawing:
+        return self
+
+    def __exit__(self, *problem: object) -> None:
+        self._stack.close()
+
+    @property
+    def renderer(self) -> str:
+        """What draws the faces."""
+        return next((engine.painter.renderer for engine in self._engines.values()), "")
+
+    def draw(self, frame: Frame) -> str:
+        """Change a frame in place: swaps first, smaller faces before larger ones, so that covers lie over them."""
+        entries = self._plan.treatments.get(frame.index, [])
+        swaps = {one.role: one for one in entries if one.done == SWAPPED and one.role is not None}
+        for number in self._engines.keys() - swaps.keys():
+            self._engines[number].swap_face(frame, None)
+        hidden, drawn = [one for one in entries if one.done == COVERED], False
+        for number, one in sorted(swaps.items(), key=lambda pair: float(pair[1].box[2] - pair[1].box[0])):
+            result = self._engine(number).swap_face(frame, self._plan.faces.get((number, frame.index)))
+            if result.mesh is None:
+                hidden.append(one)
+            else:
+                self._counts[number][SWAPPED] += 1
+                drawn = True
+        for one in hidden:
+            cover(frame, region(one.box, one.growth, one.turn), self._style)
+            self._count(one, COVERED)
+        for one in entries:
+            if one.done == LEFT:
+                self._count(one, LEFT)
+        return "covered" if any(self._is_cast(one) for one in hidden) else "swapped" if drawn else "lost"
+
+    def outcomes(self) -> tuple[PersonOutcome, ...]:
+        """What was done with everybody."""
+        return tuple(
+            PersonOutcome(
+                role.person.number, role.face, *(self._counts[k][code] for code in (SWAPPED, COVERED, LEFT))
+            )
+            for k, role in enumerate(self._roles)
+        )
+
+    def _is_cast(self, one: _Treatment) -> bool:
+        """Whether a face is that of somebody whom the user named."""
+        return one.role is not None and self._roles[one.role].named
+
+    def _count(self, one: _Treatment, code: int) -> None:
+        if one.role is not None:
+            self._counts[one.role][code] += 1
+
+    def _engine(self, number: int) -> Engine:
+        if number not in self._engines:
+            role = self._roles[number]
+            assert role.model is not None
+            assert role.shown is not None
+            engine = Engine(role.model, role.shown, self._landmarker, self._options)
+            self._engines[number] = self._stack.enter_context(engine)
+        return self._engines[number]
