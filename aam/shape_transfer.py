@@ -1,7 +1,8 @@
 """Another face on a head: the donor's features in their own proportions, moved as far as the head's own move.
 
 At rest and in 3-D the donor's face is laid over the source's, by the similarity that brings all points nearest.  Then
-it is drawn to the outline of the head, less and less inwards, so that neither a second chin nor a squeezed face shows.
+it is drawn to the outline of the head, less and less inwards, so that no second chin shows; by a
+share, the jaw line keeps the donor's form, if the frame is to follow it (`app/swapping/outline.py`).
 How the two differ is seen as the head is turned in the frame, and added to the source's tracked points, so that
 every point goes as far as the source's.  Lids move by ratio, so that shut eyes are shut whatever the size of either
 person's eyes; inner lips that touch touch.  Grid pixels, x right, y down.
@@ -15,6 +16,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import (
+    JAW,
     LOWER_INNER_LIP,
     LOWER_LIDS,
     OUTLINE,
@@ -38,6 +40,8 @@ class LayingLimits:
 
     outline_reach: float = 0.28  # from the outline, over which points follow it
     outline_softness: float = 0.03  # added to distances from the outline's points
+    max_jaw_move: float = 0.06  # of a jaw point, away from the head's outline
+    still_jaw_points: float = 3.0  # at either end, over which the moves of the others fade: ears stay
 
 
 LIMITS = LayingLimits()
@@ -52,6 +56,7 @@ class ShapeTransfer:
     ----------
     source, target : (81, 2) points of the two faces, pixels of any picture; turned or with an expression if need be.
     reference : ReferenceFrame.
+    outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
 
     Attributes
     ----------
@@ -59,13 +64,15 @@ class ShapeTransfer:
     solid : (81, 3) the target's face at rest on the source's head.
     """
 
-    def __init__(self, source: F64, target: F64, reference: ReferenceFrame) -> None:
+    def __init__(self, source: F64, target: F64, reference: ReferenceFrame, outline: float = 0.0) -> None:
         prior = SolidPrior.shipped()
         self._reference = reference
         self.source = prior.rest_of(source)
         self._from = self.source.rest
         over = laid_over(prior.rest_of(target).rest, self._from)
-        self.solid = over + outline_pull(reference) @ (self._from - over)
+        goal = self._from.copy()
+        goal[JAW, :2] += jaw_moves(goal[JAW, :2], over[JAW, :2], outline)
+        self.solid = over + outline_pull(reference) @ (goal - over)
 
     def apply(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) on the grid for a tracked one (81, 2) in frame pixels, of a head in that pose."""
@@ -94,6 +101,20 @@ def laid_over(face: F64, other: F64) -> F64:
     """A solid face (81, 3) moved, scaled and turned to lie on another (81, 3): what is left are its proportions."""
     placed = align(face, other)
     return face if isinstance(placed, Failed) else placed.apply(face)
+
+
+def jaw_moves(jaw: F64, other: F64, share: float) -> F64:
+    """(17, 2) by which a jaw line (17, 2) goes a share in [0, 1] of the way to another one, within the limits.
+
+    Across itself only: where along the line its points lie says nothing of its form.
+    """
+    across = np.gradient(jaw, axis=0)[:, ::-1] * [1, -1]
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    limit = LIMITS.max_jaw_move * float(np.ptp(jaw[:, 0]))
+    lengths = limit * np.tanh(share * ((other - jaw) * across).sum(1) / limit)
+    from_end = np.arange(len(jaw)) / LIMITS.still_jaw_points
+    movable = np.minimum(np.minimum(from_end, from_end[::-1]), 1)
+    return np.asarray(across * (lengths * movable)[:, None])
 
 
 def outline_pull(reference: ReferenceFrame) -> F64:

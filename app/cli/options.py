@@ -161,6 +161,14 @@ TransferChoice = Annotated[
         help="Movement of the face: full is all of the person's; paper is within the identity's own range and --alpha.",
     ),
 ]
+Outline = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        max=1.0,
+        help="How far the head's jaw line goes to the identity's, with what is near it, 0 to 1; 0 keeps the head's.",
+    ),
+]
 EyesChoice = Annotated[
     OwnerName,
     typer.Option(

@@ -29,6 +29,7 @@ from guise.app.cli.options import (
     OneFace,
     OthersChoice,
     OthersName,
+    Outline,
     Output,
     OwnerName,
     Preset,
@@ -66,6 +67,7 @@ def swap(
     transfer: TransferChoice = TransferName.full,
     eyes: EyesChoice = OwnerName.source,
     mouth: MouthChoice = OwnerName.source,
+    outline: Outline = 0.0,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     unsure: UnsureOption = UnsureName.cover,
@@ -87,7 +89,7 @@ def swap(
         settings = _settings(
             console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
         )
-        options = replace(settings.options, eyes=eyes.value, mouth=mouth.value)
+        options = replace(settings.options, eyes=eyes.value, mouth=mouth.value, outline=outline)
         settings = replace(settings, options=options, unsure=unsure.value, keep_people=not no_keep)
         if casting is not None:
             from guise.app.swapping.several import swap_people
@@ -206,5 +208,10 @@ def say_report(console: Console, report: SwapReport, word: str, *, last: bool = 
         f"{report.output}: {report.swapped} of {report.frames} frames {word}, {report.held} held, {covered}"
         f"{report.lost} lost; {report.seconds:.1f} s, {report.frames_per_second:.1f} frames per second"
     )
+    if report.beyond_face_widths:
+        share = round(100 * report.beyond_face_widths)
+        console.note(
+            f"pixels up to {share} % of the face's width from the jaw line may have changed (--outline)"
+        )
     if last:
         console.result(report.as_json())

@@ -85,7 +85,12 @@ class Engine(Closing):
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
         self._shape_transfer = (
-            ShapeTransfer(source.appearance.neutral_shape, target.appearance.neutral_shape, source.reference)
+            ShapeTransfer(
+                source.appearance.neutral_shape,
+                target.appearance.neutral_shape,
+                source.reference,
+                options.outline if options.follows_outline else 0.0,
+            )
             if full
             else None
         )

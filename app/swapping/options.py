@@ -31,6 +31,8 @@ class EngineOptions:
         "objects", only those that reach in from beyond the face, so that no part of it shows by mistake; or "none".
     eyes, mouth : whose eyeballs and inside of the mouth show between the drawn lids and lips; in a disguise never the
         source's.
+    outline : share in [0, 1] by which the head's jaw line goes to the face's own, with a little of what is beside it;
+        with transfer "full" only.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
         the person is harder to recognise from what remains of the head (hair, ears, neck). No hair and no glasses of
         theirs stay in front.
@@ -47,6 +49,7 @@ class EngineOptions:
     occluders: Literal["all", "objects", "none"] = "all"
     eyes: Literal["donor", "source"] = "source"
     mouth: Literal["donor", "source"] = "source"
+    outline: float = 0.0
     disguise: bool = False
 
     @property
@@ -55,6 +58,11 @@ class EngineOptions:
         if self.occluders == "all" and (self.disguise or self.light == "paper"):
             return "none"
         return self.occluders
+
+    @property
+    def follows_outline(self) -> bool:
+        """Whether pixels beside the face change, too."""
+        return self.outline > 0 and self.transfer == "full" and not self.disguise
 
     @property
     def source_parts(self) -> tuple[Group, ...]:

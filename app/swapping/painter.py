@@ -23,6 +23,7 @@ from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.outline import warp_outline
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
 from guise.app.swapping.similarity_palette import SimilarityPalette
@@ -98,6 +99,8 @@ class Painter:
             visible = None if self._occlusion is None else self._occlusion.visible
             self._palette.update(texture[self._texels], texels, visible)
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
+        if self.options.follows_outline:
+            warp_outline(frame, head, mesh, zoom * self.reference.resolution)
         self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head)
         return mesh
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from guise.app.media import MediaInput, ProcessStats
+from guise.app.swapping.outline import LIMITS as OUTLINE
 from guise.app.swapping.settings import SwapSettings
 from guise.common.errors import GuiseError
 
@@ -29,6 +30,7 @@ class SwapReport:
     work_seconds : of these, spent in tracking and drawing.
     renderer : what drew the face.
     faces : largest number of faces seen in one frame.
+    beyond_face_widths : distance from the jaw line up to which pixels beside the face may have changed, face widths.
     problems : sentences about faults in the input that were worked around.
     """
 
@@ -42,6 +44,7 @@ class SwapReport:
     work_seconds: float
     renderer: str
     faces: int
+    beyond_face_widths: float
     problems: tuple[str, ...]
 
     @property
@@ -63,6 +66,7 @@ class Tally:
     def __init__(self, settings: SwapSettings, media: MediaInput, stage: str) -> None:
         self._settings, self._media, self._stage = settings, media, stage
         self._total = media.frame_count or 0
+        self._beyond = OUTLINE.outer_reach if settings.options.follows_outline else 0.0
         self._start = time.perf_counter()
         self.counts = {"swapped": 0, "held": 0, "covered": 0, "lost": 0}
         self.faces = 0
@@ -98,5 +102,5 @@ class Tally:
         return SwapReport(
             str(output), stats.frames, **self.counts, seconds=round(seconds, 3),
             work_seconds=round(stats.work_seconds, 3), renderer=self.renderer, faces=self.faces,
-            problems=stats.problems,
+            beyond_face_widths=self._beyond, problems=stats.problems,
         )  # fmt: skip

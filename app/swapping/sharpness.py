@@ -62,21 +62,21 @@ class Sharpness:
         features = (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS)
         self._lowered = 1 - np.float32(1 - LIMITS.feature_share) * soft_parts(reference, features, 0.0)
         self._raised = 1 - soft_parts(reference, features, LIMITS.feature_growth_face_widths)
-        self._sigma = LIMITS.band_face_widths * reference.resolution
+        side = round(np.sqrt(6 * (LIMITS.band_face_widths * reference.resolution) ** 2 + 1))
+        self._box = (side | 1, side | 1)  # two such means are nearly a Gaussian
         self.reset()
 
     def reset(self) -> None:
         """Start with the texture as it is, at the next face."""
-        self.gain = 1.0
         self._frames = 0
+        self._set(1.0)
 
     def apply(self, picture: U8) -> U8:
         """A texture (h, w, 3) with its fine contrast scaled."""
         if abs(self.gain - 1) < LIMITS.unseen_gain:
             return picture
-        smooth = np.asarray(cv2.GaussianBlur(picture, (0, 0), self._sigma), np.uint8)
-        where = self._raised if self.gain > 1 else self._lowered
-        return _away_from(picture, smooth, np.float32(self.gain - 1) * where)
+        smooth = cv2.blur(cv2.blur(picture, self._box), self._box)
+        return np.asarray(cv2.blendLinear(picture, smooth, *self._weights), np.uint8)
 
     def seen(self, picture: U8) -> F32 | None:
         """Gradients of a rectangle (h, w, 3) before drawing; None in frames that aren't measured."""
@@ -95,7 +95,12 @@ class Sharpness:
         octaves = float(np.log2(there / own))
         beyond = octaves - float(np.clip(octaves, -LIMITS.slack_octaves, LIMITS.slack_octaves))
         rate = LIMITS.rate * (2 if self._early else 1)
-        self.gain = float(np.clip(self.gain * 2 ** (rate * beyond / 2), *LIMITS.gain))
+        self._set(float(np.clip(self.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)))
+
+    def _set(self, gain: float) -> None:
+        self.gain = gain
+        share = np.float32(gain - 1) * (self._raised if gain > 1 else self._lowered)
+        self._weights = 1 + share, -share  # of a texture and of its mean
 
     @property
     def _early(self) -> bool:
@@ -112,8 +117,3 @@ def gradient_energy(picture: U8) -> F32:
 def _typical(energies: F32) -> float:
     """The mean of energies (n,), to which single edges add little."""
     return float(np.minimum(energies, LIMITS.max_excess * energies.mean()).mean()) + LIMITS.min_energy / 64
-
-
-def _away_from(picture: U8, smooth: U8, share: F32) -> U8:
-    """picture + share * (picture - smooth)."""
-    return np.asarray(cv2.blendLinear(picture, smooth, 1 + share, -share), np.uint8)
