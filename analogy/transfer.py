@@ -18,10 +18,11 @@ from guise.aam.similarity import Failed, Similarity, align
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
-from guise.analogy.filling import BiharmonicFill
+from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
+from guise.analogy.lids import FacePair, LidMotion
 from guise.analogy.mesh import Mesh, MeshError
-from guise.analogy.parts import PartMotion, submesh
+from guise.analogy.parts import FaceFrame, PartMotion, submesh
 from guise.analogy.registration import register, skin_mask
 from guise.analogy.rigid import align_rigid_robust
 from guise.analogy.tents import TentTransfer, VertexTents
@@ -53,6 +54,7 @@ class Transfer:
     source, target : neutral heads.   correspondence : for each target vertex its point on the source.
     method : tents (Song et al. 2007), gradients (Sumner and Popovic 2004) or cloning (Noh and Neumann 2001).
     keep_rigid : parts other than the skin (eyes, teeth) keep their place in the head instead of following the skin.
+    face : of both heads, if known: lids then meet when they do on the source, and teeth move with their jaws.
 
     Raises
     ------
@@ -77,24 +79,28 @@ class Transfer:
         correspondence: Correspondence,
         method: Method = "tents",
         keep_rigid: bool = False,
+        face: FacePair | None = None,
     ) -> None:
         self.source, self.target = source, target
         on_skin = skin_mask(target)
         found = _matched_skin(source, target, correspondence, on_skin)
         skin = submesh(target, on_skin)
-        self._carry = correspondence.matrix(len(source.vertices))[np.flatnonzero(on_skin)]
+        self._all = correspondence.matrix(len(source.vertices))
+        self._carry = self._all[np.flatnonzero(on_skin)]
         size = vertex_areas(skin.vertices, skin.faces) * found
         self.pose = _align(self._carry @ source.vertices, skin.vertices, size)
         apart = self.pose.apply(self._carry @ source.vertices) - skin.vertices
         radius = _rms_radius(skin.vertices, size)
-        continued = BiharmonicFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)(
-            apart
-        )
+        continued = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)(apart)
         found &= _keeps_ring_shape(skin.vertices + continued, skin)
-        self._fill = BiharmonicFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)
+        self._fill = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)
         self._neutral = skin.vertices + self._fill(apart)
         self._core = _make_method(method, self._neutral, skin, TRANSFER.tent_reach_radii * radius)
-        self._parts = PartMotion(target, on_skin, keep_rigid)
+        self._skin = on_skin
+        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in (face.lids if face else ())]
+        matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
+        own = FaceFrame.of(face.points[1]) if face else None
+        self._parts = PartMotion(target, on_skin, keep_rigid, matched, own)
         self._sample = _subsample(np.flatnonzero(skin_mask(source)))
 
     def __call__(self, expressive: F64) -> F64:
@@ -107,9 +113,21 @@ class Transfer:
         """
         _require_expression(expressive, self.source)
         motion = self._motion(expressive)
-        way = (motion.inverse().apply(expressive) - self.source.vertices) @ self.pose.linear.T
-        made = self._parts(self._core(self._neutral + self._fill(self._carry @ way)))
+        still = motion.inverse().apply(expressive)
+        way = (still - self.source.vertices) @ self.pose.linear.T
+        skin = self._with_lids(still, self._core(self._neutral + self._fill(self._carry @ way)))
+        made = self._parts(skin, self._all @ way)
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
+
+    def _with_lids(self, expressive: F64, skin: F64) -> F64:
+        """The skin (n, 3) with the lids as open as those of the source (N_s, 3)."""
+        if not self._lids:
+            return skin
+        made = self.target.vertices.copy()
+        made[self._skin] = skin
+        for eye in self._lids:
+            made = eye(expressive, made)
+        return np.asarray(made[self._skin])
 
     def _motion(self, expressive: F64) -> Similarity:
         """Rigid motion of the source head."""
@@ -133,10 +151,14 @@ def prepare_transfer(
     FeaturePointsError, RegistrationError, MeshError, SolverError
         When no face is found, or a step fails.
     """
+    face = None
     if points is None:
         points = _feature_points(source, "source"), _feature_points(target, "target")
-    correspondence = register(source, target, points).correspondence()
-    return Transfer(source, target, correspondence, method, keep_rigid)
+        face = FacePair.of(source, target, points)
+        points = face.with_margins(source, target)
+    return Transfer(
+        source, target, register(source, target, points).correspondence(), method, keep_rigid, face
+    )
 
 
 def _feature_points(mesh: Mesh, name: str) -> F64:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from guise.aam.similarity import Failed, Similarity, align_rigid
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FeaturePointsError
-from guise.analogy.filling import BiharmonicFill
+from guise.analogy.filling import TensionFill
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.rigid import align_rigid_robust, apply_rigid
 from guise.analogy.tents import vertex_error
@@ -247,8 +247,10 @@ def expressive_head(of: Callable[[F64], F64]) -> F64:
 
 
 def made_head(of: Callable[[F64], F64], keep_rigid: bool = False) -> F64:
-    identity = Correspondence.identity(len(HEAD.vertices))
-    return Transfer(HEAD, HEAD, identity, keep_rigid=keep_rigid)(expressive_head(of))
+    """A head whose parts have no counterpart on the source."""
+    same = Correspondence.identity(len(HEAD.vertices))
+    link = Correspondence(same.corners, same.weights, np.arange(len(HEAD.vertices)) < SKIN)
+    return Transfer(HEAD, HEAD, link, keep_rigid=keep_rigid)(expressive_head(of))
 
 
 def test_small_parts_do_not_change_what_the_skin_does() -> None:
@@ -418,9 +420,7 @@ def test_the_motion_of_most_is_found_though_others_move() -> None:
 def test_known_values_are_kept_and_unknown_ones_lie_between_or_fall_off() -> None:
     known = np.abs(places(*COARSE)[:, 0]) > 0.3
     values = np.where(known[:, None], 1.0, np.nan)
-    near, far = (
-        BiharmonicFill(SOURCE.vertices, SOURCE.rings, known, reach)(values) for reach in (10.0, 0.05)
-    )
+    near, far = (TensionFill(SOURCE.vertices, SOURCE.rings, known, reach)(values) for reach in (10.0, 0.05))
     assert_allclose(near[known], 1)
     assert_allclose(near, 1, atol=0.02)
     assert np.abs(far[~known]).min() < 0.3
@@ -430,7 +430,7 @@ def test_values_go_on_without_a_crease() -> None:
     at = places(20, 20)
     known = at[:, 1] > -0.5
     flat = np.column_stack([at, np.zeros(len(at))])
-    made = BiharmonicFill(flat, Mesh(flat, NO_TRIANGLES, quads_of(20, 20)).rings, known, 1.0)(at[:, 1:])
+    made = TensionFill(flat, Mesh(flat, NO_TRIANGLES, quads_of(20, 20)).rings, known, 1.0)(at[:, 1:])
     slope = np.diff(made.reshape(20, 20)[:, 10]) / np.diff(at[:, 1].reshape(20, 20)[:, 10])
     first = np.flatnonzero(known.reshape(20, 20)[:, 10])[0]
-    assert_allclose(slope[first - 1], 1, atol=0.3)
+    assert_allclose(slope[first - 1], 1, atol=0.5)

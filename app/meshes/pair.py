@@ -10,8 +10,9 @@ import numpy as np
 
 from guise.aam.similarity import Failed, align
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.feature_points import FeaturePoints
+from guise.analogy.feature_points import FeaturePoints, find_feature_points
 from guise.analogy.formats.files import MeshFile
+from guise.analogy.lids import FacePair
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.rigid import rotation_angle
 from guise.analogy.tents import vertex_error
@@ -47,6 +48,7 @@ class MatchedPair:
     """Matched heads.
 
     points : feature points of both, None if none were needed.   facts : method and quality of the match, for reports.
+    face : of both, None where none was seen.
     """
 
     source: MeshFile
@@ -54,6 +56,7 @@ class MatchedPair:
     points: tuple[FeaturePoints, FeaturePoints] | None
     correspondence: Correspondence
     facts: Mapping[str, Any]
+    face: FacePair | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,9 @@ def prepare_pair(
     """
     pair = match_heads(source, target, options.landmarks, options.correspondence, context)
     with context.stage(PREPARING):
-        made = Transfer(source.mesh, target.mesh, pair.correspondence, options.method, options.keep_rigid)
+        made = Transfer(
+            source.mesh, target.mesh, pair.correspondence, options.method, options.keep_rigid, pair.face
+        )
     return TransferPair(pair, made)
 
 
@@ -92,12 +97,23 @@ def match_heads(
     """Match two heads: vertex to vertex if their faces are the same, otherwise by the method `kind`."""
     if kind == "dense" and landmarks is None and have_same_faces(source.mesh, target.mesh):
         link = Correspondence.identity(len(target.mesh.vertices))
-        return MatchedPair(source, target, None, link, {"kind": "vertex to vertex", "found": 1.0})
+        facts = {"kind": "vertex to vertex", "found": 1.0}
+        return MatchedPair(source, target, None, link, facts, _face_by_vertices(source.mesh, target.mesh))
     points = feature_points_of_both(source, target, landmarks, context)
     with context.stage(MATCHING):
-        link, quality = _match(source.mesh, target.mesh, (points[0].positions, points[1].positions), kind)
+        positions = points[0].positions, points[1].positions
+        face = FacePair.of(source.mesh, target.mesh, positions)
+        link, quality = _match(source.mesh, target.mesh, face, kind)
     facts = {"kind": kind, "found": round(float(link.found.mean()), 4), **quality}
-    return MatchedPair(source, target, points, link, facts)
+    return MatchedPair(source, target, points, link, facts, face)
+
+
+def _face_by_vertices(source: Mesh, target: Mesh) -> FacePair | None:
+    """The face of heads with the same faces; None where none is seen."""
+    found = find_feature_points(source)
+    if isinstance(found, Failed):
+        return None
+    return FacePair.of(source, target, (source.vertices[found.vertices], target.vertices[found.vertices]))
 
 
 def feature_points_of_both(
@@ -123,16 +139,14 @@ def have_same_faces(source: Mesh, target: Mesh) -> bool:
     )
 
 
-def _match(
-    source: Mesh, target: Mesh, points: tuple[F64, F64], kind: str
-) -> tuple[Correspondence, dict[str, Any]]:
+def _match(source: Mesh, target: Mesh, face: FacePair, kind: str) -> tuple[Correspondence, dict[str, Any]]:
     if kind == "cylinder":
         from guise.analogy.cylinder import cylindrical_correspondence
 
-        return cylindrical_correspondence(source, target, *points), {}
+        return cylindrical_correspondence(source, target, *face.points), {}
     from guise.analogy.registration import register
 
-    done = register(source, target, points)
+    done = register(source, target, face.with_margins(source, target))
     return done.correspondence(), {"quality": asdict(done.quality)}
 
 

@@ -20,6 +20,7 @@ from guise.common.errors import Interrupted
 from guise.common.files import require_outputs
 
 MIN_MOTION_SIZES = 1e-6  # in sizes of the head, up to which motion is rounding error
+MAX_MOTION_RATIO = 1.5  # of the furthest vertex to the source's, scaled, above which a note says so
 MAX_DRAWN_EXPRESSIONS = 6  # in a picture
 PICTURE_YAW_DEG = 25.0  # of pictures with several expressions
 READING, TRANSFERRING, WRITING, DRAWING = "reading", "carrying", "writing", "drawing"
@@ -80,6 +81,7 @@ def transfer_all(
             made.append(pair.transfer(expressive))
             seconds = round(time.perf_counter() - start, 4)
             carried.append(summarise(pair, expressive, made[-1], name, output, seconds))
+            warn_of_flights(pair, expressive, carried[-1], context)
             context.progress(TRANSFERRING, (number + 1) / len(faces))
     return made, carried
 
@@ -95,6 +97,20 @@ def summarise(
     return TransferredExpression(
         name, output, float(f"{way.max():.6g}"), MotionError.of(pair.motion_error(expressive, made)), seconds
     )
+
+
+def warn_of_flights(
+    pair: TransferPair, expressive: F64, carried: TransferredExpression, context: RunContext
+) -> None:
+    """A note when a vertex of the target moves much farther than any of the source, scaled."""
+    way = np.linalg.norm(expressive - pair.heads.source.mesh.vertices, axis=1).max()
+    limit = MAX_MOTION_RATIO * pair.transfer.pose.scale * float(way)
+    if carried.furthest > limit:
+        context.say(
+            f"{carried.input}: a vertex moves {carried.furthest:.3g}, the source's at most "
+            f"{limit / MAX_MOTION_RATIO:.3g} at this scale: check the result, and correct the feature points if lips "
+            "or lids are torn"
+        )
 
 
 def draw_report_picture(

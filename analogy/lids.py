@@ -1,0 +1,318 @@
+"""The lids of a head: where their margins are seen from the front, and lids that meet when those of a source do.
+
+Seen along the eye, the skin has a hole, be it an open border, a socket or a bag behind the lids.  Its upper and lower
+edge, column by column from one corner to the other, are the margins.  Points of one column belong together on all
+heads, which guides the registration; and the gap between them, relative to that at rest, is what a transfer keeps.
+Any unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from guise.analogy.feature_points import FEATURE_POINT_NAMES
+from guise.analogy.geometry import vertex_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.normals import unit_vectors
+from guise.analogy.registration import skin_mask
+from guise.analogy.views import View
+from guise.common.arrays import F64, U8, Bool, Int
+from guise.render.visibility import visible
+
+SIDES = ("right", "left")
+
+
+@dataclass(frozen=True)
+class LidSettings:
+    """Settings of the lids; widths are the eye's, from corner to corner."""
+
+    picture_px: int = 192  # side of the picture in which an eye is sought
+    picture_widths: float = 1.8
+    normal_reach_widths: float = 0.9  # around an eye, of the skin whose mean normal is the line of sight
+    max_gap_widths: float = 0.8  # between the lids
+    hole_depth_widths: tuple[float, ...] = (
+        0.3,
+        0.2,
+        0.12,
+    )  # behind the skin above and below; tried one by one
+    margin_depth_widths: float = 0.04  # up to which the walls of a hole belong to it
+    max_depth_widths: float = 0.4  # beyond which depths behind the lids do not matter
+    margin_step_widths: float = 0.08  # between neighbouring pixels, which ends a hole
+    min_hole_widths: float = 0.5  # from corner to corner
+    max_hole_widths: float = 1.5
+    max_offset_widths: float = 0.35  # of the hole from the middle between the feature points
+    columns: int = 11  # in which margins are compared, corners left out
+    upper_reach_widths: float = 0.8  # of the skin that a margin takes along
+    lower_reach_widths: float = 0.5
+    rounds: int = 4  # of moving margins
+
+
+LIDS = LidSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceCurve:
+    """Points on a mesh: corners (k, 3) and barycentric weights (k, 3)."""
+
+    corners: Int
+    weights: F64
+
+    def at(self, vertices: F64) -> F64:
+        """(k, 3) places on the mesh with vertices (N, 3)."""
+        return np.asarray(np.einsum("kc,kci->ki", self.weights, vertices[self.corners]))
+
+
+@dataclass(frozen=True, eq=False)
+class Lids:
+    """The margins of the lids of one eye, in columns from one corner to the other.
+
+    Parameters
+    ----------
+    upper, lower : on the mesh.   width : of the eye.
+    """
+
+    upper: SurfaceCurve
+    lower: SurfaceCurve
+    width: float
+
+
+LidPair = tuple[Lids, Lids]  # of one eye of the source and of the target
+
+
+def find_lids(mesh: Mesh, points: F64) -> tuple[Lids | None, Lids | None]:
+    """The lids of the right and the left eye; None where an eye is shut or has no hole.
+
+    points : (20, 3) feature points, in the order of `FEATURE_POINT_NAMES`.
+    """
+    place = dict(zip(FEATURE_POINT_NAMES, points, strict=True))
+    skin = skin_mask(mesh)
+    faces = mesh.faces[skin[mesh.faces[:, 0]]]
+    normals = vertex_normals(mesh.vertices, faces)
+    across = place["eye_left_inner"] - place["eye_right_inner"]
+    up = place["nose_bridge"] - (place["mouth_corner_left"] + place["mouth_corner_right"]) / 2
+    forward = np.cross(across, up)
+    first, second = (_find(mesh.vertices, faces, normals, place, side, forward, across) for side in SIDES)
+    return first, second
+
+
+def _find(
+    vertices: F64, faces: Int, normals: F64, place: dict[str, F64], side: str, forward: F64, across: F64
+) -> Lids | None:
+    one, other = place[f"eye_{side}_outer"], place[f"eye_{side}_inner"]
+    middle, width = (one + other) / 2, float(np.linalg.norm(one - other))
+    if width <= 0:
+        return None
+    view = _eye_view(vertices, normals, middle, width, forward, across)
+    near = np.linalg.norm(vertices - middle, axis=1) < 2 * LIDS.picture_widths * width
+    drawn = faces[near[faces].any(1)]
+    seen = visible(view.project(vertices), drawn, (view.pixels, view.pixels), "cpu")
+    depth = np.full(seen.triangle.shape, -np.inf)
+    depth[seen.covered] = seen.interpolated((vertices - middle) @ view.axes[2:].T, drawn)[:, 0]
+    hole = _hole(depth, width, view)
+    if hole is None:
+        return None
+    high, low = _edges(hole)
+    weights = seen.weights
+    upper, lower = (
+        SurfaceCurve(drawn[seen.triangle[row, column]], weights[row, column].astype(np.float64))
+        for row, column in (high, low)
+    )
+    return Lids(upper, lower, width)
+
+
+def _eye_view(vertices: F64, normals: F64, middle: F64, width: float, forward: F64, across: F64) -> View:
+    """Along the mean normal of the skin around an eye."""
+    near = np.linalg.norm(vertices - middle, axis=1) < LIDS.normal_reach_widths * width
+    facing = near & (normals @ unit_vectors(forward) > 0.5)
+    sight = unit_vectors(normals[facing].sum(0) if facing.any() else forward)
+    right = unit_vectors(across - across @ sight * sight)
+    axes = np.stack([right, np.cross(sight, right), sight])
+    return View(axes, middle, LIDS.picture_widths * width / 2, LIDS.picture_px)
+
+
+def _hole(depth: F64, width: float, view: View) -> Bool | None:
+    """The pixels (h, w) between the lids of an eye in the middle; None if there is no such hole.
+
+    They lie behind the skin above and below, and the depth steps at their edge, unlike in the hollow beside the nose.
+    """
+    import cv2
+
+    if not np.isfinite(depth).any():
+        return None
+    px = view.pixels / (2 * view.half) * width  # pixels in a width
+    solid = np.where(np.isfinite(depth), depth / width, depth[np.isfinite(depth)].min() / width - 1)
+    solid = solid.astype(np.float32)
+    behind = (
+        cv2.morphologyEx(solid, cv2.MORPH_CLOSE, np.ones((round(LIDS.max_gap_widths * px), 1), np.uint8))
+        - solid
+    )
+    behind = np.minimum(behind, LIDS.max_depth_widths)
+    around = np.ones((3, 3), np.uint8)
+    level = cv2.dilate(behind, around) - cv2.erode(behind, around) < LIDS.margin_step_widths
+    for least in LIDS.hole_depth_widths:
+        eye = _central(level & (behind > least), px)
+        if eye is not None:
+            return _up_to_margins(eye > 0, ~level & (behind > LIDS.margin_depth_widths))
+    return None
+
+
+def _up_to_margins(eye: Bool, walls: Bool) -> Bool:
+    """A hole (h, w) extended upwards and downwards over its walls."""
+    out = eye
+    for _ in range(len(eye)):
+        grown = out.copy()
+        grown[1:] |= out[:-1] & walls[1:]
+        grown[:-1] |= out[1:] & walls[:-1]
+        if (grown == out).all():
+            break
+        out = grown
+    return out
+
+
+def _central(chosen: Bool, px: float) -> U8 | None:
+    """The connected part of a picture (h, w) that may be an eye in its middle, px pixels wide."""
+    import cv2
+
+    size = len(chosen)
+    count, labels, figures, middles = cv2.connectedComponentsWithStats(
+        chosen.astype(np.uint8), connectivity=4
+    )
+    best = None
+    for number in range(1, count):
+        x, y, wide, high, area = figures[number]
+        inside = x > 0 and y > 0 and x + wide < size and y + high < size
+        central = np.linalg.norm(middles[number] - (size - 1) / 2) < LIDS.max_offset_widths * px
+        fits = (
+            LIDS.min_hole_widths * px < wide < LIDS.max_hole_widths * px and high < LIDS.max_gap_widths * px
+        )
+        if inside and central and fits and (best is None or area > figures[best][4]):
+            best = number
+    return None if best is None else (labels == best).astype(np.uint8)
+
+
+def _edges(hole: Bool) -> tuple[tuple[Int, Int], tuple[Int, Int]]:
+    """Rows and columns (k,) of pixels on the lids above and below a hole, evenly from corner to corner."""
+    columns = np.flatnonzero(hole.any(0))
+    chosen = np.linspace(columns[0], columns[-1], LIDS.columns + 2)[1:-1].round().astype(np.intp)
+    first = hole[:, chosen].argmax(0)
+    last = len(hole) - 1 - hole[::-1, chosen].argmax(0)
+    return (first - 2, chosen), (last + 2, chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class FacePair:
+    """The faces of two heads.
+
+    Parameters
+    ----------
+    points : feature points (20, 3) of source and target.   lids : of the eyes that are open on both.
+    """
+
+    points: tuple[F64, F64]
+    lids: tuple[LidPair, ...]
+
+    @classmethod
+    def of(cls, source: Mesh, target: Mesh, points: tuple[F64, F64]) -> FacePair:
+        """From feature points (20, 3) of both."""
+        both = (find_lids(mesh, places) for mesh, places in zip((source, target), points, strict=True))
+        pairs = zip(*both, strict=True)
+        return cls(
+            points, tuple((one, other) for one, other in pairs if one is not None and other is not None)
+        )
+
+    def with_margins(self, source: Mesh, target: Mesh) -> tuple[F64, F64]:
+        """Corresponding points (k, 3) of both: the feature points and the margins of the lids."""
+        first = [
+            _smooth(curve.at(source.vertices)) for own, _ in self.lids for curve in (own.upper, own.lower)
+        ]
+        second = [
+            _smooth(curve.at(target.vertices))
+            for _, other in self.lids
+            for curve in (other.upper, other.lower)
+        ]
+        return np.concatenate([self.points[0], *first]), np.concatenate([self.points[1], *second])
+
+
+def _smooth(curve: F64) -> F64:
+    """A curve (k, 3) as cubic polynomials, without the steps of pixels and of the lid's thickness."""
+    powers = np.vander(np.linspace(-1, 1, len(curve)), 4)
+    return np.asarray(powers @ np.linalg.lstsq(powers, curve, rcond=None)[0])
+
+
+class LidMotion:
+    """Moves the lids of an eye until the gap between their margins is that of the source's, relative to rest.
+
+    Parameters
+    ----------
+    source, target : neutral vertices (N, 3).   lids : of both.
+    """
+
+    def __init__(self, source: F64, target: F64, lids: LidPair) -> None:
+        self._source, self._lids = source, lids
+        own, other = lids
+        self._ways = [_ways(eye, vertices) for eye, vertices in zip(lids, (source, target), strict=True)]
+        reaches = LIDS.upper_reach_widths * other.width, LIDS.lower_reach_widths * other.width
+        self._upper, self._lower = (
+            _Drag(target, curve, reach)
+            for curve, reach in zip((other.upper, other.lower), reaches, strict=True)
+        )
+        self._own = own
+
+    def __call__(self, expressive: F64, made: F64) -> F64:
+        """The target (N_t, 3) with its lids moved, for a source (N_s, 3) without the motion of the head."""
+        wanted = _openness(self._lids[0], expressive, self._ways[0])
+        high = np.linalg.norm(self._own.upper.at(expressive) - self._own.upper.at(self._source), axis=1)
+        low = np.linalg.norm(self._own.lower.at(expressive) - self._own.lower.at(self._source), axis=1)
+        share = (high / np.maximum(high + low, 1e-300))[:, None]
+        closing = np.clip(1 - wanted, 0, 1)
+        if not (closing > 1e-3).any():
+            return made
+        for _ in range(LIDS.rounds):
+            excess = (_openness(self._lids[1], made, self._ways[1]) - wanted) * np.minimum(1, 2 * closing)
+            step = excess[:, None] * self._ways[1]
+            made = self._lower(self._upper(made, share * step), (share - 1) * step)
+        return made
+
+
+def _ways(eye: Lids, vertices: F64) -> F64:
+    """(k, 3) from the upper margin down to the lower one."""
+    return eye.lower.at(vertices) - eye.upper.at(vertices)
+
+
+def _openness(eye: Lids, vertices: F64, rest: F64) -> F64:
+    """(k,) the gap along that at rest (k, 3), of it; negative where the lids overlap."""
+    return np.asarray((_ways(eye, vertices) * rest).sum(1) / np.maximum((rest * rest).sum(1), 1e-300))
+
+
+class _Drag:
+    """Moves the skin around a margin with it, as far as it moves with the margin already, up to a reach."""
+
+    def __init__(self, vertices: F64, margin: SurfaceCurve, reach: float) -> None:
+        self._rest, self._margin, curve = vertices, margin, margin.at(vertices)
+        fine = np.linspace(0, len(curve) - 1, 8 * len(curve))
+        line = np.stack([np.interp(fine, np.arange(len(curve)), column) for column in curve.T], axis=1)
+        away, near = cKDTree(line).query(vertices, distance_upper_bound=reach)
+        self._rows = np.flatnonzero(away < reach)
+        self._share = (1 - (away[self._rows] / reach) ** 2) ** 2
+        at = fine[near[self._rows]]
+        self._first = np.minimum(at.astype(np.intp), len(curve) - 2)
+        self._along = (at - self._first)[:, None]
+
+    def __call__(self, vertices: F64, step: F64) -> F64:
+        """Vertices (N, 3) moved by steps (k, 3) of the margin."""
+        own = np.linalg.norm((vertices - self._rest)[self._rows], axis=1)
+        margin = np.linalg.norm(
+            self._margin.at(vertices) - self._margin.at(self._rest), axis=1, keepdims=True
+        )
+        there = self._at_rows(margin)[:, 0]
+        share = self._share * np.clip(own / np.maximum(there, 1e-300), 0, 1)
+        out = vertices.copy()
+        out[self._rows] += share[:, None] * self._at_rows(step)
+        return out
+
+    def _at_rows(self, values: F64) -> F64:
+        """Values (k, d) of the margin, at the nearest place on it of each vertex that moves with it."""
+        return np.asarray((1 - self._along) * values[self._first] + self._along * values[self._first + 1])
