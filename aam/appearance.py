@@ -45,6 +45,7 @@ class RestLimits:
 
 
 REST = RestLimits()
+_LEAST_SPREAD = np.array([0.01, 0.01, 0.01, 0.01, 1.0])  # of the entries of `_states`
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,11 +215,19 @@ def openness(shapes: F64) -> F64:
     return np.asarray(np.stack([mouth, lids, brows], 1) / iod[:, None])
 
 
-def neutral_frames(shapes: F64, reference: ReferenceFrame, count: int = 7) -> Sequence[int]:
+def neutral_frames(
+    shapes: F64, reference: ReferenceFrame, count: int = 7, rest: F64 | None = None
+) -> Sequence[int]:
     """Indices of the frames nearest to a face at rest: mouth shut, lids, brows and head as they usually are.
 
     shapes : (m, 81, 2) pixels.
+    rest : (81, 2) the face where it's known to be at rest; the frames nearest to it are taken.
     """
+    if rest is not None:
+        states = _states(np.concatenate([rest[None], shapes]), reference)
+        spread = np.maximum(states.std(0), _LEAST_SPREAD)
+        away = np.linalg.norm((states[1:] - states[0]) / spread, axis=1)
+        return [int(i) for i in np.argsort(away, kind="stable")[:count]]
     openings = openness(shapes)
     mouth, lids, brows = openings.T
     usual = np.array(
@@ -242,24 +251,30 @@ def neutral_frames(shapes: F64, reference: ReferenceFrame, count: int = 7) -> Se
     return [int(i) for i in np.argsort(score)[:count]]
 
 
-def rest_weights(shapes: F64, reference: ReferenceFrame) -> F64:
+def rest_weights(shapes: F64, reference: ReferenceFrame, chosen: F64 | None = None) -> F64:
     """Weights (m,) summing to 1 that make the face at rest out of frames with shapes (m, 81, 2).
 
     Local linear regression on the openings, the mouth's width and the yaw, read at rest: mouth shut, lids open, the
     others at their median.  Many frames contribute, so the errors and the noise of single ones cancel.
+
+    chosen : (81, 2) the face where it's known to be at rest, at which the regression is read instead.
     """
-    aligned = np.stack([reference.align(s) for s in shapes])
-    width = (
-        np.linalg.norm(aligned[:, LEFT_MOUTH_CORNER] - aligned[:, RIGHT_MOUTH_CORNER], axis=1)
-        / reference.resolution
-    )
-    yaw = np.array([reference.yaw(a) for a in aligned])
-    state = np.column_stack([openness(shapes), width, yaw])
+    state = _states(shapes, reference)
     rest = np.median(state, axis=0)
     rest[:2] = np.quantile(state[:, 0], REST.mouth_quantile), np.quantile(state[:, 1], REST.lid_quantile)
-    away = (state - rest) / np.maximum(state.std(0), [0.01, 0.01, 0.01, 0.01, 1.0])
+    if chosen is not None:
+        rest = _states(chosen[None], reference)[0]
+    away = (state - rest) / np.maximum(state.std(0), _LEAST_SPREAD)
     near = np.exp(-0.5 * (away**2).sum(1) / REST.bandwidth_deviations**2) + 1e-6
     design = np.column_stack([np.ones(len(away)), away])
     ridge = REST.ridge * near.sum() * np.diag([0.0, 1, 1, 1, 1, 1])
     weights = np.linalg.solve((design * near[:, None]).T @ design + ridge, (design * near[:, None]).T)[0]
     return np.asarray(weights / weights.sum())
+
+
+def _states(shapes: F64, reference: ReferenceFrame) -> F64:
+    """(m, 5) openings, the mouth's width in face widths and yaw in degrees of shapes (m, 81, 2)."""
+    aligned = np.stack([reference.align(s) for s in shapes])
+    corners = aligned[:, LEFT_MOUTH_CORNER] - aligned[:, RIGHT_MOUTH_CORNER]
+    yaw = [reference.yaw(a) for a in aligned]
+    return np.column_stack([openness(shapes), np.linalg.norm(corners, axis=1) / reference.resolution, yaw])

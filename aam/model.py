@@ -15,7 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel, Components
+from guise.aam.appearance import (
+    SHAPE_ENTRIES,
+    AppearanceModel,
+    Components,
+    appearance_vectors,
+    sample_texture,
+)
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.tracker import POSE_ENTRIES, Quality, Tracker
 from guise.common.arrays import F32, F64, U8
@@ -24,6 +30,7 @@ from guise.common.files import write_whole
 
 FORMAT = "guise-identity"
 VERSION, COMPACT_VERSION = 1, 2
+KNOWN_REST = "known_rest"  # fact: whether a user chose the frame in which the face is at rest
 _VECTORS = ("appearance.mean", "neutral")  # appearance vectors that a compact file splits
 
 
@@ -85,6 +92,18 @@ class Identity:
             appearance=resampled(self.appearance, reference),
             detail=resampled_detail(self.detail, self.reference, reference),
         )
+
+    @property
+    def knows_rest(self) -> bool:
+        """Whether the neutral appearance is certainly without expression, as a user chose its frame."""
+        return bool(self.facts.get(KNOWN_REST))
+
+    def resting(self, rgb: U8, shape: F64) -> Identity:
+        """The same person with the neutral appearance of a picture (h, w, 3) with the face at a shape (81, 2)."""
+        texture = sample_texture(rgb, shape, self.reference)
+        neutral = appearance_vectors(shape[None], texture[None], self.reference)[0]
+        appearance = replace(self.appearance, neutral=neutral)
+        return replace(self, appearance=appearance, facts={**self.facts, KNOWN_REST: True})
 
     def for_display(self) -> Identity:
         """The same person as a donor: what shows the face, without what tracks it."""

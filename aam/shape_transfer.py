@@ -56,6 +56,7 @@ class ShapeTransfer:
     ----------
     source, target : (81, 2) points of the two faces, pixels of any picture; turned or with an expression if need be.
     reference : ReferenceFrame.
+    still : whether source and target are known to be at rest at these points.
     outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
 
     Attributes
@@ -64,12 +65,15 @@ class ShapeTransfer:
     solid : (81, 3) the target's face at rest on the source's head.
     """
 
-    def __init__(self, source: F64, target: F64, reference: ReferenceFrame, outline: float = 0.0) -> None:
+    def __init__(
+        self, source: F64, target: F64, reference: ReferenceFrame, *, outline: float = 0.0,
+        still: tuple[bool, bool] = (False, False),
+    ) -> None:  # fmt: skip
         prior = SolidPrior.shipped()
         self._reference = reference
-        self.source = prior.rest_of(source)
+        self.source = prior.rest_of(source, still=still[0])
         self._from = self.source.rest
-        over = laid_over(prior.rest_of(target).rest, self._from)
+        over = laid_over(prior.rest_of(target, still=still[1]).rest, self._from)
         goal = self._from.copy()
         goal[JAW, :2] += jaw_moves(goal[JAW, :2], over[JAW, :2], outline)
         self.solid = over + outline_pull(reference) @ (goal - over)

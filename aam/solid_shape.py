@@ -33,6 +33,7 @@ class SolidLimits:
     outlier_deviations: float = 3.0  # of the noise, from which a point counts half
     memory_frames: int = 60  # over which a person's identity is averaged
     remembered_deviation: float = 0.25  # of an identity that is known from many frames
+    still_deviation: float = 1e-3  # of the movement of a face that is known to be at rest
 
 
 LIMITS = SolidLimits()
@@ -128,29 +129,35 @@ class SolidPrior:
         """(81, 3) of a person with identity (k,), at rest."""
         return np.asarray(self.mean + np.tensordot(identity, self.identity, 1))
 
-    def rest_of(self, points: F64) -> SolidFit:
+    def rest_of(self, points: F64, *, still: bool = False) -> SolidFit:
         """Who is seen at points (81, 2), without movement.
 
         What neither identity nor movement explains belongs to the shape too, the less the more a point is turned away.
+
+        still : the face is known to be at rest there, so that nothing is taken for movement.
         """
-        fit = self.fit(points)
+        fit = self.fit(points, still=still)
         across = np.linalg.inv(fit.pose.linear[:2])
         left = np.clip(facing(fit.rest, fit.pose.rotation), 0, 1)[:, None] * (points - fit.points)
         rest = np.column_stack([fit.rest[:, :2] + left @ across, fit.rest[:, 2]])
         return replace(fit, movement=np.zeros_like(fit.movement), rest=rest, solid=rest)
 
     def fit(
-        self, points: F64, start: SolidFit | None = None, known: F64 | None = None, deviation: float = 1.0
-    ) -> SolidFit:
+        self, points: F64, start: SolidFit | None = None, known: F64 | None = None, deviation: float = 1.0,
+        still: bool = False,
+    ) -> SolidFit:  # fmt: skip
         """The likeliest solid shape seen at points (81, 2), pixels.
 
         start : of the frame before.
         known : (k,) the person's identity, of which each entry is sure within `deviation` standard deviations.
+        still : see `rest_of`.
         """
         centre = np.zeros(len(self.identity)) if known is None else known
         amounts = np.concatenate([centre, np.zeros(len(self.movement))])
         precision = np.ones(len(amounts))
         precision[: len(centre)] = deviation**-2
+        if still:
+            precision[len(centre) :] = LIMITS.still_deviation**-2
         if start is None:
             pose, steps = _first_pose(self._solid(amounts), points), LIMITS.first_steps
         else:

@@ -27,7 +27,7 @@ from guise.aam.detail import FineGrid, with_detail
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.light import equalised_light, skin_colours
 from guise.aam.mask import core_band, learn_mask, skin_mask
-from guise.aam.model import Identity, RestFrame
+from guise.aam.model import KNOWN_REST, Identity, RestFrame
 from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
 from guise.aam.similarity import Failed
@@ -73,6 +73,7 @@ class TrainingOptions:
     max_modes : never more appearance modes than this.
     equalise_light : remove from each frame the smooth field by which its light differs from the mean light, so that a
         change of light doesn't become a mode of the face: for clips in which the light changes.
+    rest_frame : index of a frame that shows the face at rest; None finds some.
     tracker : TrackerOptions.
     """
 
@@ -81,6 +82,7 @@ class TrainingOptions:
     retain: float | int = 0.98
     max_modes: int = 40
     equalise_light: bool = False
+    rest_frame: int | None = None
     tracker: TrackerOptions = field(default_factory=TrackerOptions)
 
 
@@ -171,8 +173,21 @@ def choose_frames(shapes: F64, options: TrainingOptions) -> Choice:
     training = np.sort(usable[_farthest(described, count, list(np.unique(spread)))])
     rest = np.setdiff1d(usable, training)
     held_out = _evenly(rest, min(len(rest), LIMITS.max_held_out_frames)) if len(rest) else rest
-    neutral = [int(usable[i]) for i in neutral_frames(shapes[usable], reference, LIMITS.rest_frames)]
+    chosen = _chosen_rest(shapes, options)
+    found = neutral_frames(shapes[usable], reference, LIMITS.rest_frames, chosen)
+    neutral = [int(usable[i]) for i in found]
     return Choice(training, neutral, np.unique(held_out))
+
+
+def _chosen_rest(shapes: F64, options: TrainingOptions) -> F64 | None:
+    """The shape (81, 2) of the frame in which the face is said to be at rest."""
+    if options.rest_frame is None:
+        return None
+    if options.rest_frame >= len(shapes) or not np.isfinite(shapes[options.rest_frame]).all():
+        raise TrainingError(
+            "no face is found in the frame that should show it at rest (--rest): give a time at which it is seen"
+        )
+    return np.asarray(shapes[options.rest_frame])
 
 
 def _evenly(items: Int, count: int) -> Int:
@@ -271,7 +286,12 @@ def train_identity(
         tracker,
         detail,
         RestFrame(at_rest[0].picture, at_rest[0].shape),
-        {"frames": len(training), "held_out_error": tracker.quality.error, **(facts or {})},
+        {
+            "frames": len(training),
+            "held_out_error": tracker.quality.error,
+            KNOWN_REST: options.rest_frame is not None,
+            **(facts or {}),
+        },
     )
 
 
@@ -304,7 +324,9 @@ def _appearance(
         k = options.max_modes
         components = replace(components, basis=components.basis[:, :k], deviations=components.deviations[:k])
     raw = appearance_vectors(shapes, textures, reference)
-    neutral = rest_weights(shapes, reference).astype(np.float32) @ raw
+    known = [observations[i].shape for i in choice.neutral if i in observations]
+    chosen = known[0] if known and options.rest_frame is not None else None
+    neutral = rest_weights(shapes, reference, chosen).astype(np.float32) @ raw
     neutral[SHAPE_ENTRIES:] = _without_hair(neutral[SHAPE_ENTRIES:].reshape(-1, 3), mask, reference).ravel()
     return AppearanceModel(reference, components, neutral, mask)
 

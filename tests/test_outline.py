@@ -80,7 +80,7 @@ def test_the_jaw_at_rest_goes_a_share_of_the_way_and_ears_stay(share: float) -> 
 
 def test_by_default_the_outline_is_the_heads_own() -> None:
     target = REFERENCE.align(wider(0.1))
-    plain, led = (ShapeTransfer(REFERENCE.points, target, REFERENCE, share) for share in (0.0, 1.0))
+    plain, led = (ShapeTransfer(REFERENCE.points, target, REFERENCE, outline=share) for share in (0.0, 1.0))
     np.testing.assert_allclose(plain.solid[JAW], plain.source.rest[JAW], atol=1e-9)
     width = np.ptp(plain.solid[JAW, 0])
     assert np.abs(led.solid - plain.solid)[JAW].max() > 0.01 * width

@@ -23,6 +23,7 @@ from guise.app.cli.options import (
     NoSmooth,
     Overlay,
     Quiet,
+    Rest,
     Video,
     landmark_source,
 )
@@ -61,6 +62,7 @@ def enroll(
             help="Which person of a clip that shows several, see `guise people find`.",
         ),
     ] = None,
+    rest: Rest = None,
     refine: Annotated[
         bool | None,
         typer.Option(
@@ -74,6 +76,7 @@ def enroll(
 ) -> None:
     """Learn a model of a person's face from one or more clips."""
     from guise.app.enrolment.file import describe_options, enrol_file
+    from guise.app.enrolment.rest import frame_at
     from guise.app.people.kept import place_for
 
     if person is not None and len(videos) > 1:
@@ -81,6 +84,8 @@ def enroll(
     console = Console(quiet=quiet, json=json)
     source = replace(landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
     options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
+    if rest is not None:
+        options = replace(options, rest_frame=frame_at(videos[0], rest).index)
     name = name or (output or videos[0]).stem
     output = output or place_for(name)
     with Stages(console) as stages:

@@ -161,6 +161,15 @@ TransferChoice = Annotated[
         help="Movement of the face: full is all of the person's; paper is within the identity's own range and --alpha.",
     ),
 ]
+Rest = Annotated[
+    float | None,
+    typer.Option(
+        "--rest",
+        min=0.0,
+        metavar="SECONDS",
+        help="A time in the first clip at which the face is at rest: mouth shut, brows down; default: a guess.",
+    ),
+]
 Outline = Annotated[
     float,
     typer.Option(

@@ -36,6 +36,7 @@ from guise.app.cli.options import (
     Quiet,
     RendererChoice,
     RendererName,
+    Rest,
     SourceSpec,
     TransferChoice,
     TransferName,
@@ -68,6 +69,7 @@ def swap(
     eyes: EyesChoice = OwnerName.source,
     mouth: MouthChoice = OwnerName.source,
     outline: Outline = 0.0,
+    rest: Rest = None,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     unsure: UnsureOption = UnsureName.cover,
@@ -83,14 +85,22 @@ def swap(
     """Replace the face of the person in a video by another, or of each of several people."""
     from guise.app.swapping.file import swap_file
 
-    casting = _casting(identity, map, others, (source, landmarks, landmarker, detector != "builtin"), unsure)
+    casting = _casting(
+        identity,
+        map,
+        others,
+        (source, landmarks, landmarker, rest is not None, detector != "builtin"),
+        unsure,
+    )
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
             console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
         )
         options = replace(settings.options, eyes=eyes.value, mouth=mouth.value, outline=outline)
-        settings = replace(settings, options=options, unsure=unsure.value, keep_people=not no_keep)
+        settings = replace(
+            settings, options=options, unsure=unsure.value, keep_people=not no_keep, rest_seconds=rest
+        )
         if casting is not None:
             from guise.app.swapping.several import swap_people
 
@@ -122,8 +132,8 @@ def _casting(
         return None
     if any(for_one) or unsure is UnsureName.hold:
         raise typer.BadParameter(
-            "--source, --landmarks, --landmarker, --detector and --unsure hold are for one person: leave them out "
-            "beside --map"
+            "--source, --landmarks, --landmarker, --rest, --detector and --unsure hold are for one person: "
+            "leave them out beside --map"
         )
     from guise.app.swapping.several import Casting
 

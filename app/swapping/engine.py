@@ -89,7 +89,8 @@ class Engine(Closing):
                 source.appearance.neutral_shape,
                 target.appearance.neutral_shape,
                 source.reference,
-                options.outline if options.follows_outline else 0.0,
+                outline=options.outline if options.follows_outline else 0.0,
+                still=(source.knows_rest, target.knows_rest),
             )
             if full
             else None

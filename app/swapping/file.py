@@ -43,6 +43,8 @@ def swap_file(
     with open_input(video) as media:
         with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
             person = source_person(media, source, identity, settings)
+            if settings.rest_seconds is not None:
+                person = _at_rest(person, video, settings)
             tally = Tally(settings, media, "swapping")
             options = settings.engine_options()
             with one_thread(), Engine(person, identity, settings.face_finder(), options) as engine:
@@ -61,3 +63,10 @@ def swap_file(
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
         return tally.report(output, stats)
+
+
+def _at_rest(person: Identity, video: Path, settings: SwapSettings) -> Identity:
+    """The person, at rest where the settings say."""
+    from guise.app.enrolment.rest import at_rest
+
+    return at_rest(person, video, float(settings.rest_seconds or 0), settings.face_finder())

@@ -25,6 +25,7 @@ class SwapSettings:
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
         face for a second, or "leave" the frame as it is.
     keep_people : use the model of the video's person that an earlier run has kept, and keep a new one.
+    rest_seconds : after the first frame, at which the person in the video is at rest; None finds out.
     force : replace an existing output.
     progress : called with the stage and the share of it that is done.
     say : called with notes for the user.
@@ -35,6 +36,7 @@ class SwapSettings:
     detector: str = "builtin"
     unsure: Unsure = "cover"
     keep_people: bool = False
+    rest_seconds: float | None = None
     force: bool = False
     progress: Progress = silent
     say: Say = mute
