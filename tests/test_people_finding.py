@@ -13,7 +13,15 @@ from guise.aam.training import TrainingOptions
 from guise.app.cli.main import main
 from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
 from guise.app.media import open_input
-from guise.app.people.finding import Piece, VideoPeople, find_people, group, people_followed
+from guise.app.people.finding import (
+    Piece,
+    VideoPeople,
+    find_people,
+    group,
+    load_people,
+    people_followed,
+    save_people,
+)
 
 FRAMES = 72
 SMALL = TrainingOptions(frames=14, resolution=64, tracker=TrackerOptions(stages=2, copies=4, folds=2))
@@ -145,3 +153,13 @@ def test_a_crossing_belongs_to_nobody_unless_both_sides_agree(looks: list[np.nda
     changed = [piece(0, range(20), looks[0]), crossing, piece(0, range(25, 45), looks[1])]
     group(changed)
     assert crossing.person == -1
+
+
+def test_what_was_found_is_read_as_it_was_written(cut: Path, tmp_path: Path) -> None:
+    found = found_in(cut)
+    save_people(tmp_path / "people.npz", found)
+    again = load_people(tmp_path / "people.npz")
+    assert (again.cuts, again.count, len(again.people)) == (found.cuts, found.count, 2)
+    for one, other in zip((found.unknown, *found.people), (again.unknown, *again.people), strict=True):
+        for name, value in vars(one).items():
+            np.testing.assert_array_equal(value, vars(other)[name])

@@ -218,7 +218,7 @@ def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
         ring = "(style => style.outlineColor + style.boxShadow)(getComputedStyle(document.activeElement))"
         seen.append(tuple(page.evaluate(f"[document.activeElement.textContent.trim(), {ring}]")))
     words = [word for word, _ in seen]
-    assert words[:6] == ["Skip to content", "Live", "People", "Landmarks", "De-identify", "Analogy"]
+    assert words[:7] == ["Skip to content", "Live", "Swap", "People", "Landmarks", "De-identify", "Analogy"]
     assert {"upload", "videocam"} <= {word.split("Upload")[0].split("Record")[0] for word in words}
     assert [word for word, style in seen if word and AMBER not in style] == []
 

@@ -8,6 +8,7 @@ from nicegui import app as nicegui_app
 from nicegui import run, ui
 from starlette.responses import PlainTextResponse, Response
 
+from guise.aam.model import Identity
 from guise.app.media.images import encode_image
 from guise.app.people.montage import draw
 from guise.app.studio.clip_recorder import ClipRecorder
@@ -17,6 +18,7 @@ from guise.app.studio.site import Studio, heading, page, show_job
 from guise.app.studio.store import Clip, JobRow, Person
 from guise.app.studio.uploads import uploader
 from guise.app.swapping.donors import gallery, open_donor
+from guise.common.errors import GuiseError
 
 POLL_SECONDS = 1.0  # between two checks for changes made in other tabs
 
@@ -26,6 +28,17 @@ def register(studio: Studio) -> None:
     studio.jobs.register(ENROL_JOB, enrol_job)
     page(studio, "/people", "People", lambda: _PeoplePage(studio).build())
     nicegui_app.get("/gallery/{name}.png")(_portrait)
+
+    async def own(id: str) -> Response:
+        try:
+            path = studio.store.person(id).path
+            return Response(
+                await run.io_bound(_drawn, str(path), path.stat().st_mtime), media_type="image/png"
+            )
+        except (GuiseError, OSError):
+            return PlainTextResponse("There is nobody with this id.", 404)
+
+    nicegui_app.get("/portraits/{id}.png")(own)
 
 
 def train(studio: Studio, clip: Clip, name: str = "") -> str:
@@ -194,7 +207,7 @@ async def _portrait(name: str) -> Response:
 
 
 @lru_cache
-def _drawn(name: str) -> bytes:
-    """A PNG of a gallery person's neutral face."""
-    appearance = open_donor(name).appearance
+def _drawn(face: str, changed: float = 0.0) -> bytes:
+    """A PNG of the neutral face of somebody of the gallery, or of a model file as it was changed last."""
+    appearance = (Identity.load(face) if changed else open_donor(face)).appearance
     return encode_image(draw(appearance, appearance.neutral), None, ".png", {})

@@ -14,7 +14,7 @@ from fastapi import FastAPI
 from nicegui import app as nicegui_app
 from nicegui import ui
 
-from guise.app.studio import analogy, deidentify, landmarks, live, people
+from guise.app.studio import analogy, deidentify, landmarks, live, people, swap
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.request_guard import RequestGuard
 from guise.app.studio.site import Studio, StudioOptions, serve_files
@@ -25,7 +25,7 @@ HOST = "127.0.0.1"
 PAGE_LIFETIME_SECONDS = (
     15.0  # for which the page of an unresponsive browser is kept; the processor may be busy
 )
-PAGES = (live, people, landmarks, deidentify, analogy)
+PAGES = (live, swap, people, landmarks, deidentify, analogy)
 
 
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:

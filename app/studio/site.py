@@ -22,6 +22,7 @@ from guise.common.failures import explain
 
 LINKS = {
     "Live": "/",
+    "Swap": "/swap",
     "People": "/people",
     "Landmarks": "/landmarks",
     "De-identify": "/deidentify",
@@ -65,6 +66,10 @@ class Studio:
         """Donors: spec for `guise.app.swapping.donors.open_donor` -> name; the user's own people come first."""
         own = {str(person.path): person.name for person in self.store.people()}
         return own | {name: f"{name} (fictional)" for name in gallery()}
+
+    def portrait(self, face: str) -> str:
+        """Address of the portrait of one of `faces`."""
+        return f"/gallery/{face}.png" if face in gallery() else f"/portraits/{Path(face).stem}.png"
 
 
 def serve_files(studio: Studio) -> None:

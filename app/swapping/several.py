@@ -10,7 +10,7 @@ Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; f
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -39,6 +39,7 @@ from guise.common.arrays import F32
 from guise.common.threads import one_thread
 
 Others = Literal["leave", "cover", "fictional"]
+Learn = Callable[[VideoPerson, Identity], Identity]  # the model of a person, to be shown as another
 PLACES = ("left", "right", "largest")
 
 
@@ -67,6 +68,14 @@ class Casting:
     faces: Mapping[str, str]
     others: Others = "leave"
     cover: CoverStyle = "mosaic"
+
+
+@dataclass(frozen=True, eq=False)
+class KnownVideo:
+    """What is known of a video already: who is in it, and models of some of them by number."""
+
+    found: VideoPeople
+    models: Mapping[int, Identity]
 
 
 @dataclass(frozen=True)
@@ -126,7 +135,12 @@ class _Plan:
 
 
 def swap_people(
-    video: Path, casting: Casting, output: Path, *, settings: SwapSettings = DEFAULTS
+    video: Path,
+    casting: Casting,
+    output: Path,
+    *,
+    settings: SwapSettings = DEFAULTS,
+    known: KnownVideo | None = None,
 ) -> SeveralReport:
     """Write `video` with a face for each of several people.
 
@@ -135,6 +149,7 @@ def swap_people(
     video : a video or a folder of images.
     output : its suffix decides what is written; it appears only when it is complete.
     settings : see `SwapSettings`; with `unsure` "leave", who is to be swapped is never covered.
+    known : what `find_people` and `learn_person` have given for the video, so that it isn't done again.
 
     Raises
     ------
@@ -150,8 +165,10 @@ def swap_people(
                 f"{media.name} is a single image: --map needs a video, for one image give --identity"
             )
         with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
-            found = find_people(media, lambda share: settings.progress("faces", share))
-            roles = _roles(media, found, casting, faces, settings)
+            if known is None:
+                known = KnownVideo(find_people(media, lambda share: settings.progress("faces", share)), {})
+            found = known.found
+            roles = _roles(media.name, known, casting, faces, _learner(media, known, settings), settings)
             plan = _plan(found, roles, casting, settings, float(media.frame_rate))
             tally = Tally(settings, media, "swapping")
             with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
@@ -202,54 +219,39 @@ def choose(found: VideoPeople, who: str, video: str) -> tuple[VideoPerson, Ident
     return best, model
 
 
-def _roles(
-    media: MediaInput, found: VideoPeople, casting: Casting, faces: Mapping[str, Identity], settings: SwapSettings
-) -> list[_Role]:  # fmt: skip
-    chosen: dict[int, tuple[str, Identity | None]] = {}
-    for who in casting.faces:
-        person, model = choose(found, who, media.name)
-        if person.number in chosen:
-            raise SwapError(
-                f"{chosen[person.number][0]} and {who} are the same person, {person.number}: give one face"
-            )
-        chosen[person.number] = who, model
-    extras = [person.number for person in found.people if person.number not in chosen]
-    taken = set(casting.faces.values())
-    spare = (
-        assign(extras, "auto", seed=0, salt=media.name, taken=taken) if casting.others == "fictional" else {}
-    )
-    roles = []
-    for person in found.people:
-        if person.number in chosen:
-            who, model = chosen[person.number]
-            shown = faces[who]
-            model = model or _learned(media, found, person, shown, settings)
-            roles.append(_Role(person, "swap", True, casting.faces[who], model, shown))
-        elif casting.others == "fictional":
-            roles.append(_fictional(media, found, person, spare[person.number], settings))
-        else:
-            roles.append(_Role(person, casting.others))
-    return roles
+def draw_frame(
+    video: str, frames: Sequence[Frame], casting: Casting, known: KnownVideo, rate: float, *,
+    settings: SwapSettings = DEFAULTS,
+) -> None:  # fmt: skip
+    """Draw consecutive frames of a video in place, as `swap_people` would; the last one is for looking at.
+
+    video : its name.   rate : frames a second.   People without a model in `known` are covered or refused.
+    """
+    faces = {who: open_face(spec) for who, spec in casting.faces.items()}
+
+    def learn(person: VideoPerson, like: Identity) -> Identity:
+        if person.number not in known.models:
+            raise SwapError(f"person {person.number} of {video} cannot be learned")
+        return known.models[person.number]
+
+    roles = _roles(video, known, casting, faces, learn, settings)
+    plan = _plan(known.found, roles, casting, settings, rate)
+    with one_thread(), _Drawing(roles, plan, casting.cover, settings) as drawing:
+        for frame in frames:
+            drawing.draw(frame)
 
 
-def _fictional(
-    media: MediaInput, found: VideoPeople, person: VideoPerson, donor: str, settings: SwapSettings
-) -> _Role:
-    shown = open_donor(donor)
-    try:
-        return _Role(person, "swap", False, donor, _learned(media, found, person, shown, settings), shown)
-    except SwapError as error:
-        settings.say(f"{error}; they are covered")
-        return _Role(person, "cover")
+def learn_person(
+    media: MediaInput, found: VideoPeople, person: VideoPerson, settings: SwapSettings = DEFAULTS,
+    *, resolution: int = TrainingOptions().resolution,
+) -> Identity:  # fmt: skip
+    """The model of a person, enrolled from the video, or kept from an earlier run.
 
-
-def _learned(
-    media: MediaInput, found: VideoPeople, person: VideoPerson, like: Identity, settings: SwapSettings
-) -> Identity:
-    """The model of a person, enrolled from the video at the resolution of `like`, or kept from an earlier run."""
+    Raises SwapError when they are not seen well enough.
+    """
     from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
 
-    resolution, name = like.reference.resolution, f"{media.path.stem} person {person.number}"
+    name = f"{media.path.stem} person {person.number}"
 
     def learn() -> Identity:
         points = person.landmarks(found.count)
@@ -264,6 +266,53 @@ def _learned(
         return keep_person(media, (resolution, f"person {person.number}"), name, learn, settings)
     except (EnrolError, TrainingError) as error:
         raise SwapError(f"person {person.number} of {media.name} cannot be learned: {error}") from error
+
+
+def _learner(media: MediaInput, known: KnownVideo, settings: SwapSettings) -> Learn:
+    def learn(person: VideoPerson, like: Identity) -> Identity:
+        model = known.models.get(person.number)
+        return model or learn_person(
+            media, known.found, person, settings, resolution=like.reference.resolution
+        )
+
+    return learn
+
+
+def _roles(
+    video: str, known: KnownVideo, casting: Casting, faces: Mapping[str, Identity], learn: Learn, settings: SwapSettings
+) -> list[_Role]:  # fmt: skip
+    people = known.found.people
+    chosen: dict[int, tuple[str, Identity | None]] = {}
+    for who in casting.faces:
+        person, model = choose(known.found, who, video)
+        if person.number in chosen:
+            raise SwapError(
+                f"{chosen[person.number][0]} and {who} are the same person, {person.number}: give one face"
+            )
+        chosen[person.number] = who, model
+    extras = [person.number for person in people if person.number not in chosen]
+    taken = set(casting.faces.values())
+    spare = assign(extras, "auto", seed=0, salt=video, taken=taken) if casting.others == "fictional" else {}
+    roles = []
+    for person in people:
+        if person.number in chosen:
+            who, model = chosen[person.number]
+            model = model or learn(person, faces[who])
+            roles.append(_Role(person, "swap", True, casting.faces[who], model, faces[who]))
+        elif casting.others == "fictional":
+            roles.append(_fictional(person, spare[person.number], learn, settings))
+        else:
+            roles.append(_Role(person, casting.others))
+    return roles
+
+
+def _fictional(person: VideoPerson, donor: str, learn: Learn, settings: SwapSettings) -> _Role:
+    shown = open_donor(donor)
+    try:
+        return _Role(person, "swap", False, donor, learn(person, shown), shown)
+    except SwapError as error:
+        settings.say(f"{error}; they are covered")
+        return _Role(person, "cover")
 
 
 def _plan(

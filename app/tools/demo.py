@@ -24,6 +24,7 @@ from guise.app.swapping.file import swap_file
 from guise.app.swapping.report import SwapReport
 from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.common.files import require_free
+from guise.common.samples import samples_folder
 
 HEAD, FACE = "p01", "p06"  # whose video, whose face
 SHEET_COLUMNS = 6
@@ -50,7 +51,7 @@ def find_samples(folder: Path | None) -> Path:
 
     Raises MediaError when the clips are not there.
     """
-    samples = folder or _own_samples()
+    samples = folder or samples_folder()
     wanted = [samples / person / clip for person in (HEAD, FACE) for clip in ("talk.mp4", "talk.npz")]
     wanted.append(samples / HEAD / "talk2.mp4")
     missing = next((file for file in wanted if not file.is_file()), None)
@@ -60,12 +61,6 @@ def find_samples(folder: Path | None) -> Path:
             "give the folder sample_videos of a Guise checkout with --samples"
         )
     return samples
-
-
-def _own_samples() -> Path:
-    """The sample people: in the package, where it is installed from a wheel; in a checkout beside `app`."""
-    home = Path(__file__).parents[2]
-    return home / "samples" if (home / "samples").is_dir() else home / "sample_videos"
 
 
 def run_demo(samples: Path | None, folder: Path, settings: SwapSettings = DEFAULTS) -> DemoReport:
