@@ -61,7 +61,7 @@ class ShapeTransfer:
 
     Attributes
     ----------
-    source : SolidFit of the source at rest.
+    source, target : SolidFit of the two at rest, as they were enrolled.
     solid : (81, 3) the target's face at rest on the source's head.
     """
 
@@ -73,7 +73,8 @@ class ShapeTransfer:
         self._reference = reference
         self.source = prior.rest_of(source, still=still[0])
         self._from = self.source.rest
-        over = laid_over(prior.rest_of(target, still=still[1]).rest, self._from)
+        self.target = prior.rest_of(target, still=still[1])
+        over = laid_over(self.target.rest, self._from)
         goal = self._from.copy()
         goal[JAW, :2] += jaw_moves(goal[JAW, :2], over[JAW, :2], outline)
         self.solid = over + outline_pull(reference) @ (goal - over)

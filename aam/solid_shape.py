@@ -20,8 +20,6 @@ from guise.common.arrays import F64
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
 
-MIN_FRONTAL_FACING = 0.1  # of points at the rim, whose normals point sideways
-
 
 @dataclass(frozen=True)
 class SolidLimits:
@@ -138,7 +136,8 @@ class SolidPrior:
         """
         fit = self.fit(points, still=still)
         across = np.linalg.inv(fit.pose.linear[:2])
-        left = np.clip(facing(fit.rest, fit.pose.rotation), 0, 1)[:, None] * (points - fit.points)
+        seen, frontal = (facing(fit.rest, turn) for turn in (fit.pose.rotation, np.eye(3)))
+        left = np.clip(seen / frontal, 0, 1)[:, None] * (points - fit.points)
         rest = np.column_stack([fit.rest[:, :2] + left @ across, fit.rest[:, 2]])
         return replace(fit, movement=np.zeros_like(fit.movement), rest=rest, solid=rest)
 
@@ -235,12 +234,8 @@ class SolidTracker:
 
 
 def facing(solid: F64, rotation: F64) -> F64:
-    """(81,) how far each point of a turned solid shape (81, 3) faces the camera, of how far it does from the front.
-
-    1 as seen from the front, 0 on the silhouette, less behind it.
-    """
-    normals = _normals(solid)
-    return np.asarray(normals @ rotation[2] / np.minimum(normals[:, 2], -MIN_FRONTAL_FACING))
+    """(81,) cosines between the camera's direction and the normals of a turned solid shape (81, 3), < 0 behind."""
+    return np.asarray(-_normals(solid) @ rotation[2])
 
 
 def _normals(solid: F64) -> F64:

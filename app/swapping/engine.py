@@ -21,6 +21,7 @@ from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker
 from guise.aam.tracker import Fit
+from guise.aam.turned_texture import completed
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
@@ -32,7 +33,7 @@ MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
 TEXTURE_TURN_DEGREES = (
     12.0,
     28.0,
-)  # from the source's rest: from where texture moves less, and where not at all
+)  # from how either was enrolled: from where texture moves less, and where not at all
 
 Outcome = Literal["swapped", "held", "lost"]
 
@@ -72,8 +73,9 @@ class Engine(Closing):
         options: EngineOptions = EngineOptions(),
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
-        self.source, self.target, self.options = source, target, options
         full = options.transfer == "full"
+        target = completed(target) if full else target
+        self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(
             source.appearance,
             target.appearance,
@@ -147,7 +149,8 @@ class Engine(Closing):
         """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""
         if self._shape_transfer is None:
             return 1.0
-        turn = pose.turn_from(self._shape_transfer.source.pose)
+        known = self._shape_transfer.source.pose, self._shape_transfer.target.pose
+        turn = max(pose.turn_from(one) for one in known)
         return float(np.interp(turn, TEXTURE_TURN_DEGREES, (1, 0)))
 
     def close(self) -> None:

@@ -1,0 +1,83 @@
+"""A donor who was enrolled turned: the far half of their face, seen aslant, is filled from the near one.
+
+A texture of a turned head shows the far cheek squeezed and nothing of the nose's far side, and drawn on a head that
+looks straight it is a ghost of a nose.  Where a place faces the camera much less than its mirror image does, that
+image takes its place, in the light of the far half.  Grid pixels; RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.detail import FINE
+from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.model import Identity
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.aam.solid_shape import SolidPrior, facing
+from guise.common.arrays import F32, F64
+
+
+@dataclass(frozen=True)
+class FillLimits:
+    """When and how a half is filled."""
+
+    min_difference: float = 0.14  # of the cosines of mirror image and place, from which it is mixed in
+    full_difference: float = 0.3  # from which it takes the place
+    light_face_widths: float = 0.12  # standard deviation, over which the far half's light is taken
+    max_gain: float = 2.5  # of that light
+
+
+LIMITS = FillLimits()
+
+
+def completed(identity: Identity) -> Identity:
+    """The same person with their neutral texture and detail filled where they were turned away."""
+    reference = identity.reference
+    share = mirrored_share(identity.appearance.neutral_shape, reference)
+    if not share.any():
+        return identity
+    neutral = identity.appearance.neutral.copy()
+    texture = reference.scatter(identity.appearance.neutral_texture)
+    neutral[SHAPE_ENTRIES:] = _filled(texture, share, reference)[reference.mask].ravel()
+    h, w = reference.size
+    fine = cv2.resize(share, (FINE * w, FINE * h), interpolation=cv2.INTER_LINEAR)
+    detail = identity.detail + fine * (_mirrored(identity.detail, reference, FINE) - identity.detail)
+    return replace(
+        identity,
+        appearance=replace(identity.appearance, neutral=neutral),
+        detail=np.asarray(detail, np.float32),
+    )
+
+
+def mirrored_share(shape: F64, reference: ReferenceFrame) -> F32:
+    """(h, w) share in [0, 1] of its mirror image that each place of a face at a shape (81, 2) gets."""
+    fit = SolidPrior.shipped().fit(shape)
+    faces = facing(fit.rest, fit.pose.rotation)
+    low, high = LIMITS.min_difference, LIMITS.full_difference
+    points = np.clip((faces[list(MIRROR)] - faces - low) / (high - low), 0, 1)
+    sampler = reference.sampler
+    share = (points[sampler.vertices] * sampler.weights).sum(0)
+    return reference.scatter(np.asarray(np.clip(share, 0, 1), np.float32))
+
+
+def _filled(texture: F32, share: F32, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) with a share (h, w) of its mirror image, in the light of where it is put."""
+    image = _mirrored(texture, reference, 1)
+    sigma = LIMITS.light_face_widths * reference.resolution
+    own, other = (cv2.GaussianBlur(picture, (0, 0), sigma) for picture in (texture, image))
+    gain = np.clip((own + 1) / (other + 1), 1 / LIMITS.max_gain, LIMITS.max_gain)
+    return np.asarray(texture + share[..., None] * (gain * image - texture), np.float32)
+
+
+def _mirrored(picture: F32, reference: ReferenceFrame, factor: int) -> F32:
+    """The mirror image of a picture on the grid (factor h, factor w) or with channels; 0 outside the face."""
+    h, w = reference.size
+    ys, xs = np.mgrid[: factor * h, : factor * w]
+    places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
+    positions = MeshSampler.build(reference, places).positions(reference.points[list(MIRROR)])
+    maps = ((positions + 0.5) * factor - 0.5).reshape(factor * h, factor * w, 2)
+    return np.asarray(cv2.remap(picture, maps, None, cv2.INTER_LINEAR), np.float32)  # type: ignore[call-overload]
