@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import (
+    BROWS_AND_EYES,
     JAW,
     LOWER_INNER_LIP,
     LOWER_LIDS,
@@ -89,6 +90,7 @@ class ShapeTransfer:
         lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
         _open(made, UPPER_LIDS, LOWER_LIDS, lids)
         _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, _lip_gaps(seen, own, target))
+        _draw_in(made, seen)
         return np.asarray(made)
 
 
@@ -100,6 +102,19 @@ def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:
     gaps, usual, other = (s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP] for s in (seen, own, target))
     opening = np.clip(gaps[:, 1] / _divisor(usual[:, 1]), 0, 1)
     return np.asarray(gaps + opening[:, None] * (other - usual))
+
+
+def _draw_in(made: F64, seen: F64) -> None:
+    """Move brows and eyes that stick out of the head (81, 2), which is turned then, onto its silhouette."""
+    hull = cv2.convexHull(seen.astype(np.float32))[:, 0].astype(np.float64)
+    along = np.roll(hull, -1, axis=0) - hull
+    out = np.column_stack([along[:, 1], -along[:, 0]])
+    out *= np.sign(((hull - hull.mean(0)) * out).sum())  # towards the outside
+    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    features = made[BROWS_AND_EYES]
+    beyond = np.einsum("pec,ec->pe", features[:, None] - hull, out)
+    edge = beyond.argmax(1)
+    made[BROWS_AND_EYES] = features - beyond.max(1).clip(0)[:, None] * out[edge]
 
 
 def laid_over(face: F64, other: F64) -> F64:

@@ -19,7 +19,7 @@ from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed
-from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker
+from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, facing
 from guise.aam.tracker import Fit
 from guise.aam.turned_texture import completed
 from guise.app.media import Frame
@@ -99,7 +99,7 @@ class Engine(Closing):
         )
         known = self._shape_transfer and self._shape_transfer.source
         self.solid = SolidTracker(known.identity if known else None)
-        self._last: tuple[F64, F32] | None = None
+        self._last: tuple[F64, F32, F64 | None] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
         """Swap the face in a frame, in place; a frame in which the person is lost stays as it is.
@@ -116,7 +116,8 @@ class Engine(Closing):
         if isinstance(fit, Fit):
             return SwapResult("swapped", fit, self.draw(frame, fit.shape))
         if self._last is not None and self.tracker.lost_frames <= self.options.hold_frames:
-            return SwapResult("held", fit, self.painter.paint(frame, *self._last, None))
+            head, appearance, cosines = self._last
+            return SwapResult("held", fit, self.painter.paint(frame, head, appearance, None, cosines))
         self._last = None
         self.solid.reset()
         self.painter.reset()
@@ -126,9 +127,13 @@ class Engine(Closing):
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
         parameters = self.estimator(shape, self.clear(frame, shape, texels))
-        appearance = self.synthesise(parameters, shape, self.solid.update(shape))
-        self._last = shape, appearance
-        return self.painter.paint(frame, shape, appearance, texels)
+        solid = self.solid.update(shape)
+        appearance = self.synthesise(parameters, shape, solid)
+        cosines = None
+        if self._shape_transfer is not None:
+            cosines = facing(self._shape_transfer.solid, solid.pose.rotation)
+        self._last = shape, appearance, cosines
+        return self.painter.paint(frame, shape, appearance, texels, cosines)
 
     def clear(self, frame: Frame, shape: F64, texels: F32) -> F32:
         """The frame's RGB (t, 3) at the texels, without what hides the face at a shape (81, 2)."""

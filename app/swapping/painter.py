@@ -26,6 +26,7 @@ from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.outline import warp_outline
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
+from guise.app.swapping.silhouette import Silhouette, front_last
 from guise.app.swapping.similarity_palette import SimilarityPalette
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render import Compositor, feather, make_compositor
@@ -71,6 +72,7 @@ class Painter:
         self._alpha = feather(mask, width * self.reference.resolution)
         self._palette = make_palette(self.reference, estimator.texels, mask, options)
         self._occlusion = occlusion
+        self._silhouette = Silhouette(self.reference, estimator.sampler)
         self._texels = estimator.texels
         self._detail = target.detail
         # Cubic makes up for what the bilinear warp blurs; "paper" stays what the privacy figures are measured with.
@@ -87,20 +89,26 @@ class Painter:
         self._beside, self._nearest = beyond_mask(self.reference.mask)
         self._zeros = np.zeros((3, 0), np.float32)
 
-    def paint(self, frame: Frame, head: F64, appearance: F32, texels: F32 | None) -> F64:
+    def paint(
+        self, frame: Frame, head: F64, appearance: F32, texels: F32 | None, cosines: F64 | None = None
+    ) -> F64:
         """Blend an appearance (162 + 3 n,) over the head (81, 2) in the frame; returns the mesh (81, 2).
 
         texels (t, 3): the frame's RGB at the estimator's texels; None keeps the last palette.
+        cosines (81,): how far the drawn face's points face the camera, see `facing`; None is as from the front.
         """
         shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
         mesh, zoom = self.place(shape, head)
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         if texels is not None:
             visible = None if self._occlusion is None else self._occlusion.visible
-            self._palette.update(texture[self._texels], texels, visible)
+            hidden = None if cosines is None else self._silhouette.visible(cosines)
+            self._palette.update(texture[self._texels], texels, _product(visible, hidden))
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
         if self.options.follows_outline:
             warp_outline(frame, head, mesh, zoom * self.reference.resolution)
+        if cosines is not None:
+            uncovered = _product(uncovered, self._silhouette.share(cosines))
         self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head)
         return mesh
 
@@ -197,7 +205,7 @@ class Painter:
             uv = (self.reference.points + 0.5) * factor - 0.5
             self._compositors[fine] = make_compositor(
                 self.options.renderer,
-                self.reference.triangles,
+                front_last(self.reference.triangles),
                 uv.astype(np.float32),
                 self._enlarged(self._alpha, fine),
             )
@@ -241,6 +249,13 @@ def beyond_mask(mask: Bool) -> tuple[Int, Int]:
     place[labels.ravel()[inside]] = inside
     outside = np.flatnonzero(~mask)
     return outside, place[labels.ravel()[outside]]
+
+
+def _product(one: F32 | None, other: F32 | None) -> F32 | None:
+    """The product of two shares, of which None is all."""
+    if one is None or other is None:
+        return other if one is None else one
+    return np.asarray(one * other, np.float32)
 
 
 def make_palette(reference: ReferenceFrame, texels: Int, mask: Bool, options: EngineOptions) -> Palette:
