@@ -1,25 +1,31 @@
 """Another face on a head: the donor's features in their own proportions, moved as far as the head's own move.
 
 At rest and in 3-D the donor's face is laid over the source's, by the similarity that brings all points nearest.  Then
-it is drawn to the outline of the head, less and less inwards, so that no second chin shows; by a
-share, the jaw line keeps the donor's form, if the frame is to follow it (`app/swapping/outline.py`).
-How the two differ is seen as the head is turned in the frame, and added to the source's tracked points, so that
-every point goes as far as the source's.  Lids move by ratio, so that shut eyes are shut whatever the size of either
-person's eyes; inner lips that touch touch.  Grid pixels, x right, y down.
+it is drawn to the outline of the head, less and less inwards, so that no second chin shows; by a share, the jaw line
+keeps the donor's form, if the frame is to follow it (`app/swapping/outline.py`).  How the two differ is seen as the
+head is turned in the frame, and added to the source's tracked points, so that every point goes as far as the source's;
+a small network corrects the features' places.  Lids move by ratio, so that shut eyes are shut whatever the size of
+either person's eyes; inner lips that touch touch.  Grid pixels, x right, y down.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import (
+    BROWS,
     BROWS_AND_EYES,
+    EYES,
     JAW,
+    LIPS,
     LOWER_INNER_LIP,
     LOWER_LIDS,
+    NOSE,
     OUTLINE,
     RIGID_WEIGHTS,
     SILHOUETTE,
@@ -31,6 +37,9 @@ from guise.aam.similarity import Failed, align, align_planar
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
 
+FEATURES = np.concatenate([BROWS, NOSE, EYES, LIPS])  # whose places are learned
+DATA = Path(__file__).parent / "data" / "placement.npz"
+MAX_INPUT = 3.0  # standard deviations
 MAX_LID_RATIO = 1.7  # opening of the lids, of the neutral one
 MIN_GAP_GRID_PIXELS = 1e-3  # by which openings are divided
 
@@ -59,6 +68,7 @@ class ShapeTransfer:
     reference : ReferenceFrame.
     still : whether source and target are known to be at rest at these points.
     outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
+    learned : whether the features' places are corrected by what was learned from rendered swaps.
 
     Attributes
     ----------
@@ -68,10 +78,10 @@ class ShapeTransfer:
 
     def __init__(
         self, source: F64, target: F64, reference: ReferenceFrame, *, outline: float = 0.0,
-        still: tuple[bool, bool] = (False, False),
+        still: tuple[bool, bool] = (False, False), learned: bool = True,
     ) -> None:  # fmt: skip
         prior = SolidPrior.shipped()
-        self._reference = reference
+        self._reference, self._learned = reference, learned
         self.source = prior.rest_of(source, still=still[0])
         self._from = self.source.rest
         self.target = prior.rest_of(target, still=still[1])
@@ -82,16 +92,59 @@ class ShapeTransfer:
 
     def apply(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) on the grid for a tracked one (81, 2) in frame pixels, of a head in that pose."""
-        to_grid = align_planar(shape, self._reference.points, RIGID_WEIGHTS)
-        seen, view = to_grid.apply(shape), pose.linear @ to_grid.linear
-        own, target = self._from @ view, self.solid @ view
+        seen, own, target = self._seen(shape, pose)
         made = seen + target - own
+        if self._learned:
+            made[FEATURES] += self._reference.resolution * placement()(self.inputs(shape, pose))
         opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(own, UPPER_LIDS, LOWER_LIDS))
         lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
         _open(made, UPPER_LIDS, LOWER_LIDS, lids)
         _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, _lip_gaps(seen, own, target))
         _draw_in(made, seen)
         return np.asarray(made)
+
+    def inputs(self, shape: F64, pose: HeadPose) -> F64:
+        """(2, 81, 2) what `Placement` sees, face widths: the source's movement, and how the target differs at rest.
+
+        Differences only: what rendered faces have in common differs a little from what real ones have.
+        """
+        seen, own, target = self._seen(shape, pose)
+        movement = seen - own
+        return np.asarray(np.stack([movement - movement.mean(0), target - own]) / self._reference.resolution)
+
+    def _seen(self, shape: F64, pose: HeadPose) -> tuple[F64, F64, F64]:
+        """(81, 2) on the grid: the tracked shape; source and target at rest as they are turned, anywhere."""
+        to_grid = align_planar(shape, self._reference.points, RIGID_WEIGHTS)
+        view = pose.linear @ to_grid.linear
+        return to_grid.apply(shape), self._from @ view, self.solid @ view
+
+
+class Placement:
+    """A small network that tells how far features lie from where they belong (`training/placement.py`).
+
+    How expression and turn move another's features isn't known from points at rest; rendered swaps show it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with np.load(path) as stored:
+            arrays = {name: stored[name].astype(np.float32) for name in stored.files}
+        self._centre, self._scale = arrays["centre"], arrays["scale"]
+        self._layers = [(arrays[f"weight_{i}"], arrays[f"bias_{i}"]) for i in range(len(arrays) // 2 - 1)]
+
+    def __call__(self, inputs: F64) -> F64:
+        """(features, 2) in face widths for inputs (2, 81, 2) of `ShapeTransfer`; more than usual counts as usual."""
+        values = np.clip((inputs.ravel() - self._centre) / self._scale, -MAX_INPUT, MAX_INPUT)
+        for number, (weight, bias) in enumerate(self._layers):
+            if number:
+                values = values / (1 + np.exp(-values))
+            values = values @ weight + bias
+        return np.asarray(values, np.float64).reshape(-1, 2)
+
+
+@cache
+def placement() -> Placement:
+    """The network that ships with the package."""
+    return Placement(DATA)
 
 
 def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:

@@ -17,7 +17,7 @@ from guise.aam.landmarks.schemes import (
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
-from guise.aam.shape_transfer import MAX_LID_RATIO, ShapeTransfer, laid_over
+from guise.aam.shape_transfer import MAX_LID_RATIO, ShapeTransfer, laid_over, placement
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
 
@@ -51,9 +51,21 @@ def posed(shape: F64) -> F64:
     return np.asarray(shape @ turn + (200, 90))
 
 
+def test_the_network_keeps_its_corrections_small_whatever_it_sees() -> None:
+    for scale in (0.1, 10.0, 1e6):
+        inputs = scale * np.random.default_rng(0).normal(size=(2, *SOURCE.shape))
+        assert np.abs(placement()(inputs)).max() < 0.2
+
+
+def test_who_gets_their_own_face_is_hardly_corrected() -> None:
+    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME)
+    away = carried(transfer, posed(SOURCE)) - FRAME.align(SOURCE)
+    assert np.linalg.norm(away, axis=1).mean() < 0.01 * FRAME.resolution
+
+
 def test_a_neutral_face_becomes_the_targets_face_at_rest() -> None:
     """But for what is expression of the two neutral faces."""
-    transfer = ShapeTransfer(SOURCE, TARGET, FRAME)
+    transfer = ShapeTransfer(SOURCE, TARGET, FRAME, learned=False)
     made = transfer.apply(straight(transfer.source.rest), STRAIGHT)
     assert_allclose(made, straight(transfer.solid), atol=0.02 * FRAME.resolution)
 
@@ -68,7 +80,7 @@ def test_who_is_enrolled_turned_and_elsewhere_lies_on_the_head_as_it_is() -> Non
 
 def test_how_two_faces_differ_in_depth_shows_when_they_turn() -> None:
     """A longer nose sticks out of a turned head, and hardly shows from the front."""
-    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME)
+    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME, learned=False)
     transfer.solid[NOSE_TIP, 2] -= 0.05
     turn = np.radians(40)
     rotation = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
@@ -95,7 +107,7 @@ def test_movements_keep_their_size() -> None:
     moved = SOURCE.copy()
     moved[BROWS] -= (0, 2)
     moved[RIGHT_MOUTH_CORNER] -= (1.5, 0.5)
-    transfer = ShapeTransfer(SOURCE, TARGET, FRAME)
+    transfer = ShapeTransfer(SOURCE, TARGET, FRAME, learned=False)
     pose = transfer.source.pose
     made = transfer.apply(moved, pose) - transfer.apply(SOURCE, pose)
     own = FRAME.align(moved) - SOURCE

@@ -176,6 +176,8 @@ class Plan:
         swaps, light = self.work / "swaps", self.work / "light"
         yield Task("swaps", self._swaps(swaps), swaps / "complete")
         yield Task("light", [self._light(swaps, light)], light / "light.md")
+        places = self.work / "placement.npz"
+        yield Task("placement", [("placement", "--swaps", str(swaps), "--out", str(places))], places)
 
     def _light(self, swaps: Path, output: Path) -> tuple[str, ...]:
         photographs = str(self.data / "pairs" / "london")
@@ -220,6 +222,7 @@ class Plan:
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "light" / "light.onnx": DATA / "light.onnx",
             self.work / "light" / "light.md": DATA / "light.md",
+            self.work / "placement.npz": DATA / "placement.npz",
             self.work / "solid_shape.npz": DATA / "solid_shape.npz",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",
         }
