@@ -27,7 +27,7 @@ ROOMS = {
     "app.swapping": {"aam", "render", "common", "app.media", "app.people", "app.enrolment"},
     "app.landmarks": {"aam", "common", "app.media"},
     "app.measure": {"aam", "common", "app.media", "app.people", "app.swapping"},
-    "app.photos": {"aam", "analogy", "common", "app.media", "app.swapping"},
+    "app.photos": {"aam", "analogy", "common", "app.media", "app.enrolment", "app.swapping"},
     "app.meshes": {"aam", "analogy", "render", "common", "app.media"},
     "app.live": _SCIENCE - {"analogy"} | _PARTS,
     "app.deidentify": {"render", "common", "app.media", "app.swapping"},

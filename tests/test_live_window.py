@@ -381,6 +381,7 @@ def test_a_missing_extra_is_named(missing: str, monkeypatch: pytest.MonkeyPatch)
     nothing: ModuleType | None = None
     monkeypatch.setitem(sys.modules, missing, nothing)
     window = Window(Controls(), Overlay(["p01"]))
-    with pytest.raises(OutputError, match=r'needs more packages: pip install "guise-video\[window\]"'):
-        window.open(*SIZE, 30)
+    for ask in (window.check, lambda: window.open(*SIZE, 30)):  # before the person is enrolled, too
+        with pytest.raises(OutputError, match=r'needs more packages: pip install "guise-video\[window\]"'):
+            ask()
     window.close()

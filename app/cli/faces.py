@@ -30,7 +30,9 @@ from guise.app.cli.options import (
 
 
 def enroll(
-    videos: Annotated[list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person.")],
+    videos: Annotated[
+        list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -74,10 +76,11 @@ def enroll(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Learn a model of a person's face from one or more clips."""
+    """Learn a model of a person's face from one or more clips, or from a photo."""
     from guise.app.enrolment.file import describe_options, enrol_file
     from guise.app.enrolment.rest import frame_at
     from guise.app.people.kept import place_for
+    from guise.app.photos.enrol_photos import are_photos, enrol_photos
 
     if person is not None and len(videos) > 1:
         raise typer.BadParameter("--person chooses among the people of one clip: give one clip")
@@ -88,11 +91,21 @@ def enroll(
         options = replace(options, rest_frame=frame_at(videos[0], rest).index)
     name = name or (output or videos[0]).stem
     output = output or place_for(name)
+    photos = are_photos(videos)
+    if photos and (landmarks or landmarker or person or refine is not None):
+        raise typer.BadParameter(
+            "photos are enrolled by the built-in landmarker: leave its options and --person out"
+        )
     with Stages(console) as stages:
-        report = enrol_file(
-            videos, output, source, name=name, person=person, options=options, force=force, progress=stages,
-            say=console.note,
-        )  # fmt: skip
+        if photos:
+            report = enrol_photos(
+                videos, output, name=name, options=options, force=force, progress=stages, say=console.note
+            )
+        else:
+            report = enrol_file(
+                videos, output, source, name=name, person=person, options=options, force=force, progress=stages,
+                say=console.note,
+            )  # fmt: skip
     console.table(f"{report.output}: {report.name}", report.as_rows())
     console.result(report.as_json())
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -76,20 +76,22 @@ def describe_options(
 def enrol_file(
     clips: Sequence[Path], output: Path, landmarks: LandmarkSource, *, name: str,
     person: int | None = None, options: TrainingOptions = TrainingOptions(), force: bool = False,
-    progress: Progress = silent, say: Say = mute,
+    facts: Mapping[str, Any] | None = None, progress: Progress = silent, say: Say = mute,
 ) -> EnrolReport:  # fmt: skip
     """Train a person's model and write it; parameters as for `guise.app.enrolment.enrol.enrol`.
+
+    facts : to be stored in the model as well.
 
     Raises OutputError before the work when the output cannot be written; a failed run leaves nothing behind.
     """
     require_free(output, force=force)
     start = time.perf_counter()
     identity = enrol(clips, landmarks, name=name, person=person, options=options, progress=progress, say=say)
-    identity.facts["guise"] = version()
+    identity.facts.update({"guise": version(), **(facts or {})})
     size = identity.save(output)
-    components, facts = identity.appearance.components, identity.facts
+    components, known = identity.appearance.components, identity.facts
     return EnrolReport(
-        str(output), name, tuple(facts["clips"]), int(facts["frames"]), components.modes, round(components.retained, 4),
-        round(100 * float(facts["held_out_error"]), 3), identity.reference.resolution, size,
+        str(output), name, tuple(known["clips"]), int(known["frames"]), components.modes, round(components.retained, 4),
+        round(100 * float(known["held_out_error"]), 3), identity.reference.resolution, size,
         round(time.perf_counter() - start, 2),
     )  # fmt: skip

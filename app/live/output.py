@@ -49,6 +49,9 @@ class Output:
     main_thread = False
     lossless = False
 
+    def check(self) -> None:
+        """Raise GuiseError, before any work is done, if the output could not be opened for want of something."""
+
     def open(self, width: int, height: int, fps: float) -> None:
         """Prepare for frames of a size in pixels; raises GuiseError when that fails."""
 

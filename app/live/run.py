@@ -150,6 +150,8 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         capture = stack.enter_context(_capture(options, say))
         recordings, snapshots = Recordings(Path.cwd(), options.encode, say), Snapshots(Path.cwd(), say)
         outputs = [_output(name, options, capture, controls, identities, say) for name in options.outputs]
+        for output in outputs:
+            output.check()
         outputs += _sound(options, capture, say)
         person = _person(options, capture, identities[0], progress, say)
         config = SessionConfig(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import platform
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from guise.app.live.letterbox import letterboxed
 from guise.app.live.output import Output, OutputFrame
@@ -41,6 +41,10 @@ class VirtualCamera(Output):
         self._error: Exception | None = None
         self._closing = threading.Event()
         self._sender = threading.Thread(target=self._send_at_fixed_rate, name="guise-live-virtualcam")
+
+    def check(self) -> None:
+        """OutputError when the optional package is missing."""
+        _library()
 
     def open(self, width: int, height: int, fps: float) -> None:
         """Open the device; sizes are rounded down to even ones, as the pixel formats of cameras require."""
@@ -79,16 +83,22 @@ class VirtualCamera(Output):
 
 def _open_camera(width: int, height: int, fps: float, device: str | None) -> pyvirtualcam.Camera:
     """The device; OutputError with the reasons and what to do when there is none."""
+    library = _library()
+    try:
+        return library.Camera(width, height, fps, device=device)
+    except RuntimeError as error:
+        reasons = "; ".join(str(error).splitlines())
+        asked = "there is no virtual camera" if device is None else f"there is no virtual camera {device}"
+        todo = _SETUP.get(platform.system(), _UNSUPPORTED)
+        raise OutputError(f"{asked} ({reasons}): {todo}") from error
+
+
+def _library() -> Any:
+    """The optional library; OutputError when it is missing."""
     try:
         import pyvirtualcam
     except ImportError as error:
         raise OutputError(
             'a virtual camera needs an extra: install it with pip install "guise-video[virtualcam]"'
         ) from error
-    try:
-        return pyvirtualcam.Camera(width, height, fps, device=device)
-    except RuntimeError as error:
-        reasons = "; ".join(str(error).splitlines())
-        asked = "there is no virtual camera" if device is None else f"there is no virtual camera {device}"
-        todo = _SETUP.get(platform.system(), _UNSUPPORTED)
-        raise OutputError(f"{asked} ({reasons}): {todo}") from error
+    return pyvirtualcam

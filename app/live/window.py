@@ -73,6 +73,10 @@ class Window(Output):
         self._textures: list[FrameTexture] = []
         self._shown = 0
 
+    def check(self) -> None:
+        """OutputError when the optional packages are missing."""
+        _libraries()
+
     def open(self, width: int, height: int, fps: float) -> None:
         """Open the window at the size of the frames, or as large as the screen allows.
 

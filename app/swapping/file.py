@@ -41,7 +41,8 @@ def swap_file(
         For a user's mistake: MediaError, EnrolError, ReferenceMismatchError, RendererError.
     """
     with open_input(video) as media:
-        with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
+        tags = synthetic_tags(identity.facts.get("made_from"))
+        with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:
             person = source_person(media, source, identity, settings)
             if settings.rest_seconds is not None:
                 person = _at_rest(person, video, settings)

@@ -292,7 +292,7 @@ def puppet_file(
             media,
             settings.encode,
             force=settings.force,
-            tags=synthetic_tags(),
+            tags=synthetic_tags(identity.facts.get("made_from")),
             size=(size[0], size[1]),
         ) as sink:
             person = source_person(media, source, identity, settings)

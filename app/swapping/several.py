@@ -164,7 +164,9 @@ def swap_people(
             raise SwapError(
                 f"{media.name} is a single image: --map needs a video, for one image give --identity"
             )
-        with open_sink(output, media, settings.encode, force=settings.force, tags=synthetic_tags()) as sink:
+        made_from = {str(face.facts["made_from"]) for face in faces.values() if "made_from" in face.facts}
+        tags = synthetic_tags(" and ".join(sorted(made_from)))
+        with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:
             if known is None:
                 known = KnownVideo(find_people(media, lambda share: settings.progress("faces", share)), {})
             found = known.found
