@@ -72,7 +72,7 @@ def talk(request: pytest.FixtureRequest) -> tuple[np.ndarray, np.ndarray]:
 def test_noise_on_a_still_face_is_taken_out(rate: float) -> None:
     seen = FACE + noise(200)
     filtered = smoothed(seen, rate)[20:]
-    assert jitter(filtered) < 0.35 * jitter(seen)
+    assert jitter(filtered) < 0.25 * jitter(seen)
     assert np.abs(filtered.mean(0) - FACE).max() < NOISE
 
 
@@ -82,7 +82,7 @@ def test_blinks_and_speech_of_a_clip_are_not_delayed_and_not_flattened(
     truth, seen = talk
     filtered = smoothed(seen)
     assert lag(lids(filtered), lids(truth)) <= 0.3
-    assert lag(mouth(filtered), mouth(truth)) <= 0.3
+    assert lag(mouth(filtered), mouth(truth)) <= 0.35
     shut = lids(truth) < 0.5 * np.median(lids(truth))
     assert shut.any()
     depth = np.median(lids(truth)) - lids(truth)[shut]
@@ -94,16 +94,16 @@ def test_a_talking_moving_head_jitters_less_and_is_not_delayed(
 ) -> None:
     truth, seen = talk
     filtered = smoothed(seen)
-    assert jitter(filtered - truth) < 0.85 * jitter(seen - truth)
+    assert jitter(filtered - truth) < 0.96 * jitter(seen - truth)
     rigid = [*NOSE_BRIDGE, *EYE_CORNERS]
-    assert lag(filtered[:, rigid, 0].mean(1), truth[:, rigid, 0].mean(1)) <= 0.8
+    assert lag(filtered[:, rigid, 0].mean(1), truth[:, rigid, 0].mean(1)) <= 0.9
 
 
 def test_a_moving_head_does_not_hold_its_features_back() -> None:
     turns = [np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) for a in np.linspace(0, 0.5, 60)]
     seen = np.stack([FACE @ turn + (0.05 * SIZE * i, 0) for i, turn in enumerate(turns)])
     late = np.linalg.norm(smoothed(seen)[10:] - seen[10:], axis=2).max()
-    assert late < 0.2 * 0.05 * SIZE
+    assert late < 0.25 * 0.05 * SIZE
 
 
 def test_the_size_of_a_face_does_not_matter() -> None:

@@ -58,17 +58,17 @@ from guise.common.arrays import F32, F64
 class FilterSettings:
     """Settings of the filter; lengths in inter-ocular distances.
 
-    Chosen by a search on rendered clips with exact truth (PFLD's points, and truth with noise) and on real ones: the
-    least error in what moves, and the least jitter on still stretches, for a lag of at most 0.2 frames at 30 Hz of lids
-    and lips.
+    Chosen by a search on rendered clips with exact truth and on real ones (benchmarks/landmarks/jitter.py): the least
+    jitter on still stretches for a lag at 30 Hz of less than half a frame of lids and lips and of one of a slow head.
     """
 
-    min_cutoff_hz: float = 1.0  # of what does not move
+    min_head_cutoff_hz: float = 0.7  # of a head that does not move
+    min_cutoff_hz: float = 0.5  # of what does not move within the face
     memory_seconds: float = 1 / 30  # over which the evidence is averaged
     head_noise: tuple[float, ...] = (0.003, 0.003, 0.004, 0.008)  # shift x, y, logarithm of the scale, angle
-    skin_noise: float = 0.008
-    lid_noise: float = 0.005
-    lip_noise: float = 0.0035
+    skin_noise: float = 0.0192
+    lid_noise: float = 0.006
+    lip_noise: float = 0.00525
     feature_reach: float = 0.25  # over which points of a feature move together
     outlier: float = 0.02  # off by this a rigid point counts half for the head's motion
     max_pause_seconds: float = 0.5  # without a shape, after which the past is forgotten
@@ -157,13 +157,13 @@ class LandmarkFilter:
         self._head_way += (1 - keep) * (head_way - self._head_way)
         moved = (self._head_way / SETTINGS.head_noise) ** 2
         moved[:2] = moved[:2].sum()
-        share = _share(moved, elapsed)
+        share = _share(SETTINGS.min_head_cutoff_hz, moved, elapsed)
         self._head = _gone(self._head, share * head_way)
         self._head_way *= 1 - share
 
         self._face_way += (1 - keep) * (face_way - self._face_way)
         moved = ((self._near @ self._face_way) ** 2).sum(1) / self._noise**2
-        share = _share(moved, elapsed * confidence**2)[:, None]
+        share = _share(SETTINGS.min_cutoff_hz, moved, elapsed * confidence**2)[:, None]
         self._face += share * face_way
         self._face_way *= 1 - share
 
@@ -205,9 +205,9 @@ def _confidences(given: NDArray[Any] | None) -> F64:
     return np.clip(np.nan_to_num(confidence), SETTINGS.min_confidence, 1.0)
 
 
-def _share(moved: F64, elapsed: float | F64) -> F64:
+def _share(min_cutoff_hz: float, moved: F64, elapsed: float | F64) -> F64:
     """Share of the way to go, from squared evidence in units of the noise."""
-    return np.asarray(1 - np.exp(-2 * np.pi * SETTINGS.min_cutoff_hz * (1 + moved) * elapsed))
+    return np.asarray(1 - np.exp(-2 * np.pi * min_cutoff_hz * (1 + moved) * elapsed))
 
 
 def _way(head: F64, seen: F64) -> F64:
