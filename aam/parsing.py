@@ -17,11 +17,34 @@ import numpy as np
 
 from guise.aam.landmarks.builtin import CROP, DATA, cut
 from guise.aam.landmarks.crops import upright_square
+from guise.aam.landmarks.schemes import (
+    LEFT_EYE_CORNERS,
+    LEFT_LOWER_LID,
+    LEFT_UPPER_LID,
+    RIGHT_EYE_CORNERS,
+    RIGHT_LOWER_LID,
+    RIGHT_UPPER_LID,
+)
 from guise.aam.onnx_model import open_session
 from guise.common.arrays import F32, F64, U8, Floating
 
 CELLS = 64  # the side of the maps
 CROP_PIXELS_PER_CELL = 2
+
+
+@dataclass(frozen=True)
+class IrisLimits:
+    """When an iris is seen."""
+
+    min_opening_eye_widths: float = 0.17  # of the lids, below which an eye is shut
+    max_offset_eye_widths: float = 0.6  # of an iris from the middle of the corners
+
+
+LIMITS = IrisLimits()
+_EYES = (
+    (RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
+    (LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
+)
 
 
 class FaceClass(IntEnum):
@@ -68,6 +91,18 @@ class FaceParsing:
         """(n,) or (n, c) bilinear values, at points (n, 2) of the picture, of maps (64, 64, ...); 0 outside."""
         places = cv2.transform(np.asarray(points, np.float32)[None], self.to_cells)[0]
         return read_cells(cells, places)
+
+    def open_irises(self, points: Floating) -> F64:
+        """(2, 3) x, y and radius of the irises of a face with points (81, 2), pixels; NaN where the eye is shut."""
+        irises = self.irises[:, :3].copy()
+        for iris, (corners, upper, lower) in zip(irises, _EYES, strict=True):
+            outer, inner = points[corners]
+            width = float(np.linalg.norm(outer - inner))
+            opening = float(np.linalg.norm(points[upper].mean(0) - points[lower].mean(0)))
+            away = float(np.linalg.norm(iris[:2] - (outer + inner) / 2))
+            if opening < LIMITS.min_opening_eye_widths * width or away > LIMITS.max_offset_eye_widths * width:
+                iris[:] = np.nan
+        return irises
 
     @property
     def to_cells(self) -> F64:

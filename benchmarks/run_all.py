@@ -40,6 +40,7 @@ LANDMARKS = (
     "landmarks.rendered",
     "landmarks.rolls",
     "landmarks.head_pose",
+    "landmarks.gaze",
     "landmarks.parsing",
     "landmarks.jitter",
     "landmarks.speed",

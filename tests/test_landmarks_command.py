@@ -236,6 +236,8 @@ def test_npz_holds_the_same_and_can_be_read_again(here: Path, capsys: pytest.Cap
                 np.testing.assert_allclose(
                     stored["yaw_pitch_roll"][place], face["yaw_pitch_roll"], atol=0.051
                 )
+                seen = [(np.nan,) * 3 if iris is None else iris for iris in face["irises"]]
+                np.testing.assert_allclose(stored["irises"][place], seen, atol=0.006)
                 np.testing.assert_allclose(
                     stored["point_confidence"][place], face["point_confidence"], atol=1e-4
                 )

@@ -10,6 +10,8 @@ from guise.aam.landmarks.schemes import (
     CHIN,
     HAIRLINE,
     LEFT_EYE,
+    LEFT_LOWER_LID,
+    LEFT_UPPER_LID,
     LOWER_LIP_BOTTOM,
     NOSE_TIP,
     OUTER_LIPS,
@@ -58,6 +60,17 @@ def test_each_iris_lies_in_its_eye(face: tuple[U8, F64]) -> None:
         assert np.abs(iris[:2] - points[eye].mean(0)).max() < 0.3 * width
         assert 0.12 * width < iris[2] < 0.35 * width
         assert 0 < iris[3] < 0.3 * width
+
+
+def test_the_iris_of_a_shut_eye_is_not_seen(face: tuple[U8, F64]) -> None:
+    rgb, points = face
+    parsing, shut = PARSER.parse(rgb, points), points.copy()
+    assert_allclose(parsing.open_irises(points), parsing.irises[:, :3])
+    shut[LEFT_UPPER_LID] = shut[LEFT_LOWER_LID]
+    seen = parsing.open_irises(shut)
+    assert np.isfinite(seen[0]).all()
+    assert np.isnan(seen[1]).all()
+    assert np.isnan(parsing.open_irises(points + 200)).all()
 
 
 @pytest.mark.parametrize(("scale", "degrees"), [(0.5, 0), (1.7, 0), (1, 30), (1, 180)])

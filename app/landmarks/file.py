@@ -12,21 +12,23 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from guise.aam.landmarks import Face, Landmarker, tight_box
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
+from guise.aam.parsing import FaceParser
 from guise.aam.solid_shape import SolidTracker
 from guise.app.landmarks.formats import (
     FileHeader,
     LandmarkFile,
     TrackedFace,
     format_of,
-    head_angles,
     open_landmark_file,
 )
 from guise.app.landmarks.overlay import draw_face
 from guise.app.media import EncodeOptions, Frame, MediaInput, NullSink, Sink, open_input, open_sink, process
-from guise.common.arrays import F32
+from guise.common.arrays import F32, U8
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
@@ -137,7 +139,7 @@ def landmarks_file(
 
 
 class _VideoFaces:
-    """The faces of each frame, and how they are turned: tracked and filtered in a video, detected in each picture."""
+    """The faces of each frame, their turn and irises: tracked and filtered in a video, detected in each picture."""
 
     def __init__(
         self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
@@ -149,24 +151,29 @@ class _VideoFaces:
         self._smooth = smooth
         self._filters: dict[int, LandmarkFilter] = {}
         self._solids: dict[int, SolidTracker] = {}
+        self._parser = FaceParser()
 
     def __call__(self, frame: Frame) -> list[TrackedFace]:
         """The faces of a frame: by their numbers, or the largest first."""
+        rgb = frame.rgb()
         if self._tracker is None:
-            faces = self._landmarker.detect(frame.rgb())
+            faces = self._landmarker.detect(rgb)
             return [
-                TrackedFace(face, head_angles(SolidTracker(), face))
+                self._described(rgb, face, SolidTracker())
                 for face in faces
                 if face.confidence >= self._min_confidence
             ]
-        tracked = self._tracker.update(frame.rgb())
+        tracked = self._tracker.update(rgb)
         if self._smooth:
             tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
         self._solids = {number: self._solids.get(number) or SolidTracker() for number in tracked}
-        return [
-            TrackedFace(face, head_angles(self._solids[number], face), number)
-            for number, face in tracked.items()
-        ]
+        return [self._described(rgb, face, self._solids[number], number) for number, face in tracked.items()]
+
+    def _described(self, rgb: U8, face: Face, solid: SolidTracker, track: int | None = None) -> TrackedFace:
+        """A face with the turn of the head and the irises."""
+        points = face.points.astype(np.float64)
+        irises = self._parser.parse(rgb, points).open_irises(points)
+        return TrackedFace(face, solid.update(points).pose.angles, track, irises)
 
     def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
         """Each face after the filter of its track, which starts afresh after a gap."""
@@ -205,7 +212,7 @@ def _sink(outputs: contextlib.ExitStack, media: MediaInput, options: LandmarkOpt
 
 def _draw(frame: Frame, found: Sequence[TrackedFace]) -> None:
     for one in found:
-        draw_face(frame, one.face, one.track)
+        draw_face(frame, one.face, one.track, one.irises)
 
 
 def _moved(face: Face, points: F32) -> Face:

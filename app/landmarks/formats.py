@@ -25,6 +25,7 @@ from guise.aam.landmarks.annotations import TRACKED_FORMAT, TRACKED_VERSION, pts
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.solid_shape import SolidTracker
 from guise.app.media import Frame, MediaInput
+from guise.common.arrays import F64
 from guise.common.errors import OutputError
 from guise.common.files import PartFile, require_free
 from guise.common.version import version
@@ -34,11 +35,21 @@ SCHEME = "face81"
 
 @dataclass(frozen=True, eq=False)
 class TrackedFace:
-    """A face of a frame, its yaw, pitch and roll in degrees, and the number of its track, which only videos have."""
+    """A face of a frame.
+
+    Parameters
+    ----------
+    face : Face.
+    angles : its yaw, pitch and roll in degrees.
+    track : number of its track, which only videos have.
+    irises : (2, 3) x, y and radius in pixels, of the person's right eye and of the left one, NaN of a shut eye; None
+        when they were not searched.
+    """
 
     face: Face
     angles: tuple[float, float, float]
     track: int | None = None
+    irises: F64 | None = None
 
 
 def head_angles(solid: SolidTracker, face: Face) -> tuple[float, float, float]:
@@ -188,6 +199,7 @@ class NpzFile(LandmarkFile):
             "confidence": np.full(shape, np.nan, np.float32),
             "point_confidence": np.full((*shape, 81), np.nan, np.float32),
             "yaw_pitch_roll": np.full((*shape, 3), np.nan, np.float32),
+            "irises": np.full((*shape, 2, 3), np.nan, np.float32),
             "box": np.full((*shape, 4), np.nan, np.float32),
             "track": np.full(shape, -1, np.int32),
         }
@@ -319,6 +331,7 @@ def _face_entry(one: TrackedFace) -> dict[str, Any]:
         "confidence": round(face.confidence, 4),
         "box": shortest(face.box),
         "yaw_pitch_roll": [round(angle, 1) for angle in one.angles],
+        "irises": None if one.irises is None else [_iris_entry(iris) for iris in one.irises],
         "points": shortest(face.points),
         "point_confidence": None
         if confidence is None
@@ -326,11 +339,17 @@ def _face_entry(one: TrackedFace) -> dict[str, Any]:
     }
 
 
+def _iris_entry(iris: F64) -> list[float] | None:
+    return [round(float(value), 2) for value in iris] if np.isfinite(iris).all() else None
+
+
 def _fill(arrays: dict[str, NDArray[Any]], place: tuple[int, int], one: TrackedFace) -> None:
     arrays["face81"][place], arrays["box"][place] = one.face.points, one.face.box
     arrays["confidence"][place], arrays["yaw_pitch_roll"][place] = one.face.confidence, one.angles
     if one.face.point_confidence is not None:
         arrays["point_confidence"][place] = one.face.point_confidence
+    if one.irises is not None:
+        arrays["irises"][place] = one.irises
     if one.track is not None:
         arrays["track"][place] = one.track
 

@@ -29,7 +29,9 @@ _MAX_COORDINATE_PIXELS = 2**14  # beyond, points are not drawn: OpenCV takes 16 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
-def draw_face(frame: Frame, face: Face, number: int | None = None) -> None:
+def draw_face(
+    frame: Frame, face: Face, number: int | None = None, irises: NDArray[np.float64] | None = None
+) -> None:
     """Draw a face on the frame, in place.
 
     Parameters
@@ -37,6 +39,7 @@ def draw_face(frame: Frame, face: Face, number: int | None = None) -> None:
     frame : Frame
     face : its points are drawn from red to green by their confidence, or by the face's.
     number : of its track, shown beside the confidence and chosen for the outline's colour.
+    irises : (2, 3) x, y and radius, NaN of a shut eye; None for none.
     """
     if not (np.abs(face.points) < _MAX_COORDINATE_PIXELS).all():
         return
@@ -54,7 +57,11 @@ def draw_face(frame: Frame, face: Face, number: int | None = None) -> None:
     if w < 1 or h < 1:
         return
     picture = frame.rgb_roi(x0, y0, w, h)
-    _draw_points(picture, face, face.points - (x0, y0), _OUTLINES[(number or 0) % len(_OUTLINES)], size)
+    outline = _OUTLINES[(number or 0) % len(_OUTLINES)]
+    _draw_points(picture, face, face.points - (x0, y0), outline, size)
+    for iris in () if irises is None else irises[np.isfinite(irises).all(1)]:
+        x, y, radius = np.round((iris - (x0, y0, 0)) * (1 << _FRACTION_BITS)).astype(int).tolist()
+        cv2.circle(picture, (x, y), radius, outline, max(1, round(size / 250)), cv2.LINE_AA, _FRACTION_BITS)
     _draw_label(picture, text, (label_x - x0, label_y - y0), (wide, high), scale)
     stored = cv2.transform(picture, frame.colour.from_rgb)
     frame.write_roi(x0, y0, np.asarray(stored, np.uint8))
