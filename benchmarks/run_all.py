@@ -70,6 +70,7 @@ IMAGE = (
     "image.onto_itself",
     "image.across",
     "image.light",
+    "image.crossings",
     "image.speed",
 )
 MESH = (
@@ -78,6 +79,7 @@ MESH = (
     "mesh.correspondence",
     "mesh.cylinder",
     "mesh.landmarks",
+    "mesh.production",
     "mesh.speed",
 )
 PICTURE = (

@@ -40,11 +40,14 @@ from guise.analogy.photo.height_field import (
 from guise.analogy.photo.landmark_motion import LandmarkMotion
 from guise.analogy.photo.luminance_change import (
     CHANGE,
-    limit_brightening,
+    limit_change,
+    registered_share,
+    relight,
     similarity_fields,
     subtract_light_plane,
 )
-from guise.analogy.photo.mouth import mouth_fill_share
+from guise.analogy.photo.mouth import limit_teeth, mouth_fill_share
+from guise.analogy.photo.pictures import LUMINANCE
 from guise.analogy.photo.poisson import integrate_edges
 from guise.analogy.photo.ratio import correlation, smoothed_ratio
 from guise.analogy.photo.template import anchor_ring, face_template
@@ -385,10 +388,54 @@ def test_light_is_a_plane_that_an_expression_does_not_tilt() -> None:
     assert_allclose(subtract_light_plane(light + dark, inside, 1.0), light + dark, atol=1e-6)
 
 
-def test_a_change_brightens_little_and_darkens_as_it_is() -> None:
-    change = np.float32([[-2.0, -0.1, 0.05, 2.0]])
-    assert_allclose(limit_brightening(change, 0.0), [[-2.0, -0.1, 0.05, CHANGE.max_brightening]], atol=0.01)
-    assert_allclose(limit_brightening(change, 1.0), change)
+def test_a_change_is_bounded_between_people_and_kept_for_the_same_person() -> None:
+    change = np.float32([[-2.0, -0.02, 0.05, 2.0]])
+    half = CHANGE.share_between_people
+    expected = [[-CHANGE.max_darkening, -0.02 * half, 0.05 * half, CHANGE.max_brightening]]
+    assert_allclose(limit_change(change, 0.0), expected, atol=0.01)
+    assert_allclose(limit_change(change, 1.0), change)
+
+
+def test_a_brow_that_was_not_followed_is_no_change_of_light_but_a_wrinkle_is() -> None:
+    skin = np.zeros((120, 120), np.float32)
+    brow, raised, wrinkle = skin.copy(), skin.copy(), skin.copy()
+    brow[60:66], raised[48:54], wrinkle[60:63] = -1, -1, -0.12
+    moved, wrinkled = registered_share(brow, raised, 160.0), registered_share(skin, wrinkle, 160.0)
+    assert moved[63].max() < 0.2
+    assert moved[51].max() < 0.2
+    assert moved[100].min() > 0.95
+    assert wrinkled.min() > 0.7
+    assert_allclose(registered_share(brow, brow + 0.3, 160.0), 1, atol=1e-5)
+
+
+def test_darker_skin_becomes_redder_at_the_luminance_that_was_asked() -> None:
+    skin = np.full((4, 4, 3), (0.8, 0.6, 0.5), np.float32)
+    made = relight(skin, np.full((4, 4), -0.2, np.float32))
+    assert (made[..., 0] / made[..., 2] > 1.05 * skin[..., 0] / skin[..., 2]).all()
+    assert_allclose(made @ LUMINANCE, np.exp(-0.2) * (skin @ LUMINANCE + 0.02) - 0.02, rtol=0.02)
+    assert_allclose(
+        relight(skin, np.full((4, 4), 0.2, np.float32)), np.exp(0.2) * (skin + 0.02) - 0.02, rtol=1e-5
+    )
+
+
+def test_teeth_are_no_brighter_than_the_whites_of_the_eyes_nor_darkened() -> None:
+    teeth, mouth = np.full((9, 9, 3), 0.6, np.float32), np.ones((9, 9), np.float32)
+    bright = np.full(3, 1.4, np.float32)
+    assert_allclose(limit_teeth(bright, teeth, mouth, 0.7) * 0.6, 0.7, rtol=1e-5)
+    assert_allclose(limit_teeth(bright, teeth, mouth, 0.9), bright)
+    assert_allclose(limit_teeth(bright, teeth, mouth, 0.3), 1, rtol=1e-5)
+    assert_allclose(limit_teeth(bright, teeth, 0 * mouth, 0.3), bright)
+
+
+def test_a_coarser_grid_gives_nearly_the_same_picture() -> None:
+    """As in clips, where light is computed on fewer pixels."""
+    picture = np.random.default_rng(2).integers(90, 160, (*SIZE[::-1], 3), dtype=np.uint8)
+    picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), 4), np.uint8)
+    fine, coarse = (
+        PhotoAnalogy(picture, NEUTRAL, picture, NEUTRAL, max_face_px=most)(picture, NEUTRAL).astype(int)
+        for most in (512, 48)
+    )
+    assert np.abs(fine - coarse).mean() < 1
 
 
 def test_ratio_images_are_smoothed_where_nothing_correlates() -> None:

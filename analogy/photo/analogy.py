@@ -11,19 +11,29 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from guise.analogy.photo.compositing import composite_lids, composite_mouth
+from guise.analogy.photo.compositing import MOUTH_MARGIN_FACES, bounding_part, composite_lids, composite_mouth
 from guise.analogy.photo.eyes import lid_shares, reopen_eyes
 from guise.analogy.photo.flow import residual_flow, sample_field
-from guise.analogy.photo.grid import Grid, RasterisedFace, face_mask, face_width, pixel_places, rasterise
-from guise.analogy.photo.height_field import LUMINANCE_OFFSET, log_luminance, target_edge_changes
+from guise.analogy.photo.grid import (
+    MAX_FACE_PX,
+    Grid,
+    RasterisedFace,
+    face_mask,
+    face_width,
+    pixel_places,
+    rasterise,
+)
+from guise.analogy.photo.height_field import log_luminance, target_edge_changes
 from guise.analogy.photo.landmark_motion import LandmarkMotion
 from guise.analogy.photo.luminance_change import (
-    limit_brightening,
+    limit_change,
+    registered_share,
+    relight,
     similarity_fields,
     subtract_light_plane,
     transferable_change,
 )
-from guise.analogy.photo.mouth import light_gain, mouth_fill_share
+from guise.analogy.photo.mouth import eye_white, light_gain, limit_teeth, mouth_fill_share
 from guise.analogy.photo.pictures import (
     LUMINANCE,
     PhotoError,
@@ -54,6 +64,7 @@ class PhotoAnalogy:
     target : T, neutral, of the same kinds and any size.   target_points : (81, 2).
     method : 'tents'; 'ratio', expression ratio images; 'warp', geometry only.
     mouth : 'fill' takes the inside of an opening mouth from S'; 'none', as in the paper, stretches T.
+    max_face_px : across the face, above which light, mouth and lids are computed on a coarser grid; T keeps its own.
 
     Raises
     ------
@@ -69,6 +80,7 @@ class PhotoAnalogy:
         target_points: ArrayLike,
         method: Method = "tents",
         mouth: Mouth = "fill",
+        max_face_px: int = MAX_FACE_PX,
     ) -> None:
         if method not in METHODS or mouth not in MOUTHS:
             raise PhotoError(
@@ -81,13 +93,14 @@ class PhotoAnalogy:
         self._target = np.asarray(target)
         self._motion = LandmarkMotion(first, second)
         self._ring = anchor_ring(second)
-        self._grid = Grid.around(second, self._ring, self._target.shape)
+        self._grid = Grid.around(second, self._ring, self._target.shape, max_face_px)
         self._face = as_float_rgb(self._grid.crop(self._target), "target")
         self._vertices = self._mesh.vertices(second, self._ring)
         picture = as_float_rgb(source, "source")
         neutral, self._neutral_places = self._prepare_source(picture, first, anchor_ring(first))
         self._neutral = neutral @ LUMINANCE
         self._light = light_gain(picture, first, self._face, second - self._grid.origin)
+        self._white = float(eye_white(self._face, second - self._grid.origin) @ LUMINANCE)
 
     def __call__(
         self, expressive: Picture, points: ArrayLike, strength: float = 1.0, posed: ArrayLike | None = None
@@ -182,17 +195,15 @@ class PhotoAnalogy:
         taken = transferable_change(after - before, alike, same, filled_in, self._width)
         if seen.face.any():
             keep = float(same[seen.face].mean()) ** 2
-            taken = limit_brightening(subtract_light_plane(taken, seen.face, keep), keep)
+            taken = limit_change(subtract_light_plane(taken, seen.face, keep), keep)
+            share = share * (1 - (1 - keep) * (1 - registered_share(before, after, self._width)))
             share = share * (1 - (1 - keep) * seen.eye_shares(np.ones(2)))
         taken = taken * share
         return integrate_edges(*target_edge_changes(before, before + taken, target), seen.face)
 
     def _relight(self, picture: F32, change: F32) -> F32:
-        """A picture (h, w, 3) with changed luminance and unchanged colours."""
-        return np.asarray(
-            (picture + LUMINANCE_OFFSET) * np.exp(self._grid.upsample(change))[:, :, None] - LUMINANCE_OFFSET,
-            np.float32,
-        )
+        """A picture (h, w, 3) with changed luminance; skin in a fold becomes redder."""
+        return relight(picture, self._grid.upsample(change))
 
     def _composite(self, picture: F32, shown: F32, lids: F32, mouth: F32) -> F32:
         """Composite lids and the inside of the mouth of S' (`shown`, on the grid) into a picture (h, w, 3)."""
@@ -200,14 +211,20 @@ class PhotoAnalogy:
         if lids.any():
             picture = composite_lids(picture, fine(shown), fine(lids), width)
         if mouth.any():
-            picture = composite_mouth(picture, fine(shown), fine(mouth), self._light, width)
+            alpha = fine(mouth)
+            part = bounding_part(alpha, MOUTH_MARGIN_FACES * width)
+            inside = fine(shown)[part]
+            light = limit_teeth(self._light, inside, alpha[part], self._white)
+            picture[part] = composite_mouth(picture[part], inside, alpha[part], light, width)
         return picture
 
     def _paste(self, made: F32, seen: RasterisedFace) -> Picture:
         """T with the pixels under the template replaced."""
         covered: Bool = self._grid.upsample(seen.covered.astype(np.float32)) > 0.5
         out = self._target.copy()
-        self._grid.crop(out)[covered] = as_type_of(np.clip(made, 0, 1), self._target)[covered]
+        pixels = as_type_of(np.clip(made, 0, 1), self._target)
+        where = covered if pixels.ndim == 2 else covered[:, :, None]
+        np.copyto(self._grid.crop(out), pixels, where=where)
         return out
 
     @property

@@ -26,6 +26,16 @@ class CompositingSettings:
 
 
 COMPOSITING = CompositingSettings()
+MOUTH_MARGIN_FACES = 0.05  # around a mouth, beyond which compositing it changes nothing
+
+
+def bounding_part(share: F32, margin: float) -> tuple[slice, slice]:
+    """The rectangle of a field (h, w) that holds what is not 0, with a margin in pixels."""
+    rows, columns = np.flatnonzero(share.any(1)), np.flatnonzero(share.any(0))
+    reach = int(np.ceil(margin))
+    return slice(max(rows[0] - reach, 0), rows[-1] + reach + 1), slice(
+        max(columns[0] - reach, 0), columns[-1] + reach + 1
+    )
 
 
 def composite_lids(made: F32, shown: F32, lids: F32, width: float) -> F32:

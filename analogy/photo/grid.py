@@ -15,6 +15,7 @@ from guise.common.arrays import F32, F64, Bool, Int
 from guise.render.visibility import visible
 
 MAX_FACE_PX = 512  # across the face, above which appearance is computed on a coarser grid
+ANIMATED_FACE_PX = 128  # the same for the frames of a clip
 MIN_FACE_PX = 32  # across the face
 CONTOUR_INSET = 0.04  # of the way to the face's middle, by which its contour is pulled inwards
 
@@ -32,8 +33,11 @@ class Grid:
     factor: float
 
     @classmethod
-    def around(cls, points: F64, ring: F64, picture: tuple[int, ...]) -> Grid:
-        """The grid that covers the ring (r, 2) around landmarks (81, 2), clipped to the picture (h, w, ..)."""
+    def around(cls, points: F64, ring: F64, picture: tuple[int, ...], max_face_px: int) -> Grid:
+        """The grid that covers the ring (r, 2) around landmarks (81, 2), clipped to the picture (h, w, ..).
+
+        max_face_px : across the face, above which the grid is coarser than the picture.
+        """
         width = face_width(points)
         if width < MIN_FACE_PX:
             raise PhotoError(
@@ -44,7 +48,7 @@ class Grid:
         high = np.minimum(np.ceil(ring.max(0)) + 1, picture[1::-1]).astype(int)
         if (high - low < 2).any():
             raise PhotoError("the target's landmarks lie outside its picture: give those of this picture")
-        factor = min(1.0, MAX_FACE_PX / width)
+        factor = min(1.0, max_face_px / width)
         size = np.maximum(np.rint((high - low) * factor), 2).astype(int)
         x, y = (int(v) for v in high - low)
         return cls((int(low[0]), int(low[1])), (x, y), (int(size[0]), int(size[1])), factor)

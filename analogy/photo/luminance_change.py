@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from guise.analogy.photo.height_field import LUMINANCE_OFFSET
 from guise.common.arrays import F32, Bool
 
 
@@ -21,6 +22,11 @@ class ChangeSettings:
     noise_power_medians: float = 1.5  # median powers of the detail
     lip_similarity_power: int = 3  # of the similarity beside the composited mouth
     max_brightening: float = 0.25
+    max_darkening: float = 0.18
+    share_between_people: float = (
+        0.5  # of the change, which suits nobody's face as it does that of the source
+    )
+    moved_contrast: float = 0.15  # within which S and S' count as alike: of wrinkles, less than of brows
     light_step_px: int = 6  # between the pixels by which the light is judged
     light_rounds: int = 8  # of reweighting
     light_scale: float = 0.01  # of Cauchy's likelihood around the plane of light
@@ -28,6 +34,7 @@ class ChangeSettings:
 
 
 CHANGE = ChangeSettings()
+FOLD_POWERS = np.array([0.8, 1.07, 1.15], np.float32)  # of a darkening, by channel; their luminance is 1
 
 
 def similarity_fields(source: F32, target: F32, width: float) -> tuple[F32, F32]:
@@ -40,6 +47,18 @@ def similarity_fields(source: F32, target: F32, width: float) -> tuple[F32, F32]
         (both + flat**2) / (power + flat**2) for flat in (CHANGE.flat_contrast, CHANGE.identical_contrast)
     )
     return np.asarray(np.clip(alike, 0, 1), np.float32), np.asarray(np.clip(same, 0, 1) ** 2, np.float32)
+
+
+def registered_share(before: F32, after: F32, width: float) -> F32:
+    """(h, w) 0 to 1: whether S' shows what S does at each pixel, given their log luminances.
+
+    Where neither landmarks nor flow followed a brow, what shows is not a change of light: a brow and no brow.
+    """
+    sigma = CHANGE.coarse_sigma_faces * width
+    one, two = before - _blur(before, sigma), after - _blur(after, sigma)
+    both, power = 2 * _blur(one * two, sigma), _blur(one * one + two * two, sigma)
+    flat = CHANGE.moved_contrast**2
+    return np.asarray(np.clip((both + flat) / (power + flat), 0, 1), np.float32)
 
 
 def transferable_change(change: F32, alike: F32, same: F32, filled: Bool, width: float) -> F32:
@@ -82,16 +101,26 @@ def subtract_light_plane(change: F32, face: Bool, keep: float) -> F32:
     return np.asarray(change - (1 - keep) * light, np.float32)
 
 
-def limit_brightening(change: F32, keep: float) -> F32:
-    """A change (h, w) with limited brightening; a share `keep` is left as it is, 1 where T is S itself.
+def limit_change(change: F32, keep: float) -> F32:
+    """A change (h, w), less of it and within bounds; a share `keep` is left as it is, 1 where T is S itself.
 
     Skin in a socket or fold becomes several times brighter when it comes into the light; that of T may not lie in
-    shadow at all.
+    shadow at all.  What becomes much darker is a brow or a lip that was not followed, or a wrinkle of S alone.
     """
-    up = np.maximum(change, 0)
-    return np.asarray(
-        change - (1 - keep) * (up - CHANGE.max_brightening * np.tanh(up / CHANGE.max_brightening)), np.float32
-    )
+    less = CHANGE.share_between_people * change
+    up, down = np.maximum(less, 0), np.maximum(-less, 0)
+    bounded = CHANGE.max_brightening * np.tanh(up / CHANGE.max_brightening)
+    bounded -= CHANGE.max_darkening * np.tanh(down / CHANGE.max_darkening)
+    return np.asarray(keep * change + (1 - keep) * bounded, np.float32)
+
+
+def relight(picture: F32, change: F32) -> F32:
+    """A picture (h, w, 3) with a change (h, w) of log luminance; skin that becomes darker becomes redder.
+
+    Light in a fold comes from the skin beside it: with unchanged colours folds look grey-green.
+    """
+    channels = change[:, :, None] * np.where(change[:, :, None] < 0, FOLD_POWERS, np.float32(1))
+    return np.asarray((picture + LUMINANCE_OFFSET) * np.exp(channels) - LUMINANCE_OFFSET, np.float32)
 
 
 def _wiener_gain(detail: F32, same: F32, sigma: float) -> F32:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LOWER_INNER_LIP, RIGHT_EYE, UPPER_INNER_LIP
+from guise.analogy.photo.pictures import LUMINANCE
 from guise.common.arrays import F32, F64
 
 OPENING_GAPS = (
@@ -14,6 +15,7 @@ OPENING_GAPS = (
 )  # lip gap by lip width, above the neutral one: from where on a mouth is filled, and fully
 EYE_WHITE_PERCENTILE = 85
 MAX_LIGHT_GAIN = 1.4  # between two pictures' light
+TOOTH_PERCENTILE, MAX_TOOTH_WHITES = 95, 1.0  # of the luminance inside a mouth, and of the whites of the eyes
 
 
 def lip_gap(points: F64) -> float:
@@ -36,11 +38,25 @@ def light_gain(source: F32, source_points: F64, target: F32, target_points: F64)
 
     Skin depends on the colour of the face as much as on the light.
     """
-    gain = _eye_white(target, target_points) / np.maximum(_eye_white(source, source_points), 1e-3)
+    gain = eye_white(target, target_points) / np.maximum(eye_white(source, source_points), 1e-3)
     return np.asarray(np.clip(gain, 1 / MAX_LIGHT_GAIN, MAX_LIGHT_GAIN), np.float32)
 
 
-def _eye_white(picture: F32, points: F64) -> F32:
+def limit_teeth(light: F32, shown: F32, mouth: F32, white: float) -> F32:
+    """The gain (3,), reduced until teeth are no brighter than the whites of the target's eyes; it never darkens S'.
+
+    shown : (h, w, 3) the mouth of S', by shares (h, w).   white : luminance of those whites.
+    """
+    inside = shown[mouth > 0.5] @ LUMINANCE
+    if not len(inside):
+        return light
+    teeth = float(np.percentile(inside, TOOTH_PERCENTILE)) * float(light @ LUMINANCE)
+    least = min(1.0, 1 / max(float(light @ LUMINANCE), 1e-6))
+    return np.asarray(light * np.clip(MAX_TOOTH_WHITES * white / max(teeth, 1e-6), least, 1), np.float32)
+
+
+def eye_white(picture: F32, points: F64) -> F32:
+    """RGB (3,) of the whites of the eyes of landmarks (81, 2) in a picture (h, w, 3)."""
     mask = np.zeros(picture.shape[:2], np.uint8)
     for eye in (RIGHT_EYE, LEFT_EYE):
         cv2.fillPoly(mask, [np.rint(points[eye] * 16).astype(np.int32)], (1,), cv2.LINE_8, 4)

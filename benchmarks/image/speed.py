@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from itertools import islice
 
+import cv2
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
@@ -19,11 +20,12 @@ from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.image.photos import METHODS, Photo, rendered
 from guise.analogy.photo import PhotoAnalogy
+from guise.analogy.photo.grid import ANIMATED_FACE_PX
 
 PAPER_SIZE_PX = (311, 419)  # the paper's
 CROP_CORNER_PX = (160, 30)  # of the pictures' faces
 MAX_PICTURE_MS = 100.0
-MIN_FPS = 10.0
+MIN_FPS = {1.0: 25.0, 2.8125: 8.0}  # by enlargement of the photo: 640 x 480, and a square of 1350
 
 
 def crop(photo: Photo) -> Photo:
@@ -70,24 +72,38 @@ def measure(options: argparse.Namespace) -> Report:
     report.criteria.append(
         Criterion("one picture by tents, processor", rows[1][2], "<=", MAX_PICTURE_MS, "ms")
     )
-    report.criteria.append(
-        Criterion("clip of 640 x 480 on a photo", rate(options, 3 * times), ">=", MIN_FPS, "frames/s")
-    )
+    for times_as_large, least in MIN_FPS.items():
+        fps = rate(options, times_as_large, 3 * times)
+        what = f"clip of 640 x 480 on a photo {times_as_large:g} times as large, one core"
+        report.criteria.append(Criterion(what, fps, ">=", least, "frames/s"))
     report.tables.append(
         Table(f"{PAPER_SIZE_PX[0]} x {PAPER_SIZE_PX[1]}", ("what", "wall, ms", "processor, ms"), rows)
     )
     return report
 
 
-def rate(options: argparse.Namespace, count: int) -> float:
-    """Frames a second of p01's talk on p05, decoding included."""
+def enlarged(photo: Photo, times: float) -> Photo:
+    """The middle square of a photo, so many times as large; itself for 1."""
+    if times == 1:
+        return photo
+    side = min(photo.rgb.shape[:2])
+    left = int(np.clip(photo.points[:, 0].mean() - side / 2, 0, photo.rgb.shape[1] - side))
+    square = np.ascontiguousarray(photo.rgb[:side, left : left + side])
+    size = round(times * side)
+    large = np.asarray(cv2.resize(square, (size, size), interpolation=cv2.INTER_CUBIC), np.uint8)
+    return Photo(large, (photo.points - (left, 0) + 0.5) * times - 0.5)
+
+
+def rate(options: argparse.Namespace, times: float, count: int) -> float:
+    """Frames per second of the processor: p01's talk on p05 as `guise analogy animate` computes it, decoded."""
     source, target = (rendered(options.shared, name, "neutral") for name in ("p01", "p05"))
-    carry = PhotoAnalogy(source.rgb, source.points, target.rgb, target.points)
+    target = enlarged(target, times)
+    carry = PhotoAnalogy(source.rgb, source.points, target.rgb, target.points, max_face_px=ANIMATED_FACE_PX)
     clip = common.synthetic_clip(options.shared, "p01")
-    start = time.perf_counter()
+    start = time.process_time()
     for frame, points in zip(islice(common.frames(clip), count), clip.points, strict=False):
         carry(frame.rgb(), points)
-    return count / (time.perf_counter() - start)
+    return count / (time.process_time() - start)
 
 
 if __name__ == "__main__":
