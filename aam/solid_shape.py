@@ -14,11 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import EYES_AND_LIPS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.common.arrays import F64
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
+
+# Share of the way to the solid shape: eyes and lips do more than its movements know.
+PULL: F64 = np.full(POINTS, 0.7)
+PULL[EYES_AND_LIPS] = 0.5
+PULL.setflags(write=False)
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,10 @@ class SolidPrior:
         """The prior that ships with the package."""
         return _shipped()
 
+    def of_person(self, rest: SolidFit) -> SolidPrior:
+        """What is known of the faces of one person, who is at rest as a fit says."""
+        return replace(self, mean=rest.rest, identity=self.identity[:0])
+
     def at_rest(self, identity: F64) -> F64:
         """(81, 3) of a person with identity (k,), at rest."""
         return np.asarray(self.mean + np.tensordot(identity, self.identity, 1))
@@ -198,15 +207,17 @@ class SolidPrior:
 
 
 class SolidTracker:
-    """Fits one person's solid shape frame by frame; their identity is learnt on the way, so that the pose is steady.
+    """Fits one person's solid shape frame by frame.
 
-    known : (k,) the person's identity from their model; None when nothing is known.
+    person : SolidFit of the person at rest, see `SolidPrior.rest_of`; without one, their identity is learnt on the
+        way, so that the pose is steady.
     """
 
-    def __init__(self, known: F64 | None = None, prior: SolidPrior | None = None) -> None:
-        self.prior = prior or SolidPrior.shipped()
-        self._identity, self._fixed = known, known is not None
-        self._frames = LIMITS.memory_frames if self._fixed else 0
+    def __init__(self, person: SolidFit | None = None) -> None:
+        shipped = SolidPrior.shipped()
+        self.prior = shipped if person is None else shipped.of_person(person)
+        self._identity: F64 | None = None
+        self._frames = 0
         self._last: SolidFit | None = None
 
     def reset(self) -> None:
@@ -219,10 +230,9 @@ class SolidTracker:
         deviation = 1.0 + share * (LIMITS.remembered_deviation - 1.0)
         fit = self.prior.fit(points, self._start(points), self._identity, deviation)
         self._last = fit
-        if not self._fixed:
-            self._frames = min(self._frames + 1, LIMITS.memory_frames)
-            old = np.zeros_like(fit.identity) if self._identity is None else self._identity
-            self._identity = old + (fit.identity - old) / self._frames
+        self._frames = min(self._frames + 1, LIMITS.memory_frames)
+        old = np.zeros_like(fit.identity) if self._identity is None else self._identity
+        self._identity = old + (fit.identity - old) / self._frames
         return fit
 
     def _start(self, points: F64) -> SolidFit | None:
@@ -231,6 +241,14 @@ class SolidTracker:
             return None
         away = np.linalg.norm(points - self._last.points, axis=1).mean()
         return self._last if away < LIMITS.max_step_face_widths * self._last.pose.scale else None
+
+
+def pulled(points: F64, fit: SolidFit) -> F64:
+    """Points (81, 2) drawn towards where the solid shape fitted to them is seen, so that a face keeps its form.
+
+    Hidden points of the far side stay on the silhouette; the constraint of Xiao et al., with fixed shares.
+    """
+    return np.asarray(points + PULL[:, None] * (fit.points - points))
 
 
 def facing(solid: F64, rotation: F64) -> F64:

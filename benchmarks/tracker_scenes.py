@@ -19,6 +19,7 @@ from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
+from guise.aam.solid_shape import SolidPrior, SolidTracker, pulled
 from guise.app.enrolment.enrol import LandmarkSource, enrol
 from guise.app.media import open_input
 
@@ -29,11 +30,13 @@ def tracked(person: Identity, video: Path, *, landmarker: bool) -> F64:
     """(t, 81, 2) shapes, NaN where lost."""
     finder = open_landmarker("builtin") if landmarker else common.detector()
     tracker = PersonTracker(person.tracker, finder, rest=person.rest_frame)
+    rest = SolidPrior.shipped().rest_of(person.appearance.neutral_shape, still=person.knows_rest)
+    solid = SolidTracker(rest)
     shapes = []
     with open_input(video) as media:
         for frame in media:
             shape = common.shape_of(tracker.update(frame.luma))
-            shapes.append(np.full((81, 2), np.nan) if shape is None else shape)
+            shapes.append(np.full((81, 2), np.nan) if shape is None else pulled(shape, solid.update(shape)))
     return np.array(shapes)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from guise.aam.landmarks.schemes import JAW, LIPS, LOWER_INNER_LIP, LOWER_LIP, MIRROR, UPPER_INNER_LIP
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.solid_shape import HeadPose, SolidPrior, SolidTracker, facing
+from guise.aam.solid_shape import HeadPose, SolidPrior, SolidTracker, facing, pulled
 from guise.common.arrays import F64
 
 PRIOR = SolidPrior.shipped()
@@ -115,6 +115,27 @@ def test_a_long_face_stays_long() -> None:
         long = PRIOR.rest_of(middle + (FRAME.points - middle) * [1, factor]).rest
         kept = np.ptp(long[:, 1]) / np.ptp(long[:, 0]) / (np.ptp(AVERAGE[:, 1]) / np.ptp(AVERAGE[:, 0]))
         assert 0.5 < (kept - 1) / (factor - 1) < 1.4
+
+
+# -- one person --------------------------------------------------------------------------------------------
+
+
+def test_points_pulled_to_the_known_face_lie_nearer_to_the_truth() -> None:
+    rng, rest = np.random.default_rng(3), PRIOR.rest_of(seen(AVERAGE, 3, 2, 0))
+    tracker, before, after = SolidTracker(rest), [], []
+    for yaw in np.linspace(0, 55, 30):
+        truth = seen(rest.rest, float(yaw), 4, 0)
+        found = truth + rng.normal(0, 2.0, truth.shape)
+        before.append(np.linalg.norm(found - truth, axis=1).mean())
+        after.append(np.linalg.norm(pulled(found, tracker.update(found)) - truth, axis=1).mean())
+    assert np.mean(after) < 0.7 * np.mean(before)
+
+
+def test_pulled_points_of_the_known_face_stay() -> None:
+    rest = PRIOR.rest_of(seen(AVERAGE, 3, 2, 0))
+    for yaw in (0, 40):
+        points = seen(rest.rest, yaw, 0, 10)
+        np.testing.assert_allclose(pulled(points, SolidTracker(rest).update(points)), points, atol=0.3)
 
 
 # -- facing -------------------------------------------------------------------------------------------------

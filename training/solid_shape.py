@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks import Face, open_landmarker
-from guise.aam.landmarks.schemes import BROWS, JAW, MIRROR, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import BROWS, JAW, MIRROR, OUTLINE, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import DATA, SolidPrior
@@ -34,6 +34,9 @@ IDENTITY_MODES, MOVEMENT_MODES = 32, 24
 FIRST_NOISE_FACE_WIDTHS = 0.012  # with which the shape is fitted before the landmarker's own is known
 MAX_YAW_DEGREES = 60.0
 EVERY_PICTURE = 6
+OUTLINE_NOISE = (
+    4  # by which the outline's points, which slide along turned heads, are trusted less than they fit
+)
 
 
 def main() -> None:
@@ -133,7 +136,9 @@ def _noise(prior: SolidPrior, parts: Path) -> F64:
     wrong = np.abs((np.array(errors) + 180) % 360 - 180)
     print(f"{len(squares)} pictures: yaw, pitch, roll wrong by {wrong.mean(0).round(2)} degrees")
     symmetric = np.median(squares, axis=0)
-    return np.sqrt((symmetric + symmetric[list(MIRROR)]) / 2 / 0.45)  # a median square is 0.45 of the mean's
+    noise = np.sqrt((symmetric + symmetric[list(MIRROR)]) / 2 / 0.45)  # a median square is 0.45 of the mean's
+    noise[OUTLINE] *= OUTLINE_NOISE
+    return noise
 
 
 if __name__ == "__main__":

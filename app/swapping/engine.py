@@ -19,7 +19,7 @@ from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed
-from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, facing
+from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, facing, pulled
 from guise.aam.tracker import Fit
 from guise.aam.turned_texture import completed
 from guise.app.media import Frame
@@ -97,8 +97,7 @@ class Engine(Closing):
             if full
             else None
         )
-        known = self._shape_transfer and self._shape_transfer.source
-        self.solid = SolidTracker(known.identity if known else None)
+        self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
         self._last: tuple[F64, F32, F64 | None] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
@@ -125,9 +124,11 @@ class Engine(Closing):
 
     def draw(self, frame: Frame, shape: F64) -> F64:
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
+        solid = self.solid.update(shape)
+        if self._shape_transfer is not None:
+            shape = pulled(shape, solid)
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
         parameters = self.estimator(shape, self.clear(frame, shape, texels))
-        solid = self.solid.update(shape)
         appearance = self.synthesise(parameters, shape, solid)
         cosines = None
         if self._shape_transfer is not None:
