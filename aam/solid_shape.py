@@ -20,7 +20,8 @@ from guise.common.arrays import F64
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
 
-# Share of the way to the solid shape: eyes and lips do more than its movements know.
+PULL_DEGREES = (10.0, 30.0)  # of turn, between which points begin to be drawn to the solid shape
+# Share of the way to the solid shape of a turned head: eyes and lips do more than its movements know.
 PULL: F64 = np.full(POINTS, 0.7)
 PULL[EYES_AND_LIPS] = 0.5
 PULL.setflags(write=False)
@@ -220,10 +221,6 @@ class SolidTracker:
         self._frames = 0
         self._last: SolidFit | None = None
 
-    def reset(self) -> None:
-        """The next face is the same person's, but not where the last one was."""
-        self._last = None
-
     def update(self, points: F64) -> SolidFit:
         """The solid shape seen at points (81, 2), pixels."""
         share = self._frames / LIMITS.memory_frames
@@ -244,11 +241,14 @@ class SolidTracker:
 
 
 def pulled(points: F64, fit: SolidFit) -> F64:
-    """Points (81, 2) drawn towards where the solid shape fitted to them is seen, so that a face keeps its form.
+    """Points (81, 2) of a turned head drawn towards where the solid shape fitted to them is seen.
 
-    Hidden points of the far side stay on the silhouette; the constraint of Xiao et al., with fixed shares.
+    Hidden points of the far side stay on the silhouette; the constraint of Xiao et al., with shares that grow as the
+    head turns.
     """
-    return np.asarray(points + PULL[:, None] * (fit.points - points))
+    turn = float(np.degrees(np.arccos(np.clip(fit.pose.rotation[2, 2], -1, 1))))
+    share = float(np.interp(turn, PULL_DEGREES, (0, 1))) * PULL[:, None]
+    return np.asarray(points + share * (fit.points - points))
 
 
 def facing(solid: F64, rotation: F64) -> F64:

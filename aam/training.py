@@ -6,7 +6,7 @@ Pixels, x right, y down; RGB 0..255.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -32,6 +32,7 @@ from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
+from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.common.errors import GuiseError
 
@@ -289,6 +290,7 @@ def train_identity(
         {
             "frames": len(training),
             "held_out_error": tracker.quality.error,
+            "views": asdict(Views.of([o.shape for o in training])),
             KNOWN_REST: options.rest_frame is not None,
             **(facts or {}),
         },

@@ -123,12 +123,18 @@ def test_a_long_face_stays_long() -> None:
 def test_points_pulled_to_the_known_face_lie_nearer_to_the_truth() -> None:
     rng, rest = np.random.default_rng(3), PRIOR.rest_of(seen(AVERAGE, 3, 2, 0))
     tracker, before, after = SolidTracker(rest), [], []
-    for yaw in np.linspace(0, 55, 30):
+    for yaw in np.linspace(30, 55, 30):
         truth = seen(rest.rest, float(yaw), 4, 0)
         found = truth + rng.normal(0, 2.0, truth.shape)
         before.append(np.linalg.norm(found - truth, axis=1).mean())
         after.append(np.linalg.norm(pulled(found, tracker.update(found)) - truth, axis=1).mean())
     assert np.mean(after) < 0.7 * np.mean(before)
+
+
+def test_points_of_a_straight_face_are_as_they_are_tracked() -> None:
+    rest = PRIOR.rest_of(seen(AVERAGE, 3, 2, 0))
+    points = seen(rest.rest, 4, 0, 20) + np.random.default_rng(1).normal(0, 2, (POINTS, 2))
+    np.testing.assert_array_equal(pulled(points, SolidTracker(rest).update(points)), points)
 
 
 def test_pulled_points_of_the_known_face_stay() -> None:

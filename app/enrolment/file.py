@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from guise.aam.training import TrainingOptions
+from guise.aam.views import Views
 from guise.app.enrolment.enrol import LandmarkSource, enrol
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
@@ -22,6 +23,7 @@ class EnrolReport:
     Parameters
     ----------
     modes : of appearance.   retained : share of the variance in them.
+    views : how far the head was turned, degrees.
     held_out_error : mean landmark error on frames not trained with, per cent of the inter-ocular distance.
     size : of the file, bytes.   seconds : wall time.
     """
@@ -33,6 +35,7 @@ class EnrolReport:
     modes: int
     retained: float
     held_out_error: float
+    views: Views
     resolution: int
     size: int
     seconds: float
@@ -48,6 +51,7 @@ class EnrolReport:
             "frames": str(self.frames),
             "modes": f"{self.modes}, {100 * self.retained:.1f} % of the variance",
             "held-out error": f"{self.held_out_error:.2f} % of the inter-ocular distance",
+            "views": str(self.views),
             "resolution": f"{self.resolution} pixels across the face",
             "size": f"{self.size / 1e6:.1f} MB",
             "time": f"{self.seconds:.1f} s",
@@ -92,6 +96,6 @@ def enrol_file(
     components, known = identity.appearance.components, identity.facts
     return EnrolReport(
         str(output), name, tuple(known["clips"]), int(known["frames"]), components.modes, round(components.retained, 4),
-        round(100 * float(known["held_out_error"]), 3), identity.reference.resolution, size,
+        round(100 * float(known["held_out_error"]), 3), Views(**known["views"]), identity.reference.resolution, size,
         round(time.perf_counter() - start, 2),
     )  # fmt: skip

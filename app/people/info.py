@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from guise.aam.model import VERSION, Identity
+from guise.aam.views import Views
 
 # The file's tensors, by purpose.
 _PARTS = {
@@ -56,8 +57,12 @@ class ModelInfo:
             "still": f"{self.still[0]} x {self.still[1]}",
             "parts": f"{parts} MB",
             "file": f"{self.file_size / 1e6:.2f} MB",
-            **{key.replace("_", " "): str(value) for key, value in self.facts.items()},
+            **{key.replace("_", " "): _shown(key, value) for key, value in self.facts.items()},
         }
+
+
+def _shown(key: str, value: Any) -> str:
+    return str(Views(**value)) if key == "views" else str(value)
 
 
 def describe(path: Path) -> tuple[Identity, ModelInfo]:

@@ -30,6 +30,7 @@ from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
 MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
+PROFILE_DEGREES = (62.0, 67.0)  # of yaw, below which a swap begins again and above which it ends
 TEXTURE_TURN_DEGREES = (
     12.0,
     28.0,
@@ -98,6 +99,7 @@ class Engine(Closing):
             else None
         )
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
+        self._in_profile, self._missed_frames = False, 0
         self._last: tuple[F64, F32, F64 | None] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
@@ -113,18 +115,30 @@ class Engine(Closing):
 
     def _swapped(self, frame: Frame, fit: Fit | Failed) -> SwapResult:
         if isinstance(fit, Fit):
-            return SwapResult("swapped", fit, self.draw(frame, fit.shape))
-        if self._last is not None and self.tracker.lost_frames <= self.options.hold_frames:
+            solid = self.solid.update(fit.shape)
+            if not self._is_profile(solid.pose):
+                self._missed_frames = 0
+                return SwapResult("swapped", fit, self._drawn(frame, fit.shape, solid))
+            fit = Failed("the head is turned too far")
+        self._missed_frames += 1
+        if self._last is not None and self._missed_frames <= self.options.hold_frames:
             head, appearance, cosines = self._last
             return SwapResult("held", fit, self.painter.paint(frame, head, appearance, None, cosines))
         self._last = None
-        self.solid.reset()
         self.painter.reset()
         return SwapResult("lost", fit)
 
+    def _is_profile(self, pose: HeadPose) -> bool:
+        """Whether a head is turned farther than a swap looks right, with hysteresis."""
+        if self._shape_transfer is not None:
+            self._in_profile = abs(pose.angles[0]) > PROFILE_DEGREES[not self._in_profile]
+        return self._in_profile
+
     def draw(self, frame: Frame, shape: F64) -> F64:
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""
-        solid = self.solid.update(shape)
+        return self._drawn(frame, shape, self.solid.update(shape))
+
+    def _drawn(self, frame: Frame, shape: F64, solid: SolidFit) -> F64:
         if self._shape_transfer is not None:
             shape = pulled(shape, solid)
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))

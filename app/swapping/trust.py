@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks import interocular
-from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, NOSE_TIP, RIGHT_EYE_OUTER
+from guise.aam.landmarks.schemes import INNER51
 from guise.aam.parsing import FaceClass, FaceParser
 from guise.aam.similarity import Failed
+from guise.aam.solid_shape import SolidPrior
 from guise.aam.tracker import FaceMatch, Fit, Tracker
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import parse_frame
@@ -43,8 +44,8 @@ class TrustLimits:
     residual_gain_behind_objects: float = 1.3
     occluded_share_behind_objects: float = 0.16
     unquestioned: float = 0.9  # confidence from which nothing in front is searched for
-    profile_offset: float = 0.42  # of the nose's tip from the middle, in distances of the outer eye corners
-    profile_offset_width: float = 0.03
+    profile_degrees: float = 42.0  # to which a head may be turned, or nod
+    profile_degrees_width: float = 2.0
     landmarker_gain: float = 1.25  # by which a landmarker's confidence counts
 
 
@@ -126,13 +127,8 @@ def _landmarker_trust(confidence: float) -> float:
 
 def _frontal_trust(shape: F64) -> float:
     """1 for a frontal face, less than one half for a profile."""
-    right, left, nose = shape[RIGHT_EYE_OUTER], shape[LEFT_EYE_OUTER], shape[NOSE_TIP]
-    across = left - right
-    length = float(across @ across)
-    if length <= 0:
-        return 0.0
-    turn = abs(float((nose - right) @ across) / length - 0.5)
-    return _falling(turn, LIMITS.profile_offset, LIMITS.profile_offset_width)
+    yaw, pitch, _ = SolidPrior.shipped().fit(shape).pose.angles
+    return _falling(float(np.hypot(yaw, pitch)), LIMITS.profile_degrees, LIMITS.profile_degrees_width)
 
 
 def _distance(a: F64, b: F64) -> float:
