@@ -41,6 +41,7 @@ LANDMARKS = (
     "landmarks.rolls",
     "landmarks.head_pose",
     "landmarks.gaze",
+    "landmarks.expressions",
     "landmarks.parsing",
     "landmarks.jitter",
     "landmarks.speed",

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from guise.aam.landmarks import LandmarkFilter, interocular
 from guise.aam.landmarks.schemes import (
+    BROWS,
     EYE_CORNERS,
     LEFT_EYE_OUTER,
     LOWER_LIDS,
@@ -164,3 +165,12 @@ def test_arrays_of_a_wrong_shape_are_refused() -> None:
 
 def test_coincident_points_come_back_as_they_are() -> None:
     assert_allclose(LandmarkFilter().update(np.zeros((81, 2)), None, 0.0), np.zeros((81, 2)))
+
+
+def test_brows_that_rise_a_little_are_seen_to_rise() -> None:
+    """By a hundredth of the inter-ocular distance, over a fifth of a second and back."""
+    rise = 0.01 * SIZE * np.sin(np.linspace(0, np.pi, 12))
+    seen = FACE + noise(40, 0.0005 * SIZE)
+    seen[14:26, BROWS, 1] -= rise[:, None]
+    found = (FACE[BROWS, 1] - smoothed(seen)[:, BROWS, 1]).mean(1)
+    assert found.max() > 0.7 * rise.max()

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import (
+    BROWS,
     COUNT,
     EYE_CORNERS,
     EYES,
@@ -66,7 +67,8 @@ class FilterSettings:
     min_cutoff_hz: float = 0.5  # of what does not move within the face
     memory_seconds: float = 1 / 30  # over which the evidence is averaged
     head_noise: tuple[float, ...] = (0.003, 0.003, 0.004, 0.008)  # shift x, y, logarithm of the scale, angle
-    skin_noise: float = 0.0192
+    skin_noise: float = 0.015
+    brow_noise: float = 0.003  # they move little and mean much
     lid_noise: float = 0.006
     lip_noise: float = 0.00525
     feature_reach: float = 0.25  # over which points of a feature move together
@@ -181,6 +183,7 @@ class LandmarkFilter:
 def _point_noise() -> F64:
     """(81,) motions that are noise, inter-ocular distances."""
     noise = np.full(COUNT, SETTINGS.skin_noise)
+    noise[BROWS] = SETTINGS.brow_noise
     noise[EYES] = SETTINGS.lid_noise
     noise[LIPS] = SETTINGS.lip_noise
     return noise
