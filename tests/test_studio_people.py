@@ -213,7 +213,7 @@ def test_dark_is_chosen_with_the_keyboard_and_remembered(
 
 def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
     seen = []
-    for _ in range(10):
+    for _ in range(11):
         page.keyboard.press("Tab")
         ring = "(style => style.outlineColor + style.boxShadow)(getComputedStyle(document.activeElement))"
         seen.append(tuple(page.evaluate(f"[document.activeElement.textContent.trim(), {ring}]")))
@@ -223,7 +223,7 @@ def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
     assert [word for word, style in seen if word and AMBER not in style] == []
 
 
-@pytest.mark.parametrize("path", ["/people", "/landmarks", "/deidentify", "/analogy"])
+@pytest.mark.parametrize("path", ["/people", "/swap", "/landmarks", "/deidentify", "/analogy"])
 def test_pages_fit_a_phone(browser: Any, studio_server: StudioServer, path: str) -> None:
     phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
     with visit(browser, studio_server, path, **phone) as page:

@@ -40,6 +40,7 @@ from guise.aam.training import (
     observe,
     train_identity,
 )
+from guise.app.enrolment.quality import weaknesses
 from guise.app.media import open_input
 from guise.app.people.finding import VideoPerson, find_people, people_followed
 from guise.common.arrays import F32, F64, Int
@@ -118,7 +119,11 @@ def enrol(
     if any(generic):
         shapes, choice = _refined(clips, shapes, generic, choice, progress, say)
     observations, boxes = _observe(clips, shapes, choice, options, progress)
-    return train(name, observations, choice, options, boxes, [clip.name for clip in clips], progress)
+    identity = train(name, observations, choice, options, boxes, [clip.name for clip in clips], progress)
+    identity.facts["weaknesses"] = weaknesses(np.concatenate(shapes), identity)
+    for sentence in identity.facts["weaknesses"]:
+        say(f"{name}: {sentence}")
+    return identity
 
 
 def train(
@@ -163,8 +168,8 @@ def _of_one_person(clip: Path, points: F64, given: bool, number: int | None, say
     if len(people) > 1:
         seen = ", ".join(f"{person.number} in {len(person.frames)} frames" for person in people)
         say(
-            f"{clip.name} shows {len(people)} people: {seen}; {chosen.number} is learned, --person NUMBER takes "
-            "another, guise people find draws them"
+            f"{clip.name} shows {len(people)} people: {seen}; {chosen.number} is learned; guise people find "
+            "draws them, guise enroll --person NUMBER learns another"
         )
     rows = chosen.landmarks(len(points))
     if not given:

@@ -26,6 +26,7 @@ class EnrolReport:
     views : how far the head was turned, degrees.
     held_out_error : mean landmark error on frames not trained with, per cent of the inter-ocular distance.
     size : of the file, bytes.   seconds : wall time.
+    weaknesses : what about the clips will weaken a swap, one sentence each, with what to do about it.
     """
 
     output: str
@@ -39,6 +40,7 @@ class EnrolReport:
     resolution: int
     size: int
     seconds: float
+    weaknesses: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The report as JSON holds it."""
@@ -97,5 +99,5 @@ def enrol_file(
     return EnrolReport(
         str(output), name, tuple(known["clips"]), int(known["frames"]), components.modes, round(components.retained, 4),
         round(100 * float(known["held_out_error"]), 3), Views(**known["views"]), identity.reference.resolution, size,
-        round(time.perf_counter() - start, 2),
+        round(time.perf_counter() - start, 2), tuple(known.get("weaknesses", ())),
     )  # fmt: skip

@@ -62,6 +62,8 @@ class ModelInfo:
 
 
 def _shown(key: str, value: Any) -> str:
+    if isinstance(value, list):
+        return "; ".join(map(str, value)) or "none"
     return str(Views(**value)) if key == "views" else str(value)
 
 

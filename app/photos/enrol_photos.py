@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from guise.aam.training import TrainingOptions
-from guise.app.enrolment.enrol import LandmarkSource, landmark_file
+from guise.analogy.photo import PhotoError
+from guise.app.enrolment.enrol import EnrolError, LandmarkSource, landmark_file
 from guise.app.enrolment.file import EnrolReport, enrol_file
 from guise.app.media import EncodeOptions
 from guise.app.media.images import looks_like_image
@@ -57,11 +58,17 @@ def enrol_photos(
     facts = {"made_from": number, "clips": [photo.name for photo in photos]}
     with tempfile.TemporaryDirectory(prefix="guise-") as folder:
         clip = Path(folder) / "virtual.mp4"
-        animate_file(
-            None, driver, photos[0], clip, tracking=TrackingOptions(landmarks=landmark_file(driver)),
-            encode=EncodeOptions(crf=8, preset="ultrafast"), progress=progress,
-        )  # fmt: skip
+        _animate(driver, photos[0], clip, progress)
         return enrol_file(
             [clip, *photos[1:]], output, LandmarkSource(), name=name, options=options, force=force, facts=facts,
             progress=progress, say=lambda text: say(text.replace(clip.name, photos[0].name)),
         )  # fmt: skip
+
+
+def _animate(driver: Path, photo: Path, clip: Path, progress: Progress) -> None:
+    tracking = TrackingOptions(landmarks=landmark_file(driver))
+    encode = EncodeOptions(crf=8, preset="ultrafast")
+    try:
+        animate_file(None, driver, photo, clip, tracking=tracking, encode=encode, progress=progress)
+    except PhotoError as error:
+        raise EnrolError(str(error).partition(", or give its landmarks")[0]) from error

@@ -26,4 +26,6 @@ def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[s
         report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
     save_picture(model.with_suffix(".png"), montage(Identity.load(done)))
     done.replace(model)  # last, because a person is listed as soon as their model exists
-    return {"held_out_error": report.held_out_error, "seconds": report.seconds}
+    return {
+        "held_out_error": report.held_out_error, "seconds": report.seconds, "weaknesses": list(report.weaknesses),
+    }  # fmt: skip

@@ -8,7 +8,7 @@ from nicegui import app as nicegui_app
 from nicegui import run, ui
 from starlette.responses import PlainTextResponse, Response
 
-from guise.aam.model import Identity
+from guise.aam.model import Identity, ModelError, read_header
 from guise.app.media.images import encode_image
 from guise.app.people.montage import draw
 from guise.app.studio.clip_recorder import ClipRecorder
@@ -151,6 +151,8 @@ class _PeoplePage:
         with ui.card():
             ui.label(person.name).classes("text-h6 break-all")
             ui.label(f"Added on {person.created[:10]}.")
+            for sentence in self._weaknesses(person):
+                ui.label(sentence[:1].upper() + sentence[1:] + ".").classes("opacity-70")
             picture, model = self.studio.url(person.montage), self.studio.url(person.path)
             with ui.link(target=picture, new_tab=True).classes("w-full"):
                 ui.image(picture).props["alt"] = f"The model of {person.name}"
@@ -158,6 +160,13 @@ class _PeoplePage:
                 ui.link("Download", model).props["download"] = f"{person.name}.guise"
                 button = ui.button("Delete", on_click=partial(self._confirm_delete, person)).props("outline")
                 button.props["aria-label"] = f"Delete {person.name}"
+
+    def _weaknesses(self, person: Person) -> list[str]:
+        """What to do better in their next clip, as their model says."""
+        try:
+            return [str(sentence) for sentence in read_header(person.path).facts.get("weaknesses", ())]
+        except ModelError:
+            return []
 
     def _clip(self, clip: Clip) -> None:
         with ui.card():

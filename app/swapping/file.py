@@ -40,6 +40,8 @@ def swap_file(
     GuiseError
         For a user's mistake: MediaError, EnrolError, ReferenceMismatchError, RendererError.
     """
+    for sentence in identity.facts.get("weaknesses", ()):
+        settings.say(f"{identity.name} was enrolled from a clip that can be better: {sentence}")
     with open_input(video) as media:
         tags = synthetic_tags(identity.facts.get("made_from"))
         with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:
