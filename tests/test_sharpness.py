@@ -57,7 +57,7 @@ def test_the_mean_colour_stays() -> None:
     flatter = settled(face(5.0), drawn).apply(drawn)
     skin = REFERENCE.mask
     assert np.abs(flatter[skin].mean(0) - drawn[skin].mean(0)).max() < 1.0
-    assert flatter[skin][:, 0].std() < 0.6 * drawn[skin][:, 0].std()
+    assert flatter[skin][:, 0].std() < 0.75 * drawn[skin][:, 0].std()
 
 
 def test_the_next_face_starts_as_its_texture_is() -> None:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.brows import BrowFollower
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Face
 from guise.aam.model import Identity
@@ -100,6 +101,7 @@ class Engine(Closing):
         )
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
         self._in_profile, self._missed_frames = False, 0
+        self._brows = BrowFollower(source.appearance) if full else None
         self._last: tuple[F64, F32, F64 | None] | None = None
 
     def swap(self, frame: Frame) -> SwapResult:
@@ -125,6 +127,8 @@ class Engine(Closing):
             head, appearance, cosines = self._last
             return SwapResult("held", fit, self.painter.paint(frame, head, appearance, None, cosines))
         self._last = None
+        if self._brows is not None:
+            self._brows.reset()
         self.painter.reset()
         return SwapResult("lost", fit)
 
@@ -141,6 +145,8 @@ class Engine(Closing):
     def _drawn(self, frame: Frame, shape: F64, solid: SolidFit) -> F64:
         if self._shape_transfer is not None:
             shape = pulled(shape, solid)
+        if self._brows is not None:
+            shape = self._brows.corrected(frame.luma, shape)
         texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
         parameters = self.estimator(shape, self.clear(frame, shape, texels))
         appearance = self.synthesise(parameters, shape, solid)
