@@ -45,6 +45,10 @@ class LidSettings:
     max_hole_widths: float = 1.5
     max_offset_widths: float = 0.35  # of the hole from the middle between the feature points
     columns: int = 11  # in which margins are compared, corners left out
+    margin_quantile: float = 0.25  # of the columns' openness, which is that of the margins
+    max_fold_openness: float = 0.3  # beyond it, from which a column shows a fold over the lid
+    closing_openness: tuple[float, float] = (0.6, 0.3)  # of the source, from which lids are moved, and fully
+    max_fold_columns: int = 2  # more of which leave the lids as they are
     upper_reach_widths: float = 0.8  # of the skin that a margin takes along
     lower_reach_widths: float = 0.5
     rounds: int = 4  # of moving margins
@@ -263,18 +267,39 @@ class LidMotion:
 
     def __call__(self, expressive: F64, made: F64) -> F64:
         """The target (N_t, 3) with its lids moved, for a source (N_s, 3) without the motion of the head."""
-        wanted = _openness(self._lids[0], expressive, self._ways[0])
+        shown = _openness(self._lids[0], expressive, self._ways[0])
+        wanted = float(np.median(shown))
         high = np.linalg.norm(self._own.upper.at(expressive) - self._own.upper.at(self._source), axis=1)
         low = np.linalg.norm(self._own.lower.at(expressive) - self._own.lower.at(self._source), axis=1)
         share = (high / np.maximum(high + low, 1e-300))[:, None]
-        closing = np.clip(1 - wanted, 0, 1)
-        if not (closing > 1e-3).any():
+        first, last = LIDS.closing_openness
+        closing = min(1.0, (first - wanted) / (first - last))
+        margin = _is_margin(_openness(self._lids[1], made, self._ways[1]))
+        if closing <= 0 or not (_mostly(_is_margin(shown)) and _mostly(margin)):
             return made
+        most = max(float(high.max()), float(low.max())) / self._own.width * self._lids[1].width
         for _ in range(LIDS.rounds):
-            excess = (_openness(self._lids[1], made, self._ways[1]) - wanted) * np.minimum(1, 2 * closing)
-            step = excess[:, None] * self._ways[1]
+            excess = np.maximum(_openness(self._lids[1], made, self._ways[1]) - wanted, 0) * closing
+            step = _over_folds(excess[:, None] * self._ways[1], margin)
+            step *= np.minimum(1, most / np.linalg.norm(step, axis=1, keepdims=True).clip(1e-300))
             made = self._lower(self._upper(made, share * step), (share - 1) * step)
         return made
+
+
+def _is_margin(openness: F64) -> Bool:
+    """(k,) whether a column shows the margins: a fold over a lid, taken for its margin, closes much less."""
+    return np.asarray(openness <= np.quantile(openness, LIDS.margin_quantile) + LIDS.max_fold_openness)
+
+
+def _mostly(margin: Bool) -> bool:
+    """Whether so few columns show a fold that lids may be moved by the others."""
+    return int((~margin).sum()) <= LIDS.max_fold_columns
+
+
+def _over_folds(steps: F64, margin: Bool) -> F64:
+    """Steps (k, 3), those of columns that are no margin interpolated between the others."""
+    every, known = np.arange(len(steps)), np.flatnonzero(margin)
+    return np.stack([np.interp(every, known, column[known]) for column in steps.T], axis=1)
 
 
 def _ways(eye: Lids, vertices: F64) -> F64:

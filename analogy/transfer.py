@@ -40,6 +40,7 @@ class TransferSettings:
     fade_length_radii: float = 0.3  # over which an expression fades where the source has nothing
     max_ring_stretch: float = 3.0  # of a ring on the source, beyond which its correspondence is rejected
     min_ring_stretch: float = 0.2
+    max_motion_ratio: float = 1.4  # of any vertex to the source's furthest, scaled
     pose_samples: int = 400  # vertices that give the motion of the whole head
 
 
@@ -115,9 +116,16 @@ class Transfer:
         motion = self._motion(expressive)
         still = motion.inverse().apply(expressive)
         way = (still - self.source.vertices) @ self.pose.linear.T
-        skin = self._with_lids(still, self._core(self._neutral + self._fill(self._carry @ way)))
-        made = self._parts(skin, self._all @ way)
+        skin = self._bounded(self._core(self._neutral + self._fill(self._carry @ way)), way)
+        made = self._parts(self._with_lids(still, skin), self._all @ way)
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
+
+    def _bounded(self, skin: F64, way: F64) -> F64:
+        """The skin (n, 3), no vertex much farther from rest than the longest way (N_s, 3) of the source's."""
+        rest = self.target.vertices[self._skin]
+        far = np.linalg.norm(skin - rest, axis=1, keepdims=True)
+        most = TRANSFER.max_motion_ratio * float(np.linalg.norm(way, axis=1).max())
+        return np.asarray(np.where(far > most, rest + (skin - rest) * (most / far.clip(1e-300)), skin))
 
     def _with_lids(self, expressive: F64, skin: F64) -> F64:
         """The skin (n, 3) with the lids as open as those of the source (N_s, 3)."""

@@ -110,9 +110,7 @@ def _at_the_eyes(head: FullHead) -> Int:
     return np.asarray(head.mesh.faces[(near & skin)[head.mesh.faces].all(1)])
 
 
-def blink_figures(
-    source: FullHead, target: FullHead, made: dict[str, F64], names: tuple[str, ...]
-) -> tuple[float, ...]:
+def blink_figures(target: FullHead, made: dict[str, F64], names: tuple[str, ...]) -> tuple[float, ...]:
     """Largest gap of both eyes in %, error, inverted faces, torn edges."""
     gaps, errors, inverted, torn = [], [], 0, 0
     for eye, (high, _) in enumerate(target.lids):
