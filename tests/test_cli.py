@@ -77,7 +77,10 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["frobnicate"], "No such command 'frobnicate'."),
         (["swap"], "Missing argument 'VIDEO'."),
-        (["swap", "a.mp4", "-o", "b.mp4"], "Missing option '--identity'."),
+        (
+            ["swap", "a.mp4", "-o", "b.mp4"],
+            "Invalid value: give --identity FACE, or --map SOURCE=FACE for each of several people",
+        ),
         (["info", "--nonsense"], "No such option: --nonsense"),
         (
             ["info", "no.guise"],

@@ -265,7 +265,8 @@ def learn_person(
         )
 
     try:
-        return keep_person(media, (resolution, f"person {person.number}"), name, learn, settings)
+        who = f"person {person.number} of {media.name}"
+        return keep_person(media, (resolution, f"person {person.number}"), who, learn, settings)
     except (EnrolError, TrainingError) as error:
         raise SwapError(f"person {person.number} of {media.name} cannot be learned: {error}") from error
 

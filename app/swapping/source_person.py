@@ -42,36 +42,36 @@ def source_person(
     file = given.files[0] if given.files else landmark_file(media.path)
     points = kept.video_key(file) if file is not None else "found"
     settings = replace(settings, keep_people=settings.keep_people and given.landmarker is None)
-    return keep_person(media, (resolution, points), name, learn, settings, anew=anew)
+    return keep_person(media, (resolution, points), f"the person in {media.name}", learn, settings, anew=anew)
 
 
 def keep_person(
-    media: MediaInput, details: tuple[object, ...], name: str, learn: Callable[[], Identity], settings: SwapSettings,
+    media: MediaInput, details: tuple[object, ...], who: str, learn: Callable[[], Identity], settings: SwapSettings,
     *, anew: bool = False,
 ) -> Identity:  # fmt: skip
     """The model of a person in a video that an earlier run has kept, or a new one, which is kept if settings say so.
 
-    details : what it depends on besides the video.   name : of the person, to speak of them.
+    details : what it depends on besides the video.   who : the person, in words.
     """
     key = kept.video_key(media.path, *details) if settings.keep_people else ""
     known = kept.cached(key, settings.say) if key and not anew else None
     if known is not None:
-        settings.say(f"{name} was enrolled before and is {known.name} of guise people list")
+        settings.say(f"{who} was enrolled before and is {known.name} of guise people list")
         return known
-    settings.say(f"enrolling {name} from {media.name}")
+    settings.say(f"enrolling {who}")
     made = learn()
-    return _kept(key, made, media.name, settings) if key else made
+    return _kept(key, made, media.name, who, settings) if key else made
 
 
-def _kept(key: str, made: Identity, origin: str, settings: SwapSettings) -> Identity:
+def _kept(key: str, made: Identity, origin: str, who: str, settings: SwapSettings) -> Identity:
     """The model as it is read again, so that the next run gives the same; as it is where it cannot be kept."""
     try:
         path = kept.keep(key, made, origin)
     except OSError as error:
-        settings.say(f"the model of {made.name} is not kept for the next time: {error}")
+        settings.say(f"the model of {who} is not kept for the next time: {error}")
         return made
     settings.say(
-        f"the model of {made.name}, biometric data, is kept for the next time in {path.parent}: "
+        f"the model of {who}, biometric data, is kept for the next time in {path.parent}: "
         "guise people delete removes it"
     )
     return Identity.load(path)
