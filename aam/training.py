@@ -6,7 +6,7 @@ Pixels, x right, y down; RGB 0..255.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -290,7 +290,7 @@ def train_identity(
         {
             "frames": len(training),
             "held_out_error": tracker.quality.error,
-            "views": asdict(Views.of([o.shape for o in training])),
+            "views": Views.of([o.shape for o in training]).as_facts(),
             KNOWN_REST: options.rest_frame is not None,
             **(facts or {}),
         },

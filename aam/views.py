@@ -34,6 +34,10 @@ class Views:
         """Yaw, degrees, to the image's left and right, beyond which a side of the face is guessed."""
         return self.yaw[0] - REACH_DEGREES, self.yaw[1] + REACH_DEGREES
 
+    def as_facts(self) -> dict[str, list[int]]:
+        """As a model file holds them."""
+        return {"yaw": list(self.yaw), "pitch": list(self.pitch)}
+
     def __str__(self) -> str:
         """One sentence for a person to read."""
         low, high = self.guessed
