@@ -28,7 +28,7 @@ from guise.app.live.output import Output
 from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.trust import trust
+from guise.app.swapping.trust import TrustJudge
 from guise.common.threads import one_thread
 
 ROUNDS = 5
@@ -85,7 +85,7 @@ def parts(scene: Scene, frames: int) -> F64:
         FileCapture(scene.clip.video, paced=False) as capture,
         BackgroundDetector() as detector,
     ):
-        person_tracker = PersonTracker(scene.person.tracker, detector)
+        person_tracker, judge = PersonTracker(scene.person.tracker, detector), TrustJudge()
         with Engine(scene.person, scene.donor, None, EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS)) as engine:
             marks = [time.perf_counter()]
             for frame in islice(capture, frames):
@@ -96,7 +96,7 @@ def parts(scene: Scene, frames: int) -> F64:
                 fit = person_tracker.update(frame.luma)
                 if isinstance(fit, Fit):
                     marks.append(time.perf_counter())
-                    trust(scene.person.tracker, frame.luma, fit.shape)
+                    judge.trust(scene.person.tracker, frame, fit.shape)
                     marks.append(time.perf_counter())
                     engine.draw(frame, fit.shape)
                     rows.append(np.diff([*marks, time.perf_counter()]))
