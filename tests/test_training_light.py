@@ -17,6 +17,7 @@ from training.train_light import Batches, Classical, Errors, Lit, Portraits, mea
 
 CELLS = Cells()
 PEOPLE, SCENES, SIZE = 2, 2, 96
+OWN = np.array([0, 1, 6, 7, 8, 9, 14, 15])  # rows of those who have their own face
 
 
 @pytest.fixture(scope="module")
@@ -83,14 +84,22 @@ def test_disturbed_batches_keep_the_truth_consistent_with_the_scene(samples: swa
     assert torch.isfinite(batch.skin).all()
 
 
-def test_a_photograph_is_its_own_truth_in_a_smooth_light(samples: swap_data.Samples) -> None:
-    real = Portraits(samples.donor[[0, 1, SCENES, SCENES + 1]], ["a", "a", "b", "b"], CELLS)
-    batch, own = real.random(40, np.random.default_rng(1))
-    assert torch.equal(batch.truth, batch.untouched)
-    assert 10 < own.sum() < 40
-    assert (
-        batch.shown[~own].sum((1, 2)) < batch.shown[own].sum((1, 2)).min()
-    ).all()  # of others, the skin alone
-    face = batch.truth[:, :, batch.shown[~own][0] > 0.9]
+def test_the_light_of_a_rendered_scene_is_what_it_does_to_skin(samples: swap_data.Samples) -> None:
+    fields = swap_data.light_fields(samples[OWN], CELLS)
+    assert fields.shape == (len(OWN), 3, *GRID)
+    assert_allclose(fields[:, :, CELLS.weight[0] > 0.9], 0.5, atol=0.02)
+
+
+def test_on_photographs_another_face_is_known_in_the_tone_and_light_of_the_scene(
+    samples: swap_data.Samples,
+) -> None:
+    """These faces are of one colour each, so that in the other's tone they are the other's."""
+    faces, light = samples.donor[[0, 1, SCENES, SCENES + 1]], swap_data.light_fields(samples[OWN], CELLS)
+    batch = Portraits(faces, ["a", "a", "b", "b"], light, CELLS).random(40, np.random.default_rng(1))
+    skin_alone = batch.shown.sum((1, 2)) < 0.99 * batch.shown.sum((1, 2)).max()
+    assert 10 < skin_alone.sum() < 40
+    away = (batch.truth - batch.untouched).abs() * (batch.shown > 0.9)[:, None]
+    assert away.mean() < 2  # noise
+    face = batch.truth[:, :, batch.shown[skin_alone][0] > 0.9]
     assert (face.std(2) > 2).any()
     assert (face.diff(dim=2).abs().mean() < 0.5 * face.std(2).mean()).all()

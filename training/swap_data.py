@@ -17,7 +17,8 @@ from scipy.sparse import csr_matrix
 from guise.aam.landmarks.schemes import MIRROR
 from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
-from guise.app.swapping.learned_light import GRID, part_masks, places
+from guise.app.swapping.coarse_grid import gaussian_kernel
+from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, part_masks, places
 from guise.common.arrays import F32, F64, U8
 from training.data import london_people
 
@@ -25,6 +26,7 @@ RESOLUTION = 64
 POINT_NOISE_FACE_WIDTHS = 0.006  # of each point
 SHIFT_NOISE_FACE_WIDTHS = 0.004  # of all points together
 MAX_HAIR_SHARE = 0.1  # of a texel that is shown
+FIELD_FACE_WIDTHS, FIELD_FLOOR, FIELD_LIMITS = 0.03, 1e-3, (0.04, 6.0)  # of factors of light
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +110,17 @@ def load(files: list[Path], cells: Cells, seed: int = 0) -> Samples:
         number = int(path.stem.split("_")[1])
         rows += [(*row, number) for row in _swaps(path, cells, np.random.default_rng([seed, number]))]
     return Samples(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def light_fields(samples: Samples, cells: Cells) -> F32:
+    """(m, 3, h, w) factors between the skin of those who have their own face, in the scene and in mild light."""
+    own = samples[(samples.truth == samples.untouched).all((1, 2, 3))]
+    weight = (own.shown / np.float32(255) * cells.weight[0])[:, None]
+    lit, mild = (x[:, 0] * weight + FIELD_FLOOR for x in (own.scene, own.donor))
+    rows, columns = (gaussian_kernel(n, FIELD_FACE_WIDTHS / CELL_FACE_WIDTHS) for n in GRID)
+    return np.asarray(
+        np.clip((rows @ lit @ columns.T) / (rows @ mild @ columns.T), *FIELD_LIMITS), np.float32
+    )
 
 
 def portraits(folder: Path, cells: Cells, seed: int = 0) -> tuple[U8, list[str]]:

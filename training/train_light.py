@@ -2,17 +2,18 @@
 
     python -m training.train_light --swaps PARTS --photographs LONDON --output RUN [--steps 4000]
 
-PARTS holds the groups of `render_swaps.py`; LONDON photographs of real people, whose truth is known for their own face
-only: without them the network takes shading of real skin for another light. Writes RUN/light.onnx, light.md (its card)
-and light.pt. The first groups are held back and measured: the Lab error of the lit face against the truth, and of both
-smoothed as `colour`, next to those of the classical light and of doing nothing.
+PARTS holds the groups of `render_swaps.py`; LONDON photographs of real people, all taken in the same light, so that
+their truth is known as well: without them the network takes shading of real skin for another light. Writes
+RUN/light.onnx, light.md (its card) and light.pt. The first groups and some of the photographed people are held back and
+measured: the Lab error of the lit face against the truth, and of both smoothed as `colour`, next to those of the
+classical light and of doing nothing.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,9 @@ from training.swap_data import Cells, Samples
 COLOUR_SIGMA_FACE_WIDTHS = 0.05  # at which colours are compared
 WARM_UP, KEPT_OF_MEAN = 100, 0.995
 REPORT_STEPS = 200
+PEOPLE_HELD_BACK = 8  # of those on photographs
+OWN_SHARE, RENDERED_LIGHT_SHARE = 0.3, 0.6  # of the photographs
+MAX_OTHER = 0.05  # share of texels that are not skin in a cell of skin
 
 
 @dataclass(frozen=True)
@@ -152,40 +156,66 @@ class Batches:
 
 
 class Portraits:
-    """Photographs of real people in random smooth lights: with their own face, or another's.
+    """Photographs of real people, all taken in the same light, relit: with their own face, or another's.
+
+    Another's face in their light is known: that of its photograph in the same light, in the skin tone of the first.
+    Tones differ by a factor of second order in place, as in the rendered truth.
 
     Parameters
     ----------
     means : (m, 2, 3, h, w) of skin and of other texels.
     people : who each shows.
+    fields : (f, 3, h, w) factors of light of rendered people.
     """
 
-    def __init__(self, means: U8, people: list[str], cells: Cells) -> None:
+    def __init__(self, means: U8, people: list[str], fields: F32, cells: Cells) -> None:
         self._means, self.people = torch.tensor(means, dtype=torch.float32), np.array(people)
-        self._weight = torch.tensor(cells.weight)
+        self._fields, self._weight = torch.tensor(fields), torch.tensor(cells.weight)
         ys, xs = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32) * CELL_FACE_WIDTHS
         self._places = torch.tensor(np.stack([xs - xs.mean(), ys - ys.mean()]))
+        x, y = self._places
+        skin = self._weight[0] * (self._weight[1] < MAX_OTHER)
+        ways = torch.stack([torch.ones_like(x), x, y, x * x, x * y, y * y]).flatten(1)
+        weighted = ways * skin.flatten()
+        logs = (self._means[:, 0].flatten(2) + 1).log()
+        fit = torch.linalg.solve(weighted @ ways.T, torch.einsum("kc,mpc->kmp", weighted, logs).flatten(1))
+        self._tones = torch.einsum("kx,kc->xc", fit, ways).view(len(means), 3, *GRID)
+        self._skin = skin
 
-    def random(self, count: int, rng: np.random.Generator) -> tuple[Batch, Tensor]:
-        """A batch, whose truth is the photograph in its light, and which rows (n,) show somebody's own face."""
+    def random(self, count: int, rng: np.random.Generator) -> Batch:
+        """A batch, whose truth is the face in the light of the scene."""
         face = rng.integers(len(self.people), size=count)
-        seen, own = rng.integers(len(self.people), size=count), rng.random(count) < 0.5
+        seen, own = rng.integers(len(self.people), size=count), rng.random(count) < OWN_SHARE
         for row in np.flatnonzero(own):
             seen[row] = rng.choice(np.flatnonzero(self.people == self.people[face[row]]))
-        (donor,), (scene,) = (_camera([self._means[rows]], rng) for rows in (face, seen))
-        donor, scene = (x * self._light(count, s, rng) for x, s in ((donor, 0.3), (scene, 1.0)))
-        donor, scene = donor.clamp(0, 255), scene.clamp(0, 255)
+        light = self._scene_light(count, rng)
+        tone = (self._tones[seen] - self._tones[face]).exp()[:, None]
+        same = torch.tensor(own | (self.people[face] == self.people[seen]))
+        truth = torch.where(same.view(-1, 1, 1, 1, 1), self._means[seen], self._means[face] * tone)
+        (donor,) = _camera([self._means[face] * self._smooth_light(count, 0.3, rng)], rng)
+        scene, truth = _camera([self._means[seen] * light, truth * light], rng)
+        scene = scene + torch.randn(scene.shape) * DISTURBANCE.noise_grey_levels
         weight = self._weight.expand(count, -1, -1, -1)[:, :, None]
         whole = self._weight.sum(0).clamp(min=1e-6)
-        means = [(x * weight).sum(1) / whole for x in (donor, scene)]
+        face_means, truth, untouched = ((x * weight).sum(1) / whole for x in (donor, truth, scene))
         sums = torch.cat([donor * weight, scene * weight, weight], 2)
-        same = torch.tensor(own | (self.people[face] == self.people[seen]))
-        shown = torch.where(
-            same[:, None, None], self._weight.sum(0), self._weight[0] * (self._weight[1] < 0.05)
-        )
-        return Batch(sums[:, 0], sums[:, 1], means[0], means[1], means[1], shown), same
+        shown = torch.where(same[:, None, None], self._weight.sum(0), self._skin)
+        return Batch(sums[:, 0], sums[:, 1], face_means, truth, untouched, shown)
 
-    def _light(self, count: int, strength: float, rng: np.random.Generator) -> Tensor:
+    def few(self) -> Iterable[Batch]:
+        """Always the same batches."""
+        rng = np.random.default_rng(0)
+        with torch.random.fork_rng():
+            torch.manual_seed(0)
+            return [self.random(32, rng) for _ in range(6)]
+
+    def _scene_light(self, count: int, rng: np.random.Generator) -> Tensor:
+        """(n, 1, 3, h, w) factors: of rendered people, or smooth."""
+        rendered = self._fields[rng.integers(len(self._fields), size=count)][:, None]
+        chosen = torch.tensor(rng.random(count) < RENDERED_LIGHT_SHARE).view(-1, 1, 1, 1, 1)
+        return torch.where(chosen, rendered, self._smooth_light(count, 1.0, rng))
+
+    def _smooth_light(self, count: int, strength: float, rng: np.random.Generator) -> Tensor:
         """(n, 1, 3, h, w) factors: slopes, curvature, some colour, and for one in three a soft shadow's edge."""
         x, y = self._places
         fields = torch.stack([x, y, x * x, x * y, y * y])
@@ -263,21 +293,19 @@ class Classical:
         return np.asarray(sums / np.maximum(self._count, 1), np.float32).reshape(3, *GRID)
 
 
-@torch.no_grad()
 def measure(lit: Callable[[Batch], Tensor] | None, batches: Batches, rows: np.ndarray) -> dict[str, float]:
     """Mean errors of the lit face, or of doing nothing; `gain` as in a comparison with doing nothing."""
+    return compared(lit, (batches.plain(some) for some in np.array_split(rows, max(1, len(rows) // 48))))
+
+
+@torch.no_grad()
+def compared(lit: Callable[[Batch], Tensor] | None, some: Iterable[Batch]) -> dict[str, float]:
+    """The same of batches."""
     errors, found = Errors(), []
-    for some in np.array_split(rows, max(1, len(rows) // 48)):
-        batch = batches.plain(some)
+    for batch in some:
         made = batch.untouched if lit is None else lit(batch)
-        found.append(
-            torch.stack(
-                [
-                    *errors(made, batch.truth, batch.shown),
-                    errors(batch.untouched, batch.truth, batch.shown)[0],
-                ]
-            )
-        )
+        nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
+        found.append(torch.stack([*errors(made, batch.truth, batch.shown), nothing]))
     error, colour, nothing = torch.cat(found, 1).mean(1).tolist()
     return {"error": error, "colour": colour, "gain": 1 - error / nothing}
 
@@ -288,7 +316,7 @@ def train(
     cells: Cells,
     held_back: np.ndarray,
     options: argparse.Namespace,
-    real: Portraits | None = None,
+    real: tuple[Portraits, Portraits] | None = None,
 ) -> dict[str, dict[str, float]]:
     """Train in place; the net ends as the running mean of its weights. Figures of what is held back."""
     rng = np.random.default_rng(options.seed)
@@ -318,9 +346,10 @@ def train(
         nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
         loss = ((plain + smooth) / (nothing + 2)).mean()
         if real is not None:
-            batch, same = real.random(options.batch // 2, rng)
+            batch = real[0].random(options.batch // 2, rng)
             plain, smooth = errors(lit(batch), batch.truth, batch.shown)
-            loss = loss + options.real_weight * torch.where(same, plain + smooth, smooth).mean()
+            nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
+            loss = loss + options.real_weight * ((plain + smooth) / (nothing + 2)).mean()
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(net.parameters(), 1.0)
@@ -333,6 +362,8 @@ def train(
             now = {name: value.clone() for name, value in net.state_dict().items()}
             net.load_state_dict(mean)
             seconds, figures = time.time() - start, _said(measure(lit, check, rows))
+            if real is not None:
+                figures += "; photographs " + _said(compared(lit, real[1].few()))
             print(f"{step}: {seconds:.0f} s, loss {float(loss.detach()):.3f}, {figures}", flush=True)
             torch.save(mean, options.output / "light.pt")
             if step < options.steps:
@@ -353,9 +384,9 @@ cell; it cannot add what the face does not have.
 - Licence: that of Guise (Apache-2.0).
 - Data: {samples:,} swaps of {groups} groups of four rendered people who do not exist (CC0,
   `training/render_swaps.py`), each on the heads of the others, mirrored as well; and {photographs} of
-  the Face Research Lab London Set (CC BY 4.0; DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666) in random
-  smooth lights, each to be restored from the same person's other photograph, or, of another person's, the smooth
-  colours of the skin.
+  the Face Research Lab London Set (CC BY 4.0; DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666), all taken in
+  the same light, in random smooth lights and those of the rendered scenes: each to become the same person's other
+  photograph in that light, or another's in that light and the skin tone of the first.
 - Training: `training/train_light.py`, {steps} batches of {batch}, under random exposure, white balance, gamma,
   saturation, noise, misplaced points and occlusions.
 - Not meant for telling who somebody is or what they feel; it does neither.
@@ -393,7 +424,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--swaps", type=Path, required=True, help="folder of the rendered groups")
     parser.add_argument("--photographs", type=Path, help="folder pairs/london")
-    parser.add_argument("--real-weight", type=float, default=0.1)
+    parser.add_argument("--real-weight", type=float, default=0.5)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--batch", type=int, default=16)
@@ -408,7 +439,13 @@ def main() -> None:
     samples = swap_data.load(sorted(options.swaps.glob("group_*.npz")), cells)
     real = None
     if options.photographs:
-        real = Portraits(*swap_data.portraits(options.photographs, cells), cells)
+        means, people = swap_data.portraits(options.photographs, cells)
+        known = [person not in sorted(set(people))[:PEOPLE_HELD_BACK] for person in people]
+        light = swap_data.light_fields(samples, cells)
+        real = tuple(
+            Portraits(means[rows], [people[i] for i in rows], light, cells)
+            for rows in (np.flatnonzero(known), np.flatnonzero(np.logical_not(known)))
+        )
     net = LightNet()
     if options.first_weights:
         net.load_state_dict(
@@ -418,9 +455,9 @@ def main() -> None:
     groups = np.unique(samples.group)
     figures = train(net, samples, cells, groups[: options.held_back], options, real)
     export(net, options.output / "light.onnx")
-    count = len(real.people) if real is not None else 0
+    known = real[0].people if real is not None else []
     about = {"weights": weights(net), "steps": options.steps, "batch": options.batch}
-    about["photographs"] = f"{count} photographs of {len(set(real.people) if real else ())} people"
+    about["photographs"] = f"{len(known)} photographs of {len(set(known))} people"
     text = card(figures, samples=len(samples.group), groups=len(groups) - options.held_back, **about)
     (options.output / "light.md").write_text(text)
 

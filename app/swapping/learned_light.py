@@ -20,7 +20,7 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.onnx_model import open_session
 from guise.aam.reference import ReferenceFrame
-from guise.app.swapping.coarse_grid import CellReader, TexelSums
+from guise.app.swapping.coarse_grid import CellReader, TexelSums, gaussian_kernel
 from guise.common.arrays import F32, Bool, Int
 
 CELL_FACE_WIDTHS = 1 / 32
@@ -37,9 +37,14 @@ class LearnedLightLimits:
     brow_growth_face_widths: float = 0.02
     min_share: float = 0.01  # of a brow or a part, from which a pixel belongs to it
     frames_per_look: int = 2  # of the network
+    wide_share: float = (
+        0.3  # of the light that is a mean over a wider neighbourhood: the rest follows the person's own
+    )
+    wide_face_widths: float = 0.1  # form as well, and less of the donor's is left
 
 
 LIMITS = LearnedLightLimits()
+FLOOR = 1e-4  # of the weight of a mean
 PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
 
 
@@ -80,6 +85,7 @@ class LearnedLight:
         brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)[reference.mask]
         self._brows = np.flatnonzero(brows > LIMITS.min_share)
         self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows, None]
+        self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
         self._session = session()
         self.reset()
 
@@ -124,7 +130,14 @@ class LearnedLight:
         ]
         found, gains = self._session.run(None, dict(zip(("skin", "other"), sums, strict=True)))
         tint = sums[0][0, :3].sum((1, 2))
-        return _Light(found[0], gains[0], tint / max(float(tint @ LUMA), 1.0))
+        seen = sums[0][0, 6] + sums[1][0, 6]
+        return _Light(self._widened(found[0], seen), gains[0], tint / max(float(tint @ LUMA), 1.0))
+
+    def _widened(self, found: F32, seen: F32) -> F32:
+        """The map (6, h, w) with a share of its means over a wider neighbourhood, of cells that are seen (h, w)."""
+        rows, columns = self._wide
+        wide = (rows @ (found * seen) @ columns.T) / np.maximum(rows @ seen @ columns.T, FLOOR)
+        return np.asarray(found + np.float32(LIMITS.wide_share) * (wide - found))
 
     def _brow_changes(self, brows: F32) -> F32:
         """What brings brows (b, 3) nearer to the colour of the face's skin: the little colour of dark hair is noise."""
