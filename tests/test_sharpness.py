@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from guise.aam.reference import ReferenceFrame
+from guise.app.swapping.finish import FIRST_DRAWS, Finish
 from guise.app.swapping.sharpness import LIMITS, Sharpness
 from guise.common.arrays import U8
 
@@ -64,3 +65,13 @@ def test_the_next_face_starts_as_its_texture_is() -> None:
     sharpness = settled(face(5.0), face(20.0))
     sharpness.reset()
     assert sharpness.gain == 1.0
+
+
+def test_a_faces_first_frame_is_drawn_until_it_is_about_as_sharp() -> None:
+    own, drawn, finish = face(8.0), face(16.0), Finish(REFERENCE, REFERENCE.mask)
+    assert settled(own, drawn, FIRST_DRAWS).gain == pytest.approx(settled(own, drawn).gain, rel=0.15)
+    assert finish.draws == FIRST_DRAWS
+    finish.before(own, drawn.copy(), 0)
+    assert finish.draws == 1
+    finish.reset()
+    assert finish.draws == FIRST_DRAWS

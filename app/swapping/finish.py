@@ -7,6 +7,8 @@ from guise.app.swapping.grain import Grain
 from guise.app.swapping.sharpness import Sharpness
 from guise.common.arrays import F32, F64, U8, Bool
 
+FIRST_DRAWS = 4
+
 
 class Finish:
     """`Grain` and `Sharpness` of one face, measured on the same frames.
@@ -26,6 +28,11 @@ class Finish:
         self._grain.reset()
         self.sharpness.reset()
         self._seen: tuple[F32 | None, F32 | None] = None, None
+
+    @property
+    def draws(self) -> int:
+        """How often a frame is to be drawn: a face's first several times, of which the last counts, to measure it."""
+        return 1 if self.sharpness.measured else FIRST_DRAWS
 
     def before(self, roi: U8, texture: U8, frame: int) -> None:
         """Look at a rectangle (h, w, 3) before drawing, and put the grain of the frame of this number on a texture."""

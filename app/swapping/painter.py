@@ -134,18 +134,19 @@ class Painter:
         x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
         if w < 2 or h < 2:
             return
-        fine = zoom > ZOOM.min_detail_zoom
-        picture = self._stored(texture, frame.colour, zoom, fine)
-        roi = frame.read_roi(x0, y0, w, h)
-        if finish is not None:
-            finish.before(roi, picture, frame.index)
-        if head is not None:
-            for aperture in self._apertures(fine):
-                aperture.fill(picture, roi, head - (x0, y0))
+        roi, fine = frame.read_roi(x0, y0, w, h), zoom > ZOOM.min_detail_zoom
         self._set_occlusion(fine, uncovered)
-        self._compositor(fine).composite(roi, picture, mesh - (x0, y0), out=roi)
-        if finish is not None:
-            finish.after(roi, mesh - (x0, y0))
+        for left in reversed(range(1 if finish is None else finish.draws)):
+            drawn = roi.copy() if left else roi
+            picture = self._stored(texture, frame.colour, zoom, fine)
+            if finish is not None:
+                finish.before(drawn, picture, frame.index)
+            if head is not None:
+                for aperture in self._apertures(fine):
+                    aperture.fill(picture, drawn, head - (x0, y0))
+            self._compositor(fine).composite(drawn, picture, mesh - (x0, y0), out=drawn)
+            if finish is not None:
+                finish.after(drawn, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
 
     def reset(self) -> None:

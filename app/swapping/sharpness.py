@@ -103,6 +103,11 @@ class Sharpness:
         self._weights = 1 + share, -share  # of a texture and of its mean
 
     @property
+    def measured(self) -> bool:
+        """Whether a frame of this face has been seen."""
+        return self._frames > 0
+
+    @property
     def _early(self) -> bool:
         return self._frames <= LIMITS.first_frames
 
