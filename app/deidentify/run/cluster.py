@@ -6,6 +6,7 @@ All machines must see the input and the work folder under the same path, and hav
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import threading
 import warnings
@@ -102,15 +103,13 @@ def _connect(address: str) -> Any:
     except ImportError as error:
         raise EngineError('--engine dask needs more packages: pip install "guise-video[cluster]"') from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are reported in one sentence instead
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about versions: `attempt_there` compares those that matter
-            return Client(address, timeout=CONNECT_SECONDS, set_as_default=False, name="guise")
-    except (OSError, ValueError, TypeError) as error:
-        raise EngineError(
-            f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the "
-            "address that it prints"
-        ) from error
+    with contextlib.suppress(OSError, ValueError, TypeError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about versions: `attempt_there` compares those that matter
+        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False, name="guise")
+    gc.collect()  # the client that did not connect: collected while the next one starts, the two wait for each other
+    raise EngineError(
+        f"there is no Dask scheduler at {address}: start one with: dask scheduler, and give the address that it prints"
+    )
 
 
 def _explain(error: Exception) -> EngineError:
