@@ -307,10 +307,6 @@ BAD = {
     "no json": (b"glTF" + bytes(60), "no JSON"),
     "text": (b"hello", "no JSON"),
     "old": (spoilt(lambda g: g.json["asset"].update(version="1.0")), "it is glTF 1.0, but only 2.0 is read"),
-    "draco": (
-        spoilt(lambda g: g.json.update(extensionsUsed=["KHR_draco_mesh_compression"])),
-        "without compression",
-    ),
     "strips": (spoilt(lambda g: g.json["meshes"][0]["primitives"][0].update(mode=5)), "strips or fans"),
     "lines": (spoilt(lambda g: g.json["meshes"][0]["primitives"][0].update(mode=1)), "no vertices"),
     "twice": (spoilt(lambda g: g.node(mesh=0)), "its mesh 0 occurs in the scene more than once"),

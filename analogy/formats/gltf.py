@@ -99,7 +99,7 @@ class GltfDocument:
     Raises
     ------
     MeshError
-        When it is not glTF 2.0, damaged or compressed, or a mesh occurs twice in the scene.
+        When it is not glTF 2.0, damaged, or compressed without the library for it, or a mesh occurs twice in the scene.
     """
 
     def __init__(self, data: bytes, folder: Path) -> None:

@@ -10,6 +10,7 @@ import base64
 import copy
 import json
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -17,14 +18,13 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.analogy.formats.gltf_compression import COMPONENT_TYPES, MESHOPT, expand
 from guise.analogy.mesh import MeshError
 from guise.common.arrays import F32, F64, Bool, Int
 
 Json = dict[str, Any]
 
-COMPONENT_TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 ELEMENT_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-COMPRESSION_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 GL_ARRAY_BUFFER = 34962  # ARRAY_BUFFER
 GL_ELEMENT_ARRAY_BUFFER = 34963  # ELEMENT_ARRAY_BUFFER
 MAX_ZERO_ACCESSOR_BYTES = 1 << 26  # of an accessor without a buffer view
@@ -49,7 +49,7 @@ class GltfContainer:
         Raises
         ------
         MeshError
-            When it is not glTF 2.0, is compressed, or a buffer is missing.
+            When it is not glTF 2.0, is compressed and the library is missing, or a buffer is missing.
         """
         text, binary = _read_chunks(data) if data[:4] == b"glTF" else (data, b"")
         try:
@@ -59,10 +59,9 @@ class GltfContainer:
             raise MeshError("it is not a glTF file: it has no JSON with the version of an asset") from None
         if version.split(".")[0] != "2":
             raise MeshError(f"it is glTF {version}, but only 2.0 is read: export it again")
-        packed = [name for name in COMPRESSION_EXTENSIONS if name in held.get("extensionsUsed", [])]
-        if packed:
-            raise MeshError(f"it is compressed ({packed[0]}): export it without compression")
-        return cls(held, _join_buffers(held, binary, folder))
+        whole = _join_buffers(held, binary, folder)
+        expand(held, whole)
+        return cls(held, whole)
 
     def copy(self) -> GltfContainer:
         return GltfContainer(copy.deepcopy(self.json), bytearray(self.buffer))
@@ -215,11 +214,22 @@ def _join_buffers(held: Json, binary: bytes, folder: Path) -> bytearray:
     for buffer in held.get("buffers", []):
         whole += bytes(-len(whole) % 4)
         starts.append(len(whole))
-        whole += read_uri(buffer["uri"], folder) if "uri" in buffer else binary
+        if not _is_fallback(buffer):
+            whole += read_uri(buffer["uri"], folder) if "uri" in buffer else binary
     for view in held.get("bufferViews", []):
-        view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
-        view["buffer"] = 0
+        for place in (view, *(held for name, held in _extensions(view) if name in MESHOPT)):
+            place["byteOffset"] = place.get("byteOffset", 0) + starts[place["buffer"]]
+            place["buffer"] = 0
     return whole
+
+
+def _is_fallback(buffer: Json) -> bool:
+    """Whether a buffer only stands for what compressed views expand to."""
+    return any(held.get("fallback") for name, held in _extensions(buffer) if name in MESHOPT)
+
+
+def _extensions(held: Json) -> Iterable[tuple[str, Json]]:
+    return (held.get("extensions") or {}).items()
 
 
 def _to_json(held: Json) -> bytes:

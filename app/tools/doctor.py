@@ -46,6 +46,7 @@ _EXTRAS = {
     "cluster": ("distributed", "fsspec"),
     "provenance": ("c2pa-python", "cryptography"),
     "plots": ("matplotlib",),
+    "compressed": ("DracoPy", "meshoptimizer"),
 }
 _VIDEO_DEVICES = Path("/sys/class/video4linux")
 
