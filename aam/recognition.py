@@ -28,9 +28,10 @@ from guise.aam.light import LUMA
 from guise.aam.mask import core_mask
 from guise.aam.model import Identity
 from guise.aam.reference import MARGIN_GRID_PIXELS, ReferenceFrame, remap_points
-from guise.common.arrays import F32, Bool
+from guise.common.arrays import F32, U8, Bool, Floating
 
 SIGNATURE_RESOLUTION = 32  # grid pixels across the face
+PICTURE_RESOLUTION = 128  # grid pixels across a face that is sampled from a picture
 SIGNATURE_LENGTH = 64  # of its vector
 MIN_SAME_PERSON_SIMILARITY = 0.80  # cosine, from which two enrolments are of one person
 BLUR_PIXELS = 0.44  # of the small frame, standard deviation, against aliasing
@@ -40,9 +41,22 @@ LOG_OFFSET_GREY_LEVELS = 16.0  # added before the logarithm
 def signature(identity: Identity) -> F32:
     """(64,) float32 of unit length that hardly changes with light, expression and pose."""
     model = identity.appearance
-    scale = model.reference.resolution / SIGNATURE_RESOLUTION
-    picture = model.reference.scatter(model.texture_of(model.components.mean))
-    small = cv2.GaussianBlur(picture, (0, 0), BLUR_PIXELS * scale)
+    return _signature_on(model.reference, model.texture_of(model.components.mean))
+
+
+def picture_signature(rgb: U8, shape: Floating) -> F32:
+    """The signature (64,) of the face with landmarks (81, 2) in one picture (h, w, 3): light and expression tell more.
+
+    It is what somebody has who knows a picture and no enrolment (`guise.app.measure.attack`).
+    """
+    reference = ReferenceFrame.canonical(PICTURE_RESOLUTION)
+    return _signature_on(reference, reference.sampler.sample(rgb, shape))
+
+
+def _signature_on(reference: ReferenceFrame, texture: F32) -> F32:
+    """The signature of a texture (n, 3) RGB on a frame of a finer resolution."""
+    scale = reference.resolution / SIGNATURE_RESOLUTION
+    small = cv2.GaussianBlur(reference.scatter(texture), (0, 0), BLUR_PIXELS * scale)
     places = (_pixels() - MARGIN_GRID_PIXELS) * np.float32(scale) + MARGIN_GRID_PIXELS
     return signature_of(remap_points(np.asarray(small, np.float32), places))
 

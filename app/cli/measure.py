@@ -2,23 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import Force, Json, LandmarkerSpec, Quiet
 
+if TYPE_CHECKING:
+    from guise.app.measure.attack import AttackRequest
+
 
 def measure(
-    original: Annotated[Path, typer.Argument(metavar="ORIGINAL", help="The original video.")],
+    original: Annotated[
+        Path, typer.Argument(metavar="ORIGINAL", help="The original video; with --attack a folder of people.")
+    ],
     outputs: Annotated[
         list[Path], typer.Argument(metavar="OUTPUT...", help="The same video, de-identified by any tool.")
     ],
+    attack: Annotated[
+        bool,
+        typer.Option(
+            "--attack",
+            help="Attack folders of de-identified people: attackers that know other pictures of them, and learn.",
+        ),
+    ] = False,
     recogniser: Annotated[
-        Path | None,
-        typer.Option(metavar="CARD.toml", help="A face recogniser; without it only utility is measured."),
+        list[Path] | None,
+        typer.Option(
+            metavar="CARD.toml",
+            help="A face recogniser; without it only utility is measured. With --attack it may be repeated.",
+        ),
     ] = None,
     gallery: Annotated[
         Path | None,
@@ -54,32 +70,77 @@ def measure(
     json: Json = False,
 ) -> None:
     """Measure how private and how useful a de-identified video is, against its original."""
-    from json import dumps
-
     from guise.app.measure import MeasureRequest
     from guise.app.measure import measure as run
     from guise.app.measure.table import FIRST_HEADING, rows_of
-    from guise.common.files import require_free, write_whole
+    from guise.common.files import require_free
 
     console = Console(quiet=quiet, json=json)
     for path in filter(None, (output, plot)):
         require_free(path, force=force)
+    if attack:
+        from guise.app.measure.attack import AttackRequest
+
+        _refuse_beside_attack(gallery=gallery, donor=donor, report=report, landmarks=landmarks, plot=plot)
+        _attack(console, AttackRequest(original, outputs, recogniser or (), landmarker or "builtin"), output)
+        return
+    if recogniser and len(recogniser) > 1:
+        raise typer.BadParameter("several recognisers are compared with --attack only: give one --recogniser")
     if plot is not None:
         from guise.app.measure.plot import draw, require_plots
 
         require_plots(plot)
     request = MeasureRequest(
-        original, outputs, landmarker or "builtin", landmarks, recogniser, gallery, donor or (), report or ()
-    )
+        original, outputs, landmarker or "builtin", landmarks, recogniser[0] if recogniser else None, gallery,
+        donor or (), report or (),
+    )  # fmt: skip
     with Stages(console) as stages:
         result = run(request, progress=stages, say=console.note)
     facts = result.as_json()
-    if output is not None:
-        text = dumps(facts, indent=1, allow_nan=False) + "\n"
-        write_whole(output, text)
+    _write(output, facts)
     if plot is not None:
         draw(result, plot)
     console.grid(result.original, [FIRST_HEADING, *(one.name for one in result.outputs)], rows_of(result))
     for path in filter(None, (output, plot)):
         console.say(f"written: {path}")
     console.result(facts)
+
+
+def _refuse_beside_attack(**others: object) -> None:
+    """Refuse options that an attack does not know."""
+    given = [name for name, value in others.items() if value]
+    if given:
+        raise typer.BadParameter(f"--attack does not take --{given[0]}: leave one of them out")
+
+
+def _attack(console: Console, request: AttackRequest, output: Path | None) -> None:
+    from guise.app.measure.attack import attack
+    from guise.app.measure.table import (
+        RANK_HEADINGS,
+        SIMILARITY_HEADINGS,
+        rank_rows,
+        similarity_rows,
+        worst_sentence,
+    )
+
+    with Stages(console) as stages:
+        result = attack(request, progress=stages, say=console.note)
+    facts = result.as_json()
+    _write(output, facts)
+    for one in result.outputs:
+        console.grid(one.name, list(RANK_HEADINGS), rank_rows(one))
+        console.grid("", list(SIMILARITY_HEADINGS), similarity_rows(one))
+        console.say(worst_sentence(result, one))
+    if output is not None:
+        console.say(f"written: {output}")
+    console.result(facts)
+
+
+def _write(output: Path | None, facts: Mapping[str, Any]) -> None:
+    """Write all figures, if that was asked for."""
+    from json import dumps
+
+    from guise.common.files import write_whole
+
+    if output is not None:
+        write_whole(output, dumps(facts, indent=1, allow_nan=False) + "\n")

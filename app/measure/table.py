@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
+from guise.app.measure.attack import AttackedOutput, AttackResult, RankOne, ViewFigures, Worst
+from guise.app.measure.attackers import By
 from guise.app.measure.curves import ANGLES, CURVES
 from guise.app.measure.figures import MeasureResult, OutputFigures, Privacy
 from guise.app.measure.privacy import Scores
@@ -12,6 +14,8 @@ from guise.app.measure.privacy import Scores
 FIRST_HEADING = "what"
 NO_VALUE = "-"
 MAX_RANKS_SHOWN = 4
+RANK_HEADINGS = ("rank 1 by frame, clip", "unchanged", "naive", "reverse", "parrot")
+SIMILARITY_HEADINGS = ("similarity: mean, 99 %", "own", "others", "own tilted", "others tilted")
 
 _Cell = Callable[[OutputFigures], str]
 _PrivateCell = Callable[[Privacy], str]
@@ -125,3 +129,43 @@ def _times(one: OutputFigures) -> str:
 
 def _psnr(value: float) -> str:
     return "identical" if math.isinf(value) and value > 0 else number(value)
+
+
+def rank_rows(output: AttackedOutput) -> list[list[str]]:
+    """For each view how often each attacker is right, by single frames and by clips."""
+    return [
+        [one.view, *(f"{number(by['frame'].share)}, {number(by['clip'].share)}" for by in _attackers(one))]
+        for one in output.views
+    ]
+
+
+def similarity_rows(output: AttackedOutput) -> list[list[str]]:
+    """For each view the similarities of the output's faces to their own people and to others."""
+    return [
+        [one.view, *map(_scores, (one.own, one.impostors, one.tilted, one.tilted_impostors))]
+        for one in output.views
+    ]
+
+
+def _attackers(view: ViewFigures) -> list[Mapping[By, RankOne]]:
+    return [view.unchanged, *view.attackers.values()]
+
+
+def worst_sentence(result: AttackResult, output: AttackedOutput) -> str:
+    """The worst attackers in words."""
+    return (
+        f"{output.name}: of {result.people} people (chance {share(result.chance)}) the worst attacker recognises "
+        f"{_worst(output.worst)}; by hair and outline alone {_worst(output.worst_outline)}"
+    )
+
+
+def _worst(worst: Worst) -> str:
+    return (
+        f"{_with_interval(worst.rank_one)} ({worst.attacker}, by {worst.by}, {worst.view}; "
+        f"by luck {share(worst.luck)}, up to {share(worst.luck_95)})"
+    )
+
+
+def _with_interval(rank: RankOne) -> str:
+    low, high = rank.interval
+    return f"{share(rank.share)} [{share(low)}, {share(high)}]"
