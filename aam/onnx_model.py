@@ -6,6 +6,9 @@ Images RGB uint8 (h, w, 3).
 from __future__ import annotations
 
 import hashlib
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -17,18 +20,56 @@ from guise.aam.onnx_weights import without_tiny_weights
 from guise.common.arrays import U8
 from guise.common.text import first_line
 
+DATA = Path(__file__).parent / "data"
+
+
+class ShippedNetwork:
+    """A network that ships with the package, made ready in a thread of its own while its owner goes on.
+
+    Its weights are none that `without_tiny_weights` would change.
+
+    Parameters
+    ----------
+    name : of the file in aam/data.
+    threads : of onnxruntime within one call.
+    """
+
+    def __init__(self, name: str, threads: int = 1) -> None:
+        self._session: Any = None
+        self._error: BaseException | None = None
+        self._path, self._threads = DATA / name, threads
+        self._thread = threading.Thread(target=self._open, name=f"open {name}")
+        self._thread.start()
+
+    def run(self, outputs: Sequence[str] | None, inputs: Mapping[str, NDArray[Any]]) -> Any:
+        """The named outputs, all by default, for inputs by name."""
+        if self._session is None:
+            self._thread.join()
+            if self._error is not None:
+                raise self._error
+        return self._session.run(outputs, inputs)
+
+    def _open(self) -> None:
+        try:
+            self._session = _session(str(self._path), self._threads)
+        except BaseException as error:
+            self._error = error
+
 
 def open_session(model: bytes, threads: int = 1) -> Any:
     """An onnxruntime session on the CPU for a model's bytes; its subnormal weights, which are slow, become 0."""
+    return _session(without_tiny_weights(model), threads)
+
+
+def _session(model: bytes | str, threads: int) -> Any:
+    """A session for a model's bytes or path."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    return onnxruntime.InferenceSession(
-        without_tiny_weights(model), options, providers=["CPUExecutionProvider"]
-    )
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 class OnnxModel:

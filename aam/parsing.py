@@ -15,7 +15,7 @@ from enum import IntEnum
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.builtin import CROP, DATA, cut
+from guise.aam.landmarks.builtin import CROP, cut
 from guise.aam.landmarks.crops import upright_square
 from guise.aam.landmarks.schemes import (
     LEFT_EYE_CORNERS,
@@ -25,7 +25,7 @@ from guise.aam.landmarks.schemes import (
     RIGHT_LOWER_LID,
     RIGHT_UPPER_LID,
 )
-from guise.aam.onnx_model import open_session
+from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8, Floating
 
 CELLS = 64  # the side of the maps
@@ -119,7 +119,7 @@ class FaceParser:
     """
 
     def __init__(self, threads: int = 1) -> None:
-        self._session = open_session((DATA / "face.onnx").read_bytes(), threads)
+        self._session = ShippedNetwork("face.onnx", threads)
 
     def parse(self, rgb: U8, points: Floating) -> FaceParsing:
         """The maps of the face with points (81, 2) in a picture."""

@@ -1,12 +1,11 @@
 """The version of Guise that is installed."""
 
-from importlib.metadata import PackageNotFoundError
-from importlib.metadata import version as _installed
-
 
 def version() -> str:
     """Such as '0.1.0'; '0' when Guise runs without being installed."""
+    from importlib.metadata import PackageNotFoundError, version  # of which few commands have need
+
     try:
-        return _installed("guise-video")
+        return version("guise-video")
     except PackageNotFoundError:
         return "0"

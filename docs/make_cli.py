@@ -15,7 +15,7 @@ from typing import Any, get_args, get_type_hints
 
 import typer
 
-from guise.app.cli.commands import GROUPS, app
+from guise.app.cli.commands import GROUPS, command_line
 
 PAGE = Path(__file__).with_name("cli.md")
 INTRODUCTION = """# Commands
@@ -46,12 +46,12 @@ def overview(every: dict[str, Any]) -> str:
 
 def panel(name: str) -> str:
     """The group in which `guise --help` lists a command, or the command that it is part of."""
-    return str(typer.main.get_command(app).commands[name.split()[0]].rich_help_panel)  # type: ignore[attr-defined]
+    return str(typer.main.get_command(command_line()).commands[name.split()[0]].rich_help_panel)  # type: ignore[attr-defined]
 
 
 def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
     """Every command with its full name, such as "analogy mesh rig"."""
-    for name, command in (group or typer.main.get_command(app)).commands.items():
+    for name, command in (group or typer.main.get_command(command_line())).commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, f"{before}{name} ")
         else:

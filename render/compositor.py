@@ -5,10 +5,9 @@ from typing import Literal, Protocol, Self, get_args
 
 from guise.common.arrays import F32, I32, U8, Floating
 from guise.render.buffers import Texture, check_alpha
-from guise.render.context import GLMissing, probe_gl
+from guise.render.context import GLMissing, may_have_hardware, probe_gl
 from guise.render.cpu import CpuCompositor
 from guise.render.errors import RendererError
-from guise.render.gl import GLCompositor
 from guise.render.mesh import Mesh
 
 Renderer = Literal["auto", "gl", "cpu"]
@@ -117,6 +116,8 @@ def make_compositor(
     check_alpha(alpha)
     mesh = Mesh(triangles, uv, *alpha.shape)
     if renderer == "gl":
+        from guise.render.gl import GLCompositor
+
         return GLCompositor(mesh, alpha)
     if renderer == "cpu":
         return CpuCompositor(mesh, alpha)
@@ -124,8 +125,10 @@ def make_compositor(
 
 
 def _choose(mesh: Mesh, alpha: F32) -> Compositor:
-    found = probe_gl()
+    found = probe_gl() if may_have_hardware() else GLMissing("no graphics device")
     if not isinstance(found, GLMissing) and not found.software:
+        from guise.render.gl import GLCompositor
+
         chosen = GLCompositor(mesh, alpha)
         chosen.description += " (auto: GL is hardware)"
         return chosen

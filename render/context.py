@@ -4,16 +4,20 @@ The context is standalone (no window): EGL where it exists, the system's own off
 and macOS; or the one of a window, made by a window library. A context belongs to the thread that made it.
 """
 
+from __future__ import annotations
+
 import contextlib
 import ctypes
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
-
-import moderngl
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from guise.render.errors import RendererError
+
+if TYPE_CHECKING:
+    import moderngl
 
 MIN_GL_VERSION = 330
 INSTALL_HINT = (
@@ -22,6 +26,7 @@ INSTALL_HINT = (
 )
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast", "software rasterizer", "swiftshader", "basic render")
+_DEVICES = ("dri/renderD*", "nvidia[0-9]*", "mali*", "kgsl*", "dxg")  # below /dev on Linux
 _EGL_ATTEMPTS: Mapping[str, Mapping[str, Any]] = {
     "EGL": {"backend": "egl"},
     "EGL from libEGL.so.1 and libGL.so.1": {
@@ -79,6 +84,8 @@ def create_context() -> moderngl.Context:
     RendererError
         When no attempt succeeds: it names each attempt with its reason.
     """
+    import moderngl
+
     failures: list[str] = []
     for name, settings in _attempts().items():
         try:
@@ -108,6 +115,8 @@ def window_context(address: Callable[[str], int]) -> moderngl.Context:
     RendererError
         When it is older than version 3.3.
     """
+    import moderngl
+
     settings: dict[str, Any] = {"context": _Loader(address)}
     try:
         return _checked(moderngl.create_context(require=MIN_GL_VERSION, **settings))
@@ -144,6 +153,11 @@ def describe(context: moderngl.Context) -> GLInfo:
         version=str(context.info["GL_VERSION"]),
         software=any(name in renderer.lower() for name in _SOFTWARE_RENDERERS),
     )
+
+
+def may_have_hardware() -> bool:
+    """False where GL can only be software: on a Linux that shows no graphics device.  Making a context takes longer."""
+    return not sys.platform.startswith("linux") or any(any(Path("/dev").glob(name)) for name in _DEVICES)
 
 
 def probe_gl() -> GLInfo | GLMissing:

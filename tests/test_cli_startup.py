@@ -64,6 +64,17 @@ def test_help_imports_no_heavy_library(tmp_path: Path) -> None:
     assert loaded.isdisjoint({"numpy", "cv2", "av", "scipy", "skimage", "onnxruntime", "moderngl"})
 
 
+def test_only_the_command_that_is_run_is_imported(tmp_path: Path) -> None:
+    code = "import sys; from guise.app.cli.main import main; main(['swap', '--help'])"
+    code += "; print(*sys.modules, file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    loaded = {name for name in done.stderr.split() if name.startswith("guise.app.cli.")}
+    assert "guise.app.cli.video" in loaded
+    assert loaded.isdisjoint({"guise.app.cli.live", "guise.app.cli.deidentify", "guise.app.cli.analogy"})
+
+
 def test_swapping_imports_nothing_of_enrolment(tmp_path: Path) -> None:
     clip = cut("p01", tmp_path / "clip.mp4", 4)
     arguments = [
@@ -72,4 +83,4 @@ def test_swapping_imports_nothing_of_enrolment(tmp_path: Path) -> None:
     ]  # fmt: skip
     loaded = modules_after(f"from guise.app.cli.main import main; assert main({arguments!r}) == 0", tmp_path)
     assert {"numpy", "cv2", "av"} <= loaded
-    assert loaded.isdisjoint({"scipy", "skimage", "rich"})
+    assert loaded.isdisjoint({"scipy", "skimage", "rich", "moderngl", "ssl", "http"})

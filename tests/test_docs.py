@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import typer
 
-from guise.app.cli.commands import app
+from guise.app.cli.commands import command_line
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md")), ROOT / "benchmarks" / "README.md"]
@@ -76,7 +76,7 @@ def test_python_on_the_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize("line", command_lines())
 def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
-    known = commands_of(typer.main.get_command(app))
+    known = commands_of(typer.main.get_command(command_line()))
     _, *words = shlex.split(line)
     names = [name for name in known if words[: len(name.split())] == name.split()]
     groups = [name for name in known if name.split()[: len(words)] == words]
@@ -112,7 +112,7 @@ def test_the_page_of_commands_is_up_to_date() -> None:
 
 def test_the_page_of_commands_names_every_option() -> None:
     text = make_cli().page()
-    for name, command in commands_of(typer.main.get_command(app)).items():
+    for name, command in commands_of(typer.main.get_command(command_line())).items():
         section = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
         for param in command.params:
             if param.name != "help" and param.opts[0].startswith("-"):

@@ -25,6 +25,7 @@ from guise.aam.landmarks import (
 )
 from guise.aam.landmarks.crops import crop_to_picture
 from guise.aam.landmarks.schemes import INNER51, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, mean_geometry
+from guise.aam.onnx_model import DATA, ShippedNetwork
 from guise.aam.onnx_weights import without_tiny_weights
 
 ROOT = Path(__file__).parents[1]
@@ -475,3 +476,17 @@ def test_pfld_away_from_a_face_is_lost(tmp_path: Path) -> None:
     assert landmarker.detect(flat) == []
     found = landmarker.refine(flat, face)
     assert found is None or found.confidence < 0.5
+
+
+def test_shipped_networks_hold_no_tiny_weights() -> None:
+    networks = sorted(DATA.glob("*.onnx"))
+    assert len(networks) == 4
+    for network in networks:
+        content = network.read_bytes()
+        assert without_tiny_weights(content) == content, network.name
+
+
+def test_a_network_that_cannot_be_opened_says_so_when_it_is_used() -> None:
+    network = ShippedNetwork("no such network.onnx")
+    with pytest.raises(Exception, match=r"no such network\.onnx"):
+        network.run(None, {})

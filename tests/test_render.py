@@ -427,6 +427,7 @@ def info(software: bool) -> GLInfo:
 def test_auto_takes_the_cpu_without_hardware_gl_and_says_why(
     make: Make, monkeypatch: pytest.MonkeyPatch, found: GLInfo | GLMissing, words: str
 ) -> None:
+    monkeypatch.setattr(guise.render.compositor, "may_have_hardware", lambda: True)
     monkeypatch.setattr(guise.render.compositor, "probe_gl", lambda: found)
     compositor = make("auto", QUAD, quad(20, 20), np.ones((20, 20), np.float32))
     assert compositor.name == "cpu"
@@ -434,8 +435,28 @@ def test_auto_takes_the_cpu_without_hardware_gl_and_says_why(
     assert words in compositor.description
 
 
+def test_auto_makes_no_context_where_there_is_no_graphics_device(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guise.render.context, "_DEVICES", ("no such device",))
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr(guise.render.compositor, "probe_gl", None)
+    compositor = make("auto", QUAD, quad(20, 20), np.ones((20, 20), np.float32))
+    assert compositor.description.endswith("(auto: no graphics device)")
+
+
+@pytest.mark.parametrize("system", ["linux", "darwin", "win32"])
+def test_a_graphics_device_or_another_system_may_have_hardware(
+    monkeypatch: pytest.MonkeyPatch, system: str
+) -> None:
+    monkeypatch.setattr("sys.platform", system)
+    monkeypatch.setattr(guise.render.context, "_DEVICES", ("null",) if system == "linux" else ())
+    assert guise.render.context.may_have_hardware()
+
+
 @pytest.mark.egl
 def test_auto_takes_hardware_gl(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guise.render.compositor, "may_have_hardware", lambda: True)
     monkeypatch.setattr(guise.render.compositor, "probe_gl", lambda: info(False))
     compositor = make("auto", QUAD, quad(20, 20), np.ones((20, 20), np.float32))
     assert compositor.name == "gl"

@@ -26,7 +26,7 @@ from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
 from guise.aam.landmarks.rolls import TURNED, UPRIGHT, detect_at_rolls, upward
 from guise.aam.landmarks.schemes import interocular
-from guise.aam.onnx_model import open_session
+from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8
 
 DATA = Path(__file__).parents[1] / "data"
@@ -133,7 +133,7 @@ class BuiltinLandmarker:
             detector = FaceDetector(min_score=LIMITS.min_box_score, threads=threads)
         self.detector = detector
         self._turned = tuple(turned)
-        self._session = open_session((DATA / "landmarks.onnx").read_bytes(), threads)
+        self._session = ShippedNetwork("landmarks.onnx", threads)
         self._calibration = calibration()
 
     def detect(self, rgb: U8) -> list[Face]:

@@ -10,7 +10,6 @@ of the 68 iBUG points, also where it reaches beyond the picture's edge. Images a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -18,10 +17,9 @@ import numpy as np
 
 from guise.aam.landmarks.boxes import check_smallest, no_boxes, smallest_pixels, strongest
 from guise.aam.landmarks.face import BoxFit
-from guise.aam.onnx_model import open_session
+from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8
 
-MODEL = Path(__file__).parents[1] / "data" / "detector.onnx"
 MIN_FACE_PIXELS = 12  # that the network sees reliably
 _STRIDES = (8, 16, 32)
 UNIT_STRIDES = 2  # of the network's distances
@@ -61,7 +59,7 @@ class FaceDetector:
     def __post_init__(self) -> None:
         """Check the options and load the network."""
         check_smallest(self.smallest)
-        self._session = open_session(MODEL.read_bytes(), self.threads)
+        self._session = ShippedNetwork("detector.onnx", self.threads)
 
     def detect(self, image: U8) -> F32:
         """Boxes (n, 4)."""

@@ -1,37 +1,29 @@
 """All commands, in the groups in which `guise --help` lists them.
 
 A command is thin: it opens what it needs, calls the library and prints the result.  Heavy libraries are imported inside
-the commands, so that `guise --help` is fast.
+the commands, so that `guise --help` is fast, and of the commands only the one that is run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Any
+from importlib import import_module
+from typing import Annotated
 
 import typer
 from typer import Abort
 from typer.core import TyperGroup
 
-from guise.app.cli.analogy import analogy
-from guise.app.cli.deidentify import deidentify
-from guise.app.cli.faces import enroll, info, landmarks
-from guise.app.cli.live import live
-from guise.app.cli.measure import measure
-from guise.app.cli.people import people
-from guise.app.cli.studio import studio
-from guise.app.cli.tools import bench, demo, doctor
-from guise.app.cli.video import puppet, swap
 from guise.common.version import version
 
-__all__ = ["GROUPS", "Abort", "app"]
+__all__ = ["GROUPS", "Abort", "command_line"]
 
-GROUPS: dict[str, tuple[Callable[..., Any] | typer.Typer, ...]] = {
-    "Faces": (enroll, info, landmarks, people),
-    "Video": (swap, puppet, deidentify, measure),
-    "Live": (live, studio),
-    "Offline": (analogy,),
-    "Tools": (demo, doctor, bench),
+# Group -> command -> module in guise.app.cli.
+GROUPS: dict[str, dict[str, str]] = {
+    "Faces": {"enroll": "faces", "info": "faces", "landmarks": "faces", "people": "people"},
+    "Video": {"swap": "video", "puppet": "video", "deidentify": "deidentify", "measure": "measure"},
+    "Live": {"live": "live", "studio": "studio"},
+    "Offline": {"analogy": "analogy"},
+    "Tools": {"demo": "tools", "doctor": "tools", "bench": "tools"},
 }
 
 
@@ -43,13 +35,27 @@ class _InGroups(TyperGroup):
         return sorted(self.commands, key=lambda name: panels.index(str(self.commands[name].rich_help_panel)))  # type: ignore[attr-defined]
 
 
-app = typer.Typer(
-    cls=_InGroups,
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    help="Swap faces in video in real time, and de-identify video, on an ordinary CPU.",
-)
+def command_line(name: str | None = None) -> typer.Typer:
+    """The command line with the command of that name alone, which is sooner made; with all if there is none."""
+    made = typer.Typer(
+        cls=_InGroups,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        help="Swap faces in video in real time, and de-identify video, on an ordinary CPU.",
+    )
+    made.callback()(_root)
+    known = any(name in commands for commands in GROUPS.values())
+    for panel, commands in GROUPS.items():
+        for command, module in commands.items():
+            if known and command != name:
+                continue
+            found = getattr(import_module(f"guise.app.cli.{module}"), command)
+            if isinstance(found, typer.Typer):
+                made.add_typer(found, rich_help_panel=panel)
+            else:
+                made.command(rich_help_panel=panel)(found)
+    return made
 
 
 def _show_version(wanted: bool) -> None:
@@ -58,18 +64,9 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _root(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
     """Take the options before the command."""
-
-
-for _panel, _commands in GROUPS.items():
-    for _command in _commands:
-        if isinstance(_command, typer.Typer):
-            app.add_typer(_command, rich_help_panel=_panel)
-        else:
-            app.command(rich_help_panel=_panel)(_command)

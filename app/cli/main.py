@@ -12,8 +12,6 @@ import sys
 import threading
 from collections.abc import Sequence
 
-from guise.common.version import version
-
 _ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # read when NumPy is imported; see guise.common.threads
     "OPENCV_LOG_LEVEL": "SILENT",  # a broken image is reported by Guise's own message
@@ -24,6 +22,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code; an error is one sentence on stderr."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments == ["--version"]:
+        from guise.common.version import version
+
         print(f"guise {version()}")
         return 0
     for name, value in _ENVIRONMENT.items():
@@ -46,10 +46,11 @@ def _run(arguments: list[str]) -> int:
 
 
 def _call(arguments: list[str]) -> int:
-    from guise.app.cli.commands import Abort, app
+    from guise.app.cli.commands import Abort, command_line
 
+    run = command_line(arguments[0] if arguments else None)
     try:
-        return int(app(arguments or ["--help"], standalone_mode=False, prog_name="guise") or 0)
+        return int(run(arguments or ["--help"], standalone_mode=False, prog_name="guise") or 0)
     except Abort:
         raise KeyboardInterrupt from None
 

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 import cv2
 import numpy as np
@@ -206,8 +205,15 @@ def xmp(tags: Mapping[str, str]) -> bytes:
     True
     """
     others = "; ".join(value for key, value in tags.items() if key != "digital_source_type")
-    kind = quoteattr(tags.get("digital_source_type", ""))
-    return _XMP.format(kind=kind, description=escape(others)).encode()
+    kind = f'"{_escaped(tags.get("digital_source_type", ""))}"'
+    return _XMP.format(kind=kind, description=_escaped(others)).encode()
+
+
+def _escaped(text: str) -> str:
+    """As XML holds it; `html` and `xml.sax` take longer to import than the rest of this module."""
+    for character, name in (("&", "amp"), ("<", "lt"), (">", "gt"), ('"', "quot")):
+        text = text.replace(character, f"&{name};")
+    return text
 
 
 def _with_tags(data: bytes, suffix: str, tags: Mapping[str, str]) -> bytes:

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from importlib import resources
-from typing import Any
 
 import numpy as np
 
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
-from guise.aam.onnx_model import open_session
+from guise.aam.onnx_model import ShippedNetwork
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.coarse_grid import CellReader, TexelSums, gaussian_kernel
 from guise.common.arrays import F32, Bool, Int
@@ -98,7 +96,9 @@ class LearnedLight:
     @property
     def contrast(self) -> float:
         """Scale of grey differences on skin."""
-        return float(np.median(np.tensordot(LUMA, self._light.map[:3], 1)))
+        values = np.tensordot(LUMA, self._light.map[:3], 1).ravel()
+        middle = len(values) // 2  # of an odd number of cells; np.median imports numpy.ma
+        return float(np.partition(values, middle)[middle])
 
     def update(self, face: F32, seen: F32, visible: F32 | None) -> None:
         """See `Palette.update`."""
@@ -165,6 +165,6 @@ class _Light:
 
 
 @lru_cache(maxsize=1)
-def session() -> Any:
+def session() -> ShippedNetwork:
     """The network that ships with the package."""
-    return open_session(resources.files("guise.aam").joinpath("data/light.onnx").read_bytes())
+    return ShippedNetwork("light.onnx")
