@@ -6,15 +6,10 @@ canvas that holds all of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
-
-import av
 import cv2
 import numpy as np
 
 from benchmarks.common import F64, Picture
-from guise.app.media import open_input
 
 CANVAS_GREY_LEVEL = 96
 
@@ -37,21 +32,3 @@ def rolled(rgb: Picture, degrees: float) -> tuple[Picture, F64]:
 def moved(points: F64, forward: F64) -> F64:
     """Points (..., 2) after an affine map (2, 3)."""
     return np.asarray(points @ forward[:, :2].T + forward[:, 2])
-
-
-def write_rolled(video: Path, output: Path, degrees: Iterable[float]) -> list[F64]:
-    """Write a clip rolled by an angle for each frame, losslessly; returns the affine map (2, 3) of each."""
-    maps: list[F64] = []
-    with open_input(video) as media, av.open(str(output), "w") as out:
-        stream = out.add_stream("libx264", 30, {"qp": "0", "preset": "ultrafast"})
-        stream.pix_fmt = "yuv420p"
-        for frame, angle in zip(media, degrees, strict=False):
-            picture, forward = rolled(frame.rgb(), angle)
-            picture = picture[: picture.shape[0] // 2 * 2, : picture.shape[1] // 2 * 2]
-            if not maps:
-                stream.height, stream.width = picture.shape[:2]
-            maps.append(forward)
-            shown = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), "rgb24")
-            out.mux(stream.encode(shown))
-        out.mux(stream.encode(None))
-    return maps

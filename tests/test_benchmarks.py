@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -155,7 +156,52 @@ def test_what_is_in_front_of_a_face_need_not_be_changed() -> None:
     assert share(0, ~changed, points, seen).is_leaked
 
 
+def test_a_cover_holds_every_point_of_the_face() -> None:
+    from benchmarks.deidentify.changes import share
+
+    points = np.array([[x, y] for x in np.linspace(20, 70, 17) for y in (20, 45, 70, 71)])
+    seen, changed = np.ones(68, bool), np.zeros((100, 100), bool)
+    changed[15:75, 15:66] = True  # more than nine tenths of the box, and not the last column of points
+    assert not share(0, changed, points, seen, covered=False).is_leaked
+    assert share(0, changed, points, seen, covered=True).is_leaked
+    changed[15:75, 15:75] = True
+    assert not share(0, changed, points, seen, covered=True).is_leaked
+
+
+@pytest.mark.parametrize("form", ["0", "30", "180", "mirrored", "negative", "half-left", "half-below"])
+def test_the_truth_follows_the_form_of_a_clip(tmp_path: Path, form: str) -> None:
+    from benchmarks.deidentify.changes import Truth
+    from benchmarks.deidentify.forms import in_form
+    from guise.app.media import open_input
+
+    clip = tmp_path / "clip.mkv"
+    place = np.array([60.0, 40.0])
+    rgb = np.zeros((90, 120, 3), np.uint8)
+    rgb[36:45, 56:65] = 255
+    with av.open(str(clip), "w") as out:
+        stream = out.add_stream("libx264", 30, {"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = 120, 90, "yuv420p"
+        for _ in range(3):
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, "rgb24")))
+        out.mux(stream.encode(None))
+    truth = Truth(np.tile(place, (3, 68, 1)), np.ones((3, 68), bool))
+    video, (moved,) = in_form(clip, [truth], form, tmp_path, 2)
+    with open_input(video) as media:
+        frames = [frame.rgb() for frame in media]
+    assert len(frames) == 2
+    assert moved.visible.all()
+    x, y = moved.points[0, 0].round().astype(int)
+    assert frames[0][y, x, 1] == pytest.approx(0 if form == "negative" else 255, abs=12)
+    assert frames[0][min(y + 12, len(frames[0]) - 1), x, 1] != frames[0][y, x, 1] or form.startswith("half")
+
+
+def test_faces_that_cannot_be_seen_are_a_line_without_figures() -> None:
+    from benchmarks.deidentify.leaks import row
+
+    assert row("clip", "guise", [])[:5] == ("clip", "guise", 0, 0, 0)
+
+
 def test_every_benchmark_of_de_identification_runs_with_all() -> None:
-    helpers = {"__init__", "changes", "guise"}
+    helpers = {"__init__", "changes", "forms", "guise"}
     scripts = {p.stem for p in (Path(run_all.__file__).parent / "deidentify").glob("*.py")} - helpers
     assert {f"deidentify.{name}" for name in scripts} == set(run_all.DEIDENTIFY)

@@ -1,10 +1,12 @@
 """Leaked frames: true faces of the hard synthetic clips that are not swapped or covered; `deface` beside it.
 
-Each clip is taken as it is and rolled by the angles that `--rolls` gives.  `--real` adds clips of data/real, with the
-faces that MediaPipe found in the upright clip.
+Each clip is taken as it is and in the forms that `--forms` gives: rolled, mirrored, negative, half out of the picture.
+`--real` adds clips of data/real, with the faces that MediaPipe found in the clip as it is.  `--every K` takes each clip
+in every K-th form only, in turn, so that all clips together are taken in all forms.
 
 A frame is leaked when less than 90 % of the box of the points of a face that can be seen was changed, and of the face
-itself: the box also spans a hand or a mug in front, which a swap leaves as it is.  Beside it stand the box of all 68
+itself: the box also spans a hand or a mug in front, which a swap leaves as it is.  It is also leaked when a face was
+covered, and a point of it that can be seen lies outside the cover.  Beside it stand the box of all 68
 points, some of which lie under hair, and the shares of pixels: within the outline of the points that can be seen, and
 of the mesh between points that can be seen.  On real clips it isn't known which points are hidden, and a hand counts
 as face.
@@ -14,8 +16,8 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Sequence
-from itertools import product, repeat
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,15 +25,34 @@ import numpy as np
 from benchmarks import common
 from benchmarks.children import ran
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.deidentify.changes import LOSSLESS, LOSSY, MIN_CHANGED_SHARE, Share, Truth, shares
+from benchmarks.deidentify.changes import (
+    LOSSLESS,
+    LOSSY,
+    MIN_CHANGED_SHARE,
+    Share,
+    SwappedFaces,
+    Truth,
+    shares,
+)
+from benchmarks.deidentify.forms import ALL_ROLLS, SPOILED, in_form
 from benchmarks.deidentify.guise import LOSSLESS_OPTIONS, deidentified
 from benchmarks.landmarks.clips import RealClip, real_clips
-from benchmarks.rolled import moved, write_rolled
 from guise.aam.landmarks.schemes import IBUG68
 
 QUICK = ("leave_reenter", "occlusion_hand")
 ALL_HIDDEN = 0  # outcome of a report that all faces are swapped and every frame verified
 NEARLY_LOSSLESS = '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"]}'
+
+
+@dataclass
+class Found:
+    """What was found so far."""
+
+    rows: list[tuple[object, ...]] = field(default_factory=list)
+    counts: list[tuple[object, ...]] = field(default_factory=list)
+    leaked: int = 0
+    false_claims: int = 0
+    by_deface: int = 0
 
 
 def clips(shared: Path, real: Sequence[str]) -> dict[Path, list[Truth]]:
@@ -58,74 +79,74 @@ def deface(python: Path, video: Path, output: Path) -> None:
 
 def row(name: str, tool: str, found: list[Share]) -> tuple[object, ...]:
     """A line of the table: for each kind of share, how many frames are under MIN_CHANGED_SHARE, and the least."""
-    cells: list[object] = [sum(s.is_leaked for s in found)]
+    cells: list[object] = [sum(s.is_leaked for s in found), sum(s.covered is True for s in found)]
     for kind in ("seen", "box", "face", "bare"):
         values = np.array([getattr(s, kind) for s in found])
-        cells += [int((values < MIN_CHANGED_SHARE).sum()), round(100 * float(values.min()), 1)]
+        least = round(100 * float(values.min()), 1) if len(values) else "-"
+        cells += [int((values < MIN_CHANGED_SHARE).sum()), least]
     return name, tool, len(found), *cells
 
 
-def rolled_clip(video: Path, truths: list[Truth], degrees: float, folder: Path) -> tuple[Path, list[Truth]]:
-    """A clip rolled clockwise, written losslessly into a folder, and the true faces in it."""
-    if not degrees:
-        return video, truths
-    output = folder / f"{video.stem}_{degrees:g}.mkv"
-    forward = write_rolled(video, output, repeat(degrees))[0]
-    return output, [Truth(moved(truth.points, forward), truth.visible) for truth in truths]
+def chosen(options: argparse.Namespace) -> Iterator[tuple[Path, list[Truth], str]]:
+    """The clips in the forms that are measured."""
+    forms = list(dict.fromkeys(options.forms))
+    for k, (video, truths) in enumerate(clips(options.shared, options.real).items()):
+        if options.only and video.stem not in (*options.only, *options.real):
+            continue
+        if not options.quick or video.stem in (*QUICK, *options.real):
+            for n, form in enumerate(forms):
+                if (n + k) % options.every == 0:
+                    yield video, truths, form
+
+
+def measured(
+    found: Found, clip: tuple[Path, list[Truth], str], options: argparse.Namespace, folder: Path
+) -> None:
+    """De-identify a clip in a form, and add what is found."""
+    source, faces, form = clip
+    video, truths = in_form(source, faces, form, folder, options.frames)
+    name, output = f"{source.stem} {form}", folder / "out.mkv"
+    report = deidentified(video, output, *LOSSLESS_OPTIONS)
+    swapped = SwappedFaces(report)
+    ours = [s for truth in truths for s in shares(video, output, truth, LOSSLESS, swapped)]
+    leaked = sum(s.is_leaked for s in ours)
+    found.rows.append(row(name, "guise", ours))
+    found.counts.append((name, *report["counts"].values(), len(report["audit"]), report["outcome"]))
+    found.leaked += leaked
+    found.false_claims += leaked > 0 and report["outcome"] == ALL_HIDDEN
+    common.say(f"{found.rows[-1]} {report['sentence']} {[s.frame for s in ours if s.is_leaked]}")
+    if options.peers_python:
+        theirs = folder / "deface.mp4"
+        deface(options.peers_python, video, theirs)
+        peer = [s for truth in truths for s in shares(video, theirs, truth, LOSSY)]
+        found.rows.append(row(name, "deface", peer))
+        found.by_deface += sum(s.is_leaked for s in peer)
+        common.say(f"{found.rows[-1]}")
 
 
 def measure(options: argparse.Namespace) -> Report:
-    """All clips at all rolls."""
-    rows, leaked, theirs, counts, false_claims = [], 0, 0, [], 0
-    for (source, faces), degrees in product(clips(options.shared, options.real).items(), options.rolls):
-        if options.quick and source.stem not in (*QUICK, *options.real):
-            continue
+    """All clips in all forms."""
+    found = Found()
+    for clip in chosen(options):
         with tempfile.TemporaryDirectory() as folder:
-            output = Path(folder) / "out.mkv"
-            video, truths = rolled_clip(source, faces, degrees, Path(folder))
-            report = deidentified(video, output, *LOSSLESS_OPTIONS)
-            ours = [s for truth in truths for s in shares(video, output, truth, LOSSLESS)]
-            tracked = sum(track["counts"]["covered"] for track in report["tracks"])
-            counts.append((video.stem, *report["counts"].values(), tracked))
-            rows.append(row(video.stem, "guise", ours))
-            here = sum(s.is_leaked for s in ours)
-            leaked, false_claims = (
-                leaked + here,
-                false_claims + (here > 0 and report["outcome"] == ALL_HIDDEN),
-            )
-            if options.peers_python:
-                deface(options.peers_python, video, Path(folder) / "deface.mp4")
-                peer = [
-                    s for truth in truths for s in shares(video, Path(folder) / "deface.mp4", truth, LOSSY)
-                ]
-                rows.append(row(video.stem, "deface", peer))
-                theirs += rows[-1][3]  # type: ignore[operator]
-        common.say(f"{rows[-1]}")
+            measured(found, clip, options, Path(folder))
     columns = (
-        "clip",
-        "tool",
-        "faces seen",
-        "leaked",
-        "box",
-        "least, %",
-        "with hidden points",
-        "least, %",
-        "outline",
-        "least, %",
-        "face itself",
-        "least, %",
-    )
-    worst_columns = ("clip", "without face", "swapped", "covered", "left", "tracked faces covered")
-    notes = [f"deface: {theirs} leaked frames."] if options.peers_python else []
+        "clip and form", "tool", "faces seen", "leaked", "covered", "box", "least, %", "with hidden points", "least, %",
+        "outline", "least, %", "face itself", "least, %",
+    )  # fmt: skip
+    worst_columns = (
+        "clip and form", "without face", "swapped", "covered", "left", "found by the audit", "outcome",
+    )  # fmt: skip
+    notes = [f"deface: {found.by_deface} leaked frames."] if options.peers_python else []
     return Report(
-        "deidentify.leaks", "De-identification: leaked frames of the hard clips, upright and rolled",
+        "deidentify.leaks", "De-identification: leaked frames of the hard clips, in every form",
         [
-            Criterion("leaked frames", float(leaked), "<=", 0.0),
-            Criterion("reports of outcome 0 beside a leak", float(false_claims), "<=", 0.0),
+            Criterion("leaked frames", float(found.leaked), "<=", 0.0),
+            Criterion("reports of outcome 0 beside a leak", float(found.false_claims), "<=", 0.0),
         ],
         [
-            Table("Faces of which a quarter or more can be seen", columns, rows),
-            Table("Frames by their worst face", worst_columns, counts),
+            Table("Faces of which a quarter or more can be seen", columns, found.rows),
+            Table("Frames by their worst face", worst_columns, found.counts),
         ],
         notes,
     )  # fmt: skip
@@ -135,12 +156,12 @@ def parser() -> argparse.ArgumentParser:
     """The options."""
     made = common.with_peers(common.arguments(__doc__))
     made.add_argument(
-        "--rolls",
-        type=float,
-        nargs="+",
-        default=[0, 90, 180, 270],
-        help="degrees clockwise (default: quarters)",
-    )
+        "--forms", nargs="+", default=[*ALL_ROLLS, *SPOILED],
+        help=f"degrees clockwise, {', '.join(SPOILED)} (default: every 15 degrees, and these)",
+    )  # fmt: skip
+    made.add_argument("--every", type=int, default=1, help="take each clip in every so many-th form, in turn")
+    made.add_argument("--frames", type=int, help="only the first frames of each clip")
+    made.add_argument("--only", nargs="*", default=[], help="names of hard clips; all by default")
     made.add_argument("--real", nargs="*", default=[], help="names of clips of data/real, to measure as well")
     return made
 
