@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from guise.app.media import EncodeOptions, Frame, MediaError, open_input, open_sink, process
-from guise.app.media.images import encode_image
+from guise.app.media.images import encode_image, read_deep
 
 USUAL = EncodeOptions()
 
@@ -199,3 +201,14 @@ def test_one_image_output_takes_one_image(tmp_path: Path) -> None:
         run(folder, tmp_path / "out", options=EncodeOptions(lossless=True))
     assert lossy.exists()
     assert list(tmp_path.iterdir()) == [folder]
+
+
+def test_a_header_of_a_picture_too_large_to_read_is_a_sentence(tmp_path: Path) -> None:
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = struct.pack(">IIBBBBB", 60000, 60000, 8, 2, 0, 0, 0)
+    parts = [chunk(b"IHDR", header), chunk(b"IDAT", zlib.compress(bytes(99))), chunk(b"IEND", b"")]
+    (tmp_path / "large.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+    with pytest.raises(MediaError, match=r"large\.png is not an image that can be read, or too large"):
+        read_deep(tmp_path / "large.png")

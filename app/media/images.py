@@ -108,7 +108,12 @@ def read_deep(path: Path) -> DeepImage:
     except OSError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): give an image file.") from error
     buffer = np.frombuffer(data or b"\0", np.uint8)
-    raw, kinds, blocks = cv2.imdecodeWithMetadata(buffer, cv2.IMREAD_UNCHANGED)
+    try:
+        raw, kinds, blocks = cv2.imdecodeWithMetadata(buffer, cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:  # larger than OpenCV takes, or damaged in a way that it does not expect
+        raise MediaError(
+            f"{path} is not an image that can be read, or too large: give one of less than 32768 x 32768 pixels."
+        ) from error
     if raw is None:
         raise MediaError(f"{path} is not an image that can be read: give a PNG, JPEG, TIFF or WebP file.")
     photometric = ifd.read_short(data, ifd.PHOTOMETRIC)
