@@ -15,8 +15,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 from urllib.parse import parse_qs, urlsplit
 
 import av
@@ -38,6 +40,7 @@ class StudioServer:
     address: str
     folder: Path
     process: "subprocess.Popen[str]"
+    errors: IO[str]
 
     @cached_property
     def token(self) -> str:
@@ -50,7 +53,11 @@ class StudioServer:
     @cached_property
     def cookie(self) -> str:
         """The header that lets a request in."""
-        return f"guise_{self.port}={self.token}"
+        connection = HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection.request("GET", f"/people?token={self.token}")
+        headers = connection.getresponse().headers
+        connection.close()
+        return headers["Set-Cookie"].split("; ")[0]
 
     def url(self, path: str = "/") -> str:
         """An address on it, without the token."""
@@ -61,21 +68,26 @@ class StudioServer:
         self.process.send_signal(number)
         return self.process.wait(30)
 
+    def said(self) -> str:
+        """What it has written on stderr."""
+        self.errors.seek(0)
+        return self.errors.read()
+
 
 @contextmanager
 def studio(folder: Path, *, limit: int = LIMIT) -> Iterator[StudioServer]:
     """A studio on a free port."""
     command = [sys.executable, "-m", "guise", "studio", "--folder", str(folder), "--port", "0", "--no-open"]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    with subprocess.Popen(
-        [*command, "--limit", str(limit), "--json"], stdout=subprocess.PIPE, text=True, env=environment,
-        cwd=SAMPLES.parent, start_new_session=True,
+    with TemporaryFile("w+") as errors, subprocess.Popen(
+        [*command, "--limit", str(limit), "--json"], stdout=subprocess.PIPE, stderr=errors, text=True,
+        env=environment, cwd=SAMPLES.parent, start_new_session=True,
     ) as process:  # fmt: skip
         try:
             assert process.stdout is not None
             line = process.stdout.readline()
             assert line, "the studio did not start"
-            yield StudioServer(json.loads(line)["address"], folder, process)
+            yield StudioServer(json.loads(line)["address"], folder, process, errors)
         finally:
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from studio_browser import LIMIT, StudioServer, studio, studio_server  # noqa: F401
 
+from guise.app.studio.request_guard import may_connect, owner_of
+
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
 NO_TOKEN = "Access needs a token: open the address that guise studio printed in the terminal."
@@ -70,8 +72,46 @@ def test_the_token_becomes_a_cookie_and_leaves_the_address(server: StudioServer)
     assert (status, headers["Location"]) == (303, "/people")
     name, *flags = headers["Set-Cookie"].split("; ")
     assert name == server.cookie
+    assert server.token not in headers["Set-Cookie"]
     assert {flag.lower() for flag in flags} == {"httponly", "path=/", "samesite=strict"}
     assert ask(server, "/people")[0] == 200
+
+
+def test_the_cookie_is_no_token_and_the_token_no_cookie(server: StudioServer) -> None:
+    """Every port of this computer is sent the cookie."""
+    session = server.cookie.split("=")[1]
+    assert ask(server, f"/people?token={session}", cookie=False)[::2] == (403, NO_TOKEN)
+    as_cookie = f"guise_{server.port}={server.token}"
+    assert ask(server, "/people", cookie=False, Cookie=as_cookie)[::2] == (403, NO_TOKEN)
+
+
+def test_a_connection_is_known_by_its_user(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        with socket.create_connection(listener.getsockname()) as client:
+            assert owner_of(client.getsockname()) == os.getuid()
+        table = tmp_path / "tcp"
+        table.write_text(
+            "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid\n"
+            "   0: 0100007F:1F90 0100007F:C350 01 00000000:00000000 00:00000000 00000000  1001 0 1\n"
+        )
+        assert owner_of(("127.0.0.1", 8080), table) == 1001
+        assert owner_of(("127.0.0.1", 8081), table) is None
+        assert owner_of(None, tmp_path / "none") is None
+
+
+@pytest.mark.parametrize(
+    ("owner", "user", "may"), [(1000, 1000, True), (1001, 1000, False), (0, 1000, True), (None, 1000, True)]
+)
+def test_another_users_program_is_refused(owner: int | None, user: int, may: bool) -> None:
+    assert may_connect(owner, user) == may
+
+
+def test_a_refused_websocket_is_no_error_of_the_server(tmp_path: Path) -> None:
+    with studio(tmp_path) as server:
+        assert upgrade(server, cookie=False)[0] == 403
+        assert upgrade(server, Origin=own(server))[0] == 101
+        server.stop(signal.SIGINT)
+        assert server.said() == ""
 
 
 def test_other_programs_cookies_do_no_harm(server: StudioServer) -> None:
@@ -129,7 +169,7 @@ def test_a_websocket_needs_token_and_origin(server: StudioServer) -> None:
     assert upgrade(server, Origin=own(server))[0] == 101
     for headers in ({}, {"Origin": "http://evil.example"}, {"Origin": own(server), "Host": "evil.example"}):
         assert upgrade(server, **headers)[0] == 403
-    assert upgrade(server, Origin=own(server), cookie=False)[::2] == (403, NO_TOKEN)
+    assert upgrade(server, Origin=own(server), cookie=False)[0] == 403
 
 
 @pytest.mark.parametrize("path", ["/people", "/_nicegui/client/x/upload/1"])

@@ -132,6 +132,20 @@ def test_others_on_the_computer_see_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "new" / "studio").stat().st_mode & 0o077 == 0
 
 
+def test_others_see_nothing_in_a_folder_that_was_there_before(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
+    (tmp_path / "clips").mkdir()
+    (tmp_path / "clips").chmod(0o755)
+    (tmp_path / "notes.txt").write_text("the user's own")
+    store = Store(tmp_path)
+    inside = [path for path in tmp_path.iterdir() if path.name != "notes.txt"]
+    assert len(inside) >= 6
+    for path in inside:
+        assert path.stat().st_mode & 0o077 == 0, path
+    assert tmp_path.stat().st_mode & 0o777 == 0o755
+    store.close()
+
+
 def test_many_threads_lose_nothing(tmp_path: Path) -> None:
     store = Store(tmp_path)
     threads = [

@@ -5,8 +5,12 @@ Plain ASGI around everything else, so that no request, upload or websocket bypas
 
 from __future__ import annotations
 
+import os
 import secrets
+from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -17,6 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 HOSTS = ("127.0.0.1", "localhost")
 NO_TOKEN = "Access needs a token: open the address that guise studio printed in the terminal."
 WRONG_HOST = "The studio answers only at 127.0.0.1 and localhost: open the address that guise studio printed."
+WRONG_USER = "The studio is another user's: start your own with guise studio."
 WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
 FORM_OVERHEAD_BYTES = 1 << 16  # that a form adds to a file
 _HEADERS = {
@@ -40,19 +45,23 @@ class RequestGuard:
     Parameters
     ----------
     app : the guarded application.
-    token : as in the printed address; it becomes a cookie that no script and no other site can use.
+    token : as in the printed address; who has it gets a cookie that no script and no other site can use.
     cookie : its name, different for each port, because browsers share cookies between ports.
     limit : largest upload, bytes.
     """
 
     def __init__(self, app: ASGIApp, token: str, cookie: str, limit: int) -> None:
         self.app, self._token, self._cookie, self._limit = app, token, cookie, limit
+        self._session = secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
         refusal = self._refusal(scope)
+        if refusal is not None and scope["type"] == "websocket":
+            await send({"type": "websocket.close"})  # a response with words is an error to some servers
+            return
         if refusal is not None:
             await refusal(scope, receive, _with_headers(send))
             return
@@ -60,6 +69,8 @@ class RequestGuard:
 
     def _refusal(self, scope: Scope) -> Response | None:
         """The response to a request that is not passed on, or None."""
+        if not may_connect(owner_of(scope.get("client")), os.getuid()):
+            return PlainTextResponse(WRONG_USER, 403)
         headers = Headers(scope=scope)
         host, origin = headers.get("host", ""), headers.get("origin")
         if host.rsplit(":", 1)[0] not in HOSTS:
@@ -68,21 +79,22 @@ class RequestGuard:
         if origin != f"http://{host}" and not (safe and origin is None):
             return PlainTextResponse(WRONG_ORIGIN, 403)
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if safe and self._is_token(given):
+        if safe and secrets.compare_digest(given.encode(), self._token.encode()):
             return self._welcome(scope["path"])
-        if not self._is_token(cookie_parser(headers.get("cookie", "")).get(self._cookie, "")):
+        session = cookie_parser(headers.get("cookie", "")).get(self._cookie, "")
+        if not secrets.compare_digest(session.encode(), self._session.encode()):
             return PlainTextResponse(NO_TOKEN, 403)
         if int(headers.get("content-length") or 0) > self._limit + FORM_OVERHEAD_BYTES:
             return PlainTextResponse(too_large(self._limit), 413)
         return None
 
-    def _is_token(self, given: str) -> bool:
-        return secrets.compare_digest(given.encode(), self._token.encode())
-
     def _welcome(self, path: str) -> Response:
-        """Set the cookie and redirect to the same page without the token in its address."""
+        """Set the cookie and redirect to the same page without the token in its address.
+
+        Browsers send the cookie to every port of this computer: it isn't the token, which only the terminal shows.
+        """
         response = RedirectResponse("/" + path.lstrip("/"), 303)
-        response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        response.set_cookie(self._cookie, self._session, httponly=True, samesite="strict")
         return response
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -103,6 +115,24 @@ class RequestGuard:
             await self.app(scope, counted, answered)
         if count > most:
             await PlainTextResponse(too_large(self._limit), 413)(scope, receive, send)
+
+
+def owner_of(client: Sequence[Any] | None, table: Path = Path("/proc/net/tcp")) -> int | None:
+    """The user id of the program at the other end of a connection from 127.0.0.1; None where no system table tells.
+
+    client : its address and port.   table : of the connections, as Linux writes it.
+    """
+    try:
+        lines = table.read_text().splitlines()[1:]
+    except OSError:
+        return None
+    end = f"0100007F:{client[1] if client else 0:04X}"
+    return next((int(fields[7]) for fields in map(str.split, lines) if fields[1] == end), None)
+
+
+def may_connect(owner: int | None, own: int) -> bool:
+    """Whether a user may use the studio of the user `own`: a cookie that another's program was sent is no use to it."""
+    return owner in (None, 0, own) or own == 0
 
 
 def too_large(limit: int) -> str:

@@ -23,6 +23,8 @@ from guise.common.errors import GuiseError
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
 FOLDERS = ("clips", "people", "uploads", "jobs")
+DATABASE = "studio.sqlite"
+_PRIVATE = 0o700  # as all of it is biometric data
 MAX_NAME_CHARACTERS = 80
 _TABLES = """
 CREATE TABLE IF NOT EXISTS clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT);
@@ -118,7 +120,7 @@ class Store:
         self._lock = threading.Lock()
         self._database = _open(folder)
         shutil.rmtree(self.incoming, ignore_errors=True)
-        self.incoming.mkdir()
+        self.incoming.mkdir(mode=_PRIVATE)
 
     @property
     def incoming(self) -> Path:
@@ -267,10 +269,13 @@ class Store:
 def _open(folder: Path) -> sqlite3.Connection:
     """The database, which no other process can open until it is closed."""
     try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)  # biometric data
-        for name in FOLDERS:
-            (folder / name).mkdir(exist_ok=True)
-        database = sqlite3.connect(folder / "studio.sqlite", timeout=0.5, check_same_thread=False)
+        folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE)
+        for name in FOLDERS:  # also those of a folder that was there before, which may hold other things
+            (folder / name).mkdir(exist_ok=True, mode=_PRIVATE)
+            (folder / name).chmod(_PRIVATE)
+        (folder / DATABASE).touch()
+        (folder / DATABASE).chmod(_PRIVATE & 0o600)
+        database = sqlite3.connect(folder / DATABASE, timeout=0.5, check_same_thread=False)
         database.executescript(
             f"PRAGMA locking_mode=EXCLUSIVE; PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; {_TABLES}"
         )
