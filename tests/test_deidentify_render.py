@@ -1,17 +1,11 @@
-"""The audit's notion of a known face, covers of what it finds, and pictures of tracks."""
+"""What is done in a segment, covers of what the audit finds, and pictures of tracks."""
 
 import numpy as np
 
 from guise.app.deidentify.options import DeidentifyOptions
+from guise.app.deidentify.stages.audit import AuditDetection, FaceTreatment
 from guise.app.deidentify.stages.jobs import PICTURE_PIXELS, picture
-from guise.app.deidentify.stages.render import (
-    LIMITS,
-    AuditDetection,
-    FaceTreatment,
-    _inside,
-    entries_of,
-    with_detections,
-)
+from guise.app.deidentify.stages.render import LIMITS, entries_of, with_detections
 from guise.app.media import EncodeOptions, Frame
 from guise.app.swapping.decide import COVERED, SWAPPED
 
@@ -46,12 +40,6 @@ def test_a_find_is_covered_in_the_frames_about_it_and_changes_nothing_else() -> 
     )
 
 
-def test_a_box_about_a_known_face_is_that_face() -> None:
-    assert _inside(BOX, BOX + 5)
-    assert _inside(BOX, np.array([25, 40, 30, 50]))
-    assert not _inside(BOX, BOX + 60)
-
-
 def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
     rgb = np.full((100, 120, 3), 200, np.uint8)
     made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32), 0.0)
@@ -65,6 +53,6 @@ def test_options_survive_the_manifest() -> None:
 
     options = DeidentifyOptions(
         donor="mean:2", gallery=(Path("a.guise"), Path("b.guise")), cover="blur", seed=3, keyfile=Path("k"),
-        audio="drop", encode=EncodeOptions(crf=30),
+        audio="drop", encode=EncodeOptions(crf=30), audit="full", detector="yunet:m.onnx",
     )  # fmt: skip
     assert DeidentifyOptions.from_json(options.as_json()) == options

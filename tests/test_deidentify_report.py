@@ -359,7 +359,7 @@ def test_headings_do_not_skip_a_level_and_names_are_unique(pages: Iterator[Page]
 @pytest.mark.parametrize(
     ("done", "audit", "words"),
     [
-        ([0] * 40, (), "All faces swapped"),
+        ([0] * 40, (), "All faces that were found are swapped"),
         ([1], (), "Faces covered, or frames not verified"),
         ([0], (STILL,), "A face may be visible"),
     ],

@@ -11,6 +11,7 @@ import pytest
 from guise.aam.landmarks import Face, FaceTracker, interocular
 from guise.aam.landmarks.boxes import no_boxes
 from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.face import BoxFit
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import (
@@ -20,12 +21,12 @@ from guise.aam.landmarks.rolls import (
     UPRIGHT,
     RolledBoxes,
     detect_at_rolls,
+    detect_at_turns,
     detect_on_schedule,
     nearest_quarter,
     turn_of,
 )
 from guise.aam.landmarks.schemes import IBUG68
-from guise.app.deidentify.stages.render import AUDIT_PHASE
 from guise.app.media import Frame, open_input
 from guise.app.people.faces import DetectedFrame, SegmentTracker, detect_faces
 from guise.app.swapping.cover import cover
@@ -137,13 +138,15 @@ def test_beside_a_sure_face_the_other_rolls_take_turns(score: float, most: int) 
     assert searched == set(EVERY_ROLL)
 
 
-def test_the_first_stage_and_the_audit_together_search_every_roll_in_five_frames() -> None:
-    searched = []
-    for index in range(20):
-        both = [detect_on_schedule(White(), white(), index + phase, 0.75) for phase in (0, AUDIT_PHASE)]
-        searched.append({nearest_quarter(turn) for one in both for turn in one.turns.tolist()})
-    for index in range(16):
-        assert set.union(*searched[index : index + 5]) == set(EVERY_ROLL)
+@pytest.mark.parametrize("degrees", [0, 22.5, 90, 112.5, 200, 337.5])
+def test_a_turned_face_has_its_box_in_the_picture_at_any_turn(degrees: float) -> None:
+    rgb, truth = rolled(*still(), degrees)
+    found = detect_at_turns(FaceDetector(), rgb, [np.radians(degrees)])
+    upright = FaceDetector().detect(still()[0])[0]
+    box = found.boxes[int(np.argmax(found.scores))]
+    np.testing.assert_allclose(box[2:] - box[:2], upright[2:] - upright[:2], rtol=0.15)
+    middle, size = (truth[IBUG68].min(0) + truth[IBUG68].max(0)) / 2, float((upright[2:] - upright[:2]).max())
+    assert np.linalg.norm((box[:2] + box[2:]) / 2 - middle) < 0.15 * size
 
 
 def test_a_detector_whose_boxes_lie_above_the_landmarks_is_corrected_at_any_roll() -> None:

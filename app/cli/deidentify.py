@@ -50,6 +50,13 @@ class AudioName(StrEnum):
     mask = "mask"
 
 
+class AuditName(StrEnum):
+    """Which frames the audit searches."""
+
+    sampled = "sampled"
+    full = "full"
+
+
 Inputs = Annotated[
     list[str],
     typer.Argument(metavar="INPUT...", help="Videos, images, folders, patterns in quotes, or URLs."),
@@ -122,6 +129,16 @@ KeepMetadata = Annotated[
     ),
 ]
 LabelOption = Annotated[bool, typer.Option("--label", help="Draw a visible label.")]
+AuditOption = Annotated[
+    AuditName,
+    typer.Option("--audit", help="Search some frames of the original and the output for faces, or all."),
+]
+AuditDetector = Annotated[
+    str | None,
+    typer.Option(
+        "--detector", metavar="lbp|yunet:PATH", help="Face detector of the audit; default: the built-in one."
+    ),
+]
 C2pa = Annotated[
     tuple[Path, Path] | None,
     typer.Option("--c2pa", metavar="CERT KEY", help="Sign the output with a C2PA manifest; PEM files."),
@@ -148,6 +165,8 @@ def deidentify(
     keep_metadata: KeepMetadata = False,
     label: LabelOption = False,
     c2pa: C2pa = None,
+    audit: AuditOption = AuditName.sampled,
+    detector: AuditDetector = None,
     encoder: Encoder = "libx264",
     crf: Crf = 20,
     preset: Preset = "veryfast",
@@ -170,7 +189,7 @@ def deidentify(
     certificate, key = c2pa or (None, None)
     options = DeidentifyOptions(
         donor, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label, certificate,
-        key, EncodeOptions(encoder, crf, preset, lossless), renderer.value,
+        key, EncodeOptions(encoder, crf, preset, lossless), renderer.value, audit.value, detector,
     )  # fmt: skip
     plan = make_plan(inputs, output, work, lambda path: suffix_for(path, encoder), recursive=recursive)
     _check_tracks(tracks, review, plan.pairs)

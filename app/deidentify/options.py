@@ -12,6 +12,7 @@ from guise.common.errors import GuiseError
 from guise.render.compositor import Renderer
 
 Audio = Literal["keep", "drop", "mask"]
+AuditExtent = Literal["sampled", "full"]
 
 
 class DeidentifyError(GuiseError):
@@ -36,6 +37,8 @@ class DeidentifyOptions:
     certificate, key : PEM files for a signed C2PA manifest, or None.
     encode : encoder, crf, preset, lossless.
     renderer : which renderer draws.
+    audit : "sampled" searches some frames of the original and the result for faces, "full" all.
+    detector : of the audit, as `guise.aam.landmarks.open_detector` takes it; None for the built-in one.
     """
 
     donor: str = "auto"
@@ -51,6 +54,8 @@ class DeidentifyOptions:
     key: Path | None = None
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     renderer: Renderer = "auto"
+    audit: AuditExtent = "sampled"
+    detector: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The options as JSON holds them."""

@@ -95,6 +95,7 @@ class FileReport:
     settings : what was asked for, as JSON holds it.
     problems : sentences about damage in the input that was tolerated.
     wall_seconds : time of the work.
+    searched : number of frames that the audit searched for faces in another way than the first stage.
     digest : SHA-256 of the output file in hexadecimal digits, so that a signed report is of this file; "" for a folder.
     """
 
@@ -112,3 +113,4 @@ class FileReport:
     problems: tuple[str, ...] = ()
     wall_seconds: float = 0.0
     digest: str = ""
+    searched: int = 0

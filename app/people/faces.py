@@ -128,16 +128,13 @@ class DetectedFrame:
 
 
 def detect_boxes(
-    frames: Iterable[Frame], detector: FaceDetector, threads: int = DETECTOR_THREADS, *, phase: int = 0
+    frames: Iterable[Frame], detector: FaceDetector, threads: int = DETECTOR_THREADS
 ) -> Iterator[DetectedFrame]:
-    """Detect faces in all frames, a few at a time.
-
-    phase : of the rolls that are searched in turn, in frames.
-    """
+    """Detect faces in all frames, a few at a time."""
 
     def work(frame: Frame) -> DetectedFrame:
         rgb = frame.quick_rgb()
-        found = detect_on_schedule(detector, rgb, frame.index + phase, LIMITS.certain_score)
+        found = detect_on_schedule(detector, rgb, frame.index, LIMITS.certain_score)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
         return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8))
 

@@ -48,12 +48,12 @@ class PageLimits:
 
 LIMITS = PageLimits()
 HEADLINES = {
-    ALL_SWAPPED: ("good", "✓ All faces swapped"),
+    ALL_SWAPPED: ("good", "✓ All faces that were found are swapped"),
     SOME_COVERED: ("fair", "◧ Faces covered, or frames not verified"),
     FAILED: ("bad", "✕ A face may be visible"),
 }
 COUNTS = {
-    "swapped": "every face swapped",
+    "swapped": "every face found is swapped",
     "covered": "a face covered",
     "left": "a face left as it is, as you said",
     "without face": "no face found",

@@ -193,6 +193,7 @@ def _head(report: FileReport) -> dict[str, Any]:
             }
             for finding in report.audit
         ],
+        "searched": report.searched,
         "done": DONE,
     }
 

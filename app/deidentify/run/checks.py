@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+from guise.aam.landmarks import open_detector
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.media.encoder import encoder_settings, find_encoder
 from guise.app.media.provenance import check_signing
@@ -20,7 +21,7 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
 
     Raises
     ------
-    MediaError, ModelError, RendererError, DeidentifyError
+    MediaError, ModelError, RendererError, LandmarkError, DeidentifyError
         When something in them does not exist or can't be used; one sentence.
     """
     find_encoder(options.encode.encoder)
@@ -33,7 +34,7 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
     options = replace(
         options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
         keyfile=_key_file(options.keyfile), certificate=_existing(options.certificate, "certificate"),
-        key=_existing(options.key, "key"),
+        key=_existing(options.key, "key"), detector=_detector(options.detector),
     )  # fmt: skip
     if options.certificate and options.key:
         for output in {output.suffix: output for output in outputs}.values():
@@ -45,6 +46,15 @@ def _absolute(donor: str) -> str:
     """The spec of a donor with absolute paths in it."""
     found = [str(Path(part).absolute()) if part.endswith(MODEL_SUFFIX) else part for part in parts(donor)]
     return MEAN_PREFIX * donor.startswith(MEAN_PREFIX) + "+".join(found)
+
+
+def _detector(spec: str | None) -> str | None:
+    """The detector of the audit with an absolute path in it."""
+    if spec is None:
+        return None
+    open_detector(spec)
+    name, _, path = spec.partition(":")
+    return f"{name}:{Path(path).absolute()}" if path else name
 
 
 def _existing(path: Path | None, what: str) -> Path | None:

@@ -395,7 +395,7 @@ def _report(case: Case, names: tuple[str, str], output: Path, seconds: float) ->
         *names, case.scan.frames, case.times, width, height, case.tracks,
         tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(findings),
         _counts(plan, case.scan.frames, findings), {**_settings(case.options), "renderer": renders[0]["renderer"]},
-        tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output),
+        tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output), sum(r["searched"] for r in renders),
     )  # fmt: skip
 
 
@@ -405,7 +405,10 @@ def _settings(options: DeidentifyOptions) -> dict[str, Any]:
         k: v and Path(v).name for k, v in options.as_json().items() if k in ("keyfile", "certificate", "key")
     }
     gallery = [path.name for path in options.gallery]
-    return options.as_json() | named | {"donor": bare(options.donor), "gallery": gallery}
+    detector = options.detector and options.detector.partition(":")[0]
+    return (
+        options.as_json() | named | {"donor": bare(options.donor), "gallery": gallery, "detector": detector}
+    )
 
 
 def _digest(path: Path) -> str:

@@ -6,6 +6,7 @@ Any process may do a job, at any time after the stage before; a job whose result
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,20 +17,15 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
+from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch, FaceTreatment
 from guise.app.deidentify.stages.case import Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
-from guise.app.deidentify.stages.render import (
-    LIMITS,
-    AuditDetection,
-    SegmentRenderer,
-    audit,
-    entries_of,
-    with_detections,
-)
+from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_of, with_detections
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, open_input, process
+from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.people.faces import detect_faces
@@ -129,21 +125,34 @@ def render(case: Case, segment: int) -> None:
     (first, last), piece = case.span(segment), case.scan.segments[segment]
     entries = entries_of(case.plan, piece.first, last)
     covered: list[AuditDetection] = []
-    with SegmentRenderer(case, segment, entries) as segment_renderer, open_input(case.input) as media:
+    with ExitStack() as stack:
+        media = stack.enter_context(open_input(case.input))
+        audit = _audit(case, (first, last), entries, every_frame=not isinstance(media, VideoInput))
+        segment_renderer = stack.enter_context(SegmentRenderer(case, segment, entries, audit))
         for attempt in range(1 + LIMITS.max_repeats):
             segment_renderer.entries = with_detections(entries, covered, first, last)
             _encode(case, media, segment, segment_renderer)
-            detections = list(audit(read_piece(case, segment), segment_renderer))
+            result, drawn = read_piece(case, segment), segment_renderer.swapped_boxes
+            detections = list(audit.after(result, segment_renderer.entries, drawn))
             if not detections or attempt == LIMITS.max_repeats:
                 break
+            audit.look_closer(detections)
             covered += detections
         renderer, problems = segment_renderer.renderer, list(media.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
     case.work.save_json(
-        f"render.{segment}.json", {"audit": findings, "renderer": renderer, "problems": problems}
+        f"render.{segment}.json",
+        {"audit": findings, "searched": audit.searched, "renderer": renderer, "problems": problems},
     )
+
+
+def _audit(
+    case: Case, frames: tuple[int, int], entries: dict[int, list[FaceTreatment]], *, every_frame: bool
+) -> Audit:
+    every_frame |= case.options.audit == "full"
+    return Audit(AuditSearch(case.options.detector), frames, entries, case.rate, every_frame=every_frame)
 
 
 @given_back()

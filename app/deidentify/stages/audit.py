@@ -1,0 +1,273 @@
+"""The audit of a rendered segment: original and result are searched for faces, and compared where either has one.
+
+It does not rely on what found the faces.  It searches at four rolls between those of the first stage and at two other
+sizes, or by a detector of the user's choice, and in the original as well: a face that the first stage missed is found
+in both.  It also compares every face that is said to be swapped with the original.  Searched are one frame in
+`AuditLimits.interval_frames`, frames without a face shortly before or after one, and those about what was found; every
+frame with ``--audit full``.  Some are searched as negatives, too, and all once a negative has a face.  Pixels as
+shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in radians, by which a face is rolled clockwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.landmarks import open_detector
+from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.face import BoxDetector
+from guise.aam.landmarks.heads import region
+from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
+from guise.app.media import Frame
+from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
+from guise.common.arrays import F32, F64, U8
+
+
+@dataclass(frozen=True)
+class AuditLimits:
+    """What is searched, what is taken for a face, and what for unchanged."""
+
+    interval_frames: int = 8  # from one searched frame to the next
+    risky_interval_frames: int = 3  # the same where faces were lost
+    risky_seconds: float = 1.0  # for which frames without a face count as such before and after one
+    negative_interval: int = (
+        4  # from one of the regularly searched frames to the next whose negative is searched
+    )
+    smallest_face_pixels: tuple[float, float] = (30.0, 44.0)  # in turn
+    min_score: float = 0.5  # of the detector, and
+    min_likeness: float = 0.0  # of the landmarker
+    kept_pixels: int = 640  # longer side of the original as it is kept for comparison
+    patch_pixels: int = 16  # side of what is compared of a face
+    compared_share: float = 0.7  # of a box's width and height; the rest may lie beside the face
+    min_unchanged_correlation: float = 0.95  # of two patches, from which they show the same
+    max_same_spread: float = 0.1  # of a patch's pixels, by which the same pixel may differ,
+    max_same_grey_levels: float = 2.0  # or this
+    max_unchanged_swapped: float = 0.6  # share of a patch; a hand in front of a swapped face is kept
+    max_unchanged_covered: float = 0.4
+
+
+LIMITS = AuditLimits()
+_BETWEEN_QUARTERS = tuple(np.pi / 8 + np.pi / 2 * np.arange(4))
+
+
+@dataclass(frozen=True, eq=False)
+class FaceTreatment:
+    """What is done with a face in a frame: track (0 for a bystander), code, box (4,), growth of a cover, turn."""
+
+    track: int
+    done: int
+    box: F32
+    growth: float
+    turn: float = 0.0
+
+    @property
+    def region(self) -> F64:
+        """The rectangle (4,) that is covered, if the face is."""
+        return region(self.box, self.growth, self.turn)
+
+
+@dataclass(frozen=True, eq=False)
+class AuditDetection:
+    """A face that the audit found."""
+
+    frame: int
+    box: F32
+    score: float
+    turn: float = 0.0
+    negative: bool = False
+
+
+class AuditSearch:
+    """Searches pictures for faces by another detector, or by the built-in one in another way.
+
+    detector : as `guise.aam.landmarks.open_detector` takes it, or None.
+    """
+
+    def __init__(self, detector: str | None) -> None:
+        self._given: BoxDetector | None = open_detector(detector) if detector else None
+        self._own = [FaceDetector(s, min_score=LIMITS.min_score) for s in LIMITS.smallest_face_pixels]
+        self._landmarker = BuiltinLandmarker()
+
+    def faces(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
+        """Boxes that also look like a face to the landmarker.
+
+        turn_to : which of the sizes is searched, counted on; None for all.
+        """
+        found = self._boxes(rgb, turn_to)
+        boxes = zip(found.boxes, found.turns, strict=True)
+        alike = [self._landmarker.likeness(rgb, box, float(turn)) for box, turn in boxes]
+        return found[np.array(alike, np.float64) >= LIMITS.min_likeness].distinct()
+
+    def _boxes(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
+        if self._given is not None:
+            found = detect_at_rolls(self._given, rgb)
+            boxes = [
+                self._given.fit.apply(b, float(t)) for b, t in zip(found.boxes, found.turns, strict=True)
+            ]
+            placed = np.array(boxes, np.float32).reshape(-1, 4)
+            return RolledBoxes(placed, found.scores, found.turns)[found.scores >= LIMITS.min_score]
+        chosen = self._own if turn_to is None else [self._own[turn_to % len(self._own)]]
+        found = RolledBoxes.none()
+        for detector in chosen:
+            found = found.and_others(detect_at_turns(detector, rgb, _BETWEEN_QUARTERS))
+        return found
+
+
+class Audit:
+    """Looks at each frame before it is changed and at the result.
+
+    Parameters
+    ----------
+    search : AuditSearch
+    frames : (first, last), of the segment, which are [first, last).
+    entries : what is done, by frame; frames without any near some with one are searched more often.
+    rate : frames a second.
+    every_frame : search all of them.
+    """
+
+    def __init__(
+        self,
+        search: AuditSearch,
+        frames: tuple[int, int],
+        entries: dict[int, list[FaceTreatment]],
+        rate: float,
+        *,
+        every_frame: bool,
+    ) -> None:
+        self._search, self._frames, self._every_frame = search, frames, every_frame
+        self._searched = set(range(*frames)) if every_frame else _sampled(frames, entries, rate)
+        self._patches: dict[int, list[tuple[FaceTreatment, U8]]] = {}
+        self._kept: dict[int, U8] = {}
+        self._original: dict[tuple[int, bool], RolledBoxes] = {}  # by frame, and whether as a negative
+        self._is_negative = False  # as far as is known
+
+    @property
+    def searched(self) -> int:
+        """How many frames are searched."""
+        return len(self._searched)
+
+    def before(self, frame: Frame, entries: Sequence[FaceTreatment]) -> None:
+        """Look at a frame of the original."""
+        if not self._frames[0] <= frame.index < self._frames[1]:
+            return
+        pairs = ((e, patch_of(frame.luma, e.box)) for e in entries if e.done == SWAPPED)
+        self._patches[frame.index] = [(entry, patch) for entry, patch in pairs if patch is not None]
+        for negative in self._ways(frame.index):
+            if (frame.index, negative) not in self._original:
+                self._original[frame.index, negative] = self._faces(frame, negative)
+                self._kept[frame.index] = _small(frame.luma)
+
+    def after(
+        self,
+        frames: Iterable[Frame],
+        entries: dict[int, list[FaceTreatment]],
+        swapped_boxes: dict[int, list[F64]],
+    ) -> Iterator[AuditDetection]:
+        """The faces in the result that were neither changed nor left on purpose.
+
+        entries : what was done, by frame.   swapped_boxes : (4,) of what was drawn, by frame.
+        """
+        for frame in frames:
+            for entry, patch in self._patches.get(frame.index, []):
+                if _is_unchanged(patch, patch_of(frame.luma, entry.box), LIMITS.max_unchanged_swapped):
+                    yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
+            drawn = swapped_boxes.get(frame.index, [])
+            for negative in self._ways(frame.index):
+                yield from self._compared(frame, entries.get(frame.index, []), drawn, negative)
+
+    def look_closer(self, found: Iterable[AuditDetection]) -> None:
+        """Search all frames about what was found from now on, and as negatives if it was found in one."""
+        for one in found:
+            self._is_negative |= one.negative
+            reach = range(one.frame - LIMITS.interval_frames, one.frame + LIMITS.interval_frames + 1)
+            self._searched |= set(reach) & set(range(*self._frames))
+
+    def _ways(self, index: int) -> tuple[bool, ...]:
+        """How a frame is searched: not at all, as it is, or also as a negative."""
+        if index not in self._searched:
+            return ()
+        regular = index % (LIMITS.negative_interval * LIMITS.interval_frames) == 0
+        return (False, True) if self._every_frame or self._is_negative or regular else (False,)
+
+    def _faces(self, frame: Frame, negative: bool) -> RolledBoxes:
+        rgb = frame.quick_rgb()
+        size = None if self._every_frame else frame.index // LIMITS.interval_frames
+        return self._search.faces(255 - rgb if negative else rgb, size)
+
+    def _compared(
+        self, frame: Frame, entries: Sequence[FaceTreatment], swapped: Sequence[F64], negative: bool
+    ) -> Iterator[AuditDetection]:
+        """Faces that another way of searching finds in the original or in the result, where both are the same."""
+        result = self._faces(frame, negative)
+        found = self._original[frame.index, negative].and_others(result).distinct()
+        before, after = self._kept[frame.index], _small(frame.luma)
+        scale = before.shape[1] / frame.width
+        left = [e.box for e in entries if e.done == LEFT]
+        covered = [e.region for e in entries if e.done == COVERED]
+        for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
+            if any(_inside(box, place) for place in left):
+                continue
+            is_swapped = any(_inside(box, place) for place in swapped)
+            patches = [patch_of(luma, box * scale) for luma in (before, after)]
+            unknown = not is_swapped and not any(_inside(box, place) for place in covered)
+            most = LIMITS.max_unchanged_swapped if is_swapped else LIMITS.max_unchanged_covered
+            if unknown or _is_unchanged(patches[0], patches[1], most):
+                yield AuditDetection(frame.index, box, float(score), float(turn), negative)
+
+
+def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:
+    """The middle of a box (4,) as a small picture; None when it is not in the picture (h, w)."""
+    centre, half = (box[:2] + box[2:]) / 2, LIMITS.compared_share * (box[2:] - box[:2]) / 2
+    limit = np.array(luma.shape[::-1])
+    x0, y0 = np.clip(np.floor(centre - half), 0, limit).astype(int)
+    x1, y1 = np.clip(np.ceil(centre + half) + 1, 0, limit).astype(int)
+    if x1 - x0 < 2 or y1 - y0 < 2:
+        return None
+    size = (LIMITS.patch_pixels, LIMITS.patch_pixels)
+    small = cv2.resize(luma[y0:y1, x0:x1], size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
+
+
+def _is_unchanged(one: U8 | None, other: U8 | None, most: float) -> bool:
+    """Whether two patches show the same, or a larger share of them than `most` does."""
+    if one is None or other is None:
+        return False
+    before, after = one.astype(np.float64), other.astype(np.float64)
+    spread = float(before.std())
+    same = np.abs(after - before) <= max(LIMITS.max_same_grey_levels, LIMITS.max_same_spread * spread)
+    if float(same.mean()) > most:
+        return True
+    a, b = before - before.mean(), after - after.mean()
+    return bool((a * b).sum() >= LIMITS.min_unchanged_correlation * np.sqrt((a**2).sum() * (b**2).sum()) + 1)
+
+
+def _sampled(frames: tuple[int, int], entries: dict[int, list[FaceTreatment]], rate: float) -> set[int]:
+    """The frames that are searched: some of all, and more where faces were lost."""
+    first, last = frames
+    chosen = set(range(first, last, LIMITS.interval_frames))
+    known = np.array(sorted(frame for frame, these in entries.items() if these), np.int64)
+    if len(known):
+        for frame in range(first, last, LIMITS.risky_interval_frames):
+            if 0 < np.abs(known - frame).min() <= LIMITS.risky_seconds * rate:
+                chosen.add(frame)
+    return chosen
+
+
+def _small(luma: NDArray[Any]) -> U8:
+    scale = min(1.0, LIMITS.kept_pixels / max(luma.shape))
+    size = [max(1, round(side * scale)) for side in luma.shape[::-1]]
+    return np.array(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _inside(box: F32, place: NDArray[np.floating]) -> bool:
+    """Whether a box is at a place: its centre lies in the place, or the centre of the place in the box."""
+    centre, middle = (box[:2] + box[2:]) / 2, (place[:2] + place[2:]) / 2
+    return bool(
+        ((centre > place[:2]) & (centre < place[2:])).all() or ((middle > box[:2]) & (middle < box[2:])).all()
+    )

@@ -1,0 +1,181 @@
+"""The audit: it finds what is left of a face without knowing what was found before."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from made_up import SAMPLES
+
+from guise.aam.landmarks import LandmarkError, iou
+from guise.aam.landmarks.schemes import IBUG68
+from guise.app.deidentify.stages.audit import (
+    LIMITS,
+    Audit,
+    AuditDetection,
+    AuditSearch,
+    FaceTreatment,
+    _inside,
+    _is_unchanged,
+    patch_of,
+)
+from guise.app.media import Frame, open_input
+from guise.app.swapping.cover import CoverStyle, cover
+from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
+
+FRAMES = (0, 40)
+RATE = 30.0
+BOX = np.array([10, 20, 50, 70], np.float32)
+
+
+@cache
+def search() -> AuditSearch:
+    return AuditSearch(None)
+
+
+@cache
+def still(degrees: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """A frame (h, w, 3), turned about its middle, and the box (4,) of the face in it."""
+    with open_input(SAMPLES / "p01" / "talk.mp4") as media:
+        rgb = next(iter(media)).rgb()
+    points = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0][IBUG68].astype(np.float64)
+    middle = tuple(float(v) for v in points.mean(0))
+    matrix = cv2.getRotationMatrix2D(middle, -degrees, 1.0)
+    points = points @ matrix[:, :2].T + matrix[:, 2]
+    turned = cv2.warpAffine(rgb, matrix, rgb.shape[1::-1], borderMode=cv2.BORDER_REPLICATE)
+    return turned, np.concatenate([points.min(0), points.max(0)]).astype(np.float32)
+
+
+def treated(box: np.ndarray, done: int, turn: float = 0.0) -> FaceTreatment:
+    return FaceTreatment(1, done, box.astype(np.float32), 1.0, turn)
+
+
+def found(
+    rgb: np.ndarray, entries: list[FaceTreatment], style: CoverStyle = "solid", index: int = 0
+) -> list[AuditDetection]:
+    """What the audit finds in a frame in which the entries are covered if they say so."""
+    by_frame = {index: entries}
+    audit = Audit(search(), FRAMES, by_frame, RATE, every_frame=True)
+    before, after = (Frame.from_rgb(rgb.copy(), index=index) for _ in range(2))
+    audit.before(before, entries)
+    for entry in entries:
+        if entry.done == COVERED:
+            cover(after, entry.region, style)
+    return list(audit.after([after], by_frame, {}))
+
+
+@pytest.mark.parametrize("degrees", [0, 45, 90, 135, 180, 225, 270, 315])
+def test_a_face_that_nothing_was_done_to_is_found_at_any_roll(degrees: int) -> None:
+    rgb, box = still(degrees)
+    assert max(iou(one.box, box) for one in found(rgb, [])) > 0.4
+
+
+@pytest.mark.parametrize("degrees", [0, 60, 180, 285])
+@pytest.mark.parametrize("style", ["solid", "mosaic", "blur"])
+def test_a_face_under_a_cover_is_not_found(degrees: int, style: CoverStyle) -> None:
+    rgb, box = still(degrees)
+    assert not found(rgb, [treated(box, COVERED, np.radians(degrees))], style)
+
+
+def test_a_negative_is_searched_as_a_positive() -> None:
+    rgb, box = still(180.0)
+    assert max(iou(one.box, box) for one in found(255 - rgb, []) if one.negative) > 0.4
+
+
+def test_once_a_negative_has_a_face_all_are_searched() -> None:
+    rgb, box = still()
+    audit = Audit(search(), FRAMES, {}, RATE, every_frame=False)
+    index = LIMITS.interval_frames  # not one of those whose negatives are searched at first
+    looked = []
+    for _ in range(2):
+        audit.before(Frame.from_rgb(255 - rgb, index=index), [])
+        looked.append(list(audit.after([Frame.from_rgb(255 - rgb, index=index)], {}, {})))
+        audit.look_closer([AuditDetection(0, box, 0.9, negative=True)])
+    assert not any(one.negative for one in looked[0])
+    assert any(one.negative for one in looked[1])
+
+
+def test_a_face_beside_its_cover_is_found() -> None:
+    """The middle of the face lies in the cover, most of it does not."""
+    rgb, box = still()
+    width = box[2] - box[0]
+    aside = box + np.array([0.7, 0, 0.7, 0], np.float32) * width
+    assert _inside(box, treated(aside, COVERED).region)
+    assert max(iou(one.box, box) for one in found(rgb, [treated(aside, COVERED)])) > 0.4
+
+
+def test_a_dot_on_the_nose_is_no_cover() -> None:
+    rgb, box = still()
+    middle, size = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 12
+    assert found(rgb, [treated(np.concatenate([middle - size, middle + size]), COVERED)])
+
+
+def test_a_face_that_the_user_leaves_is_not_found() -> None:
+    rgb, box = still()
+    assert not found(rgb, [treated(box, LEFT)])
+
+
+def test_a_swap_that_changes_nothing_is_found_in_frames_that_are_not_searched() -> None:
+    rgb, box = still()
+    entries = {k: [treated(box, SWAPPED)] for k in range(*FRAMES)}
+    audit = Audit(search(), FRAMES, entries, RATE, every_frame=False)
+    index = 1
+    audit.before(Frame.from_rgb(rgb, index=index), entries[index])
+    drawn = {index: [box.astype(np.float64)]}
+    (one,) = audit.after([Frame.from_rgb(rgb, index=index)], entries, drawn)
+    assert (one.frame, one.box.tolist()) == (index, box.tolist())
+    other = rgb[:, ::-1].copy()
+    assert not list(audit.after([Frame.from_rgb(other, index=index)], entries, drawn))
+
+
+def test_every_eighth_frame_is_searched_and_more_where_faces_were_lost() -> None:
+    every = LIMITS.interval_frames
+    assert Audit(search(), (0, 10 * every), {}, RATE, every_frame=False).searched == 10
+    assert Audit(search(), (0, 10 * every), {}, RATE, every_frame=True).searched == 10 * every
+    entries = {k: [treated(BOX, SWAPPED)] for k in range(4 * every)}
+    lost = Audit(search(), (0, 10 * every), entries, RATE, every_frame=False).searched
+    assert lost >= 10 + 0.5 * RATE / LIMITS.risky_interval_frames
+
+
+def test_all_frames_about_a_find_are_searched_next() -> None:
+    audit = Audit(search(), (0, 100), {}, RATE, every_frame=False)
+    before = audit.searched
+    audit.look_closer([AuditDetection(50, BOX, 0.9)])
+    assert audit.searched > before + LIMITS.interval_frames
+    audit.look_closer([AuditDetection(0, BOX, 0.9)])
+    assert audit.searched <= 100
+
+
+def test_the_same_picture_is_known_again_after_encoding_and_another_is_not() -> None:
+    rng = np.random.default_rng(0)
+    patch = cv2.GaussianBlur(rng.uniform(0, 255, (16, 16)), (0, 0), 2)
+    noisy = patch + rng.normal(0, 1.5, patch.shape)
+    one, same, other = (np.clip(p, 0, 255).astype(np.uint8) for p in (patch, noisy, patch[::-1]))
+    assert _is_unchanged(one, same, 0.6)
+    assert not _is_unchanged(one, other, 0.6)
+    half = one.copy()
+    half[:, :8] = 112
+    assert _is_unchanged(one, half, 0.4)
+    assert not _is_unchanged(one, half, 0.6)
+
+
+def test_a_face_beyond_the_picture_has_no_patch() -> None:
+    luma = np.zeros((60, 80), np.uint8)
+    assert patch_of(luma, np.array([100, 10, 140, 50])) is None
+    assert patch_of(luma, np.array([60, 10, 140, 50])) is not None
+
+
+def test_a_box_about_a_known_face_is_that_face() -> None:
+    assert _inside(BOX, BOX + 5)
+    assert _inside(BOX, np.array([25, 40, 30, 50]))
+    assert not _inside(BOX, BOX + 60)
+
+
+def test_another_detector_searches_instead() -> None:
+    rgb, box = still()
+    with_lbp = AuditSearch("lbp").faces(rgb, None)
+    assert max(iou(one, box) for one in with_lbp.boxes) > 0.4
+    with pytest.raises(LandmarkError, match="face detector must be one of"):
+        AuditSearch("magic")
