@@ -76,8 +76,36 @@ def test_the_number_of_frames_alive_is_bounded(slow: str, queue: int) -> None:
     assert source.most <= 2 * queue + 3
 
 
+@pytest.mark.parametrize("slow", ["ahead", "work", "sink"])
+def test_what_runs_ahead_sees_every_frame_before_the_work_in_order_and_within_bounds(slow: str) -> None:
+    source, sink = Numbers(60), Memory(delay=0.002 if slow == "sink" else 0)
+    seen: list[int] = []
+    places: set[int] = set()
+
+    def ahead(frame: Frame) -> None:
+        time.sleep(0.002 if slow == "ahead" else 0)
+        places.add(threading.get_ident())
+        seen.append(frame.index)
+
+    def work(frame: Frame) -> None:
+        time.sleep(0.002 if slow == "work" else 0)
+        assert frame.index in seen
+
+    process(source, sink, work, ahead=ahead, queue=2)
+    assert seen == sink.indices == list(range(60))
+    assert threading.get_ident() not in places
+    assert source.most <= 3 * 2 + 4
+
+
+def test_the_encoder_is_idle_while_the_work_is_slower() -> None:
+    slow = process(Numbers(20), Memory(delay=0.001), lambda frame: time.sleep(0.02))
+    quick = process(Numbers(20), Memory(delay=0.02), lambda frame: None)
+    assert slow.encoder_idle_share > 0.5
+    assert quick.encoder_idle_share < 0.2
+
+
 @pytest.mark.usefixtures("no_thread_left")
-@pytest.mark.parametrize("where", ["source", "work", "sink"])
+@pytest.mark.parametrize("where", ["source", "ahead", "work", "sink"])
 @pytest.mark.parametrize("at", [0, 5, 29])
 def test_the_first_error_stops_everything_and_comes_once(where: str, at: int) -> None:
     source = Numbers(30, at if where == "source" else None)
@@ -87,8 +115,12 @@ def test_the_first_error_stops_everything_and_comes_once(where: str, at: int) ->
         if where == "work" and frame.index == at:
             raise OSError("the work failed")
 
+    def ahead(frame: Frame) -> None:
+        if where == "ahead" and frame.index == at:
+            raise OSError("the work failed")
+
     with pytest.raises(OSError, match=r"the (drive is gone|work failed|disk is full)"):
-        process(source, sink, work, queue=2)
+        process(source, sink, work, ahead=ahead, queue=2)
 
 
 def test_decoding_working_and_encoding_overlap() -> None:

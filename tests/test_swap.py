@@ -15,6 +15,7 @@ from guise.aam.model import Identity
 from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
+from guise.app.swapping.engine import Engine
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.report import SwapError
@@ -52,6 +53,22 @@ def test_only_the_face_is_changed(tmp_path: Path, clip: Path, p01: Identity, p06
         np.testing.assert_array_equal(after[outside], before[outside])
         nose = np.s_[y0 + (y1 - y0) // 3 : y1 - 20, x0 + 20 : x1 - 20]
         assert np.abs(after[nose].astype(int) - before[nose]).mean() > 2
+
+
+def test_tracking_ahead_gives_the_same_bytes_as_frame_by_frame(
+    tmp_path: Path, clip: Path, p01: Identity, p06: Identity
+) -> None:
+    swap_file(clip, p06, tmp_path / "out.mp4", source=p01, settings=LOSSLESS)
+    with (
+        one_thread(),
+        Engine(p01, p06, LOSSLESS.face_finder(), LOSSLESS.options) as engine,
+        open_input(clip) as source,
+        open_input(tmp_path / "out.mp4") as made,
+    ):
+        for frame, written in zip(source, made, strict=True):
+            assert engine.swap(frame).outcome == "swapped"
+            rectangle = 0, 0, frame.width, frame.height
+            np.testing.assert_array_equal(written.read_roi(*rectangle), frame.read_roi(*rectangle))
 
 
 def test_the_file_says_that_the_face_is_synthetic(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections import deque
@@ -31,14 +32,26 @@ class Writer(Protocol):
 
 @dataclass(frozen=True)
 class ProcessStats:
-    """What a run did: frames, wall time and time of each stage (seconds), and the problems that did not end it."""
+    """What a run did.
+
+    frames : number written.   seconds : wall time.   problems : those that did not end it, in sentences.
+    decode_seconds, ahead_seconds, work_seconds, encode_seconds : wall time of each stage, without waiting.
+    encoder_wait_seconds : of the encoder, for frames between its first one and its last.
+    """
 
     frames: int
     seconds: float
     decode_seconds: float
+    ahead_seconds: float
     work_seconds: float
     encode_seconds: float
+    encoder_wait_seconds: float
     problems: tuple[str, ...]
+
+    @property
+    def encoder_idle_share(self) -> float:
+        """Share in [0, 1] of the time from its first frame to its last that the encoder waited for frames."""
+        return self.encoder_wait_seconds / max(self.encoder_wait_seconds + self.encode_seconds, 1e-9)
 
 
 class _Channel:
@@ -88,7 +101,7 @@ class _Stage:
 
     def __init__(self, name: str, body: Callable[[_Stage], None], channels: tuple[_Channel, ...]) -> None:
         self.error: BaseException | None = None
-        self.seconds = 0.0
+        self.seconds = self.wait_seconds = 0.0
         self._body, self._channels = body, channels
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -122,22 +135,27 @@ class _Stage:
 
 def process(
     frames: Frames, sink: Writer, work: Callable[[Frame], None],
-    *, progress: Callable[[int], None] | None = None, queue: int = 8,
+    *, ahead: Callable[[Frame], None] | None = None, progress: Callable[[int], None] | None = None, queue: int = 4,
 ) -> ProcessStats:  # fmt: skip
-    """Pass every frame of the input through `work`, which changes it in place, to the sink.
+    """Pass every frame of the input through `ahead` and `work`, which change it in place, to the sink.
 
-    Decoding and encoding run in their own threads, `work` and `progress` (frames so far) in the caller's.
-    At most 2 `queue` + 3 frames exist at a time.  The first error in any thread stops all of them and is raised once.
+    Decoding, `ahead` and encoding run in their own threads, `work` and `progress` (frames so far) in the caller's;
+    each takes the frames in order, so that two are worked on at once.  At most 3 `queue` + 4 frames exist at a time,
+    2 `queue` + 3 without `ahead`.  The first error in any thread stops all of them and is raised once.
     """
     start = time.perf_counter()
     decoded, worked = _Channel(queue), _Channel(queue)
-    channels = (decoded, worked)
-    decoder = _Stage("decode", lambda stage: _decode(stage, frames, decoded), channels)
+    ready = decoded if ahead is None else _Channel(queue)
+    channels = (decoded, ready, worked)
+    stages = [_Stage("decode", lambda stage: _decode(stage, frames, decoded), channels)]
+    if ahead is not None:
+        stages.append(_Stage("ahead", lambda stage: _look(stage, ahead, decoded, ready), channels))
     encoder = _Stage("encode", lambda stage: _encode(stage, sink, worked), channels)
+    stages.append(encoder)
     count = 0
     busy = 0.0
     try:
-        while (frame := decoded.get()) is not None:
+        while (frame := ready.get()) is not None:
             before = time.perf_counter()
             work(frame)
             busy += time.perf_counter() - before
@@ -153,16 +171,22 @@ def process(
             channel.cancel()
         raise
     finally:
-        try:
-            decoder.join()
-        finally:
-            encoder.join()
-    for stage in (decoder, encoder):
+        _join(stages)
+    for stage in stages:
         if stage.error is not None:
             raise stage.error
+    looked = stages[1].seconds if ahead is not None else 0.0
     return ProcessStats(
-        count, time.perf_counter() - start, decoder.seconds, busy, encoder.seconds, tuple(frames.problems)
-    )
+        count, time.perf_counter() - start, stages[0].seconds, looked, busy, encoder.seconds, encoder.wait_seconds,
+        tuple(frames.problems),
+    )  # fmt: skip
+
+
+def _join(stages: Sequence[_Stage]) -> None:
+    """Wait for every thread, even if Ctrl-C comes while one is waited for."""
+    with contextlib.ExitStack() as stack:
+        for stage in reversed(stages):
+            stack.callback(stage.join)
 
 
 def replace_frames(
@@ -206,9 +230,23 @@ def _decode(stage: _Stage, frames: Frames, decoded: _Channel) -> None:
         del frame
 
 
+def _look(stage: _Stage, ahead: Callable[[Frame], None], decoded: _Channel, ready: _Channel) -> None:
+    while (frame := decoded.get()) is not None:
+        before = time.perf_counter()
+        ahead(frame)
+        stage.seconds += time.perf_counter() - before
+        if not ready.put(frame):
+            return
+        del frame
+    ready.finish()
+
+
 def _encode(stage: _Stage, sink: Writer, worked: _Channel) -> None:
+    ended: float | None = None  # when the last frame was written
     while (frame := worked.get()) is not None:
         before = time.perf_counter()
+        stage.wait_seconds += 0.0 if ended is None else before - ended
         sink.write(frame)
-        stage.seconds += time.perf_counter() - before
+        ended = time.perf_counter()
+        stage.seconds += ended - before
         del frame

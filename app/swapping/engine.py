@@ -109,13 +109,18 @@ class Engine(Closing):
 
         For `hold_frames` frames after a loss the last face is held where it was.
         """
-        return self._swapped(frame, self.tracker.update(frame.luma))
+        return self.swap_tracked(frame, self.track(frame))
+
+    def track(self, frame: Frame) -> Fit | Failed:
+        """Where the person is in the next frame; may run ahead of `swap_tracked` in another thread."""
+        return self.tracker.update(frame.luma)
 
     def swap_face(self, frame: Frame, face: Face | None) -> SwapResult:
         """As `swap` where a tracker of several people has found the person's face, or that it isn't in the frame."""
-        return self._swapped(frame, self.tracker.follow(frame.luma, face))
+        return self.swap_tracked(frame, self.tracker.follow(frame.luma, face))
 
-    def _swapped(self, frame: Frame, fit: Fit | Failed) -> SwapResult:
+    def swap_tracked(self, frame: Frame, fit: Fit | Failed) -> SwapResult:
+        """As `swap` where `track` has found the person in the frame."""
         if isinstance(fit, Fit):
             solid = self.solid.update(fit.shape)
             if not self._is_profile(solid.pose):

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guise.aam.model import Identity
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Fit
 from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.engine import Engine
@@ -52,9 +54,13 @@ def swap_file(
             options = settings.engine_options()
             with one_thread(), Engine(person, identity, settings.face_finder(), options) as engine:
                 lost_face = LostFaceCover() if settings.unsure == "cover" else None
+                fits: dict[int, Fit | Failed] = {}
+
+                def track(frame: Frame) -> None:
+                    fits[frame.index] = engine.track(frame)
 
                 def swap(frame: Frame) -> None:
-                    result = engine.swap(frame)
+                    result = engine.swap_tracked(frame, fits.pop(frame.index))
                     if lost_face is not None and result.mesh is not None:
                         lost_face.seen(result.mesh)
                     elif lost_face is not None and lost_face.cover(frame):
@@ -62,7 +68,7 @@ def swap_file(
                         return
                     tally.add(result.outcome)
 
-                stats = process(media, sink, swap, progress=tally.progress)
+                stats = process(media, sink, swap, ahead=track, progress=tally.progress)
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
         return tally.report(output, stats)
