@@ -55,7 +55,7 @@ def test_the_montage_is_drawn_and_not_overwritten(tmp_path: Path, capsys: pytest
 def test_doctor_looks_at_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["doctor", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert set(found) == {"system", "packages", "extras", "codecs", "drawing", "faces", "cameras"}
+    assert set(found) == {"system", "packages", "extras", "codecs", "hardware", "drawing", "faces", "cameras"}
     assert found["codecs"]["libx264 (writes)"]["ok"]
     assert found["faces"]["lbp"]["ok"]
     assert main(["doctor"]) == 0

@@ -20,6 +20,17 @@ class RendererName(StrEnum):
     cpu = "cpu"
 
 
+class HwaccelName(StrEnum):
+    """Which device decodes."""
+
+    none = "none"
+    auto = "auto"
+    cuda = "cuda"
+    vaapi = "vaapi"
+    videotoolbox = "videotoolbox"
+    d3d11va = "d3d11va"
+
+
 class UnsureName(StrEnum):
     """What is done to a face that is lost but may be visible."""
 
@@ -199,6 +210,12 @@ UnsureOption = Annotated[
     ),
 ]
 Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such as libx264, libx265, ffv1.")]
+HardwareDecoding = Annotated[
+    HwaccelName,
+    typer.Option(
+        "--hwaccel", help="The device that decodes the video; what does not work is left to the processor."
+    ),
+]
 Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
 Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]
 Lossless = Annotated[bool, typer.Option("--lossless", help="Encode losslessly.")]

@@ -18,6 +18,8 @@ from guise.app.cli.options import (
     FaceMap,
     FaceSpec,
     Force,
+    HardwareDecoding,
+    HwaccelName,
     Json,
     LandmarkerSpec,
     LandmarkFile,
@@ -73,6 +75,7 @@ def swap(
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     unsure: UnsureOption = UnsureName.cover,
+    hwaccel: HardwareDecoding = HwaccelName.none,
     encoder: Encoder = "libx264",
     crf: Crf = 20,
     preset: Preset = "veryfast",
@@ -99,7 +102,12 @@ def swap(
         )
         options = replace(settings.options, eyes=eyes.value, mouth=mouth.value, outline=outline)
         settings = replace(
-            settings, options=options, unsure=unsure.value, keep_people=not no_keep, rest_seconds=rest
+            settings,
+            options=options,
+            unsure=unsure.value,
+            keep_people=not no_keep,
+            rest_seconds=rest,
+            hwaccel=hwaccel.value,
         )
         if casting is not None:
             from guise.app.swapping.several import swap_people

@@ -18,7 +18,8 @@ _X26X_PRESETS = (
 )  # fmt: skip
 _ALWAYS_LOSSLESS = frozenset({"ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "rawvideo"})
 _QSCALE = frozenset({"mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "msmpeg4v2", "msmpeg4", "h263", "flv"})
-_EVEN_ONLY = frozenset({"libx264", "libx265", "h264_nvenc", "hevc_nvenc", "libopenh264", "libsvtav1"})
+_EVEN_ONLY = frozenset({"libx264", "libx265", "libopenh264", "libsvtav1"})
+_HARDWARE = frozenset({"nvenc", "qsv", "vaapi", "amf", "videotoolbox"})  # ends of names
 # The rate control of x264 165 differs from run to run with AVX-512, and between machines by their instruction sets.
 _COMMON_INSTRUCTIONS = "asm=sse2fast,sse4.2"
 _DEFAULT_PRESET = "veryfast"
@@ -26,7 +27,7 @@ _DEFAULT_PRESET = "veryfast"
 _FALLBACKS = {
     (0, 0): ("yuv444p", "yuv422p", "yuv420p"),
     (1, 0): ("yuv422p", "yuv444p", "yuv420p"),
-    (1, 1): ("yuv420p", "yuv422p", "yuv444p"),
+    (1, 1): ("yuv420p", "nv12", "yuv422p", "yuv444p"),
 }
 _DEEP_FALLBACKS = ("yuv422p10le", "yuv420p10le", "yuv444p10le")
 
@@ -69,6 +70,9 @@ def encoder_settings(options: EncodeOptions, threads: int = 0) -> dict[str, str]
     threads : a fixed number, for the same output on any machine, or 0 for what suits this one.
     """
     name = options.encoder
+    kind = name.rpartition("_")[2]
+    if kind in _HARDWARE and not options.lossless:
+        return _hardware_settings(kind, options)
     if name in _X26X:
         return _x26x_settings(options, threads)
     if options.lossless:
@@ -105,6 +109,19 @@ def _x26x_settings(options: EncodeOptions, threads: int) -> dict[str, str]:
     return settings | ({"qp": "0"} if options.lossless else {"crf": str(options.crf)})
 
 
+def _hardware_settings(kind: str, options: EncodeOptions) -> dict[str, str]:
+    """Constant quality, as near to the crf as the kind of encoder has it."""
+    crf = str(options.crf)
+    settings = {
+        "nvenc": {"rc": "vbr", "cq": crf, "b": "0"},
+        "qsv": {"global_quality": crf},
+        "vaapi": {"rc_mode": "CQP", "qp": crf},
+        "amf": {"rc": "cqp", "qp_i": crf, "qp_p": crf},
+        "videotoolbox": {"flags": "+qscale", "global_quality": str(118 * max(100 - 2 * options.crf, 1))},
+    }[kind]
+    return settings if options.preset == _DEFAULT_PRESET else settings | {"preset": options.preset}
+
+
 def _lossless_settings(name: str) -> dict[str, str]:
     if name in _ALWAYS_LOSSLESS:
         return {}
@@ -128,6 +145,7 @@ def encoder_format(codec: av.Codec, name: str, chroma_shift: tuple[int, int]) ->
 
 def encoded_size(encoder: str, fmt: str, width: int, height: int) -> tuple[int, int]:
     """The picture's size, extended to even numbers where encoder and chroma require it."""
-    if encoder not in _EVEN_ONLY or fmt in ("yuv444p", "yuvj444p", "gray"):
+    even_only = encoder in _EVEN_ONLY or encoder.rpartition("_")[2] in _HARDWARE
+    if not even_only or fmt in ("yuv444p", "yuvj444p", "gray"):
         return width, height
     return width + width % 2, height + height % 2

@@ -12,6 +12,7 @@ from av.video.frame import PictureType
 
 from guise.app.media.encoder import EncodeOptions, encoder_settings, find_encoder
 from guise.app.media.frame import Frame
+from guise.app.media.hardware import working_encoder
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.picture_format import PictureFormat, picture_format_for
 
@@ -71,6 +72,7 @@ def encoding_for(
     size : (width, height) of the frames if it differs from the input's.
     captions : whether encoders that can write closed captions keep those in the pictures.
     """
+    options = working_encoder(options, media.problems.note)
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
     form = picture_format_for(media, codec, options, size)

@@ -16,6 +16,7 @@ import av
 
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
+from guise.app.media.hardware import HardwareDecoder, working_decoder
 from guise.app.media.images import list_images, looks_like_image, read_image
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
 from guise.app.media.reader import ProblemLog, VideoReader, main_video, open_container
@@ -92,9 +93,10 @@ class VideoInput(MediaInput):
 
     kind = "video"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, hwaccel: HardwareDecoder = "none") -> None:
         super().__init__(path)
-        self._template = VideoReader(path, self.problems)
+        self._device = working_decoder(hwaccel, self.problems.note)
+        self._template = VideoReader(path, self.problems, self._device)
         self._first_pass: Iterator[av.VideoFrame] | None = iter(self._template)
         self._early_packets: list[AnyPacket] = []
         self._listener: Callable[[AnyPacket], None] | None = None
@@ -166,7 +168,7 @@ class VideoInput(MediaInput):
 
     def open_reader(self, problems: ProblemLog) -> VideoReader:
         """Another pass over the file; it closes with this input."""
-        reader = VideoReader(self.path, problems)
+        reader = VideoReader(self.path, problems, self._device)
         self._others.append(reader)
         return reader
 
@@ -241,9 +243,10 @@ class ImageInput(MediaInput):
             index += 1
 
 
-def open_input(path: Path | str) -> MediaInput:
+def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInput:
     """Open a video file, an image or a folder of images.
 
+    hwaccel : the device that decodes a video, "auto" for one that works, or "none" for the processor.
     Raises MediaError when there is nothing to read.
     """
     path = Path(path)
@@ -251,7 +254,7 @@ def open_input(path: Path | str) -> MediaInput:
         raise MediaError(f"{path} does not exist: give a video file, an image or a folder of images.")
     if path.is_dir() or looks_like_image(path):
         return ImageInput(path)
-    return VideoInput(path)
+    return VideoInput(path, hwaccel)
 
 
 def _ignore(packet: AnyPacket) -> None:

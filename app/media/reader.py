@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import av
 import av.error
+from av.codec.hwaccel import HWAccel
 from av.container import InputContainer
 from av.packet import Packet
 from av.video.stream import VideoStream
@@ -65,11 +66,16 @@ class ProblemLog(list[str]):
             self.note(sentence)
 
 
-def open_container(path: Path) -> InputContainer:
-    """Open a media file; MediaError says in one sentence why it cannot be read."""
+def open_container(path: Path, device: str | None = None) -> InputContainer:
+    """Open a media file, to be decoded by a device; MediaError says in one sentence why it cannot be read."""
     try:
         # an absolute path, as FFmpeg takes anything before a colon for a protocol
-        container = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
+        container = av.open(
+            str(path.absolute()),
+            "r",
+            metadata_errors="surrogateescape",
+            hwaccel=HWAccel(device) if device else None,
+        )
     except PermissionError as error:
         raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
     except (av.error.FFmpegError, OSError) as error:
@@ -105,14 +111,15 @@ def is_still(stream: VideoStream) -> bool:
 class VideoReader:
     """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
 
+    device : that decodes, such as "cuda", which must work; what it cannot decode, the processor does.
     on_packet : called with each packet of every other stream, in file order.
     damaged : whether any picture so far was lost or concealed; with several threads this is not deterministic.
     """
 
     damaged = False
 
-    def __init__(self, path: Path, problems: ProblemLog) -> None:
-        self.container = open_container(path)
+    def __init__(self, path: Path, problems: ProblemLog, device: str | None = None) -> None:
+        self.container = open_container(path, device)
         self.problems = problems
         self.on_packet: Callable[[AnyPacket], None] = lambda packet: None
         try:

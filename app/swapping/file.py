@@ -44,7 +44,7 @@ def swap_file(
     """
     for sentence in identity.facts.get("weaknesses", ()):
         settings.say(f"{identity.name} was enrolled from a clip that can be better: {sentence}")
-    with open_input(video) as media:
+    with open_input(video, settings.hwaccel) as media:
         tags = synthetic_tags(identity.facts.get("made_from"))
         with open_sink(output, media, settings.encode, force=settings.force, tags=tags) as sink:
             person = source_person(media, source, identity, settings)

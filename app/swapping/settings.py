@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from guise.aam.landmarks import open_detector, open_landmarker
 from guise.aam.person_tracker import FaceFinder
 from guise.app.media import EncodeOptions
+from guise.app.media.hardware import HardwareDecoder
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.unsure import UNSURE_HOLD_FRAMES, Unsure
 from guise.common.progress import Progress, Say, mute, silent
@@ -20,6 +21,7 @@ class SwapSettings:
     ----------
     options : how the engine draws.
     encode : encoder, crf, preset, lossless.
+    hwaccel : the device that decodes the video, "auto" for one that works, or "none" for the processor.
     detector : "builtin", the landmarker, or "lbp" or "yunet:MODEL.onnx", which find boxes: what finds the face at the
         start and after a loss.
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
@@ -33,6 +35,7 @@ class SwapSettings:
 
     options: EngineOptions = EngineOptions()
     encode: EncodeOptions = field(default_factory=EncodeOptions)
+    hwaccel: HardwareDecoder = "none"
     detector: str = "builtin"
     unsure: Unsure = "cover"
     keep_people: bool = False

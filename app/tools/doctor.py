@@ -11,7 +11,10 @@ from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from guise.app.media.codecs import has_decoder, has_encoder, library_versions
+from guise.app.media.hardware import DEVICES, ENCODERS, decoder_fault, encoder_fault
 from guise.common.version import version
 
 _ENCODERS = {
@@ -68,6 +71,7 @@ def examine() -> list[Finding]:
         _packages,
         _extras,
         _codecs,
+        _hardware,
         _renderer,
         _faces,
         _cameras,
@@ -117,6 +121,16 @@ def _codecs() -> Iterator[Finding]:
         yield Finding("codecs", f"{name} (reads)", ok, title if ok else missing)
 
 
+def _hardware() -> Iterator[Finding]:
+    for name, fault in [(name, encoder_fault(name)) for name in ENCODERS if has_encoder(name)]:
+        yield Finding("hardware", f"{name} (writes)", None if fault else True, fault or "--encoder " + name)
+    for device in DEVICES:
+        fault = decoder_fault(device)
+        yield Finding(
+            "hardware", f"{device} (reads)", None if fault else True, fault or "--hwaccel " + device
+        )
+
+
 def _renderer() -> Iterator[Finding]:
     from guise.render import GLMissing, probe_gl
 
@@ -132,7 +146,7 @@ def _renderer() -> Iterator[Finding]:
 def _faces() -> Iterator[Finding]:
     from guise.aam.landmarks import LandmarkError, open_detector, open_landmarker
 
-    open_landmarker("builtin")
+    open_landmarker("builtin").detect(np.zeros((64, 64, 3), np.uint8))
     yield Finding("faces", "builtin", True, "faces and landmarks, by the networks that come with Guise")
     try:
         open_detector("lbp")
