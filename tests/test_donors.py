@@ -113,6 +113,27 @@ def test_the_mean_of_all_is_one_donor_for_all() -> None:
     assert set(assign(range(3), "mean:7", seed=0, salt="x").values()) == {"mean:" + "+".join(gallery())}
 
 
+@pytest.mark.parametrize(("donor", "size"), [("same", 1), ("average:3", 3), ("average:7", 7)])
+def test_a_shared_donor_is_that_of_all_people_of_all_videos(donor: str, size: int, tmp_path: Path) -> None:
+    given = {spec for salt in "abc" for spec in assign(range(4), donor, seed=3, salt=salt).values()}
+    assert [len(parts(spec)) for spec in given] == [size]
+    key = KeyFile.open(tmp_path / "key")
+    known = Identity.load(model_file("p01"))
+    key.assign({1: known}, "auto", salt="a")
+    assert len(set(key.assign({1: known, 2: None}, donor, salt="b").values())) == 1
+
+
+def test_the_seed_changes_the_shared_donor() -> None:
+    assert len({assign([1], "same", seed=seed, salt="x")[1] for seed in range(8)}) > 2
+    assert len({assign([1], "average:3", seed=seed, salt="x")[1] for seed in range(8)}) > 4
+
+
+@pytest.mark.parametrize("k", ["0", "8", "x", ""])
+def test_a_shared_average_of_more_than_there_are_is_one_sentence(k: str) -> None:
+    with pytest.raises(DonorError, match=f"average:{k} averages {k} donors, but there are 7; choose 1 to 7"):
+        assign([1], f"average:{k}", seed=0, salt="x")
+
+
 @pytest.mark.parametrize("k", [0, 8])
 def test_a_mean_of_more_than_there_are_is_one_sentence(k: int) -> None:
     with pytest.raises(DonorError, match=f"mean:{k} averages {k} donors, but there are 7; choose 1 to 7"):

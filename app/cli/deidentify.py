@@ -75,8 +75,11 @@ Recursive = Annotated[bool, typer.Option("--recursive", help="Include the subfol
 Donor = Annotated[
     str,
     typer.Option(
-        metavar="auto|NAME.guise|mean:K",
-        help="Whose faces are shown: a different fictional person for each; one model for all; or averages of K.",
+        "--donor",
+        "--donors",
+        metavar="auto|same|average:K|mean:K|NAME.guise",
+        help="Whose faces are shown: a different fictional person for each; the same, or the same average of K, for "
+        "all people of all files; a different average of K for each; or one model for all.",
     ),
 ]
 Gallery = Annotated[

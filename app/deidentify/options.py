@@ -25,7 +25,7 @@ class DeidentifyOptions:
 
     Parameters
     ----------
-    donor : "auto", NAME.guise, or "mean:K".
+    donor : "auto", "same", "average:K", "mean:K", or NAME.guise; see `guise.app.swapping.donors.assign`.
     gallery : the user's own donors, NAME.guise files, instead of those that ship with the package.
     cover : how a face that is not swapped is covered.
     alpha : share in [0, 1] of the expression outside the donor's own space that is let through.

@@ -32,6 +32,7 @@ from guise.common.arrays import F32
 from guise.common.files import write_whole
 
 MEAN_PREFIX = "mean:"
+SAME, AVERAGE_PREFIX = "same", "average:"  # one donor for all people of all videos
 MODEL_SUFFIX = ".guise"
 COMMON_FACES = (
     "p01",
@@ -131,8 +132,9 @@ def assign(
     ----------
     people : numbers of the people of a video.
     donor : "auto", a donor for each: single ones, then averages of two, of three ..; "mean:K", an average of K for
-        each, as in k-Same-M (`guise.aam.averaging`), but none of them includes the person's own face; or a spec, for
-        everybody.
+        each, as in k-Same-M (`guise.aam.averaging`), but none of them includes the person's own face; "same" or
+        "average:K", one donor or the average of K for everybody, whatever the salt, so that a donor tells nobody from
+        the others who have it; or a spec, for everybody.
     own : models that replace the gallery.
     seed, salt : determine the order; the salt is the video's name, so that not every video starts with the same donor.
     known : donors that some people already have.
@@ -145,9 +147,19 @@ def assign(
     DonorError
         When K is larger than the number of donors.
     """
+    if (shared := _shared(donor, _names(own), seed)) is not None:
+        return dict.fromkeys(people, shared)
     fixed = {person: spec for person, spec in (known or {}).items() if person in people}
     order = _endless(donor, _names(own), seed, salt, {*fixed.values(), *taken})
     return {person: fixed[person] if person in fixed else next(order) for person in people}
+
+
+def _shared(donor: str, names: Sequence[str], seed: int) -> str | None:
+    """The donor that all people of all videos share, if that is what is asked for."""
+    if donor != SAME and not donor.startswith(AVERAGE_PREFIX):
+        return None
+    size = 1 if donor == SAME else _size(donor, AVERAGE_PREFIX, len(names))
+    return next(_subsets(names, size, seed, ""))
 
 
 def _names(own: Sequence[Path]) -> tuple[str, ...]:
@@ -175,12 +187,18 @@ def _sizes(donor: str, most: int) -> range:
     """Numbers of donors that are averaged, in order; empty when the donor is a spec."""
     if donor == "auto":
         return range(1, most + 1)
-    text = donor.removeprefix(MEAN_PREFIX)
-    if text == donor or not text.isdigit():
+    if not donor.startswith(MEAN_PREFIX) or not donor.removeprefix(MEAN_PREFIX).isdigit():
         return range(0)
-    if not 1 <= int(text) <= most:
+    size = _size(donor, MEAN_PREFIX, most)
+    return range(size, size + 1)
+
+
+def _size(donor: str, prefix: str, most: int) -> int:
+    """The K of "mean:K" or "average:K"; DonorError unless it is 1 to `most`."""
+    text = donor.removeprefix(prefix)
+    if not text.isdigit() or not 1 <= int(text) <= most:
         raise DonorError(f"{donor} averages {text} donors, but there are {most}; choose 1 to {most}")
-    return range(int(text), int(text) + 1)
+    return int(text)
 
 
 def _subsets(names: Sequence[str], size: int, seed: int, salt: str) -> Iterator[str]:
