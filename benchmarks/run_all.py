@@ -52,6 +52,7 @@ LANDMARKS = (
 DEIDENTIFY = (
     "deidentify.leaks",
     "deidentify.identity",
+    "deidentify.attack",
     "deidentify.expression",
     "deidentify.swapped",
     "deidentify.speed",

@@ -1,14 +1,17 @@
 """The benchmarks of privacy and expression: who is who, and figures of made-up scores."""
 
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from benchmarks.deidentify import expression, identity
+from benchmarks.deidentify import attack, expression, identity
+from benchmarks.landmarks.clips import RealClip
 from guise.app.measure.curves import CURVES
 from guise.app.measure.job import MatchScores
+from guise.app.media import open_input
 
 
 def scores(every: list[list[float]], embeddings: list[list[float]]) -> MatchScores:
@@ -20,6 +23,9 @@ def test_clips_of_one_person_have_one_name() -> None:
     real, rendered = Path("data/real"), Path("synthetic/people/p03")
     assert identity.person_of(real / "address_o1.mp4") == identity.person_of(real / "address_o3.mp4")
     assert identity.person_of(real / "talk_r1.mp4") != identity.person_of(real / "talk_r2.mp4")
+    assert identity.person_of(real / "grid_pwij3p.mpg") == identity.person_of(
+        real / "grid_id2_vcd_swwp2s.mpg"
+    )
     assert identity.person_of(rendered / "talk2.mp4") == "rendered p03"
 
 
@@ -51,6 +57,21 @@ def test_criteria_are_over_real_clips_with_the_same_weight() -> None:
     assert (rank.measured, rank.target) == (0, 3)
     assert mean.measured == pytest.approx(0.25)
     assert p99.measured == pytest.approx(0.4)
+
+
+def test_takes_are_the_beginning_and_the_second_half_of_a_clip(tmp_path: Path) -> None:
+    clip = RealClip("p01", SAMPLES / "p01" / "talk2.mp4", np.zeros((20, 81, 2)))
+    attack.write_takes(clip, tmp_path, "p01", 0.0)
+    attack.write_takes(clip, tmp_path / "tilted", "p01", 30.0)
+    with open_input(clip.video) as media:
+        whole = [frame.luma.copy() for frame in islice(media, 20)]
+    for number, first in ((1, 0), (2, 10)):
+        with open_input(tmp_path / f"p01_{number}.mp4") as media:
+            taken = [frame.luma.copy() for frame in media]
+        assert len(taken) == 10
+        assert np.abs(taken[0].astype(int) - whole[first]).mean() < 2
+    with open_input(tmp_path / "tilted" / "p01_2.mp4") as media:
+        assert media.width > whole[0].shape[1]
 
 
 def test_kept_expression_is_over_the_frames_that_both_have() -> None:

@@ -41,6 +41,7 @@ from guise.common.arrays import F32
 
 SAMPLED_FRAMES = 80  # of each clip
 CLIPS_OF_ONE_PERSON = ("address_o", "webcam_a")  # prefixes of clips' names
+OTHER_CLIPS = {"grid_pwij3p": "grid_id2_vcd_swwp2s"}  # that show the same person
 GALLERY = Path(app.__file__).parent / "gallery"
 RENDERED = "rendered "  # prefix of the names of fictional people
 
@@ -60,7 +61,8 @@ def person_of(video: Path) -> str:
     """Whom a clip shows."""
     if video.parent.parent.name == "people":
         return RENDERED + video.parent.name
-    return next((name for name in CLIPS_OF_ONE_PERSON if video.stem.startswith(name)), video.stem)
+    stem = OTHER_CLIPS.get(video.stem, video.stem)
+    return next((name for name in CLIPS_OF_ONE_PERSON if stem.startswith(name)), stem)
 
 
 def pictures(shared: Path) -> Iterator[tuple[str, Path]]:
