@@ -24,8 +24,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeGuard
 
-import numpy as np
-
 from guise.common.errors import GuiseError
 from guise.common.text import first_line
 
@@ -185,14 +183,17 @@ class CardReader:
         return self._card.error(f"{self._card.kind} card {text}")
 
 
+MAX_NUMBER = 1e30
+
+
 def is_list(value: Any, length: int) -> TypeGuard[list[Any]]:
     """Whether a value of a card is a list of that length."""
     return isinstance(value, list) and len(value) == length
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value of a card is a finite number."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    """Whether a value of a card is a number, neither NaN nor beyond what float32 holds."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_NUMBER
 
 
 def _is_count(value: Any, most: int) -> bool:

@@ -29,6 +29,7 @@ NAMES = (
     "identity",
     "enrolment",
     "startup",
+    "fuzz",
     "self_calibration",
     "recognition",
     "memory",

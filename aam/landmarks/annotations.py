@@ -27,7 +27,9 @@ from __future__ import annotations
 import io
 import json
 import re
+import struct
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +45,11 @@ from guise.common.arrays import F32, F64, Bool
 from guise.common.files import natural_key, write_whole
 
 _NPZ_KEYS = ("face81", "landmarks", "points")
+# What a damaged npz file raises: of the zip archive, of its compression and encryption, and of the arrays' headers.
+_NOT_READ = (
+    OSError, ValueError, EOFError, LookupError, TypeError, zipfile.BadZipFile, NotImplementedError, RuntimeError,
+    zlib.error, struct.error, MemoryError, OverflowError, SyntaxError,
+)  # fmt: skip
 _JSON_KEYS = ("scheme", "frames", "count", "about")
 
 TRACKED_FORMAT, TRACKED_VERSION = "guise-landmarks", 1  # JSON with all faces of all frames
@@ -183,7 +190,7 @@ def _load_npz(path: Path) -> Annotations:
             names = ", ".join(stored.files)
             array = stored[found[0]] if found else None
             track = stored["track"] if "track" in stored.files else None
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+    except _NOT_READ as error:
         raise LandmarkError(
             f"{path} must be an npz file of plain arrays, got one that cannot be read"
         ) from error
