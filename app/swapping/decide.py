@@ -37,6 +37,9 @@ class DecisionLimits:
         0.03  # of the covered region, away from the nearest frame in which the face was seen
     )
     max_growth: float = 1.6
+    cover_seconds: float = (
+        0.1  # about a frame, whose boxes its cover holds as well: boxes jitter where a hand hides
+    )
 
 
 LIMITS = DecisionLimits()
@@ -91,10 +94,24 @@ def decide(
     seen = np.isin(frames, rows.frames)
     confidence = np.zeros(len(frames), np.float32)
     confidence[seen] = rows.trust
+    done = _done(confidence, action, rate)
+    reach = round(LIMITS.cover_seconds * rate)
+    boxes = np.where((done == COVERED)[:, None], enclosing(boxes, reach), boxes)
     return Decision(
-        frames, _done(confidence, action, rate), boxes.astype(np.float32), turns.astype(np.float32),
+        frames, done, boxes.astype(np.float32), turns.astype(np.float32),
         _growth(frames, rows.frames), confidence,
     )  # fmt: skip
+
+
+def enclosing(boxes: NDArray[np.floating], reach: int) -> NDArray[np.floating]:
+    """For each of consecutive boxes (n, 4) the one that holds it and the `reach` boxes before and after it.
+
+    >>> enclosing(np.array([[0, 0, 2, 2], [1, 0, 3, 2], [5, 5, 6, 6]]), 1).tolist()
+    [[0, 0, 3, 2], [0, 0, 6, 6], [1, 0, 6, 6]]
+    """
+    padded = np.pad(boxes, ((reach, reach), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
+    return np.concatenate([windows[:, :2].min(2), windows[:, 2:].max(2)], axis=1)
 
 
 def _done(confidence: F32, action: Action, rate: float) -> NDArray[np.uint8]:

@@ -4,7 +4,7 @@ It does not rely on what found the faces.  It searches at four rolls between tho
 sizes, or by a detector of the user's choice, and in the original as well: a face that the first stage missed is found
 in both.  It also compares every face that is said to be swapped with the original.  Searched are one frame in
 `AuditLimits.interval_frames`, frames without a face shortly before or after one, and those about what was found; every
-frame with ``--audit full``.  Some are searched as negatives, too, and all once a negative has a face.  Pixels as
+frame with ``--audit full``.  Some are searched as negatives, too, and all after a negative that has a face.  Pixels as
 shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in radians, by which a face is rolled clockwise.
 """
 
@@ -162,6 +162,7 @@ class Audit:
             if (frame.index, negative) not in self._original:
                 self._original[frame.index, negative] = self._faces(frame, negative)
                 self._kept[frame.index] = _small(frame.luma)
+                self._is_negative |= negative and len(self._original[frame.index, True]) > 0
 
     def after(
         self,
@@ -178,7 +179,7 @@ class Audit:
                 if _is_unchanged(patch, patch_of(frame.luma, entry.box), LIMITS.max_unchanged_swapped):
                     yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
             drawn = swapped_boxes.get(frame.index, [])
-            for negative in self._ways(frame.index):
+            for negative in (way for way in self._ways(frame.index) if (frame.index, way) in self._original):
                 yield from self._compared(frame, entries.get(frame.index, []), drawn, negative)
 
     def look_closer(self, found: Iterable[AuditDetection]) -> None:
