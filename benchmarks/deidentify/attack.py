@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Iterator, Mapping
-from itertools import repeat
 from pathlib import Path
 
 import av
@@ -27,7 +26,7 @@ from benchmarks.common import Criterion, Picture, Report, Table
 from benchmarks.deidentify.guise import done, guise_command
 from benchmarks.deidentify.identity import person_of, recogniser
 from benchmarks.landmarks.clips import HARD, RealClip, real_clips
-from benchmarks.rolled import write_rolled
+from benchmarks.rolled import rolled
 from guise.app.measure.attack import (
     AttackedOutput,
     AttackRequest,
@@ -64,29 +63,23 @@ def write_takes(clip: RealClip, folder: Path, name: str, tilt: float) -> None:
         target = folder / f"{name}_{number}.mp4"
         if target.exists():
             continue
-        if tilt and number == 2:
-            with tempfile.TemporaryDirectory() as scratch:
-                upright = Path(scratch) / "upright.mp4"
-                write_take(clip.video, upright, first, min(TAKE_FRAMES, half))
-                write_rolled(upright, target, repeat(tilt))
-        else:
-            write_take(clip.video, target, first, min(TAKE_FRAMES, half))
+        write_take(clip.video, target, first, min(TAKE_FRAMES, half), tilt if number == 2 else 0.0)
 
 
-def write_take(video: Path, target: Path, first: int, count: int) -> None:
-    """Some frames of a video, almost losslessly."""
+def write_take(video: Path, target: Path, first: int, count: int, tilt: float) -> None:
+    """Some frames of a video, rolled clockwise by an angle in degrees, almost losslessly."""
     with av.open(str(target), "w") as out:
         stream = out.add_stream("libx264", 30, {"crf": "10", "preset": "veryfast"})
         stream.pix_fmt = "yuv420p"
-        for picture in pictures(video, first, count):
+        for picture in pictures(video, first, count, tilt):
             if not stream.codec_context.is_open:
                 stream.height, stream.width = picture.shape[:2]
             out.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
         out.mux(stream.encode(None))
 
 
-def pictures(video: Path, first: int, count: int) -> Iterator[Picture]:
-    """Frames of a video, of even size."""
+def pictures(video: Path, first: int, count: int, tilt: float) -> Iterator[Picture]:
+    """Frames of a video, of even size, rolled."""
     with open_input(video) as media:
         scale = min(1.0, MAX_SHORT_SIDE_PIXELS / min(media.width, media.height))
         size = [round(side * scale / 2) * 2 for side in (media.width, media.height)]
@@ -94,7 +87,10 @@ def pictures(video: Path, first: int, count: int) -> Iterator[Picture]:
             if frame.index >= first + count:
                 return
             if frame.index >= first:
-                yield np.asarray(cv2.resize(frame.rgb(), size, interpolation=cv2.INTER_AREA), np.uint8)
+                small = cv2.resize(frame.rgb(), size, interpolation=cv2.INTER_AREA)
+                picture = rolled(np.asarray(small, np.uint8), tilt)[0]
+                height, width = picture.shape[:2]
+                yield np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])
 
 
 def attacked(options: argparse.Namespace, work: Path) -> AttackResult:
