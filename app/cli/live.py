@@ -27,6 +27,7 @@ from guise.app.cli.options import (
     RendererName,
     TransferChoice,
     TransferName,
+    faces_by_person,
 )
 from guise.app.cli.studio import studio
 
@@ -62,6 +63,14 @@ Person = Annotated[
         help="Model of the person in the picture; default: the one kept for this camera or file, or a new one.",
     ),
 ]
+Cast = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="PERSON=FACE",
+        help="For up to four people at once: a person's model and the face that they get; others are covered.",
+    ),
+]
 Outputs = Annotated[
     list[str] | None,
     typer.Option(
@@ -84,6 +93,7 @@ def live(
     camera: Camera = 0,
     identity: Identities = None,
     person: Person = None,
+    map: Cast = None,
     output: Outputs = None,
     headless: Headless = False,
     size: Size = "1280x720",
@@ -135,6 +145,11 @@ def live(
                 "--output studio opens the browser, where everything else is chosen: give it alone"
             )
         return studio(quiet=quiet, json=json)
+    cast = faces_by_person(map)
+    if cast and (identity or person or enrol or mode is ModeName.puppet):
+        raise typer.BadParameter(
+            "--map says who gets which face: leave out --identity, --person, --enrol and puppet"
+        )
     console = Console(quiet=quiet, json=json)
     settings = LiveSettings(
         alpha=alpha, mode=mode.value, mirror=source is None if mirror is None else mirror,
@@ -147,7 +162,7 @@ def live(
             light=light.value, transfer=transfer.value, eyes=eyes.value, mouth=mouth.value,
             jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value,
         ),
-        EncodeOptions(encoder, crf, preset), force,
+        EncodeOptions(encoder, crf, preset), force, cast=cast,
     )  # fmt: skip
     with Stages(console) as stages:
         report = run_live(options, progress=stages, say=console.note)

@@ -246,6 +246,17 @@ BoxDetectorSpec = Annotated[
 ]
 
 
+def faces_by_person(pairs: list[str] | None) -> dict[str, str]:
+    """What --map says: by person, the face that they get."""
+    faces: dict[str, str] = {}
+    for pair in pairs or ():
+        who, _, face = pair.partition("=")
+        if not who or not face or who in faces:
+            raise typer.BadParameter(f"--map takes SOURCE=FACE, each SOURCE once, got {pair!r}")
+        faces[who] = face
+    return faces
+
+
 def landmark_source(files: list[Path], landmarker: str | None, clips: int) -> LandmarkSource:
     """Where the landmarks of some clips come from, by the options --landmarks and --landmarker."""
     from guise.app.enrolment.enrol import LandmarkSource

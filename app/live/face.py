@@ -157,7 +157,7 @@ class LiveFace(Closing):
             donor = self.identities[settings.identity]
             self._engines[settings.identity] = Engine(self.person, donor, None, self.options)
         engine = self._engines[settings.identity]
-        _set_alpha(engine.extrapolator, settings.alpha)
+        set_alpha(engine.extrapolator, settings.alpha)
         return engine
 
     def _puppet(self, frame: Frame, settings: LiveSettings) -> FaceResult:
@@ -167,7 +167,7 @@ class LiveFace(Closing):
                 self.person, donor, self.detector, self.options, self.landmarker
             )
         puppet = self._puppets[settings.identity]
-        _set_alpha(puppet.extrapolator, settings.alpha)
+        set_alpha(puppet.extrapolator, settings.alpha)
         self.detector.submit(frame)
         _, picture = puppet.animate(frame)
         fill(frame, picture.rgb())
@@ -263,8 +263,9 @@ def _places(found: RolledBoxes) -> list[FacePlace]:
     return [FacePlace(box, turn) for box, turn in pairs]
 
 
-def _set_alpha(extrapolator: Extrapolator, alpha: float) -> None:
-    if extrapolator.alpha != alpha:  # setting it costs
+def set_alpha(extrapolator: Extrapolator, alpha: float) -> None:
+    """Set the share of expression that is let through, where it differs: that costs."""
+    if extrapolator.alpha != alpha:
         extrapolator.alpha = alpha
 
 

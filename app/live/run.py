@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from guise.app.live.overlay import Overlay
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.recorder import Recordings, VideoRecorder, snapshot
 from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS, LiveSession, SessionConfig
+from guise.app.live.several import MAX_PEOPLE, CastMember
 from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.media import EncodeOptions
@@ -46,6 +47,7 @@ class LiveOptions:
     camera : its number.
     identities : the faces, as for `open_face`; none: those of the gallery.
     person : the person at the camera, likewise, or None.
+    cast : instead of both, the face of each of several people, by their models; everybody else is covered.
     outputs : "window", "virtualcam" or files.
     headless : without a window, every frame of a file, as fast as possible.
     size, fps : requested of the camera.   loop : repeat the file.
@@ -69,6 +71,7 @@ class LiveOptions:
     )
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     force: bool = False
+    cast: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,9 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
     _check(options)
     notices = Notices(say)
     say = notices.say
+    cast = [CastMember(open_face(who), open_face(face)) for who, face in options.cast.items()]
     identities = [open_face(face) for face in options.identities] or [open_donor(n) for n in gallery()]
+    identities = [member.face for member in cast] or identities
     controls = Controls(len(identities), options.settings)
     with contextlib.ExitStack() as stack, one_thread():
         capture = stack.enter_context(_capture(options, say))
@@ -153,12 +158,12 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         for output in outputs:
             output.check()
         outputs += _sound(options, capture, say)
-        person = _person(options, capture, identities[0], progress, say)
+        person = None if cast else _person(options, capture, identities[0], progress, say)
         config = SessionConfig(
-            identities, person, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
+            identities, person, cast, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
             options=options.options, recording=lambda: recordings.recording, notice=notices.current,
         )  # fmt: skip
-        requests = _RequestHandler(config, controls, recordings, snapshots)
+        requests = _RequestHandler(config, controls, recordings, snapshots, say)
         pipeline = Pipeline(
             capture, requests.make_session, [*outputs, recordings, snapshots], requests.handle
         )
@@ -176,9 +181,14 @@ class _RequestHandler:
     """Carries out the user's requests, in the main thread."""
 
     def __init__(
-        self, config: SessionConfig, controls: Controls, recordings: Recordings, snapshots: Snapshots
+        self,
+        config: SessionConfig,
+        controls: Controls,
+        recordings: Recordings,
+        snapshots: Snapshots,
+        say: Say,
     ) -> None:
-        self._config, self._controls = config, controls
+        self._config, self._controls, self._say = config, controls, say
         self._recordings, self._snapshots = recordings, snapshots
         self._session: LiveSession | None = None
 
@@ -193,7 +203,9 @@ class _RequestHandler:
             request = self._controls.requests.get()
             if request == "quit":
                 return False
-            if request == "enrol" and self._session is not None:
+            if request == "enrol" and self._config.cast:
+                self._say("Who else is here is covered: end, enrol them, and name them with --map.")
+            elif request == "enrol" and self._session is not None:
                 self._session.enrol()
             if request == "record":
                 self._recordings.toggle()
@@ -211,6 +223,8 @@ def _check(options: LiveOptions) -> None:
         )
     if options.headless and options.loop:
         raise OutputError("--headless ends with the file: leave out --loop")
+    if len(options.cast) > MAX_PEOPLE:
+        raise OutputError(f"--map takes up to {MAX_PEOPLE} people live, got {len(options.cast)}")
     if len(set(options.outputs)) < len(options.outputs):
         raise OutputError("two --output options name the same place: give each only once")
 

@@ -18,6 +18,7 @@ from guise.app.live.enrolment import EnrolmentStatus, OnScreenEnrolment
 from guise.app.live.face import FaceResult, LiveFace
 from guise.app.live.output import OutputFrame
 from guise.app.live.overlay import draw_mesh
+from guise.app.live.several import CastMember, LiveFaces
 from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
 from guise.app.swapping.cover import cover_all
@@ -44,6 +45,7 @@ class SessionConfig:
     ----------
     identities : donors to choose from.
     person : model of the person at the camera; None to enrol them on screen.
+    cast : instead of both, several people and the face of each; everybody else is covered.
     name : of the person, for a new model.
     keep : called with a new model.
     options : of the engine.
@@ -53,6 +55,7 @@ class SessionConfig:
 
     identities: Sequence[Identity]
     person: Identity | None = None
+    cast: Sequence[CastMember] = ()
     name: str = "me"
     keep: Keep = forget
     options: EngineOptions = field(
@@ -67,7 +70,11 @@ class LiveSession:
 
     def __init__(self, config: SessionConfig, controls: Controls) -> None:
         self._config, self._controls = config, controls
-        self._face = LiveFace(config.person, config.identities, config.options) if config.person else None
+        self._face: LiveFace | LiveFaces | None = None
+        if config.cast:
+            self._face = LiveFaces(config.cast, config.options)
+        elif config.person:
+            self._face = LiveFace(config.person, config.identities, config.options)
         self._enrolment: BackgroundEnrolment | None = None
         self._restart_requested = threading.Event()
 
