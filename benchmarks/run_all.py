@@ -88,11 +88,13 @@ MESH = (
 PICTURE = (
     "picture.truth",
     "picture.pairs",
+    "picture.grade",
 )
 ALL = (*NAMES, *LANDMARKS, *PICTURE, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed", "picture.pairs",
+    "picture.grade",
 )  # fmt: skip
 WITH_PARTS = ("landmarks.rendered", "landmarks.head_pose", "landmarks.parsing", "landmarks.calibration")
 

@@ -9,9 +9,9 @@ from made_up import SAMPLES
 from models import model_file
 
 from guise.aam.landmarks import interocular
-from guise.aam.landmarks.schemes import LEFT_EYE, LOWER_LIP_INNER, RIGHT_EYE, UPPER_LIP_INNER
+from guise.aam.landmarks.schemes import BROWS, LEFT_EYE, LOWER_LIP_INNER, RIGHT_EYE, UPPER_LIP_INNER
 from guise.aam.model import Identity
-from guise.app.enrolment.quality import weaknesses
+from guise.app.enrolment.quality import longest_rest, weaknesses
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +44,36 @@ def test_each_fault_of_movement_is_named(p01: Identity, points: np.ndarray) -> N
     assert weaknesses(gap_of(points, 15), p01)[0].startswith("the mouth is never shut")
     assert weaknesses(shut, p01)[0].startswith("the mouth never opens")
     assert weaknesses(points / 6, p01)[0].startswith("the face is only 31 pixels wide")
+
+
+def test_a_face_that_never_rests_is_named(p01: Identity, points: np.ndarray) -> None:
+    talking = points.copy()
+    for first in range(0, len(points), 4):  # the lips part in every fourth frame
+        talking[first] = gap_of(points[first : first + 1], 12)[0]
+    assert weaknesses(talking, p01)[0].startswith("the face is never at rest")
+    assert longest_rest(talking[np.isfinite(talking).all((1, 2))]) < 5
+    assert longest_rest(np.repeat(points[:1], 40, axis=0)) in (0, 40)
+    assert weaknesses(talking[:20], p01) == []  # too few frames, such as photos, say nothing
+
+
+def test_a_fringe_is_named(p01: Identity, points: np.ndarray) -> None:
+    rest = p01.rest_frame
+    picture, width = rest.picture.copy(), np.ptp(rest.shape[:, 0])
+    (x0, _), (x1, y1) = rest.shape[BROWS].min(0), rest.shape[BROWS].max(0)
+    top = int(rest.shape[:, 1].min() - 0.3 * width)
+    rng = np.random.default_rng(1)
+    for x in np.arange(x0 - 0.1 * width, x1 + 0.1 * width, 1.0):  # strands down to the eyes
+        end = int(y1 + 0.06 * width + rng.normal(0, 3))
+        shade = int(rng.integers(30, 70))
+        cv2.line(
+            picture,
+            (round(x), top),
+            (round(x + rng.normal(0, 4)), end),
+            (shade, shade * 2 // 3, shade // 2),
+            2,
+        )
+    hung = replace(p01, rest_frame=replace(rest, picture=picture))
+    assert any(sentence.startswith("hair hangs over the brows") for sentence in weaknesses(points, hung))
 
 
 def test_each_fault_of_light_is_named(p01: Identity, points: np.ndarray) -> None:

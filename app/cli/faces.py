@@ -77,10 +77,12 @@ def enroll(
     json: Json = False,
 ) -> None:
     """Learn a model of a person's face from one or more clips, or from a photo."""
+    from guise.aam.model import Identity
     from guise.app.enrolment.file import describe_options, enrol_file
     from guise.app.enrolment.rest import frame_at
     from guise.app.people.kept import place_for
     from guise.app.photos.enrol_photos import are_photos, enrol_photos
+    from guise.app.swapping.grade import enrolment_grade
 
     if person is not None and len(videos) > 1:
         raise typer.BadParameter("--person chooses among the people of one clip: give one clip")
@@ -106,8 +108,10 @@ def enroll(
                 videos, output, source, name=name, person=person, options=options, force=force, progress=stages,
                 say=console.note,
             )  # fmt: skip
-    console.table(f"{report.output}: {report.name}", report.as_rows())
-    console.result(report.as_json())
+    graded = enrolment_grade(Identity.load(report.output))
+    quality = {} if graded is None else {"quality": str(graded)}
+    console.table(f"{report.output}: {report.name}", report.as_rows() | quality)
+    console.result(report.as_json() | {"grade": graded and graded.score})
 
 
 def info(

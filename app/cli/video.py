@@ -45,6 +45,7 @@ from guise.app.cli.options import (
     UnsureName,
     UnsureOption,
     Video,
+    faces_by_person,
     landmark_source,
 )
 
@@ -124,6 +125,7 @@ def swap(
         got = f"the face {one.face}: " if one.face else ""
         console.say(
             f"person {one.number}: {got}{one.swapped} swapped, {one.covered} covered, {one.left} left"
+            + (f"; quality {one.grade} of 100" if one.grade is not None else "")
         )
     console.result(several.as_json())
 
@@ -145,13 +147,7 @@ def _casting(
         )
     from guise.app.swapping.several import Casting
 
-    faces: dict[str, str] = {}
-    for pair in pairs:
-        who, _, face = pair.partition("=")
-        if not who or not face or who in faces:
-            raise typer.BadParameter(f"--map takes SOURCE=FACE, each SOURCE once, got {pair!r}")
-        faces[who] = face
-    return Casting(faces, others.value)
+    return Casting(faces_by_person(pairs), others.value)
 
 
 def puppet(
@@ -231,5 +227,7 @@ def say_report(console: Console, report: SwapReport, word: str, *, last: bool = 
         console.note(
             f"pixels up to {share} % of the face's width from the jaw line may have changed (--outline)"
         )
+    if report.grade is not None:
+        console.say(f"quality: {report.grade} of 100" + (f"; {report.advice}" if report.advice else ""))
     if last:
         console.result(report.as_json())

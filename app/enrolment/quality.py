@@ -12,8 +12,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.appearance import openness
 from guise.aam.landmarks import interocular
-from guise.aam.landmarks.schemes import LEFT_EYE, LOWER_LIP_INNER, NOSE_TIP, RIGHT_EYE, UPPER_LIP_INNER
+from guise.aam.landmarks.schemes import (
+    BROWS,
+    EYES,
+    INNER51,
+    LEFT_BROW,
+    LEFT_EYE,
+    LOWER_LIP_INNER,
+    NOSE_TIP,
+    RIGHT_BROW,
+    RIGHT_EYE,
+    UPPER_LIP_INNER,
+)
 from guise.aam.model import Identity, RestFrame
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.common.arrays import F32, F64
@@ -31,10 +43,17 @@ class QualityLimits:
     max_turn_share: float = 0.17  # of the nose's tip from the middle of the face, of its width
     min_glasses_share: float = 0.015  # about either eye
     min_glasses_pixels: float = 80.0  # of a face's width, below which glasses cannot be told
+    min_fringe_share: float = 0.4  # of hair on and above both brows
+    fringe_reach: float = 0.12  # above the brows, inter-ocular distances
+    min_rest_frames: int = 5  # in a row: mouth shut, eyes open, still
+    min_rest_lids: float = 0.75  # of the usual opening of the lids
+    max_rest_motion: float = 0.012  # of the points from frame to frame, inter-ocular distances
+    least_frames: int = 30  # of a clip of which it is told; photos are never in a row
 
 
 LIMITS = QualityLimits()
 EXTREME_PERCENT = 3  # of frames, that count as the extremes
+USUAL_LIDS = 0.7  # quantile of the opening of the lids that is usual
 # (n, 2) places about the middle of an eye, in inter-ocular distances.
 _AROUND_EYE = np.stack(
     np.meshgrid(np.linspace(-0.3, 0.3, 16), np.linspace(-0.22, 0.22, 12)), axis=-1
@@ -50,15 +69,40 @@ def weaknesses(points: NDArray[np.floating], identity: Identity) -> list[str]:
     return [*_of_light(identity.rest_frame), *_of_shapes(seen, identity.reference.resolution)]
 
 
+def longest_rest(seen: F64) -> int:
+    """The largest number of frames in a row in which a face (n, 81, 2) is at rest."""
+    motion = (
+        np.diff(seen - seen[:, INNER51].mean(1, keepdims=True), axis=0)[:, INNER51]
+        / interocular(seen)[1:, None, None]
+    )
+    lids = openness(seen)[:, 1]
+    at_rest = (lip_gaps(seen) < LIMITS.max_shut_gap) & (
+        lids > LIMITS.min_rest_lids * np.quantile(lids, USUAL_LIDS)
+    )
+    at_rest[1:] &= np.linalg.norm(motion, axis=2).mean(1) < LIMITS.max_rest_motion
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], at_rest.astype(int), [0]])))
+    return int((ends[1::2] - ends[::2]).max(initial=0))
+
+
+def lip_gaps(seen: F64) -> F64:
+    """(n,) how far the lips of faces (n, 81, 2) are apart, inter-ocular distances."""
+    gaps = np.linalg.norm(seen[:, LOWER_LIP_INNER] - seen[:, UPPER_LIP_INNER], axis=1)
+    return np.asarray(gaps / interocular(seen))
+
+
 def _of_shapes(seen: F64, resolution: int) -> list[str]:
-    gaps = np.linalg.norm(seen[:, LOWER_LIP_INNER] - seen[:, UPPER_LIP_INNER], axis=1) / interocular(seen)
-    shut, wide = np.percentile(gaps, [EXTREME_PERCENT, 100 - EXTREME_PERCENT])
+    shut, wide = np.percentile(lip_gaps(seen), [EXTREME_PERCENT, 100 - EXTREME_PERCENT])
     width = float(np.median(np.ptp(seen[..., 0], axis=1)))
     turn = np.median(_turns(seen))
     told = []
     if shut > LIMITS.max_shut_gap:
         told.append(
             "the mouth is never shut, so the face at rest is guessed: rest for a second with the mouth shut"
+        )
+    elif len(seen) >= LIMITS.least_frames and longest_rest(seen) < LIMITS.min_rest_frames:
+        told.append(
+            "the face is never at rest, so what it looks like then is guessed: look into the camera for a second, the "
+            "mouth shut"
         )
     if wide < LIMITS.min_open_gap:
         told.append("the mouth never opens, so what is behind the lips is guessed: say a few sentences")
@@ -86,11 +130,25 @@ def _of_light(rest: RestFrame) -> list[str]:
     told = []
     if _wears_glasses(parsing, rest.shape):
         told.append("the person wears glasses, which leave traces in the face: take them off")
+    if _has_fringe(parsing, rest.shape):
+        told.append("hair hangs over the brows, which then cannot be shown moving: pin it back")
     if max(halves) < LIMITS.min_grey_level:
         told.append("the face is dark: turn towards a window or a lamp")
     elif max(halves) > LIMITS.max_side_ratio * max(min(halves), 1.0):
         told.append("the light comes from one side: turn towards it")
     return told
+
+
+def _has_fringe(parsing: FaceParsing, shape: F64) -> bool:
+    """Whether hair covers both brows of a face (81, 2)."""
+    up = shape[BROWS].mean(0) - shape[EYES].mean(0)
+    up *= LIMITS.fringe_reach * float(interocular(shape)) / max(float(np.linalg.norm(up)), 1e-6)
+    hair = parsing.share(FaceClass.HAIR)
+    shares = [
+        parsing.at(np.concatenate([shape[brow], shape[brow] + up]), hair).mean()
+        for brow in (RIGHT_BROW, LEFT_BROW)
+    ]
+    return float(min(shares)) > LIMITS.min_fringe_share
 
 
 def _wears_glasses(parsing: FaceParsing, shape: F64) -> bool:

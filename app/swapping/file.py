@@ -11,6 +11,7 @@ from guise.aam.tracker import Fit
 from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.engine import Engine
+from guise.app.swapping.grade import grade
 from guise.app.swapping.report import SwapReport, Tally
 from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.app.swapping.source_person import source_person
@@ -71,6 +72,7 @@ def swap_file(
                 stats = process(media, sink, swap, ahead=track, progress=tally.progress)
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
+                tally.grade = grade(engine)
         return tally.report(output, stats)
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from guise.app.media import MediaInput, ProcessStats
 from guise.app.swapping.outline import LIMITS as OUTLINE
 from guise.app.swapping.settings import SwapSettings
 from guise.common.errors import GuiseError
+
+if TYPE_CHECKING:
+    from guise.app.swapping.grade import Grade
 
 
 class SwapError(GuiseError):
@@ -32,6 +35,7 @@ class SwapReport:
     faces : largest number of faces seen in one frame.
     beyond_face_widths : distance from the jaw line up to which pixels beside the face may have changed, face widths.
     problems : sentences about faults in the input that were worked around.
+    grade : how good the swap looks, 0 to 100, see `guise.app.swapping.grade`, or None.   advice : what would help most.
     """
 
     output: str
@@ -46,6 +50,8 @@ class SwapReport:
     faces: int
     beyond_face_widths: float
     problems: tuple[str, ...]
+    grade: int | None = None
+    advice: str = ""
 
     @property
     def frames_per_second(self) -> float:
@@ -60,7 +66,7 @@ class SwapReport:
 class Tally:
     """Counts outcomes while a file is written, and makes the report of it.
 
-    faces, renderer : for the report, known when the work is done.
+    faces, renderer, grade : for the report, known when the work is done.
     """
 
     def __init__(self, settings: SwapSettings, media: MediaInput, stage: str) -> None:
@@ -71,6 +77,7 @@ class Tally:
         self.counts = {"swapped": 0, "held": 0, "covered": 0, "lost": 0}
         self.faces = 0
         self.renderer = ""
+        self.grade: Grade | None = None
 
     def add(self, outcome: str) -> None:
         """Count one more frame with this outcome."""
@@ -103,4 +110,5 @@ class Tally:
             str(output), stats.frames, **self.counts, seconds=round(seconds, 3),
             work_seconds=round(stats.work_seconds, 3), renderer=self.renderer, faces=self.faces,
             beyond_face_widths=self._beyond, problems=stats.problems,
+            grade=self.grade.score if self.grade else None, advice=self.grade.advice if self.grade else "",
         )  # fmt: skip

@@ -32,6 +32,7 @@ from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.decide import COVERED, LEFT, SWAPPED, Action, Bystanders, TrackObservations, decide
 from guise.app.swapping.donors import MODEL_SUFFIX, assign, open_donor, open_face
 from guise.app.swapping.engine import Engine
+from guise.app.swapping.grade import grade
 from guise.app.swapping.report import SwapError, SwapReport, Tally
 from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.app.swapping.source_person import keep_person
@@ -80,13 +81,18 @@ class KnownVideo:
 
 @dataclass(frozen=True)
 class PersonOutcome:
-    """What was done with a person: number, face ("" if none), and frames in which they were swapped, covered, left."""
+    """What was done with a person: number, face ("" if none), and frames in which they were swapped, covered, left.
+
+    grade, advice : of their swap, as for `SwapReport`.
+    """
 
     number: int
     face: str
     swapped: int
     covered: int
     left: int
+    grade: int | None = None
+    advice: str = ""
 
 
 @dataclass(frozen=True)
@@ -177,14 +183,15 @@ def swap_people(
                 stats = process(
                     media, sink, lambda frame: tally.add(drawing.draw(frame)), progress=tally.progress
                 )
-            if not any(one.swapped for one in drawing.outcomes()):
+                outcomes = drawing.outcomes()
+            if not any(one.swapped for one in outcomes):
                 raise SwapError(
                     f"nobody could be swapped in {media.name}: their faces are too small, hidden or turned"
                 )
             tally.renderer = drawing.renderer
         report = tally.report(output, stats)
     most = max(Counter(int(f) for person in found.people for f in person.frames).values(), default=0)
-    return SeveralReport(**vars(replace(report, faces=most)), people=drawing.outcomes())
+    return SeveralReport(**vars(replace(report, faces=most)), people=outcomes)
 
 
 def choose(found: VideoPeople, who: str, video: str) -> tuple[VideoPerson, Identity | None]:
@@ -442,13 +449,17 @@ class _Drawing:
         return "covered" if any(self._is_cast(one) for one in hidden) else "swapped" if drawn else "lost"
 
     def outcomes(self) -> tuple[PersonOutcome, ...]:
-        """What was done with everybody."""
-        return tuple(
-            PersonOutcome(
-                role.person.number, role.face, *(self._counts[k][code] for code in (SWAPPED, COVERED, LEFT))
-            )
-            for k, role in enumerate(self._roles)
-        )
+        """What was done with everybody, at the end."""
+        grades = {number: grade(engine) for number, engine in self._engines.items()}
+        found = []
+        for k, role in enumerate(self._roles):
+            swapped, covered, left = (self._counts[k][code] for code in (SWAPPED, COVERED, LEFT))
+            outcome = PersonOutcome(role.person.number, role.face, swapped, covered, left)
+            judged = grades.get(k)
+            if judged is not None:
+                outcome = replace(outcome, grade=judged.score, advice=judged.advice)
+            found.append(outcome)
+        return tuple(found)
 
     def _is_cast(self, one: _Treatment) -> bool:
         """Whether a face is that of somebody whom the user named."""

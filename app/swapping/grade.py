@@ -1,0 +1,173 @@
+"""How good a swap will look: one grade, from a trial on the frame that the source's model keeps and from the two faces.
+
+The trial is drawn by the engine of the swap on the source's frame at rest; what its skin then has of colour, light and
+sharpness that the frame hasn't, and how far the two faces at rest differ in shape, predict what programs that have no
+part in it find in whole swaps (benchmarks/picture/grade.py, which also fitted the weights).
+
+Lab is OpenCV's float Lab, L 0..100; smooth means a Gaussian with SMOOTH_FACE_WIDTHS; pixels, x right, y down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from guise.aam.model import Identity
+from guise.aam.parsing import FaceClass, FaceParser
+from guise.app.media import Frame
+from guise.app.swapping.donors import open_donor
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.settings import DEFAULTS
+from guise.common.arrays import F32, F64, U8, Bool
+
+SMOOTH_FACE_WIDTHS = 0.05
+TYPICAL_FACE = "p03"  # of the gallery, with which somebody who is enrolled is graded
+TRIAL_FRAMES = 6  # over which light and occlusion settle
+MARGIN_FACE_WIDTHS = 0.2  # about the face, of what is looked at
+MIN_SKIN = 0.8  # of a pixel that counts as skin
+FAR_PERCENT = 95  # of the differences, that is told
+
+
+@dataclass(frozen=True)
+class GradeWeights:
+    """Figures that a good swap does not exceed, and the weights of the prediction.
+
+    most : multiple of its target at which a figure counts no further.   The prediction is the mean multiple of their
+    targets that the figures of a whole swap reach.
+    """
+
+    colour: float = 3.0  # Lab
+    light: float = 4.0  # Lab
+    sharpness: float = 0.3  # octaves of gradient energy
+    most: float = 3.0
+    constant: float = 0.43
+    trial: float = 0.40  # of the mean multiple of the three in the trial
+    shape: float = 10.9  # of the distance of the shapes, face widths
+    good: int = 85
+    fair: int = 70
+
+
+WEIGHTS = GradeWeights()
+
+
+@dataclass(frozen=True)
+class Grade:
+    """A grade and what it is made of.
+
+    Parameters
+    ----------
+    colour, light : Lab differences of smooth skin that FAR_PERCENT of it does not exceed.
+    sharpness : octaves by which the drawn skin is sharper than the frame's.
+    shape : mean distance of the points of the two faces at rest, face widths.
+    """
+
+    colour: float
+    light: float
+    sharpness: float
+    shape: float
+
+    @property
+    def predicted(self) -> float:
+        """The mean multiple of their targets that the figures of the whole swap are expected to reach."""
+        trial = float(np.mean(list(self._multiples().values())))
+        return WEIGHTS.constant + WEIGHTS.trial * trial + WEIGHTS.shape * self.shape
+
+    @property
+    def score(self) -> int:
+        """0 to 100; 100 is expected to meet all targets."""
+        return min(100, round(100 / self.predicted))
+
+    @property
+    def word(self) -> Literal["good", "fair", "poor"]:
+        """The score in a word."""
+        return "good" if self.score >= WEIGHTS.good else "fair" if self.score >= WEIGHTS.fair else "poor"
+
+    @property
+    def advice(self) -> str:
+        """What would help most, "" for a good one."""
+        if self.word == "good":
+            return ""
+        gains = {name: WEIGHTS.trial / 3 * multiple for name, multiple in self._multiples().items()}
+        gains["shape"] = WEIGHTS.shape * self.shape
+        return _ADVICE[max(gains, key=lambda name: gains[name])]
+
+    def __str__(self) -> str:
+        """For a person to read."""
+        return f"{self.word}, {self.score} of 100" + (f"; {self.advice}" if self.advice else "")
+
+    def _multiples(self) -> dict[str, float]:
+        return {
+            name: min(WEIGHTS.most, abs(getattr(self, name)) / getattr(WEIGHTS, name))
+            for name in ("colour", "light", "sharpness")
+        }
+
+
+_ADVICE = {
+    "colour": "the colours differ: enrol the two in light of the same colour",
+    "light": "the light differs: enrol the two in even light from the front",
+    "sharpness": "one picture is sharper than the other: enrol the face from a clip of the same sharpness",
+    "shape": "the faces differ in shape, or are turned: a face of a more similar shape will look better",
+}
+
+
+def grade(engine: Engine) -> Grade | None:
+    """The grade of a swap by its engine, which has drawn all that it is to draw; None without skin to look at."""
+    source, rest = engine.source, engine.source.rest_frame
+    engine.painter.reset()
+    for _ in range(TRIAL_FRAMES):
+        frame = Frame.from_rgb(np.array(rest.picture))
+        engine.draw(frame, np.array(rest.shape, np.float64))
+    (x0, y0), (x1, y1) = _surroundings(rest.shape, rest.picture.shape)
+    before, after = (picture[y0:y1, x0:x1] for picture in (rest.picture, frame.rgb()))
+    skin = _skin(before, rest.shape - (x0, y0))
+    if not skin.any():
+        return None
+    shapes = [face.appearance.neutral_shape / face.reference.resolution for face in (source, engine.target)]
+    away = _smooth(after, rest.shape) - _smooth(before, rest.shape)
+    return Grade(
+        round(float(np.percentile(np.linalg.norm(away[skin][:, 1:], axis=1), FAR_PERCENT)), 3),
+        round(float(np.percentile(np.abs(away[skin][:, 0]), FAR_PERCENT)), 3),
+        round(float(np.log2(_energy(after, skin) / _energy(before, skin))), 3),
+        round(float(np.abs(shapes[0] - shapes[1]).mean()), 4),
+    )
+
+
+def enrolment_grade(person: Identity) -> Grade | None:
+    """The grade of a swap of a person whom a video shows with a typical face of the gallery."""
+    with Engine(person, open_donor(TYPICAL_FACE), None, DEFAULTS.engine_options()) as engine:
+        return grade(engine)
+
+
+def _surroundings(shape: F64, size: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int]]:
+    margin = MARGIN_FACE_WIDTHS * np.ptp(shape[:, 0])
+    low = np.clip(np.floor(shape.min(0) - margin), 0, None).astype(int)
+    high = np.clip(np.ceil(shape.max(0) + margin) + 1, 0, size[1::-1]).astype(int)
+    return (int(low[0]), int(low[1])), (int(high[0]), int(high[1]))
+
+
+def _skin(rgb: U8, shape: F64) -> Bool:
+    """Which pixels (h, w) of a picture are skin of the face."""
+    parsing = FaceParser().parse(rgb, shape)
+    share = cv2.warpAffine(parsing.share(FaceClass.SKIN), parsing.to_picture, rgb.shape[1::-1])
+    face = np.zeros(rgb.shape[:2], np.uint8)
+    cv2.fillConvexPoly(face, cv2.convexHull(shape.astype(np.int32)), 1)
+    return np.asarray((share > MIN_SKIN) & (face > 0))
+
+
+def _lab(rgb: U8) -> F32:
+    return np.asarray(cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
+
+
+def _smooth(rgb: U8, shape: F64) -> F32:
+    width = SMOOTH_FACE_WIDTHS * float(np.ptp(shape[:, 0]))
+    return np.asarray(cv2.GaussianBlur(_lab(rgb), (0, 0), width), np.float32)
+
+
+def _energy(rgb: U8, skin: Bool) -> float:
+    """Mean squared gradient of L."""
+    light = np.ascontiguousarray(_lab(rgb)[..., 0])
+    across, down = cv2.Sobel(light, -1, 1, 0), cv2.Sobel(light, -1, 0, 1)
+    return float((across**2 + down**2)[skin].mean()) + 1e-6

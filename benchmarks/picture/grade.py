@@ -1,0 +1,141 @@
+"""Does the grade of a swap predict what programs that have no part in it find in the result?
+
+The result of a pair is the mean multiple of their targets (benchmarks/picture/pairs.py) that the figures of illusion.py
+reach, each at most MOST: chroma, light, sharpness, the expressions together, likeness to the donor.  The grade's
+weights were fitted on other pairs of the same people, drawn with a seed; the twelve pairs had no part in that.  Figures
+of pairs that are in the working folder already are used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import random
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from benchmarks import common
+from benchmarks.common import Criterion, Report, Table
+from benchmarks.landmarks.setting import skipped
+from benchmarks.picture import pairs
+from benchmarks.picture.pairs import EXPRESSIONS, PAIRS
+from benchmarks.picture.program import arguments
+from guise.aam.model import Identity
+from guise.app.measure.figures import mean_of
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.grade import WEIGHTS, grade
+from guise.app.swapping.settings import SwapSettings
+from guise.common.arrays import F64
+
+NAME, TITLE = "picture.grade", "Picture: does the grade predict the swap"
+OTHERS, SEED = 19, 17  # pairs for the fit
+MOST = 3.0
+TARGETS = {"chroma": 3.0, "light": 4.0, "sharp": 0.3}
+DONOR = 0.7  # likeness
+RIDGE = 0.05
+
+
+def other_pairs() -> list[tuple[str, str]]:
+    """Pairs for the fit: the sources in turn, each with a donor drawn among all people."""
+    rng, people = random.Random(SEED), sorted({name for pair in PAIRS for name in pair})
+    found: list[tuple[str, str]] = []
+    for source, _ in PAIRS * 3:
+        known = {*PAIRS, *found}
+        found.append((source, rng.choice([p for p in people if p != source and (source, p) not in known])))
+    return found[:OTHERS]
+
+
+def result(figures: dict[str, Any]) -> float:
+    """The mean multiple of their targets that a pair's figures reach."""
+    expressions = [
+        (1 - float(figures[name])) / (1 - target)
+        for name, target in EXPRESSIONS.items()
+        if figures[name] is not None and math.isfinite(figures[name])
+    ]
+    multiples = [abs(figures[name]) / target for name, target in TARGETS.items()]
+    multiples += [mean_of([min(MOST, one) for one in expressions]), (1 - figures["donor"]) / (1 - DONOR)]
+    return mean_of([min(MOST, one) for one in multiples])
+
+
+def of_pair(source: str, donor: str, options: argparse.Namespace) -> dict[str, Any]:
+    """What the grade predicts for a pair, of what, and what came of it."""
+    judged = options.work / "pairs" / f"{source}_from_{donor}.json"
+    if not judged.exists():
+        pairs.of_pair(source, donor, options)
+    people = [Identity.load(options.work / "people" / f"{name}.guise") for name in (source, donor)]
+    with Engine(*people, None, SwapSettings().engine_options()) as engine:
+        found = grade(engine)
+    assert found is not None
+    return {
+        "source <- donor": f"{source} <- {donor}", "score": found.score, "predicted": found.predicted,
+        "result": result(json.loads(judged.read_text())), **vars(found),
+    }  # fmt: skip
+
+
+def design(rows: list[dict[str, Any]]) -> F64:
+    """(n, 3) what the prediction is a weighted sum of."""
+    parts = ("colour", "light", "sharpness")
+    trial = [
+        mean_of([min(WEIGHTS.most, abs(row[part]) / getattr(WEIGHTS, part)) for part in parts])
+        for row in rows
+    ]
+    return np.column_stack([np.ones(len(rows)), trial, [row["shape"] for row in rows]])
+
+
+def fitted(rows: list[dict[str, Any]]) -> F64:
+    """The weights (3,) for some pairs, by ridge regression on standardised columns."""
+    columns, wanted = design(rows), np.array([row["result"] for row in rows])
+    middle, spread = columns[:, 1:].mean(0), columns[:, 1:].std(0)
+    standard = np.column_stack([columns[:, 0], (columns[:, 1:] - middle) / spread])
+    penalty = RIDGE * len(rows) * np.diag([0.0, 1, 1])
+    weights = np.linalg.solve(standard.T @ standard + penalty, standard.T @ wanted)
+    slopes = weights[1:] / spread
+    return np.concatenate([[weights[0] - slopes @ middle], slopes])
+
+
+def correlation(rows: list[dict[str, Any]], predicted: Any) -> float:
+    """Spearman's rank correlation of a prediction with the results."""
+    return float(spearmanr(predicted, [row["result"] for row in rows])[0])
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """The twelve pairs, and the fit on the others."""
+    reason = pairs.missing(options)
+    if reason is not None:
+        return skipped(NAME, TITLE, reason)
+    some = 3 if options.quick else None
+    held_out = [of_pair(*pair, options) for pair in islice(PAIRS, some)]
+    others = [of_pair(*pair, options) for pair in islice(other_pairs(), some)]
+    everyone = [*held_out, *others]
+    apart = [design([row]) @ fitted([one for one in everyone if one is not row]) for row in everyone]
+    columns = ("score", "predicted", "result", "colour", "light", "sharpness", "shape")
+    weights = ", ".join(f"{weight:.3f}" for weight in fitted(others))
+    return Report(
+        NAME,
+        TITLE,
+        [
+            Criterion(
+                "rank correlation, the twelve pairs",
+                correlation(held_out, [row["predicted"] for row in held_out]), ">=", 0.6,
+            ),
+            Criterion(
+                f"all {len(everyone)} pairs, each left out of the fit",
+                correlation(everyone, np.concatenate(apart)), ">=", 0.6,
+            ),
+        ],
+        [
+            Table(
+                f"Pairs; those of the fit last; weights fitted on them: {weights}",
+                ("source <- donor", *columns),
+                [(row["source <- donor"], *(row[name] for name in columns)) for row in everyone],
+            )
+        ],
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    common.run(measure, common.with_peers(arguments(__doc__)))
