@@ -266,3 +266,42 @@ def test_of_too_many_tracks_the_longest_are_shown() -> None:
     shown = contact_sheet({1: [RED], 2: [RED], 3: [RED]}, tracks, SECONDS)
     assert count(shown, (255, 0, 0)) == 0
     assert count(contact_sheet({4: [RED]}, tracks, SECONDS), (255, 0, 0)) > 5000
+
+
+def test_a_split_track_has_an_entry_for_each_part(tmp_path: Path) -> None:
+    path = tmp_path / "t.json"
+    splits = {1: [30, 60], 3: [400]}
+    write_tracks(
+        path, TRACKS, input_name="in.mp4", fingerprint="abc", frames=500, seconds=SECONDS, splits=splits
+    )
+    value = json.loads(path.read_text(encoding="utf-8"))
+    assert [(row["track"], *row["frames"], row.get("part_of")) for row in value["tracks"]] == [
+        (1, 0, 29, 1), (4, 30, 59, 1), (5, 60, 99, 1), (2, 10, 40, None), (3, 200, 399, 3), (6, 400, 499, 3),
+    ]  # fmt: skip
+    value["tracks"][1] |= {"action": "leave", "person": 5}
+    path.write_text(json.dumps(value), encoding="utf-8")
+    parts = read_tracks(path, TRACKS, "abc")
+    assert [(part.number, part.origin, part.action, part.person) for part in parts[:3]] == [
+        (1, 1, "swap", 1), (4, 1, "leave", 5), (5, 1, "swap", 5),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("splits", "words"),
+    [
+        ([30], "splits must be like"),
+        ({"9": [30]}, 'there is no track "9"'),
+        ({"1": [0]}, "ascending frames from 1 to 99"),
+        ({"1": [60, 30]}, "ascending frames from 1 to 99"),
+        ({"1": [100]}, "ascending frames from 1 to 99"),
+        ({"1": "30"}, "ascending frames"),
+        ({"1": [30]}, "track 4 is missing"),
+    ],
+)
+def test_a_split_that_is_not_sensible_is_refused(tmp_path: Path, splits: object, words: str) -> None:
+    path = edited(tmp_path / "t.json", lambda value: value.update(splits=splits))
+    if isinstance(splits, dict) and splits == {"1": [30]}:
+        value = json.loads(path.read_text(encoding="utf-8"))
+        value["tracks"][0] |= {"frames": [0, 29], "part_of": 1, "seen": 28, "confidence": [0.91]}
+        path.write_text(json.dumps(value), encoding="utf-8")
+    assert words in refused(path)

@@ -6,7 +6,9 @@ A track is one face seen without a long break; a person has one or more tracks (
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,7 @@ class Track:
     donor : whose face is shown, see `guise.app.swapping.donors.open_donor`; "" unless swapped.
     name : the user's name for the person, or "".
     can_swap : whether there is a model of the face, without which it can only be covered or left.
+    part_of : number of the track that the user has split, of which this is a part; 0 for a whole track.
     """
 
     number: int
@@ -47,6 +50,46 @@ class Track:
     donor: str = ""
     name: str = ""
     can_swap: bool = False
+    part_of: int = 0
+
+    @property
+    def origin(self) -> int:
+        """The number under which the track was found."""
+        return self.part_of or self.number
+
+
+def split_tracks(tracks: Sequence[Track], splits: Mapping[int, Sequence[int]]) -> list[Track]:
+    """The tracks, some of them split.
+
+    splits : by number of a track, the frames with which its next parts begin, ascending, inside of it.
+    The first part keeps the number, the others get new ones and are people of their own; what is seen of a part is
+    taken from its share of the whole.
+    """
+    new = max((track.number for track in tracks), default=0)
+    found: list[Track] = []
+    for track in tracks:
+        edges = [track.first, *splits.get(track.number, ()), track.last + 1]
+        for place, (first, end) in enumerate(pairwise(edges)):
+            if len(edges) == 2:
+                found.append(track)
+                continue
+            new += place > 0
+            part = _part(track, first, end - 1)
+            found.append(replace(part, number=new, person=new) if place else part)
+    return found
+
+
+def _part(track: Track, first: int, last: int) -> Track:
+    length = track.last - track.first + 1
+    curve = np.array(track.confidence)
+    at = (np.arange(len(curve)) + 0.5) / len(curve) * length + track.first
+    inside = curve[(at >= first) & (at <= last)]
+    if not len(inside):
+        inside = curve[[int(np.abs(at - (first + last) / 2).argmin())]]
+    seen = max(1, round(track.seen * (last - first + 1) / length))
+    return replace(
+        track, first=first, last=last, seen=seen, confidence=tuple(inside.tolist()), part_of=track.number
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.deidentify.options import DeidentifyError
-from guise.app.deidentify.tracks import Track
+from guise.app.deidentify.tracks import Track, split_tracks
 from guise.app.swapping.decide import ACTIONS
 from guise.common.files import write_whole
 
@@ -31,6 +32,8 @@ HOW_TO_EDIT = (
     "tracks. Give two tracks one number when they are one person, or a track its own number when it is another person.",
     'donor: whose face is shown, for all tracks of the person; "" lets Guise choose.',
     "name: what you call the person, for your own use; it is in no report.",
+    'splits: {"3": [120]} at the top divides track 3, the second part of which begins with frame 120; the parts then '
+    "need entries of their own, which the studio writes.",
     "Do not change anything else. Faces that are not in a track here are covered.",
 )
 
@@ -43,11 +46,14 @@ def write_tracks(
     fingerprint: str,
     frames: int,
     seconds: NDArray[np.float64],
+    splits: Mapping[int, Sequence[int]] | None = None,
 ) -> None:
     """Write the tracks for a reviewer to edit.
 
     input_name, fingerprint : of the video.   frames : number of them.   seconds : (frames,) time of each.
+    splits : which tracks the user has split, see `split_tracks`.
     """
+    splits = splits or {}
     head = {
         "format": TRACKS_FORMAT,
         "version": TRACKS_VERSION,
@@ -55,8 +61,10 @@ def write_tracks(
         "fingerprint": fingerprint,
         "frames": frames,
         "how_to_edit": HOW_TO_EDIT,
+        **({"splits": {str(number): list(frames) for number, frames in splits.items()}} if splits else {}),
     }
-    rows = [_row(track) | {"seconds": _times(track, seconds)} for track in tracks]
+    parts = split_tracks(tracks, splits)
+    rows = [_row(track) | {"seconds": _times(track, seconds)} for track in parts]
     text = (
         json.dumps(head, indent=2, ensure_ascii=False)[:-2] + ',\n  "tracks": [' + _laid_out(rows) + "]\n}\n"
     )
@@ -69,7 +77,9 @@ def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[
 
     Raises DeidentifyError when it is not the file of these tracks of this video with sensible edits.
     """
-    rows = _rows(path, _loaded(path), fingerprint)
+    value = _loaded(path)
+    rows = _rows(path, value, fingerprint)
+    tracks = split_tracks(tracks, _splits(path, value, tracks))
     known = {track.number: track for track in tracks}
     edited: dict[int, Track] = {}
     for place, row in enumerate(rows, 1):
@@ -89,6 +99,24 @@ def read_tracks(path: Path, tracks: Sequence[Track], fingerprint: str) -> tuple[
     return _agreed(path, tracks, [edited[track.number] for track in tracks])
 
 
+def _splits(path: Path, value: dict[str, Any], tracks: Sequence[Track]) -> dict[int, list[int]]:
+    """Where the file splits tracks, checked."""
+    given, known = value.get("splits", {}), {str(track.number): track for track in tracks}
+    if not isinstance(given, dict):
+        raise DeidentifyError(f'{path}: splits must be like {{"1": [120]}}, got {_quoted(given)}')
+    for number, frames in given.items():
+        track = known.get(number)
+        if track is None:
+            raise DeidentifyError(f"{path}: splits: there is no track {_quoted(number)} to split")
+        whole = isinstance(frames, list) and all(type(frame) is int for frame in frames)
+        if not whole or any(a >= b for a, b in pairwise([track.first, *frames, track.last + 1])):
+            raise DeidentifyError(
+                f"{path}: splits: track {number} can be split at ascending frames from {track.first + 1} to "
+                f"{track.last}, got {_quoted(frames)}"
+            )
+    return {int(number): frames for number, frames in given.items()}
+
+
 def _row(track: Track) -> dict[str, Any]:
     return {
         "track": track.number,
@@ -103,6 +131,7 @@ def _row(track: Track) -> dict[str, Any]:
         "seen": track.seen,
         "width": round(track.width, 1),
         "confidence": [round(c, 2) for c in track.confidence],
+        **({"part_of": track.part_of} if track.part_of else {}),
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -23,9 +23,10 @@ from guise.app.deidentify.stages.jobs import Job, result_of
 from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
 from guise.app.deidentify.stages.people import why_not
 from guise.app.deidentify.stages.pieces import publish
+from guise.app.deidentify.stages.render import SegmentRenderer, entries_of
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, Track, TrackOutcome
-from guise.app.media import MediaError, open_input, open_sink
+from guise.app.media import Frame, MediaError, open_input, open_sink
 from guise.app.media.pictures import save_picture
 from guise.app.media.segments import scan
 from guise.app.media.sink import check_free
@@ -43,6 +44,7 @@ from guise.app.swapping.decide import (
 from guise.app.swapping.donors import KeyFile, assign, bare
 from guise.common.arrays import F32
 from guise.common.progress import Progress, Say
+from guise.common.threads import one_thread
 from guise.common.version import version
 
 MAX_CONFIDENCE_PARTS = 100  # of a track's curve
@@ -168,6 +170,25 @@ def _require_possible(input: Path, output: Path, options: DeidentifyOptions, for
             open_sink(probe, media, options.encode, force=True, private=not options.keep_metadata).abort()
         except MediaError as error:
             raise MediaError(str(error).replace(probe.name, output.name)) from error
+
+
+def replanned(folder: Path, tracks: Path, options: DeidentifyOptions) -> Case:
+    """A reviewed case with the edited tracks and these options, to look at; what is in its work folder stays so."""
+    work = WorkFolder(folder)
+    work.save_json(MANIFEST, work.load_json(MANIFEST) | {"options": options.as_json()})
+    case = Case(work)
+    work.save_json("tracks.json", [track_json(track) for track in _ordered(case, tracks)])
+    work.save_arrays("plan.npz", **_plan(case))
+    return case
+
+
+def draw_frames(case: Case, frames: Sequence[Frame]) -> None:
+    """Draw consecutive frames of a planned case in place, as they will be rendered; the last one is for looking at."""
+    first, last = frames[0].index, frames[-1].index + 1
+    segment = next(k for k in range(len(case.scan.segments)) if last <= case.span(k)[1])
+    with one_thread(), SegmentRenderer(case, segment, entries_of(case.plan, first, last)) as drawing:
+        for frame in frames:
+            drawing.draw(frame)
 
 
 class _Stages:
@@ -329,18 +350,19 @@ def _ordered(case: Case, edited: Path | None) -> list[Track]:
     tracks = proposed
     if edited is not None:
         tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
+    origins = {t.number: t.origin for t in tracks}
     donors = _donors(
-        case, list(dict.fromkeys(t.person for t in tracks if t.action == "swap" and not t.donor))
+        case, {t.person: origins[t.person] for t in tracks if t.action == "swap" and not t.donor}
     )
     return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
 
 
-def _donors(case: Case, people: Sequence[int]) -> dict[int, str]:
-    """The donor of each person; with a key file, the one that they had before."""
+def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
+    """The donor of each person, given with the track that they are called by; with a key file, the one of before."""
     options, salt = case.options, case.manifest["name"]
     if options.keyfile is None:
-        return assign(people, options.donor, own=options.gallery, seed=options.seed, salt=salt)
-    models = {person: case.model_of(person) for person in people}
+        return assign(list(people), options.donor, own=options.gallery, seed=options.seed, salt=salt)
+    models = {person: case.model_of(track) for person, track in people.items()}
     return KeyFile.open(options.keyfile).assign(models, options.donor, own=options.gallery, salt=salt)
 
 
@@ -349,10 +371,12 @@ def _plan(case: Case) -> dict[str, NDArray[Any]]:
     columns: list[tuple[NDArray[Any], ...]] = []
     linked = {one.number: one for one in case.linked}
     for track in case.tracks:
-        d = _decided(case, linked[track.number], track.action)
-        columns.append(
-            (np.full(len(d.frames), track.number), d.frames, d.done, d.boxes, d.turns, d.growth, d.confidence)
-        )
+        whole = linked[track.origin]
+        d = _decided(case, whole, track.action)
+        mine = (d.frames >= track.first) | (track.first == whole.first)
+        mine &= (d.frames <= track.last) | (track.last == whole.last)
+        parts = (d.frames, d.done, d.boxes, d.turns, d.growth, d.confidence)
+        columns.append((np.full(int(mine.sum()), track.number), *(part[mine] for part in parts)))
     b = _bystanders(case)
     ones = np.ones(len(b.frames))
     columns.append(
@@ -441,17 +465,25 @@ def pictures(case: Case, kind: Literal["pictures", "output"]) -> dict[int, list[
     found: dict[int, list[NDArray[np.uint8]]] = {track.number: [] for track in case.linked}
     for k in range(len(case.scan.segments)):
         for name, picture in case.work.load_arrays(f"{kind}.{k}.npz").items():
-            found[int(name.split(".")[0])].append(picture)
+            found.setdefault(int(name.split(".")[0]), []).append(picture)
     return found
 
 
-def _write_review(case: Case, output: Path) -> None:
+def split_review(folder: Path, output: Path, splits: Mapping[int, Sequence[int]]) -> None:
+    """Write the tracks of a review again, as proposed, with some of them split, see `split_tracks`.
+
+    folder : the work folder.   output : as for the review.
+    """
+    _write_review(Case(WorkFolder(folder)), output, splits)
+
+
+def _write_review(case: Case, output: Path, splits: Mapping[int, Sequence[int]] | None = None) -> None:
     """The tracks to edit and their pictures, readable by their owner only, as they show faces of the input."""
     tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
     table, sheet = beside(output, ".tracks.json"), beside(output, ".tracks.jpg")
     write_tracks(
         table, tracks, input_name=case.manifest["name"], fingerprint=case.manifest["fingerprint"],
-        frames=case.scan.frames, seconds=case.times,
+        frames=case.scan.frames, seconds=case.times, splits=splits,
     )  # fmt: skip
     save_picture(sheet, contact_sheet(pictures(case, "pictures"), tracks, case.times))
     for path in (table, sheet):

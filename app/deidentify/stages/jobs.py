@@ -177,10 +177,10 @@ def _output_pictures(
     first, last = case.span(segment)
     if not any(first <= frame < last for frame in wanted):
         return {}
-    pictures = {}
+    pictures, origins = {}, {track.number: track.origin for track in case.tracks}
     for frame in read_piece(case, segment):
         for entry in segment_renderer.entries.get(frame.index, []):
-            if wanted.get(frame.index) == entry.track:
+            if entry.track in origins and wanted.get(frame.index) == origins[entry.track]:
                 pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box, entry.turn)
     return pictures
 

@@ -78,7 +78,7 @@ class SegmentRenderer:
             self._label.draw(frame)
 
     def _swap(self, frame: Frame, entry: FaceTreatment) -> None:
-        shape = self._shapes.get((entry.track, frame.index))
+        shape = self._shapes.get((self._tracks[entry.track].origin, frame.index))
         if shape is None:
             cover(frame, entry.region, self._case.options.cover)
             return
@@ -87,7 +87,7 @@ class SegmentRenderer:
 
     def _engine(self, track: Track) -> Engine:
         if track.number not in self._engines:
-            person = self._case.model_of(track.number)
+            person = self._case.model_of(track.origin)
             assert person is not None
             options = self._case.options
             engine = Engine(
