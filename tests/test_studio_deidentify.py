@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -23,7 +24,7 @@ from studio_browser import (  # noqa: F401
 
 from guise.aam.landmarks.detector import FaceDetector
 from guise.app.studio.deidentify_editor import timeline
-from guise.app.studio.deidentify_jobs import render, review
+from guise.app.studio.deidentify_jobs import Choices, preview, read_tracks, render, review, split
 from guise.app.studio.store import StudioError
 from guise.common.progress import silent
 
@@ -97,10 +98,10 @@ def wait_until(visitor: Any, true: Callable[[], bool]) -> None:
 
 def delete(visitor: Any) -> None:
     """Delete a video with all that was made of it."""
-    visitor.get_by_role("button", name="Delete").click()
+    visitor.get_by_role("button", name="Delete", exact=True).click()
     visitor.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
     visitor.wait_for_url("**/deidentify")
-    visitor.get_by_text("Upload a video").wait_for()
+    visitor.get_by_text("Upload videos").wait_for()
 
 
 def make(visitor: Any, sentence: str) -> None:
@@ -172,7 +173,7 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
     case.get_by_role("button", name="Donor").click()
     case.get_by_role("button", name="p04 (fictional)").click()
     case.get_by_role("button", name="Donor: p04 (fictional)").wait_for()
-    case.locator("[role=slider] [tabindex]").press("ArrowLeft")
+    case.locator("[role=slider][aria-label=Expression] [tabindex]").press("ArrowLeft")
     kept = studio_server.folder / "jobs" / reviewed.split("/")[-1] / "choices.json"
     wanted = {"cover": "mosaic", "audio": "drop", "alpha": 0.9}
     wait_until(case, lambda: json.loads(kept.read_text()).items() >= wanted.items())
@@ -181,7 +182,7 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
     assert pressed(case, "Mosaic")
     assert pressed(case, "Drop")
     case.get_by_role("button", name="Donor: p04 (fictional)").wait_for()
-    assert case.get_by_role("slider").get_attribute("aria-valuenow") == "0.9"
+    assert case.get_by_role("slider", name="Expression").get_attribute("aria-valuenow") == "0.9"
 
 
 def test_a_video_without_faces_is_told_as_such(
@@ -212,6 +213,7 @@ def test_a_video_deleted_at_work_does_not_hold_up_the_next(
 def test_what_is_no_reviewed_video_is_said(page: Any, studio_server: StudioServer) -> None:  # noqa: F811
     page.goto(studio_server.url("/deidentify/nothing"))
     page.get_by_text("no longer exists").wait_for()
+    page.complaints.clear()  # the browser calls a page of status 404 an error
 
 
 def test_videos_and_what_was_made_of_them_are_there_after_a_restart(
@@ -248,10 +250,11 @@ def work(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
     """The choices for a rendering of the reviewed clip."""
     folder = tmp_path_factory.mktemp("review")
     found = review({"source": str(clip), "name": "Party: Ann's"}, folder, silent)
-    assert found["pictures"] == {"1": len(list(folder.glob("1.*.jpg")))}
+    assert len(found["pictures"]["1"]) == len(list(folder.glob("1.*.jpg")))
+    assert all(0 <= frame < FRAMES == found["frames"] for frame in found["pictures"]["1"])
     assert found["seconds"] == pytest.approx((FRAMES - 1) / 30)
     return {
-        "source": str(clip), "name": "Party: Ann's", "review": str(folder), "output": found["output"],
+        "source": str(clip), "name": "Party: Ann's", "found": str(folder), "output": found["output"],
         "choices": {"actions": {"1": "swap"}, "donors": {"1": ""}},
     }  # fmt: skip
 
@@ -274,9 +277,33 @@ def test_a_video_is_rendered_again_with_other_choices(work: dict[str, Any], tmp_
     assert results == [("p02", "keep", 1), ("p05", "drop", 0)]
 
 
+def test_a_track_is_split_and_its_parts_get_what_is_chosen_for_each(
+    work: dict[str, Any], tmp_path: Path
+) -> None:
+    folder, source = tmp_path / "review", Path(work["source"])
+    shutil.copytree(work["found"], folder)
+    choices = split(folder, work["output"], Choices(**work["choices"]), 1, 12)
+    assert choices.actions == {"1": "swap", "2": "swap"}
+    assert choices.people == {"1": 1, "2": 2}
+    choices = split(folder, work["output"], choices, 2, 20)
+    assert [row["frames"] for row in read_tracks(folder)["tracks"]] == [[0, 11], [12, 19], [20, FRAMES - 1]]
+    with pytest.raises(StudioError, match="not within track 1"):
+        split(folder, work["output"], choices, 1, 25)
+    choices.actions["2"] = "leave"
+    choices.people["3"] = 1
+    changed = [
+        float(np.abs(after.astype(int) - before).max())
+        for before, after in (preview(source, folder, choices, work["output"], n, 640) for n in (5, 15, 25))
+    ]
+    assert changed[1] == 0
+    assert min(changed[0], changed[2]) > 30
+    done = render(work | {"found": str(folder), "choices": asdict(choices)}, tmp_path, silent)
+    assert done["counts"] == {"swapped": FRAMES - 8, "covered": 0, "left": 8, "without face": 0}
+
+
 def test_a_deleted_review_is_said(work: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(StudioError, match="the review of Party: Ann's was deleted"):
-        render(work | {"review": str(tmp_path / "gone")}, tmp_path, silent)
+        render(work | {"found": str(tmp_path / "gone")}, tmp_path, silent)
 
 
 def test_mistakes_are_told_with_the_name_of_the_clip(tmp_path: Path) -> None:

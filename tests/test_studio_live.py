@@ -138,7 +138,7 @@ def test_another_face_comes_back_a_cover_changes_it_and_leaving_ends_it(
     chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
 ) -> None:
     face, far = regions
-    with visit(chrome, server, "/") as page:
+    with visit(chrome, server, "/live") as page:
         choose(page, "Face to show", "p02 (fictional)")
         go_live(page)
         sent = read(page, "Your camera")
@@ -161,7 +161,7 @@ def test_another_face_comes_back_a_cover_changes_it_and_leaving_ends_it(
 def test_recordings_and_snapshots_are_downloads_of_the_result(
     chrome: Any, server: StudioServer, tmp_path: Path
 ) -> None:
-    with visit(chrome, server, "/") as page:
+    with visit(chrome, server, "/live") as page:
         go_live(page)
         page.get_by_role("button", name="Record").click()
         with page.expect_download(timeout=TIMEOUT_MS) as film:
@@ -182,7 +182,7 @@ def test_recordings_and_snapshots_are_downloads_of_the_result(
 def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
     chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    with visit(chrome, server, "/") as page:
+    with visit(chrome, server, "/live") as page:
         choose(page, "Who is at the camera", "Enrol me")
         page.get_by_role("button", name="Start").click()
         until(
@@ -207,7 +207,7 @@ def alike(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
 
 
 def test_a_camera_that_is_not_allowed_is_one_sentence(chrome: Any, server: StudioServer) -> None:
-    with visit(chrome, server, "/") as page:
+    with visit(chrome, server, "/live") as page:
         page.evaluate(
             """() => {
               navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("", "NotAllowedError"));
@@ -219,7 +219,7 @@ def test_a_camera_that_is_not_allowed_is_one_sentence(chrome: Any, server: Studi
 
 
 def test_a_browser_without_a_network_is_one_sentence(chrome: Any, server: StudioServer) -> None:
-    with visit(chrome, server, "/") as page:
+    with visit(chrome, server, "/live") as page:
         page.evaluate(
             """() => {
               window.RTCPeerConnection = class extends RTCPeerConnection {
@@ -234,7 +234,7 @@ def test_a_browser_without_a_network_is_one_sentence(chrome: Any, server: Studio
 
 @pytest.mark.skipif(Path("/dev/video0").exists(), reason="this computer has a camera")
 def test_a_computer_without_a_camera_is_one_sentence(chrome: Any, server: StudioServer) -> None:
-    with visit(chrome, server, "/") as page:
+    with visit(chrome, server, "/live") as page:
         choose(page, "Camera", "The computer's camera")
         page.get_by_role("button", name="Start").click()
         page.get_by_text("the computer's camera cannot be opened").wait_for(timeout=TIMEOUT_MS)
@@ -244,7 +244,7 @@ def test_a_computer_without_a_camera_is_one_sentence(chrome: Any, server: Studio
 def test_on_a_phone_the_pictures_are_stacked_and_nothing_is_cut_off(
     chrome: Any, server: StudioServer
 ) -> None:
-    with visit(chrome, server, "/", viewport={"width": 360, "height": 740}) as page:
+    with visit(chrome, server, "/live", viewport={"width": 360, "height": 740}) as page:
         own, other = (
             page.get_by_label(name, exact=True).bounding_box() for name in ("Your camera", "The result")
         )

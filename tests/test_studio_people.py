@@ -16,6 +16,8 @@ from made_up import SAMPLES
 from studio_browser import LIMIT, StudioServer, browser, page, studio, studio_server, visit  # noqa: F401
 
 from guise.aam.model import Identity
+from guise.app.media import open_input
+from guise.app.media.pictures import save_picture
 
 LONG = SAMPLES / "p01" / "talk.mp4"  # what takes so long to learn that it can be cancelled
 ENROL = 120_000  # milliseconds, on a busy machine
@@ -46,7 +48,7 @@ def kept(server: StudioServer) -> set[str]:
 
 
 def upload(page: Any, file: Any) -> None:
-    page.locator("input[type=file]").set_input_files(file)
+    page.locator("input[type=file]").first.set_input_files(file)
 
 
 def remove(page: Any, name: str) -> None:
@@ -65,6 +67,8 @@ def test_a_person_is_uploaded_learned_downloaded_and_deleted(
     with visit(browser, studio_server) as other:
         page.close()
         other.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
+        other.get_by_role("img", name="The face of Anna").wait_for()
+        other.get_by_text("Details").click()
         montage = other.get_by_role("img", name="The model of Anna").locator("img")
         picture = other.request.get(studio_server.url(montage.get_attribute("src"))).body()
         assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape[0] > 300
@@ -73,6 +77,15 @@ def test_a_person_is_uploaded_learned_downloaded_and_deleted(
         assert download.value.suggested_filename == "Anna.guise"
         download.value.save_as(tmp_path / "Anna.guise")
         assert Identity.load(tmp_path / "Anna.guise").name == "Anna"
+        other.get_by_role("button", name="Rename Anna").click()
+        other.get_by_role("dialog").get_by_label("A new name").fill("Bea")
+        other.get_by_role("button", name="Save").click()
+        other.get_by_role("button", name="Swap with Bea").click()
+        other.wait_for_url("**/swap")
+        other.goto(studio_server.url("/people"))
+        other.get_by_role("button", name="Rename Bea").click()
+        other.get_by_role("dialog").get_by_label("A new name").fill("Anna")
+        other.get_by_role("button", name="Save").click()
         remove(other, "Delete Anna")
         remove(other, "Delete the clip anna")
 
@@ -136,7 +149,7 @@ def test_a_broken_upload_leaves_nothing(page: Any, studio_server: StudioServer, 
     upload(page, clip)
     page.get_by_text("The upload was interrupted: try again.").wait_for()
     page.complaints.clear()
-    id = page.locator(".q-uploader").get_attribute("id").removeprefix("c")
+    id = page.locator(".q-uploader").first.get_attribute("id").removeprefix("c")
     path = f"/_nicegui/client/{page.evaluate('window.clientId')}/upload/{id}"
     half_an_upload(studio_server, path, clip)
     assert too_much(studio_server, path) == 413
@@ -179,7 +192,7 @@ def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: Studi
         page.get_by_role("button", name="Remove").click()
         other.get_by_text("Cancelled.").wait_for(state="detached")
         remove(other, "Delete the clip talk")
-        page.get_by_text("Your clips").wait_for(state="detached")
+        page.get_by_text("Your clips").wait_for(state="hidden")
 
 
 def test_built_in_faces_are_shown(page: Any) -> None:
@@ -213,17 +226,60 @@ def test_dark_is_chosen_with_the_keyboard_and_remembered(
 
 def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
     seen = []
-    for _ in range(11):
+    for _ in range(12):
         page.keyboard.press("Tab")
         ring = "(style => style.outlineColor + style.boxShadow)(getComputedStyle(document.activeElement))"
         seen.append(tuple(page.evaluate(f"[document.activeElement.textContent.trim(), {ring}]")))
     words = [word for word, _ in seen]
-    assert words[:7] == ["Skip to content", "Live", "Swap", "People", "Landmarks", "De-identify", "Analogy"]
+    assert words[:4] == ["Skip to content", "Guise", "Live", "Swap"]
+    assert words[4:8] == ["People", "Landmarks", "De-identify", "Analogy"]
     assert {"upload", "videocam"} <= {word.split("Upload")[0].split("Record")[0] for word in words}
     assert [word for word, style in seen if word and AMBER not in style] == []
 
 
-@pytest.mark.parametrize("path", ["/people", "/swap", "/landmarks", "/deidentify", "/analogy"])
+def test_a_photo_is_learned_after_consent_and_then_deleted(
+    page: Any, studio_server: StudioServer, tmp_path: Path
+) -> None:
+    photo = tmp_path / "carla.png"
+    with open_input(SAMPLES / "p06" / "talk.mp4") as media:
+        save_picture(photo, next(iter(media)).rgb())
+    page.locator("input[type=file]").nth(1).set_input_files(str(photo))
+    learn = page.get_by_role("button", name="Learn from this photo")
+    learn.wait_for()
+    assert learn.is_disabled()
+    page.get_by_text("The person in the photos agreed").click()
+    learn.click()
+    page.get_by_role("button", name="Delete carla", exact=True).wait_for(timeout=ENROL)
+    page.get_by_text("Learned from one photo.").wait_for()
+    assert list((studio_server.folder / "uploads").iterdir()) == []
+    remove(page, "Delete carla")
+
+
+def test_a_wish_for_what_is_not_there_is_answered_by_a_page_of_status_404(
+    page: Any, studio_server: StudioServer
+) -> None:
+    for path in ("/swap/nothing", "/deidentify/nothing"):
+        answer = page.goto(studio_server.url(path))
+        assert answer is not None
+        assert answer.status == 404
+        page.get_by_text("no longer exists").wait_for()
+    page.complaints.clear()  # the browser calls it an error
+
+
+def test_the_first_visit_asks_for_consent_and_offers_three_ways(browser: Any, tmp_path: Path) -> None:
+    with studio(tmp_path / "new") as server, visit(browser, server, "/") as visitor:
+        visitor.get_by_role("button", name="I agree").click()
+        for name in ("Live", "Swap a video", "De-identify"):
+            visitor.locator("main").get_by_role("link", name=name).wait_for()
+        visitor.reload()
+        visitor.locator("main").get_by_role("link", name="Swap a video").click()
+        visitor.wait_for_url("**/swap")
+        assert visitor.evaluate("fetch('/favicon.ico').then((r) => r.headers.get('content-type'))") == (
+            "image/svg+xml"
+        )
+
+
+@pytest.mark.parametrize("path", ["/", "/people", "/swap", "/landmarks", "/deidentify", "/analogy"])
 def test_pages_fit_a_phone(browser: Any, studio_server: StudioServer, path: str) -> None:
     phone = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
     with visit(browser, studio_server, path, **phone) as page:

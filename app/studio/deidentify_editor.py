@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import Callable
-from dataclasses import asdict
-from functools import lru_cache
+from collections.abc import Awaitable, Callable
+from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
+from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.report.sheet import ACTION_COLOURS
 from guise.app.deidentify.report.timeline import confidence_svg
 from guise.app.people.montage import draw
-from guise.app.studio.deidentify_jobs import TRACKS, Choices, thumbnail
+from guise.app.studio.deidentify_jobs import Choices, preview, read_tracks, split, thumbnail
 from guise.app.studio.dialogs import confirm, submitted
 from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio, choice_row
 from guise.app.studio.store import JobRow
+from guise.app.studio.videos import PREVIEW_WIDTH_PIXELS, FrameComparison, title
 from guise.app.swapping.donors import open_donor
-from guise.common.files import write_whole
+from guise.common.arrays import U8
 
-CHOICES = "choices.json"
 TRACKS_PER_PAGE = 20
 ANY_DONOR = "any fictional person"
 ACTIONS = {"swap": "Swap", "cover": "Cover", "leave": "Leave"}
@@ -44,12 +44,13 @@ class TrackEditor:
     def __init__(self, studio: Studio, job: JobRow, render: Callable[[Choices], None]) -> None:
         self._studio, self._job, self._render = studio, job, render
         self._folder = studio.store.folder_of(job.id)
-        value = json.loads((self._folder / TRACKS).read_text(encoding="utf-8"))
+        value = read_tracks(self._folder)
         self._frames: int = value["frames"]
         self._tracks: list[dict[str, Any]] = value["tracks"]
         self._faces = {"": ANY_DONOR} | studio.faces()
         self._choices = self._load()
         self._page = 1
+        self._frame: FrameComparison | None = None
 
     def build(self) -> None:
         """Tracks, settings, and the button that starts the rendering."""
@@ -61,20 +62,29 @@ class TrackEditor:
         if pages > 1:
             ui.pagination(1, pages, direction_links=True, on_change=lambda event: self._turn(event.value))
         self._settings()
+        self._frame = FrameComparison(self._draw, self._frames - 1, self._first())
         self._render_button()
 
     def _load(self) -> Choices:
         """The saved choices, or the proposed ones; a donor who no longer exists becomes any."""
-        path = self._folder / CHOICES
-        if not path.exists():
-            return Choices.proposed(self._tracks)
-        choices = Choices(**json.loads(path.read_text(encoding="utf-8")))
+        choices = Choices.load(self._folder)
         choices.donors = {k: spec if spec in self._faces else "" for k, spec in choices.donors.items()}
         return choices
 
-    def _save(self) -> None:
-        text = json.dumps(asdict(self._choices))
-        write_whole(self._folder / CHOICES, text)
+    async def _save(self) -> None:
+        """Save the choices and draw the frame anew."""
+        self._choices.save(self._folder)
+        if self._frame is not None:
+            await self._frame.update()
+
+    def _draw(self, frame: int) -> tuple[U8, U8]:
+        source, output = Path(self._job.about["source"]), self._job.result["output"]
+        return preview(source, self._folder, self._choices, output, frame, PREVIEW_WIDTH_PIXELS)
+
+    def _first(self) -> int:
+        """A frame to show first: in the middle of the longest track."""
+        longest = max(self._tracks, key=lambda track: track["seen"], default={"frames": [0, 0]})
+        return int(sum(longest["frames"]) // 2)
 
     def _turn(self, page: int) -> None:
         self._page = page
@@ -84,24 +94,32 @@ class TrackEditor:
     def _people(self) -> None:
         people: dict[int, list[dict[str, Any]]] = {}
         for track in self._tracks[(self._page - 1) * TRACKS_PER_PAGE : self._page * TRACKS_PER_PAGE]:
-            people.setdefault(track["person"], []).append(track)
+            people.setdefault(self._choices.person_of(track), []).append(track)
         for person, tracks in people.items():
             with ui.card().classes("w-full"):
                 with ui.row().classes("w-full items-center"):
                     title(f"Person {person}").classes("grow")
+                    self._name(str(person))
                     if any(track["can_swap"] for track in tracks):
-                        _DonorButton(self._faces, self._choices.donors[str(person)], self._with(str(person)))
+                        donor = self._choices.donors.setdefault(str(person), "")
+                        _DonorButton(self._faces, donor, partial(self._choose_donor, str(person)))
                 for track in tracks:
                     self._track(track)
 
-    def _with(self, person: str) -> Callable[[str], None]:
-        """A handler that saves the donor of a person."""
+    def _name(self, person: str) -> None:
+        """What the user calls a person; it is in no report."""
+        field = ui.input("Name", value=self._choices.names.get(person, "")).props("dense outlined")
+        field.props["aria-label"] = f"Name of person {person}"
 
-        def choose(spec: str) -> None:
-            self._choices.donors[person] = spec
-            self._save()
+        def keep() -> None:
+            self._choices.names[person] = field.value
+            self._choices.save(self._folder)
 
-        return choose
+        field.on("blur", keep)
+
+    async def _choose_donor(self, person: str, spec: str) -> None:
+        self._choices.donors[person] = spec
+        await self._save()
 
     def _track(self, track: dict[str, Any]) -> None:
         number = str(track["track"])
@@ -110,18 +128,49 @@ class TrackEditor:
             with ui.column().classes("gap-0 grow basis-60"):
                 title(f"Track {number}", 3)
                 ui.label(_about(track)).classes("opacity-70")
+                ui.label(f"Quality: {track_quality(track['width'], track['confidence'])}.")
                 if track["reason"]:
                     ui.label(f"Guise proposes to cover it: {track['reason']}.")
             self._action(track, lambda: line.set_content(self._line(track)))
+        origin, (first, last) = track.get("part_of", track["track"]), track["frames"]
         with ui.row().classes("gap-1"):
-            for place in range(self._job.result["pictures"][number]):
-                picture = ui.image(self._studio.url(self._folder / thumbnail(track["track"], place)))
-                picture.classes("w-20 h-20 rounded").props(f'alt="Track {number}, picture {place + 1}"')
+            for place, frame in enumerate(self._job.result["pictures"][str(origin)]):
+                if first <= frame <= last:
+                    picture = ui.image(self._studio.url(self._folder / thumbnail(origin, place)))
+                    picture.classes("w-20 h-20 rounded").props(f'alt="Track {number}, picture {place + 1}"')
         with ui.column().classes("w-full gap-0"):
             line = ui.html(self._line(track), sanitize=False).classes("w-full")
             with ui.row().classes("w-full justify-between text-caption opacity-70"):
                 ui.label(clock(0))
                 ui.label(clock(self._job.result["seconds"]))
+        self._edits(track)
+
+    def _edits(self, track: dict[str, Any]) -> None:
+        """Split the track, or say that it is of another one's person."""
+        number = track["track"]
+        with ui.row().classes("items-center"):
+            cut = ui.button("Split at the frame shown", icon="content_cut", color=None)
+            cut.on_click(partial(self._split, number)).props("flat dense")
+            cut.props["aria-label"] = f"Split track {number} at the frame that is shown"
+            own = self._choices.person_of(track)
+            people = {self._choices.person_of(one) for one in self._tracks} | {number}
+            if len(people) > 1:
+                words = {person: f"Person {person}" for person in sorted(people)}
+                who = ui.select(words, value=own, label="is", on_change=partial(self._merge, number))
+                who.props("dense outlined").props["aria-label"] = f"Whose track {number} is"
+
+    async def _split(self, number: int) -> None:
+        assert self._frame is not None
+        output, frame = self._job.result["output"], self._frame.frame
+        self._choices = await asyncio.to_thread(split, self._folder, output, self._choices, number, frame)
+        self._tracks = read_tracks(self._folder)["tracks"]
+        self._people.refresh()
+
+    async def _merge(self, number: int, event: Any) -> None:
+        self._choices.people[str(number)] = event.value
+        self._choices.donors.setdefault(str(event.value), "")
+        await self._save()
+        self._people.refresh()
 
     def _action(self, track: dict[str, Any], changed: Callable[[], Any]) -> None:
         actions, number = self._choices.actions, str(track["track"])
@@ -134,9 +183,9 @@ class TrackEditor:
                 toggle.value = actions[number]
                 return
             actions[number] = action
-            self._save()
             changed()
             self._render_button.refresh()
+            await self._save()
 
         possible = {k: word for k, word in ACTIONS.items() if k != "swap" or track["can_swap"]}
         toggle = ui.toggle(possible, value=actions[number], on_change=choose)
@@ -160,9 +209,9 @@ class TrackEditor:
         toggle = choice_row(label, options, getattr(self._choices, name))
         toggle.on_value_change(lambda event: self._set(name, event.value))
 
-    def _set(self, name: str, value: Any) -> None:
+    async def _set(self, name: str, value: Any) -> None:
         setattr(self._choices, name, value)
-        self._save()
+        await self._save()
 
     @ui.refreshable_method
     def _render_button(self) -> None:
@@ -174,12 +223,6 @@ class TrackEditor:
                 'role="status"'
             )
         ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
-
-
-def title(text: str, level: int = 2) -> ui.label:
-    """A heading within a card or a row."""
-    classes = "text-h6" if level == 2 else "text-bold"
-    return ui.label(text).props(f"role=heading aria-level={level}").classes(classes)
 
 
 def timeline(track: dict[str, Any], frames: int, action: str) -> str:
@@ -205,7 +248,7 @@ def _warning(track: dict[str, Any]) -> str:
 class _DonorButton:
     """A button that shows the donor and opens the choice of donors."""
 
-    def __init__(self, faces: dict[str, str], spec: str, chosen: Callable[[str], None]) -> None:
+    def __init__(self, faces: dict[str, str], spec: str, chosen: Callable[[str], Awaitable[None]]) -> None:
         self._faces, self._spec, self._chosen = faces, spec, chosen
         self._button = ui.button(color=None, on_click=self._choose).props("outline no-caps")
         self._show()
@@ -229,7 +272,7 @@ class _DonorButton:
         if spec is not None:
             self._spec = spec
             self._show()
-            self._chosen(spec)
+            await self._chosen(spec)
 
 
 async def _offer(spec: str, name: str, dialog: ui.dialog) -> None:

@@ -7,28 +7,37 @@ the tracks.  A rendering works on a copy of what was found, so that a clip can b
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from guise.app.deidentify.options import Audio, DeidentifyOptions
+from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import outcome, verdict
-from guise.app.deidentify.run.job import deidentify_file, pictures
+from guise.app.deidentify.run.job import deidentify_file, draw_frames, pictures, replanned, split_review
 from guise.app.deidentify.run.registry import open_engine
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import WorkFolder
+from guise.app.deidentify.tracks import Track
 from guise.app.media.containers import suffix_for
 from guise.app.media.pictures import save_picture
+from guise.app.media.segments import read_frames
 from guise.app.studio.naming import user_names
+from guise.app.studio.pictures import fitted_to
 from guise.app.studio.store import StudioError
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.decide import Action
+from guise.common.arrays import U8
 from guise.common.files import write_whole
 from guise.common.progress import Progress, mute
 
 STEM = "out"
+WARM_UP_FRAMES = 6  # before a previewed one, over which light and occlusion settle
 TRACKS = f"{STEM}.tracks.json"
+CHOICES = "choices.json"
 REPORTS = (f"{STEM}.report.html", f"{STEM}.report.json")
 
 
@@ -39,6 +48,7 @@ class Choices:
     Parameters
     ----------
     actions : by track.   donors : by person; "" lets Guise choose.  Keys are numbers as text, as in JSON.
+    people : by track, whose it is, where the user has changed that.   names : by person.
     cover, alpha, audio : as in `guise.app.deidentify.options.Options`.
     """
 
@@ -47,6 +57,8 @@ class Choices:
     cover: CoverStyle = DeidentifyOptions().cover
     alpha: float = DeidentifyOptions().alpha
     audio: Audio = DeidentifyOptions().audio
+    people: dict[str, int] = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def proposed(cls, tracks: list[dict[str, Any]]) -> Choices:
@@ -54,12 +66,39 @@ class Choices:
         actions = {str(track["track"]): track["action"] for track in tracks}
         return cls(actions, {str(track["person"]): track["donor"] for track in tracks})
 
+    @classmethod
+    def load(cls, folder: Path) -> Choices:
+        """The choices that were saved in a review's folder, or the proposed ones."""
+        path = folder / CHOICES
+        if path.exists():
+            return cls(**json.loads(path.read_text(encoding="utf-8")))
+        return cls.proposed(read_tracks(folder)["tracks"])
+
+    def save(self, folder: Path) -> None:
+        """Save the choices in a review's folder."""
+        write_whole(folder / CHOICES, json.dumps(asdict(self)))
+
+    def person_of(self, track: dict[str, Any]) -> int:
+        """Whose a track of the file TRACKS is."""
+        return self.people.get(str(track["track"]), int(track["person"]))
+
+    def options(self) -> DeidentifyOptions:
+        """As `deidentify_file` takes them."""
+        return DeidentifyOptions(cover=self.cover, alpha=self.alpha, audio=self.audio)
+
+
+def read_tracks(folder: Path) -> dict[str, Any]:
+    """What was proposed for a video, from a review's folder."""
+    value: dict[str, Any] = json.loads((folder / TRACKS).read_text(encoding="utf-8"))
+    return value
+
 
 def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Find the faces of a clip and propose what to do with them.
 
     about : source, the clip's path; name, the user's name for it.
-    Returns the output's file name, the time of the last frame, and the number of pictures of each track.
+    Returns the output's file name, the time of the last frame, the number of frames, and the frames of the pictures of
+    each track.
     """
     source = Path(about["source"])
     output = folder / (STEM + suffix_for(source, DeidentifyOptions().encode.encoder))
@@ -70,33 +109,101 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     for track, some in shown.items():
         for place, picture in enumerate(some):
             save_picture(folder / thumbnail(track, place), picture)
-    counts = {str(track): len(some) for track, some in shown.items()}
-    return {"output": output.name, "seconds": float(case.times[-1]), "pictures": counts}
+    frames = {track.number: list(track.shown) for track in case.linked}
+    counts = {str(track): frames[track][: len(some)] for track, some in shown.items()}
+    return {
+        "output": output.name, "seconds": float(case.times[-1]), "frames": case.scan.frames, "pictures": counts,
+    }  # fmt: skip
 
 
 def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Render a reviewed clip.
 
-    about : source and name as for the review; review, its folder; output, its file name; choices, see `Choices`.
-    Returns outcome, sentence, counts and problems of the report.
+    about : source and name as for the review; found, its folder; output, its file name; choices, see `Choices`.
+    Returns outcome, sentence, counts and problems of the report, and which tracks are not swapped well.
     """
-    source, output, before = Path(about["source"]), folder / about["output"], Path(about["review"])
+    source, output, before = Path(about["source"]), folder / about["output"], Path(about["found"])
     choices = Choices(**about["choices"])
     if not before.exists():
         raise StudioError(f"the review of {about['name']} was deleted: upload the video again")
     shutil.copytree(_work(before / output.name), _work(output))
-    write_whole(folder / TRACKS, _edited(before / TRACKS, choices))
-    options = DeidentifyOptions(cover=choices.cover, alpha=choices.alpha, audio=choices.audio)
+    write_whole(folder / TRACKS, _edited(before, choices))
     names = about["name"] + source.suffix, download_name(about["name"], output.name)
     with user_names({source: about["name"]}), open_engine("local") as engine:
         report = deidentify_file(
-            source, output, options, engine, resume=True, names=names, progress=progress, say=mute
+            source, output, choices.options(), engine, resume=True, names=names, progress=progress, say=mute
         )
     assert report is not None
     return {
         "outcome": outcome(report), "sentence": verdict(report), "counts": report.counts,
-        "problems": list(report.problems),
+        "problems": list(report.problems), "doubts": doubts(report.tracks),
     }  # fmt: skip
+
+
+def doubts(tracks: Sequence[Track]) -> list[str]:
+    """A sentence for each track that is swapped and poor."""
+    judged = [(t, track_quality(t.width, t.confidence)) for t in tracks if t.action == "swap"]
+    return [
+        f"Look at track {track.number}: {quality.reason}."
+        for track, quality in judged
+        if quality.grade == "poor"
+    ]
+
+
+def split(folder: Path, output: str, choices: Choices, track: int, frame: int) -> Choices:
+    """Split a track in a review's folder, so that a part of it begins with a frame; the choices for the parts."""
+    before = read_tracks(folder)
+    row = next(row for row in before["tracks"] if row["track"] == track)
+    if not row["frames"][0] < frame <= row["frames"][1]:
+        raise StudioError(
+            f"frame {frame} is not within track {track}: move the slider Frame to where its second part begins"
+        )
+    splits = {int(number): frames for number, frames in before.get("splits", {}).items()}
+    splits[_origin(row)] = sorted([*splits.get(_origin(row), []), frame])
+    split_review(_work(folder / output), folder / output, splits)
+    after = _carried(choices, before["tracks"], read_tracks(folder)["tracks"])
+    after.save(folder)
+    return after
+
+
+def _origin(row: dict[str, Any]) -> int:
+    return int(row.get("part_of", row["track"]))
+
+
+def _holds(row: dict[str, Any], part: dict[str, Any]) -> bool:
+    return _origin(row) == _origin(part) and row["frames"][0] <= part["frames"][0] <= row["frames"][1]
+
+
+def _carried(choices: Choices, old: list[dict[str, Any]], new: list[dict[str, Any]]) -> Choices:
+    """The choices for tracks of which one was split; a new part is a person of its own."""
+    whole = {row["track"]: next(one for one in old if _holds(one, row)) for row in new}
+    begins = {row["track"] for row in new if row["frames"][0] == whole[row["track"]]["frames"][0]}
+    number = {whole[n]["track"]: n for n in begins}
+    carried = replace(choices, actions={}, donors={}, names={}, people={})
+    for n, before in whole.items():
+        person = choices.person_of(before)
+        mine = number[person] if n in begins else n
+        carried.actions[str(n)], carried.people[str(n)] = choices.actions[str(before["track"])], mine
+        carried.donors[str(mine)] = choices.donors.get(str(person), "") if n in begins else ""
+        carried.names[str(mine)] = choices.names.get(str(person), "") if n in begins else ""
+    return carried
+
+
+def preview(
+    source: Path, found: Path, choices: Choices, output: str, frame: int, width: int
+) -> tuple[U8, U8]:
+    """A frame before and after, RGB (h, w, 3).   found : folder of the review.   width : pixels, at most."""
+    trial, tracks = found / "preview.work", found / "preview.tracks.json"
+    if not trial.exists():
+        shutil.copytree(_work(found / output), trial, copy_function=os.link)  # nothing in it changes
+    write_whole(tracks, _edited(found, choices))
+    case = replanned(trial, tracks, choices.options())
+    some = list(read_frames(source, case.scan, max(0, frame - WARM_UP_FRAMES), frame + 1))
+    if not some:
+        raise StudioError(f"frame {frame} cannot be decoded: choose another")
+    before = fitted_to(some[-1].rgb(), width)
+    draw_frames(case, some)
+    return before, fitted_to(some[-1].rgb(), width)
 
 
 def thumbnail(track: int, place: int) -> str:
@@ -117,10 +224,16 @@ def _work(output: Path) -> Path:
     return output.with_name(output.name + ".work")
 
 
-def _edited(tracks: Path, choices: Choices) -> str:
+def _edited(review: Path, choices: Choices) -> str:
     """The track file's text with the user's choices."""
-    value = json.loads(tracks.read_text(encoding="utf-8"))
+    value = read_tracks(review)
     for track in value["tracks"]:
-        action, donor = choices.actions[str(track["track"])], choices.donors[str(track["person"])]
-        track |= {"action": action, "donor": donor}
+        person = choices.person_of(track)
+        donor, name = choices.donors.get(str(person), ""), choices.names.get(str(person), "")
+        track |= {
+            "action": choices.actions[str(track["track"])],
+            "donor": donor,
+            "person": person,
+            "name": name,
+        }
     return json.dumps(value)

@@ -19,6 +19,20 @@ async def confirm(question: str, yes: str, no: str) -> bool:
     return bool(await submitted(dialog))
 
 
+async def asked(question: str, value: str) -> str | None:
+    """What the user writes; None for a dialog closed without an answer.   value : there at first."""
+    with ui.context.client.content:
+        dialog = ui.dialog()
+    with dialog, ui.card():
+        field = ui.input(question, value=value).props("outlined autofocus").classes("w-72")
+        field.on("keydown.enter", lambda: dialog.submit(field.value))
+        with ui.row().classes("w-full justify-end"):
+            ui.button("Cancel", color=None, on_click=dialog.close).props("flat")
+            ui.button("Save", on_click=lambda: dialog.submit(field.value))
+    answer = await submitted(dialog)
+    return None if answer is None else str(answer)
+
+
 async def submitted(dialog: ui.dialog) -> Any:
     """What the dialog submits; None when it, or the whole page, is closed."""
     value = await dialog

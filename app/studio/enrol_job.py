@@ -1,4 +1,4 @@
-"""The job behind the page People: train a person's model and draw it."""
+"""The job behind the page People: train a person's model on a clip or on photos, and draw it."""
 
 from __future__ import annotations
 
@@ -10,22 +10,38 @@ from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import enrol_file
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
+from guise.app.photos.enrol_photos import enrol_photos
 from guise.app.studio.naming import user_names
+from guise.app.studio.store import preview_of
+from guise.app.swapping.grade import enrolment_grade
 from guise.common.progress import Progress
 
 ENROL_JOB = "enrol"
 
 
 def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
-    """Train on a clip, with the landmarks beside it if there are any.
+    """Train on a clip, with the landmarks beside it if there are any, or on photos, which are deleted afterwards.
 
-    about : "clip" and "model", paths; "called", the clip's name; "name", the person's.
+    about : "clip" and "model", paths, or instead of the clip "photos", by path their names; "called", the clip's name;
+    "name", the person's.
     """
-    model, done, clip = Path(about["model"]), folder / "model.guise", Path(about["clip"])
-    with user_names({clip: about["called"]}):
-        report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
-    save_picture(model.with_suffix(".png"), montage(Identity.load(done)))
+    model, done = Path(about["model"]), folder / "model.guise"
+    photos = {Path(path): name for path, name in about.get("photos", {}).items()}
+    if photos:
+        with user_names(photos):
+            report = enrol_photos(list(photos), done, name=about["name"], progress=progress)
+    else:
+        clip = Path(about["clip"])
+        with user_names({clip: about["called"]}):
+            report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
+    identity = Identity.load(done)
+    save_picture(model.with_suffix(".png"), montage(identity))
+    graded = enrolment_grade(identity)
     done.replace(model)  # last, because a person is listed as soon as their model exists
+    for photo in photos:
+        photo.unlink(missing_ok=True)
+        preview_of(photo).unlink(missing_ok=True)
     return {
         "held_out_error": report.held_out_error, "seconds": report.seconds, "weaknesses": list(report.weaknesses),
+        "quality": str(graded or ""),
     }  # fmt: skip

@@ -42,14 +42,15 @@ CAMERA_SIZE = (640, 480)  # pixels, of the computer's camera
 UPDATE_SECONDS = 0.5  # between two updates of the page
 GRAPH_POINTS = 120  # of the latency graph, one for each update
 PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
-_PERSON = "live_person"  # the setting
+_PERSON = "live_person"  # the setting: who is at the camera
+FACE = "live_face"  # the setting: whose face is shown first, chosen on the page People
 
 
 def register(studio: Studio) -> None:
-    """Add the page /."""
+    """Add the page /live."""
     runs: set[LiveRun] = set()
     nicegui_app.on_shutdown(lambda: _end(runs))
-    page(studio, "/", "Live", lambda: _LivePage(studio, runs).build())
+    page(studio, "/live", "Live", lambda: _LivePage(studio, runs).build())
 
 
 def _end(runs: set[LiveRun]) -> None:
@@ -66,7 +67,7 @@ class _LivePage:
     def __init__(self, studio: Studio, runs: set[LiveRun]) -> None:
         self.studio, self._runs = studio, runs
         self._faces = studio.faces()
-        self._controls = Controls(len(self._faces), LiveSettings(identity=self._fictional(), mirror=True))
+        self._controls = Controls(len(self._faces), LiveSettings(identity=self._first_face(), mirror=True))
         self._folder = Path(tempfile.mkdtemp(prefix="guise-live-"))
         self._peer: Peer | None = None
         self._run: LiveRun | None = None
@@ -109,7 +110,7 @@ class _LivePage:
         remembered = self.studio.store.setting(_PERSON)
         with ui.card().classes("w-full"), ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
             self._camera = _select("Camera", CAMERAS, BROWSER, lambda _: self._update_state())
-            person = remembered if remembered in people else next(iter(people))
+            person = remembered if remembered in people else NOBODY
             self._person = _select("Who is at the camera", people, person, self._choose_person)
             _select(
                 "Face to show",
@@ -294,8 +295,11 @@ class _LivePage:
                 self._downloaded.add(path)
                 ui.download.file(path)
 
-    def _fictional(self) -> int:
-        """Index of the first face of the gallery."""
+    def _first_face(self) -> int:
+        """Index of the face that was chosen on the page People, or of the first one of the gallery."""
+        chosen = self.studio.store.setting(FACE)
+        if chosen in self._faces:
+            return list(self._faces).index(chosen)
         return next(i for i, face in enumerate(self._faces) if not face.endswith(MODEL_SUFFIX))
 
     def _people(self) -> dict[str, str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache, partial
+from typing import Any
 
 from nicegui import app as nicegui_app
 from nicegui import run, ui
@@ -11,12 +13,15 @@ from starlette.responses import PlainTextResponse, Response
 from guise.aam.model import Identity, ModelError, read_header
 from guise.app.media.images import encode_image
 from guise.app.people.montage import draw
+from guise.app.photos.enrol_photos import MAX_PHOTOS
 from guise.app.studio.clip_recorder import ClipRecorder
-from guise.app.studio.dialogs import confirm
+from guise.app.studio.dialogs import asked, confirm
 from guise.app.studio.enrol_job import ENROL_JOB, enrol_job
-from guise.app.studio.site import Studio, heading, page, show_job
-from guise.app.studio.store import Clip, JobRow, Person
-from guise.app.studio.uploads import uploader
+from guise.app.studio.live import FACE as LIVE_FACE
+from guise.app.studio.site import Studio, heading, local_time, page, show_job
+from guise.app.studio.store import Clip, JobRow, Person, StudioError, Upload
+from guise.app.studio.swap import FACE as SWAP_FACE
+from guise.app.studio.uploads import PHOTO, uploader
 from guise.app.swapping.donors import gallery, open_donor
 from guise.common.errors import GuiseError
 
@@ -60,79 +65,129 @@ def _enrol(studio: Studio, clip: Clip, person: Person) -> str:
 
 
 class _PeoplePage:
-    """One visitor's page; changes made in other tabs appear here too."""
+    """One visitor's page; changes made in other tabs appear here too, and only what changed is redrawn."""
 
     def __init__(self, studio: Studio) -> None:
         self.studio = studio
-        self._shown_state = self._state()
+        self._cards: dict[str, tuple[Any, ui.element]] = {}  # by id, what was drawn and where
 
     def build(self) -> None:
         self._add()
-        self._people()
+        heading("Your people")
+        self._nobody = ui.label("Nobody yet.")
+        self._people = ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2")
+        self._clips_heading = heading("Your clips")
+        self._clips = ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4")
+        self._poll()
         self._gallery()
         ui.timer(POLL_SECONDS, self._poll)
 
-    def _state(self) -> list[tuple[str, bool]]:
-        """What the lists depend on, and no more: redrawing would lose a click that is under way."""
-        store = self.studio.store
-        kept = [row.id for rows in (store.people(), store.clips()) for row in rows]
-        return [(id, True) for id in kept] + [(job.id, job.ended) for job in self._jobs()]
-
     def _poll(self) -> None:
-        state = self._state()
-        if state != self._shown_state:
-            self._shown_state = state
-            self._people.refresh()
+        """Draw what is new or has changed, and take away what is gone."""
+        store = self.studio.store
+        jobs, people, clips = self._jobs(), store.people(), store.clips()
+        self._sync(self._people, [(job.id, (job.state, job.sentence), partial(self._job, job)) for job in jobs]
+                   + [(one.id, one, partial(self._person, one)) for one in people])  # fmt: skip
+        self._sync(self._clips, [(clip.id, clip, partial(self._clip, clip)) for clip in clips])
+        self._nobody.set_visibility(not people and not jobs)
+        self._clips_heading.set_visibility(bool(clips))
+
+    def _sync(self, grid: ui.element, wanted: list[tuple[str, Any, Callable[[], None]]]) -> None:
+        """Have the cards of a grid be those that are wanted: id, what it depends on, and how it is drawn."""
+        now = {id: about for id, about, _ in wanted}
+        for id, (about, card) in list(self._cards.items()):
+            if card.parent_slot is not None and card.parent_slot.parent is grid and now.get(id) != about:
+                card.delete()
+                del self._cards[id]
+        for place, (id, about, fill) in enumerate(wanted):
+            if id not in self._cards:
+                with grid, ui.card() as card:
+                    fill()
+                card.move(grid, target_index=place)
+                self._cards[id] = about, card
 
     def _jobs(self) -> list[JobRow]:
         return [job for job in self.studio.store.jobs() if job.kind == ENROL_JOB and job.state != "done"]
 
+    # -- somebody new ----------------------------------------------------------------------------------------------
+
     def _add(self) -> None:
         with ui.card().classes("w-full"):
             heading("Add a person").classes(remove="mt-4")
-            name = ui.input("Name").props("outlined dense").classes("w-full max-w-sm")
-
-            def train_named(clip: Clip) -> None:
-                train(self.studio, clip, name.value)
-                name.value = ""
-                self._poll()
-
+            self._name = ui.input("Name").props("outlined dense").classes("w-full max-w-sm")
             ui.label(
                 "A clip of 10 to 30 seconds that shows one face from the front: look into the camera, speak, smile, "
                 "turn your head a little."
             )
             with ui.row():
-                field = uploader(self.studio, "Upload a clip", train_named)
+                field = uploader(self.studio, "Upload a clip", self._train_named)
                 recorder = ClipRecorder(field)
             recorder.stage()
+            ui.separator()
+            ui.label(
+                "Or one photo, at rest and from the front; up to nine of the same person are better. What no photo "
+                "shows, such as teeth and turned views, is guessed: a clip is better still."
+            )
+            uploader(self.studio, "Upload photos", lambda _: self._photos.refresh(), (PHOTO,), several=True)
+            self._photos()
+
+    def _train_named(self, clip: Clip) -> None:
+        train(self.studio, clip, self._name.value)
+        self._name.value = ""
+        self._poll()
+
+    def _waiting_photos(self) -> list[Upload]:
+        """The photos that were uploaded and are in no job, the first one first."""
+        jobs = [job for job in self._jobs() if "photos" in job.about]
+        taken = {path for job in jobs for path in job.about["photos"]}
+        return [one for one in self.studio.store.uploads(PHOTO.name)[::-1] if str(one.path) not in taken]
 
     @ui.refreshable_method
-    def _people(self) -> None:
-        people, jobs, clips = self.studio.store.people(), self._jobs(), self.studio.store.clips()
-        heading("Your people")
-        if not people and not jobs:
-            ui.label("Nobody yet.")
-        with ui.element("div").classes("w-full grid gap-4 items-start sm:grid-cols-2"):
-            for job in jobs:
-                self._job(job)
-            for person in people:
-                self._person(person)
-        if clips:
-            heading("Your clips")
-        with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2 md:grid-cols-4"):
-            for clip in clips:
-                self._clip(clip)
+    def _photos(self) -> None:
+        """The photos, and what the user says of them before they are learned."""
+        photos = self._waiting_photos()
+        if not photos:
+            return
+        with ui.row().classes("gap-2"):
+            for photo in photos:
+                with ui.column().classes("items-center gap-0"):
+                    picture = (
+                        ui.image(self.studio.url(photo.preview)).classes("w-24 h-24").props("fit=contain")
+                    )
+                    picture.props["alt"] = photo.name
+                    remove = ui.button(icon="delete", color=None, on_click=partial(self._drop, photo))
+                    remove.props("flat round dense").props["aria-label"] = f"Remove the photo {photo.name}"
+        agreed = ui.checkbox("The person in the photos agreed to this, or it is me.")
+        many = "this photo" if len(photos) == 1 else f"these {len(photos)} photos"
+        learn = ui.button(f"Learn from {many}", icon="face", on_click=lambda: self._learn(photos))
+        learn.bind_enabled_from(agreed, "value")
+
+    def _drop(self, photo: Upload) -> None:
+        self.studio.store.remove_upload(photo.id)
+        self._photos.refresh()
+
+    def _learn(self, photos: list[Upload]) -> None:
+        if len(photos) > MAX_PHOTOS:
+            raise StudioError(f"choose at most {MAX_PHOTOS} photos of one person, there are {len(photos)}")
+        person = self.studio.store.add_person(self._name.value or photos[0].name, None)
+        names = {str(photo.path): photo.name for photo in photos}
+        about = {"photos": names, "model": str(person.path), "name": person.name, "person": person.id}
+        self.studio.jobs.start(ENROL_JOB, about)
+        self._name.value = ""
+        self._photos.refresh()
+        self._poll()
+
+    # -- everybody -------------------------------------------------------------------------------------------------
 
     def _job(self, job: JobRow) -> None:
-        with ui.card():
-            ui.label(job.about["name"]).classes("text-h6")
-            if not job.ended:
-                show_job(self.studio, job.id, lambda _: self._poll())
-                return
-            ui.label(job.sentence or "Cancelled.")
-            with ui.row():
-                ui.button("Try again", on_click=partial(self._retry, job))
-                ui.button("Remove", on_click=partial(self._remove_job, job)).props("outline")
+        ui.label(job.about["name"]).classes("text-h6")
+        if not job.ended:
+            show_job(self.studio, job.id, lambda _: self._poll())
+            return
+        ui.label(job.sentence or "Cancelled.")
+        with ui.row():
+            ui.button("Try again", on_click=partial(self._retry, job))
+            ui.button("Remove", on_click=partial(self._remove_job, job)).props("outline")
 
     def _retry(self, job: JobRow) -> None:
         self.studio.jobs.start(ENROL_JOB, job.about)
@@ -140,50 +195,79 @@ class _PeoplePage:
         self._poll()
 
     def _remove_job(self, job: JobRow) -> None:
-        """Remove a failed or cancelled job, and its person if they were new."""
+        """Remove a failed or cancelled job, and its person if they were new; its photos can be used again."""
         person = self.studio.store.person(job.about["person"])
         if not person.path.exists():
             self.studio.store.remove_person(person.id)
         self.studio.store.remove_job(job.id)
+        self._photos.refresh()
         self._poll()
 
     def _person(self, person: Person) -> None:
-        with ui.card():
-            ui.label(person.name).classes("text-h6 break-all")
-            ui.label(f"Added on {person.created[:10]}.")
-            for sentence in self._weaknesses(person):
-                ui.label(sentence[:1].upper() + sentence[1:] + ".").classes("opacity-70")
-            picture, model = self.studio.url(person.montage), self.studio.url(person.path)
+        with ui.row().classes("w-full no-wrap items-start"):
+            portrait = ui.image(f"/portraits/{person.id}.png?{person.path.stat().st_mtime_ns}")
+            portrait.classes("w-32 shrink-0 rounded").props["alt"] = f"The face of {person.name}"
+            with ui.column().classes("gap-1 min-w-0"):
+                ui.label(person.name).classes("text-h6 break-all")
+                ui.label(f"Added {local_time(person.created)}.").classes("opacity-70")
+                facts = self._facts(person)
+                if "made_from" in facts:
+                    ui.label(f"Learned from {facts['made_from']}.")
+                if quality := self._quality(person):
+                    ui.label(f"Quality: {quality}.")
+                for sentence in facts.get("weaknesses", ()):
+                    ui.label(sentence[:1].upper() + sentence[1:] + ".").classes("opacity-70")
+        with ui.row().classes("items-center gap-1"):
+            for words, use in (("Use live", self._use_live), ("Swap with", self._swap_with)):
+                button = ui.button(words, on_click=partial(use, person)).props("dense")
+                button.props["aria-label"] = f"{words} {person.name}"
+            for words, act in (("Rename", self._rename), ("Delete", self._confirm_delete)):
+                button = ui.button(words, on_click=partial(act, person)).props("outline dense")
+                button.props["aria-label"] = f"{words} {person.name}"
+        with ui.expansion("Details").classes("w-full"):
+            picture = self.studio.url(person.montage)
             with ui.link(target=picture, new_tab=True).classes("w-full"):
                 ui.image(picture).props["alt"] = f"The model of {person.name}"
-            with ui.row().classes("items-center"):
-                ui.link("Download", model).props["download"] = f"{person.name}.guise"
-                button = ui.button("Delete", on_click=partial(self._confirm_delete, person)).props("outline")
-                button.props["aria-label"] = f"Delete {person.name}"
+            link = ui.link("Download the model", self.studio.url(person.path))
+            link.props["download"] = f"{person.name}.guise"
 
-    def _weaknesses(self, person: Person) -> list[str]:
-        """What to do better in their next clip, as their model says."""
+    def _facts(self, person: Person) -> dict[str, Any]:
+        """What their model says of its enrolment."""
         try:
-            return [str(sentence) for sentence in read_header(person.path).facts.get("weaknesses", ())]
+            return dict(read_header(person.path).facts)
         except ModelError:
-            return []
+            return {}
+
+    def _quality(self, person: Person) -> str:
+        """What their last enrolment found, "" where that is not known."""
+        jobs = (job for job in self.studio.store.jobs() if job.kind == ENROL_JOB and job.state == "done")
+        return next((job.result.get("quality", "") for job in jobs if job.about["person"] == person.id), "")
+
+    def _use_live(self, person: Person) -> None:
+        self.studio.store.remember(LIVE_FACE, str(person.path))
+        ui.navigate.to("/live")
+
+    def _swap_with(self, person: Person) -> None:
+        self.studio.store.remember(SWAP_FACE, str(person.path))
+        ui.navigate.to("/swap")
+
+    async def _rename(self, person: Person) -> None:
+        name = await asked("A new name", person.name)
+        if name and name.strip():
+            self.studio.store.rename_person(person.id, name)
+            self._poll()
 
     def _clip(self, clip: Clip) -> None:
-        with ui.card():
-            ui.label(clip.name).classes("text-bold break-all")
-            ui.label(clip.created.replace("T", " ")[:16] + " UTC")
-            ui.video(self.studio.url(clip.path)).classes("w-full").props["aria-label"] = (
-                f"The clip {clip.name}"
+        ui.label(clip.name).classes("text-bold break-all")
+        ui.label(local_time(clip.created))
+        ui.video(self.studio.url(clip.path)).classes("w-full").props["aria-label"] = f"The clip {clip.name}"
+        with ui.row().classes("items-center"):
+            ui.button("Train", on_click=partial(self._train, clip)).props["aria-label"] = (
+                f"Train on {clip.name}"
             )
-            with ui.row().classes("items-center"):
-                ui.button("Train", on_click=partial(self._train, clip)).props["aria-label"] = (
-                    f"Train on {clip.name}"
-                )
-                ui.link("Download", self.studio.url(clip.path)).props["download"] = (
-                    clip.name + clip.path.suffix
-                )
-                button = ui.button("Delete", on_click=partial(self._confirm_delete, clip)).props("outline")
-                button.props["aria-label"] = f"Delete the clip {clip.name}"
+            ui.link("Download", self.studio.url(clip.path)).props["download"] = clip.name + clip.path.suffix
+            button = ui.button("Delete", on_click=partial(self._confirm_delete, clip)).props("outline")
+            button.props["aria-label"] = f"Delete the clip {clip.name}"
 
     def _train(self, clip: Clip) -> None:
         train(self.studio, clip)

@@ -14,10 +14,10 @@ from fastapi import FastAPI
 from nicegui import app as nicegui_app
 from nicegui import ui
 
-from guise.app.studio import analogy, deidentify, landmarks, live, people, swap
+from guise.app.studio import analogy, deidentify, landmarks, live, people, start, swap
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.request_guard import RequestGuard
-from guise.app.studio.site import Studio, StudioOptions, serve_files
+from guise.app.studio.site import STATIC, Studio, StudioOptions, serve_files
 from guise.app.studio.store import Store, StudioError
 from guise.common.errors import GuiseError
 
@@ -25,7 +25,7 @@ HOST = "127.0.0.1"
 PAGE_LIFETIME_SECONDS = (
     15.0  # for which the page of an unresponsive browser is kept; the processor may be busy
 )
-PAGES = (live, swap, people, landmarks, deidentify, analogy)
+PAGES = (start, live, swap, people, landmarks, deidentify, analogy)
 
 
 def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) -> None:
@@ -70,6 +70,7 @@ def _site(studio: Studio) -> FastAPI:
         site,
         title="Guise",
         show_welcome_message=False,
+        favicon=STATIC / "favicon.svg",
         language="en-US",
         reconnect_timeout=PAGE_LIFETIME_SECONDS,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,16 @@ from urllib.parse import quote
 from nicegui import app as nicegui_app
 from nicegui import ui
 from starlette.requests import Request
+from starlette.responses import Response
 
 from guise.app.studio.jobs import JobQueue
-from guise.app.studio.store import FOLDERS, JobRow, Store, StudioError
+from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError
 from guise.app.swapping.donors import gallery
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
 
 LINKS = {
-    "Live": "/",
+    "Live": "/live",
     "Swap": "/swap",
     "People": "/people",
     "Landmarks": "/landmarks",
@@ -29,7 +31,7 @@ LINKS = {
     "Analogy": "/analogy",
 }
 JOB_POLL_SECONDS = 0.3
-_STATIC = Path(__file__).parent / "static"
+STATIC = Path(__file__).parent / "static"
 _PRIMARY_COLOUR = "#0b7a70"  # legible below white text and on both backgrounds
 _CAMERA_ERRORS = {
     "NotAllowedError": "The browser isn't allowed to use the camera: allow it next to the address bar and try again.",
@@ -74,7 +76,7 @@ class Studio:
 
 def serve_files(studio: Studio) -> None:
     """Serve scripts and styles, and the studio's folders except for the database."""
-    nicegui_app.add_static_files("/static", _STATIC)
+    nicegui_app.add_static_files("/static", STATIC)
     for name in FOLDERS:
         nicegui_app.add_static_files(f"/files/{name}", studio.store.folder / name, max_cache_age=0)
 
@@ -90,9 +92,10 @@ def page(
     """Register a page; `build` fills it and gets the parameters of the path ("/landmarks/{clip}") by name.
 
     reconnect_seconds : for which a visitor's page is kept without a connection; default: the server's.
+    A MissingError makes it a page of status 404.
     """
 
-    async def shown(request: Request) -> None:
+    async def shown(request: Request) -> Response | None:
         ui.on_exception(show_error)
         with _layout(studio, title, path):
             try:
@@ -101,6 +104,9 @@ def page(
                     await done
             except GuiseError as error:
                 ui.label(explain(error)[0])
+                if isinstance(error, MissingError):
+                    return ui.context.client.build_response(request, 404)
+        return None
 
     ui.page(path, title=f"{title} · Guise", reconnect_timeout=reconnect_seconds)(shown)
 
@@ -151,7 +157,7 @@ def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
     with ui.header().classes("bar"):
         ui.link("Skip to content", "#content").classes("sr-only focus:not-sr-only")
         with ui.element("nav").props('aria-label="Pages"').classes("flex items-center grow gap-x-4 gap-y-1"):
-            ui.label("Guise").classes("max-sm:hidden text-bold mr-4")
+            ui.link("Guise", "/").classes("max-sm:hidden text-bold mr-4")
             for name, target in LINKS.items():
                 here = 'aria-current="page"' if target == "/" + path.split("/")[1] else ""
                 ui.link(name, target).props(here)
@@ -175,6 +181,11 @@ def _colour_choice(studio: Studio) -> None:
     ):
         for name, value in (("System", None), ("Light", False), ("Dark", True)):
             ui.menu_item(name, partial(choose, value)).props("role=menuitem")
+
+
+def local_time(created: str) -> str:
+    """A time of the store as the clock of this computer shows it."""
+    return f"{datetime.fromisoformat(created).astimezone():%Y-%m-%d %H:%M}"
 
 
 def camera_error(name: str) -> str:

@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from guise.aam.model import rename_model
 from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
 from guise.common.errors import GuiseError
 
@@ -38,6 +39,10 @@ CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT);
 
 class StudioError(GuiseError):
     """Something the studio cannot do; one sentence."""
+
+
+class MissingError(StudioError):
+    """Something that is asked for and is not there, or no longer."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,12 @@ class Upload:
     @property
     def preview(self) -> Path:
         """A small picture of it."""
-        return self.path.with_name(f"{self.id}.preview.png")
+        return preview_of(self.path)
+
+
+def preview_of(upload: Path) -> Path:
+    """The small picture of an upload."""
+    return upload.with_name(f"{upload.stem}.preview.png")
 
 
 @dataclass(frozen=True)
@@ -167,6 +177,13 @@ class Store:
         """The person of an id.  StudioError when there is none."""
         return self._person(self._one("people", id, "person"))
 
+    def rename_person(self, id: str, name: str) -> Person:
+        """Give a person another name, in their model as well."""
+        person = self.person(id)
+        rename_model(person.path, _clean(name))
+        self._run("UPDATE people SET name = ? WHERE id = ?", (_clean(name), id))
+        return self.person(id)
+
     def remove_person(self, id: str) -> None:
         """Delete a person and their model."""
         person = self.person(id)
@@ -250,7 +267,7 @@ class Store:
     def _one(self, table: str, id: str, word: str) -> tuple[Any, ...]:
         rows = self._run(f"SELECT * FROM {table} WHERE id = ?", (id,))
         if not rows:
-            raise StudioError(f"this {word} no longer exists: reload the page")
+            raise MissingError(f"this {word} no longer exists: reload the page")
         return rows[0]
 
     def _clip(self, row: tuple[Any, ...]) -> Clip:

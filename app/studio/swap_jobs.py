@@ -11,20 +11,24 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import cv2
 import numpy as np
 
+from guise.aam.landmarks import LbpDetector, open_landmarker
 from guise.aam.model import Identity
+from guise.app.live.letterbox import letterboxed
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.containers import suffix_for
 from guise.app.media.pictures import save_picture
 from guise.app.media.segments import Scan, read_frames, scan
 from guise.app.people.finding import find_people, load_people, save_people
 from guise.app.studio.naming import user_names
+from guise.app.studio.pictures import fitted_to
 from guise.app.studio.store import StudioError
-from guise.app.swapping.report import SwapError
+from guise.app.swapping.donors import open_face
+from guise.app.swapping.puppet import Puppet, puppet_file
+from guise.app.swapping.report import SwapError, SwapReport
 from guise.app.swapping.settings import SwapSettings
 from guise.app.swapping.several import Casting, KnownVideo, Others, draw_frame, learn_person, swap_people
 from guise.common.arrays import U8
@@ -37,10 +41,14 @@ WARM_UP_FRAMES = 6  # before a previewed one, over which light and occlusion set
 
 @dataclass
 class Choices:
-    """The user's choices: faces by the numbers of people, as text; what happens to the others."""
+    """The user's choices: faces by the numbers of people, as text; what happens to the others.
+
+    mode : "puppet" animates the face's own head with the expressions of the first person who gets one.
+    """
 
     faces: dict[str, str]
     others: Others = "leave"
+    mode: Literal["swap", "puppet"] = "swap"
 
     def casting(self) -> Casting:
         """As `swap_people` takes them."""
@@ -80,16 +88,21 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     """Swap a clip.
 
     about : source and name as for the finding; found, its folder; choices, see `Choices`.
-    Returns the output's file name, and the report of `swap_people`.
+    Returns the output's file name, and the report of `swap_people` or `puppet_file`.
     """
     source, before = Path(about["source"]), Path(about["found"])
     if not before.exists():
         raise StudioError(f"what was found in {about['name']} was deleted: choose the video again")
     settings = SwapSettings(encode=EncodeOptions(), progress=progress)
     output = folder / (STEM + suffix_for(source, settings.encode.encoder))
-    casting = Choices(**about["choices"]).casting()
+    choices, known = Choices(**about["choices"]), known_video(before)
     with user_names({source: about["name"]}):
-        report = swap_people(source, casting, output, settings=settings, known=known_video(before))
+        report: SwapReport
+        if choices.mode == "puppet":
+            driver, face = _puppet(choices, known)
+            report = puppet_file(source, face, output, source=driver, settings=settings)
+        else:
+            report = swap_people(source, choices.casting(), output, settings=settings, known=known)
     facts = report.as_json() | {"output": output.name}
     write_json(folder / REPORT, facts)
     return facts
@@ -102,17 +115,23 @@ def preview(source: Path, found: Path, choices: Choices, frame: int, width: int)
     some = list(read_frames(source, frames, first, frame + 1))
     if not some:
         raise StudioError(f"frame {frame} cannot be decoded: choose another")
-    before = _small(some[-1].rgb(), width)
+    before = fitted_to(some[-1].rgb(), width)
+    if choices.mode == "puppet":
+        driver, face = _puppet(choices, known_video(found))
+        with Puppet(driver, face, LbpDetector(), landmarker=open_landmarker("builtin")) as puppet:
+            shown = [puppet.animate(one)[1] for one in some][-1]
+        return before, letterboxed(shown.rgb(), before.shape[1], before.shape[0])
     rate = float(1 / (np.median(np.diff(frames.pts)) * frames.time_base)) if frames.frames > 1 else 30.0
     draw_frame(source.name, some, choices.casting(), known_video(found), rate)
-    return before, _small(some[-1].rgb(), width)
+    return before, fitted_to(some[-1].rgb(), width)
 
 
-def _small(rgb: U8, width: int) -> U8:
-    """A copy, reduced to a width where it is larger."""
-    scale = min(1.0, width / rgb.shape[1])
-    size = round(scale * rgb.shape[1]), round(scale * rgb.shape[0])
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+def _puppet(choices: Choices, known: KnownVideo) -> tuple[Identity, Identity]:
+    """Who drives, and whose head moves."""
+    for number, face in choices.faces.items():
+        if int(number) in known.models:
+            return known.models[int(number)], open_face(face)
+    raise StudioError("choose a face for at least one person")
 
 
 @lru_cache(maxsize=2)  # of previews, one after the other

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,7 @@ CLIP = UploadKind(
 PICTURE = UploadKind(
     "picture", "a picture", "image/*", IMAGE_SUFFIXES, "use a .png, .jpg, .tif or .webp.", _check_picture
 )
+PHOTO = replace(PICTURE, name="photo", noun="a photo")  # of a person to be learned
 MESH = UploadKind(
     "mesh", "a mesh", "", frozenset({".obj", ".ply", ".glb"}), "use an .obj, .ply or .glb.", _check_mesh
 )

@@ -1,0 +1,316 @@
+"""What the pages Swap and De-identify share: a list of videos, a page for each, and a frame before and after.
+
+All videos are at PATH, each one at PATH/ID, where ID is that of the job that found the faces in it.  Renderings are
+jobs of another kind, which refer to it in `about`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from nicegui import events, run, ui
+
+from guise.app.studio.dialogs import confirm
+from guise.app.studio.pictures import data_url
+from guise.app.studio.samples import sample_clip
+from guise.app.studio.site import Studio, heading, local_time, show_job
+from guise.app.studio.store import Clip, JobRow, MissingError
+from guise.app.studio.uploads import uploader
+from guise.common.arrays import U8
+from guise.common.errors import GuiseError
+from guise.common.failures import explain
+
+PREVIEW_WIDTH_PIXELS = 1280
+_BAD = "var(--q-negative)"
+
+Draw = Callable[
+    [int], tuple[U8, U8]
+]  # a frame before and after, RGB, by its number; called in another thread
+
+
+@dataclass(frozen=True)
+class VideoWork:
+    """What is done with videos on a page.
+
+    Parameters
+    ----------
+    path : of the page.   find, render : kinds of its jobs.
+    intro : above the list.   begin : on the button that begins with a video.   finding : while it is looked through.
+    """
+
+    path: str
+    find: str
+    render: str
+    intro: str
+    begin: str
+    finding: str
+
+
+def begin(studio: Studio, work: VideoWork, clip: Clip) -> None:
+    """Look for faces in a video, and show its page."""
+    ui.navigate.to(f"{work.path}/{enqueue(studio, work, clip)}")
+
+
+def enqueue(studio: Studio, work: VideoWork, clip: Clip) -> str:
+    """Have faces looked for in a video when its turn comes; the id of the job."""
+    return studio.jobs.start(work.find, {"source": str(clip.path), "name": clip.name})
+
+
+def found_videos(studio: Studio, work: VideoWork) -> list[JobRow]:
+    """The videos of a page, newest first, without cancelled ones."""
+    return [job for job in studio.store.jobs() if job.kind == work.find and job.state != "cancelled"]
+
+
+def renderings(studio: Studio, work: VideoWork, id: str) -> list[JobRow]:
+    """The renderings of a video, newest first, without cancelled ones."""
+    jobs = [job for job in studio.store.jobs() if job.kind == work.render and job.about["id"] == id]
+    return [job for job in jobs if job.state != "cancelled"]
+
+
+def start_rendering(studio: Studio, work: VideoWork, found: JobRow, choices: Any, **more: str) -> None:
+    """Render a video with the user's choices, a dataclass, unless that is waiting or under way already."""
+    about = {
+        "id": found.id, "source": found.about["source"], "name": found.about["name"],
+        "found": str(studio.store.folder_of(found.id)), "choices": asdict(choices),
+    } | more  # fmt: skip
+    pending = [job.about for job in renderings(studio, work, found.id) if not job.ended]
+    if about not in pending:  # from a double click, or from another tab
+        studio.jobs.start(work.render, about)
+
+
+class VideoList:
+    """The page of all videos: uploads, clips that are there already, and what was begun with each.
+
+    words : about a finished rendering.   several : what is shown above the list where it holds several videos.
+    """
+
+    def __init__(
+        self, studio: Studio, work: VideoWork, words: Callable[[JobRow], str],
+        several: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
+        self._studio, self._work, self._words, self._several = studio, work, words, several
+        self._chosen = 1  # files of the last upload
+
+    def build(self) -> None:
+        """The whole page."""
+        studio, work = self._studio, self._work
+        with ui.column().classes("w-full"):
+            ui.label(work.intro)
+            with ui.row():
+                field = uploader(studio, "Upload videos", self._uploaded, several=True)
+                field.on("added", self._count, js_handler="(files) => emit(files.length)")
+                sample = ui.button("Try a sample clip", icon="movie")
+                sample.on_click(lambda: begin(studio, work, sample_clip(studio))).props("outline")
+            self._clips()
+            self.entries()
+
+    def _count(self, event: events.GenericEventArguments) -> None:
+        self._chosen = int(event.args)
+
+    def _uploaded(self, clip: Clip) -> None:
+        """A single file is shown at once, several are queued."""
+        if self._chosen == 1:
+            begin(self._studio, self._work, clip)
+            return
+        enqueue(self._studio, self._work, clip)
+        self.entries.refresh()
+
+    def _clips(self) -> None:
+        clips = {clip.id: clip.name for clip in self._studio.store.clips()}
+        if clips:
+            with ui.row().classes("w-full items-center no-wrap"):
+                chosen = ui.select(clips, label="or choose one uploaded earlier").classes("grow")
+                start = ui.button(
+                    self._work.begin,
+                    on_click=lambda: begin(self._studio, self._work, self._studio.store.clip(chosen.value)),
+                )
+                start.bind_enabled_from(chosen, "value", bool)
+
+    @ui.refreshable_method
+    def entries(self) -> None:
+        """What was begun, newest first, each with its progress."""
+        jobs = found_videos(self._studio, self._work)
+        if not jobs:
+            return
+        if len(jobs) > 1:
+            self._several()
+        heading("Videos")
+        with ui.list().props("bordered separator role=group").classes("w-full"):
+            for job in jobs:
+                self._entry(job)
+
+    def _entry(self, job: JobRow) -> None:
+        made = renderings(self._studio, self._work, job.id)
+        at_work = next((one for one in (job, *made) if not one.ended), None)
+        with ui.item().props(f'clickable href="{self._work.path}/{job.id}" role=link'):
+            with ui.item_section():
+                ui.item_label(job.about["name"]).classes("break-words")
+                ui.item_label(f"{local_time(job.created)} · {self._state(job, made)}").props("caption")
+            with ui.item_section().props("side"):
+                ui.icon("chevron_right")
+        if at_work is not None:
+            with ui.item():
+                show_job(self._studio, at_work.id, lambda _: self.entries.refresh())
+
+    def _state(self, job: JobRow, made: list[JobRow]) -> str:
+        """The state of a video in a few words."""
+        if job.state == "failed":
+            return job.sentence
+        if not job.ended:
+            return "finding faces"
+        if not made:
+            return "ready for your choices"
+        if made[0].state == "done":
+            return self._words(made[0])
+        return made[0].sentence or "rendering"
+
+
+class VideoPage:
+    """The page of a video: its progress, what is chosen for it, and its renderings.
+
+    Raises MissingError when there is no such video.
+    """
+
+    work: VideoWork
+
+    def __init__(self, studio: Studio, id: str) -> None:
+        self.studio = studio
+        self.job = studio.store.job(id)
+        if self.job.kind != self.work.find:
+            raise MissingError("this video no longer exists: go back to all videos")
+
+    def choices(self) -> None:
+        """Let the user choose."""
+        raise NotImplementedError
+
+    def result(self, job: JobRow) -> None:
+        """Show a finished rendering."""
+        raise NotImplementedError
+
+    def build(self) -> None:
+        """The whole page."""
+        with ui.column().classes("w-full"):
+            with ui.row().classes("w-full items-center"):
+                ui.link("All videos", self.work.path)
+                title(self.job.about["name"]).classes("grow break-all")
+                ui.button("Delete", icon="delete", color=None, on_click=self._delete).props("flat")
+            self._content()
+
+    @property
+    def made(self) -> list[JobRow]:
+        """The renderings, newest first."""
+        return renderings(self.studio, self.work, self.job.id)
+
+    @ui.refreshable_method
+    def _content(self) -> None:
+        job = self.job = self.studio.store.job(self.job.id)
+        if not job.ended:
+            ui.label(self.work.finding)
+            show_job(self.studio, job.id, lambda _: self._content.refresh())
+        elif job.state == "done":
+            self.choices()
+            self.results()
+        else:
+            banner(_BAD, "Nothing was done", job.sentence or "You cancelled it.")
+
+    @ui.refreshable_method
+    def results(self) -> None:
+        """The renderings, the newest one unfolded."""
+        for place, job in enumerate(self.made):
+            if not job.ended:
+                show_job(self.studio, job.id, lambda _: self.results.refresh())
+            elif job.state == "failed":
+                banner(_BAD, "The rendering failed", job.sentence)
+            else:
+                with ui.expansion(local_time(job.created), icon="movie", value=place == 0).classes("w-full"):
+                    self.result(job)
+
+    async def _delete(self) -> None:
+        question = "Delete what was found in this video and all its renderings? The video itself is kept."
+        if await confirm(question, "Delete", "Keep"):
+            for job in [*self.made, self.job]:
+                self.studio.jobs.cancel(job.id)
+                self.studio.store.remove_job(job.id)
+            ui.navigate.to(self.work.path)
+
+
+class FrameComparison:
+    """A frame before and after, with a slider between the two and one for the frame.
+
+    Parameters
+    ----------
+    draw : draws a frame.   last, first : numbers of the last frame, and of the one that is shown first.
+    """
+
+    def __init__(self, draw: Draw, last: int, first: int = 0) -> None:
+        self._draw = draw
+        self._wanted = 0  # counts the changes that a frame is wanted for
+        self._busy = asyncio.Lock()
+        with ui.element("div").classes("w-full relative") as stage:
+            stage.props('role="group" aria-label="A frame before and after"')
+            self._before = ui.element("img").classes("w-full block").props('alt="Before"')
+            self._after = ui.element("img").classes("w-full block absolute top-0 left-0").props('alt="After"')
+            self._after.style("clip-path: inset(0 0 0 30%)")
+        with ui.row().classes("w-full items-center no-wrap"):
+            ui.label("Before and after").classes("w-32 shrink-0")
+            share = ui.slider(min=0, max=100, value=30).props('aria-label="Share of the frame before"')
+            share.on(
+                "update:model-value",
+                js_handler=f"(v) => {{ document.getElementById('c{self._after.id}').style.clipPath = "
+                "`inset(0 0 0 ${v}%)` }",
+            )
+        with ui.row().classes("w-full items-center no-wrap"):
+            ui.label("Frame").classes("w-32 shrink-0")
+            self._frame = ui.slider(min=0, max=last, value=first).props('label aria-label="Frame"')
+            self._frame.on("change", self.update)
+        self._said = ui.label().props('role="status"').classes("opacity-70")
+        ui.timer(0.05, self.update, once=True)
+
+    @property
+    def frame(self) -> int:
+        """The number of the frame that is shown."""
+        return int(self._frame.value)
+
+    async def update(self) -> None:
+        """Draw the frame anew; of several changes while one is drawn, only the last counts."""
+        self._wanted += 1
+        mine = self._wanted
+        async with self._busy:
+            if mine != self._wanted:
+                return
+            self._said.text = "drawing the frame …"
+            began = time.perf_counter()
+            try:
+                drawn = await run.io_bound(self._draw, self.frame)
+            except GuiseError as error:
+                self._said.text = explain(error)[0]
+                return
+            for image, picture in zip((self._before, self._after), drawn or (), strict=False):
+                image.props["src"] = data_url(picture)
+                image.update()
+            self._said.text = f"Frame {self.frame}, drawn in {time.perf_counter() - began:.1f} s."
+
+
+def title(text: str, level: int = 2) -> ui.label:
+    """A heading within a card or a row."""
+    classes = "text-h6" if level == 2 else "text-bold"
+    return ui.label(text).props(f"role=heading aria-level={level}").classes(classes)
+
+
+def banner(colour: str, headline: str, words: str) -> None:
+    """What came of something, with a bar in a CSS colour."""
+    with ui.column().classes("w-full gap-1 p-3 border-l-8").props('role="status"') as box:
+        title(headline)
+        ui.label(words).classes("break-words")
+    box.style(f"border-color: {colour}")
+
+
+def download_row(studio: Studio, files: dict[str, tuple[Any, str]]) -> None:
+    """Links to files: words -> path and the name under which it is downloaded."""
+    for words, (path, name) in files.items():
+        link = ui.link(f"Download {words}", studio.url(path))
+        link.props["download"] = name
