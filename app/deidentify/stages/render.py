@@ -48,11 +48,11 @@ class SegmentRenderer:
     case : Case.
     segment : its number.
     entries : by frame; may be replaced between two passes.
-    audit : sees each frame first.
+    audit : sees each frame first; None where the frames are only looked at.
     """
 
     def __init__(
-        self, case: Case, segment: int, entries: dict[int, list[FaceTreatment]], audit: Audit
+        self, case: Case, segment: int, entries: dict[int, list[FaceTreatment]], audit: Audit | None = None
     ) -> None:
         self._case, self.entries, self._audit = case, entries, audit
         self._tracks = {track.number: track for track in case.tracks}
@@ -65,7 +65,8 @@ class SegmentRenderer:
     def draw(self, frame: Frame) -> None:
         """Change a frame in place: swaps first, so that covers lie over them."""
         entries = self.entries.get(frame.index, [])
-        self._audit.before(frame, entries)
+        if self._audit is not None:
+            self._audit.before(frame, entries)
         self.swapped_boxes[frame.index].clear()
         for entry in entries:
             if entry.done == SWAPPED:
