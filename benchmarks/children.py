@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -32,14 +32,16 @@ class Ran:
 
 
 def ran(
-    command: Sequence[str | Path], sample_every: float | None = None, *, allowed: Collection[int] = (0,)
-) -> Ran:
+    command: Sequence[str | Path], sample_every: float | None = None, *, allowed: Collection[int] = (0,),
+    output: Path | None = None, environment: Mapping[str, str] | None = None,
+) -> Ran:  # fmt: skip
     """Run a command to its end.
 
     Parameters
     ----------
     sample_every : seconds between samples of its resident memory; None takes none.
     allowed : exit codes that do not count as failures.
+    output : a file for what it prints.   environment : variables that are added.
 
     Raises
     ------
@@ -48,12 +50,11 @@ def ran(
     """
     samples: list[tuple[float, float]] = []
     start = time.perf_counter()
-    process = subprocess.Popen(
-        [str(part) for part in command],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
+    with Path(output or os.devnull).open("wb") as printed:
+        process = subprocess.Popen(
+            [str(part) for part in command], stdin=subprocess.DEVNULL, stdout=printed, stderr=subprocess.PIPE,
+            env={**os.environ, **(environment or {})},
+        )  # fmt: skip
     if sample_every is None:
         _, status, usage = os.wait4(process.pid, 0)
     else:

@@ -26,6 +26,7 @@ NAMES = (
     "transfer",
     "frame_time",
     "file_to_file",
+    "speed",
     "identity",
     "enrolment",
     "startup",

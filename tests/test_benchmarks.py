@@ -10,7 +10,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import common, file_to_file, identity, run_all, tracker_real
+from benchmarks import common, file_to_file, identity, run_all, speed, tracker_real
 from benchmarks.children import CommandError, Ran, ran
 from benchmarks.common import Criterion, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_MOUTH_CORNER, NOSE_TIP, RIGHT_EYE, RIGHT_MOUTH_CORNER
@@ -205,3 +205,17 @@ def test_every_benchmark_of_de_identification_runs_with_all() -> None:
     helpers = {"__init__", "changes", "forms", "guise"}
     scripts = {p.stem for p in (Path(run_all.__file__).parent / "deidentify").glob("*.py")} - helpers
     assert {f"deidentify.{name}" for name in scripts} == set(run_all.DEIDENTIFY)
+
+
+def test_speed_is_a_median_of_ratios_beside_the_last_release() -> None:
+    def one(transcode: float, swap: float) -> speed.Round:
+        return speed.Round(Ran(transcode, transcode, 100.0), Ran(swap, 2 * swap, 300.0 + swap), 0.5, 0.1)
+
+    found = {"720p": speed.figures([one(2.0, 3.0), one(4.0, 8.0), one(1.0, 1.2)])}
+    assert found["720p"]["wall over transcode"] == pytest.approx(1.5)
+    assert found["720p"]["processor over transcode"] == pytest.approx(3.0)
+    assert found["720p"]["peak, MB"] == pytest.approx(308)
+    kept = {"version": "0.2.0", "figures": {"720p": {"wall over transcode": 1.7}}}
+    report = speed.summary(found, kept)
+    assert [(c.what, c.met) for c in report.criteria][:1] == [("720p: wall over transcode", False)]
+    assert ("720p", "wall over transcode", pytest.approx(1.5), 1.7) in list(report.tables[0].rows)

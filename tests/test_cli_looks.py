@@ -80,10 +80,17 @@ def test_doctor_without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clip, model = cut("p01", tmp_path / "clip.mp4", 32), str(model_file("p01"))
     assert main(["bench", str(clip), "--source", model, "--frames", "20", "--json"]) == 0
-    timings = json.loads(capsys.readouterr().out)["milliseconds"]
+    found = json.loads(capsys.readouterr().out)
+    timings = found["milliseconds"]
     on_cpu = {t["stage"]: t for t in timings if t["renderer"] == "cpu"}
     assert list(on_cpu) == [
         "track", "sample", "occlusion", "parameters", "solid shape", "extrapolate", "warp and blend",
         "place and palette", "all",
     ]  # fmt: skip
     assert all(0 < t["median"] <= t["p95"] for t in on_cpu.values())
+    whole = found["file"]
+    assert whole["frames"] == 32
+    assert 0 < whole["transcode_seconds"] < whole["seconds"]
+    assert 0 < whole["transcode_processor_seconds"] < whole["processor_seconds"]
+    assert 0 < whole["first_packet_seconds"] < whole["seconds"]
+    assert 0 <= whole["encoder_idle_share"] <= 1

@@ -73,13 +73,28 @@ def bench(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Measure how long each stage of a frame takes on this computer."""
-    from guise.app.tools.bench import measure, prepare
+    """Measure how long each stage of a frame takes on this computer, and a whole file beside its transcode."""
+    from guise.app.tools.bench import measure, measure_file, prepare
 
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         clip, person, shown = prepare(clip, source, identity, samples, progress=stages, say=console.note)
         timings = measure(clip, person, shown, frames=frames, say=console.note)
+        whole = measure_file(clip, person, shown)
     rows = [[t.renderer, t.stage, f"{t.median:.2f}", f"{t.p95:.2f}"] for t in timings]
     console.grid(f"{clip.name}: milliseconds a frame", ["renderer", "stage", "median", "95 %"], rows)
-    console.result({"clip": str(clip), "milliseconds": [t.as_json() for t in timings]})
+    rows = [
+        ["wall time, s", f"{whole.seconds:.2f}", f"{whole.transcode_seconds:.2f}", f"{whole.over_transcode:.2f}"],
+        [
+            "processor time, s", f"{whole.processor_seconds:.2f}", f"{whole.transcode_processor_seconds:.2f}",
+            f"{whole.processor_over_transcode:.2f}",
+        ],
+        ["first packet, s", f"{whole.first_packet_seconds:.2f}", "", ""],
+        ["encoder idle", f"{whole.encoder_idle_share:.0%}", "", ""],
+    ]  # fmt: skip
+    console.grid(
+        f"{clip.name}: all {whole.frames} frames", ["", "swap", "transcode (the limit)", "ratio"], rows
+    )
+    console.result(
+        {"clip": str(clip), "milliseconds": [t.as_json() for t in timings], "file": whole.as_json()}
+    )

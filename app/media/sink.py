@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
@@ -48,9 +49,11 @@ class Sink:
 
     Use by `with`: a clean exit finishes and renames, an exception removes NAME.part.
     frames : number written so far.   needs_frames : whether writing none is an error.
+    first_packet : time (`time.perf_counter`) at which the first encoded picture was written, or None.
     """
 
     needs_frames = True
+    first_packet: float | None = None
 
     def __init__(self, path: Path, *, force: bool, folder: bool = False) -> None:
         self.path = path
@@ -196,6 +199,8 @@ class VideoOutput(Sink):
         with self._lock:
             for packet in packets:
                 self._output.mux_one(packet)
+                if self.first_packet is None:
+                    self.first_packet = time.perf_counter()
 
     def _finish(self) -> None:
         if self._copies is not None:

@@ -73,7 +73,7 @@ def swap_file(
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
                 tally.grade = grade(engine)
-        return tally.report(output, stats)
+        return tally.report(output, stats, sink.first_packet)
 
 
 def _at_rest(person: Identity, video: Path, settings: SwapSettings) -> Identity:

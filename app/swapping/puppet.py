@@ -307,4 +307,4 @@ def puppet_file(
                 stats = replace_frames(media, sink, make, progress=tally.progress)
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = puppet.tracker.most_faces, puppet.painter.renderer
-        return tally.report(output, stats)
+        return tally.report(output, stats, sink.first_packet)

@@ -30,7 +30,9 @@ class SwapReport:
     frames : number written; of these `swapped` show the new face where the face is, `held` where it was last seen,
         in `covered` a face that could not be swapped was covered, and in `lost` no face was found.
     seconds : wall time without enrolment.
-    work_seconds : of these, spent in tracking and drawing.
+    work_seconds : of these, spent in tracking and drawing, which overlap.
+    first_packet_seconds : until the first encoded picture was written; None where nothing is encoded.
+    encoder_idle_share : share in [0, 1] of the time that the encoder waited for frames.
     renderer : what drew the face.
     faces : largest number of faces seen in one frame.
     beyond_face_widths : distance from the jaw line up to which pixels beside the face may have changed, face widths.
@@ -46,6 +48,8 @@ class SwapReport:
     lost: int
     seconds: float
     work_seconds: float
+    first_packet_seconds: float | None
+    encoder_idle_share: float
     renderer: str
     faces: int
     beyond_face_widths: float
@@ -96,9 +100,13 @@ class Tally:
                 "model of the person in the video with --source, or enrol them from it"
             )
 
-    def report(self, output: Path, stats: ProcessStats) -> SwapReport:
-        """The report, made when the output is complete, after the notes on what was survived."""
+    def report(self, output: Path, stats: ProcessStats, first_packet: float | None) -> SwapReport:
+        """The report, made when the output is complete, after the notes on what was survived.
+
+        first_packet : time at which a `Sink` wrote its first.
+        """
         seconds = time.perf_counter() - self._start
+        began = None if first_packet is None else round(first_packet - self._start, 3)
         for problem in stats.problems:
             self._settings.say(f"{self._media.name}: {problem}")
         if self.faces > 1:
@@ -108,7 +116,8 @@ class Tally:
             )
         return SwapReport(
             str(output), stats.frames, **self.counts, seconds=round(seconds, 3),
-            work_seconds=round(stats.work_seconds, 3), renderer=self.renderer, faces=self.faces,
+            work_seconds=round(stats.work_seconds + stats.ahead_seconds, 3), first_packet_seconds=began,
+            encoder_idle_share=round(stats.encoder_idle_share, 4), renderer=self.renderer, faces=self.faces,
             beyond_face_widths=self._beyond, problems=stats.problems,
             grade=self.grade.score if self.grade else None, advice=self.grade.advice if self.grade else "",
         )  # fmt: skip

@@ -189,7 +189,7 @@ def swap_people(
                     f"nobody could be swapped in {media.name}: their faces are too small, hidden or turned"
                 )
             tally.renderer = drawing.renderer
-        report = tally.report(output, stats)
+        report = tally.report(output, stats, sink.first_packet)
     most = max(Counter(int(f) for person in found.people for f in person.frames).values(), default=0)
     return SeveralReport(**vars(replace(report, faces=most)), people=outcomes)
 

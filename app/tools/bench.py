@@ -1,6 +1,6 @@
-"""Time of each stage of a frame on this computer, measured by calling the engine's parts one after the other.
+"""Time of each stage of a frame on this computer, and of a whole file beside its transcode, which is the limit.
 
-Milliseconds, without decoding and encoding.
+Stages are measured by calling the engine's parts one after the other: milliseconds, without decoding and encoding.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,10 +19,13 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
 from guise.aam.training import TrainingOptions
-from guise.app.media import Frame, MediaError, open_input
+from guise.app.media import Frame, MediaError, open_input, open_sink, process
 from guise.app.swapping.engine import Engine
+from guise.app.swapping.file import swap_file
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
+from guise.app.swapping.report import SwapReport
+from guise.app.swapping.settings import SwapSettings
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
 from guise.render import RendererError
@@ -31,6 +36,7 @@ RENDERERS: tuple[Renderer, ...] = ("cpu", "gl")
 MEASURED_FRAMES = 150
 ENROLMENT_FRAMES = 60  # enough for a tracker of the usual size
 WARM_UP_FRAMES = 10  # that are not counted
+FILE_ROUNDS = 3  # of swap and transcode
 
 
 @dataclass(frozen=True)
@@ -122,15 +128,89 @@ def measure(
     return timings
 
 
+@dataclass(frozen=True)
+class WholeFile:
+    """A whole clip swapped by a command's way, and transcoded alone, which is the limit; medians of some rounds.
+
+    Parameters
+    ----------
+    frames : of the clip.
+    seconds, transcode_seconds : wall time.   processor_seconds, transcode_processor_seconds : of all threads.
+    first_packet_seconds : from the call to the first encoded picture; the start of a command comes before it.
+    encoder_idle_share : share in [0, 1] of the time that the encoder waited for frames.
+    """
+
+    frames: int
+    seconds: float
+    transcode_seconds: float
+    processor_seconds: float
+    transcode_processor_seconds: float
+    first_packet_seconds: float
+    encoder_idle_share: float
+
+    @property
+    def over_transcode(self) -> float:
+        """Wall time of the swap over that of the transcode."""
+        return self.seconds / self.transcode_seconds
+
+    @property
+    def processor_over_transcode(self) -> float:
+        """The same of the processor's time."""
+        return self.processor_seconds / self.transcode_processor_seconds
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON holds them."""
+        return {key: round(value, 4) for key, value in asdict(self).items()}
+
+
+def measure_file(clip: Path, source: Identity, target: Identity, *, rounds: int = FILE_ROUNDS) -> WholeFile:
+    """A clip swapped and transcoded in turn."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        pairs = [
+            (_swapped(clip, source, target, folder / f"s{k}.mp4"), _transcoded(clip, folder / f"t{k}.mp4"))
+            for k in range(rounds)
+        ]
+    swaps, transcodes = zip(*pairs, strict=True)
+    return WholeFile(
+        swaps[0].report.frames,
+        median(s.seconds for s in swaps),
+        median(seconds for seconds, _ in transcodes),
+        median(s.processor for s in swaps),
+        median(processor for _, processor in transcodes),
+        median(s.report.first_packet_seconds or 0.0 for s in swaps),
+        median(s.report.encoder_idle_share for s in swaps),
+    )
+
+
+@dataclass(frozen=True)
+class _Swapped:
+    report: SwapReport
+    seconds: float
+    processor: float
+
+
+def _swapped(clip: Path, source: Identity, target: Identity, output: Path) -> _Swapped:
+    wall, processor = time.perf_counter(), time.process_time()
+    report = swap_file(clip, target, output, source=source)
+    return _Swapped(report, time.perf_counter() - wall, time.process_time() - processor)
+
+
+def _transcoded(clip: Path, output: Path) -> tuple[float, float]:
+    """Wall and processor seconds of decoding and encoding alone."""
+    wall, processor = time.perf_counter(), time.process_time()
+    with open_input(clip) as media, open_sink(output, media) as sink:
+        process(media, sink, lambda frame: None)
+    return time.perf_counter() - wall, time.process_time() - processor
+
+
 def _measure_one(
     clip: Path, source: Identity, target: Identity, renderer: Renderer, frames: int
 ) -> list[Timing]:
-    from guise.aam.landmarks import LbpDetector
-
     clock, done = _Clock(), 0
     with (
         open_input(clip) as media,
-        Engine(source, target, LbpDetector(), EngineOptions(renderer=renderer)) as engine,
+        Engine(source, target, SwapSettings().face_finder(), EngineOptions(renderer=renderer)) as engine,
     ):
         engine.painter = _TimedPainter(
             clock, source, target, engine.estimator, engine.options, engine.occlusion
