@@ -179,3 +179,13 @@ def test_another_detector_searches_instead() -> None:
     assert max(iou(one, box) for one in with_lbp.boxes) > 0.4
     with pytest.raises(LandmarkError, match="face detector must be one of"):
         AuditSearch("magic")
+
+
+def test_what_only_a_cover_s_edge_makes_a_face_is_none() -> None:
+    """A face in the result, at a place where the original has none and nothing was drawn."""
+    rgb, _ = still()
+    ground = np.full_like(rgb, 90)
+    audit = Audit(search(), FRAMES, {}, RATE, every_frame=True)
+    audit.before(Frame.from_rgb(ground), [])
+    assert not list(audit.after([Frame.from_rgb(rgb)], {}, {}))
+    assert search().faces(rgb, None).boxes.size

@@ -104,6 +104,10 @@ class AuditSearch:
         alike = [self._landmarker.likeness(rgb, box, float(turn)) for box, turn in boxes]
         return found[np.array(alike, np.float64) >= LIMITS.min_likeness].distinct()
 
+    def is_alike(self, luma: U8, box: NDArray[np.floating], turn: float) -> bool:
+        """Whether a box of a grey picture (h, w) looks like a face."""
+        return self._landmarker.likeness(np.dstack([luma] * 3), box, turn) >= LIMITS.min_likeness
+
     def _boxes(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
         if self._given is not None:
             found = detect_at_rolls(self._given, rgb)
@@ -217,9 +221,15 @@ class Audit:
             is_swapped = any(_inside(box, place) for place in swapped)
             patches = [patch_of(luma, box * scale) for luma in (before, after)]
             unknown = not is_swapped and not any(_inside(box, place) for place in covered)
+            if unknown and not self._is_in_original(before, box * scale, float(turn), negative):
+                continue
             most = LIMITS.max_unchanged_swapped if is_swapped else LIMITS.max_unchanged_covered
             if unknown or _is_unchanged(patches[0], patches[1], most):
                 yield AuditDetection(frame.index, box, float(score), float(turn), negative)
+
+    def _is_in_original(self, luma: U8, box: F32, turn: float, negative: bool) -> bool:
+        """Whether a face is in the original as well: edges of covers make background look like faces."""
+        return self._search.is_alike(255 - luma if negative else luma, box, turn)
 
 
 def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:

@@ -34,7 +34,7 @@ class RenderLimits:
     jaw_face_widths: float = 0.035
     forehead_face_widths: float = 0.16
     audit_margin_frames: int = 3  # covered before and after a detection of the audit
-    max_repeats: int = 2  # of a segment in which the audit found faces
+    max_repeats: int = 3  # of a segment in which the audit found faces
 
 
 LIMITS = RenderLimits()
