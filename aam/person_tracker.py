@@ -241,7 +241,7 @@ def _surroundings(luma: U8, shape: F64) -> tuple[int, int, U8]:
         int(np.clip(np.ceil(c + reach) + 1, 0, n)) for c, n in zip(centre, (width, height), strict=True)
     )
     part = luma[y0:y1, x0:x1]
-    return x0, y0, _grey_rgb(part) if part.size else np.zeros((0, 0, 3), np.uint8)
+    return x0, y0, np.broadcast_to(part[..., None], (*part.shape, 3))
 
 
 def _grey_rgb(luma: U8) -> U8:

@@ -47,7 +47,7 @@ class Texels:
         check_alpha(alpha)
         if alpha.shape != self._shape:
             raise RendererError(f"alpha must be {self._shape}, got {alpha.shape}")
-        self.rgba[..., 3] = np.rint(alpha * 255.0)
+        cv2.insertChannel(np.rint(alpha * 255.0).astype(np.uint8), self.rgba, 3)
 
     def load(self, texture: Texture) -> U8:
         """Load a (th, tw, 3) uint8 or float32 texture in 0..255, rounded to nearest; returns the RGBA picture."""
@@ -67,7 +67,7 @@ def check_alpha(alpha: F32) -> None:
     """Raise RendererError unless alpha is (th, tw) float in [0, 1]."""
     if alpha.ndim != 2 or alpha.dtype.kind != "f" or alpha.size == 0:
         raise RendererError(f"alpha must be (th, tw) float, got {alpha.shape} {alpha.dtype}")
-    if not ((alpha >= 0) & (alpha <= 1)).all():  # false for nan too
+    if not (alpha.min() >= 0 and alpha.max() <= 1):  # false for nan too
         raise RendererError("alpha must lie in [0, 1]")
 
 

@@ -230,3 +230,13 @@ def test_real_people_are_found() -> None:
             faces = landmarker().detect(frame.rgb())
             assert len(faces) == 1
             assert error(faces[0].points, labels[frame.index, 0].astype(float)) < 0.08
+
+
+@pytest.mark.parametrize("side", [90.0, 150.0, 700.0])
+def test_a_view_of_a_grey_picture_is_cut_like_its_copy(side: float) -> None:
+    grey = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
+    view = np.broadcast_to(grey[..., None], (*grey.shape, 3))
+    for turn in (0.0, 0.4):
+        one, two = (cut(rgb, np.array([300.0, 200.0]), side, turn) for rgb in (view, view.copy()))
+        np.testing.assert_array_equal(one[0], two[0])
+        np.testing.assert_array_equal(one[1], two[1])

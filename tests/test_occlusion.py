@@ -150,6 +150,23 @@ def test_only_some_frames_are_parsed_while_no_object_is_in_front(
     assert len(calls) >= 6
 
 
+@pytest.mark.parametrize(("radius_face_widths", "parsed"), [(0.025, 2), (0.1, 6)])
+def test_only_a_large_object_beside_the_face_has_every_frame_parsed(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, radius_face_widths: float, parsed: int
+) -> None:
+    plain = occlusion.parse_frame(FaceParser(), Frame.from_rgb(scene.rgb), scene.shape)
+    shares = np.zeros_like(plain.shares)
+    low, high = scene.shape.min(0), scene.shape.max(0)
+    x, y = plain.to_cells @ [low[0], high[1], 1]  # the lower left corner of the face's box
+    radius = radius_face_widths * (high - low)[0] * np.hypot(*plain.to_cells[:, 0])
+    cv2.circle(shares[FaceClass.OCCLUDER], (round(x), round(y)), round(radius), 1.0, -1)
+    calls = []
+    parsing = FaceParsing(shares, plain.to_picture, plain.irises)
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: calls.append(1) or parsing)
+    scene.show(scene.rgb, 2 * (LIMITS.pause_frames + 1))
+    assert len(calls) == parsed
+
+
 @pytest.mark.parametrize(("sides", "worn"), [((RIGHT_EYE,), False), ((RIGHT_EYE, LEFT_EYE), True)])
 def test_glasses_are_worn_before_both_eyes(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, sides: tuple[Group, ...], worn: bool

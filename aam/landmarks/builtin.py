@@ -220,14 +220,17 @@ def cut(rgb: U8, centre: F64, side: float, turn: float) -> tuple[U8, F64]:
     """Crop (128, 128, 3) of a square, and the affine map (2, 3) from its pixels to the picture's.
 
     centre, side : pixels; turn : radians, by which the face is rolled clockwise. Black beyond the picture.
+    A view of one channel as three (`numpy.broadcast_to`), as a grey picture is, is cut as one.
     """
     step = max(side, MIN_SIDE_PIXELS) / SIZE
     inverse = crop_to_picture(centre, side, turn, (SIZE, SIZE))
-    source, local = rgb, inverse
+    is_grey = rgb.strides[2] == 0
+    source, local = rgb[..., 0] if is_grey else rgb, inverse
     if step >= 2:  # average whole blocks before sampling, so that nothing aliases
-        source, local = _shrunk(rgb, inverse, int(step))
+        source, local = _shrunk(source, inverse, int(step))
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(cv2.warpAffine(source, local, (SIZE, SIZE), flags=flags), np.uint8), inverse
+    crop = cv2.warpAffine(source, local, (SIZE, SIZE), flags=flags)
+    return np.asarray(cv2.cvtColor(crop, cv2.COLOR_GRAY2RGB) if is_grey else crop, np.uint8), inverse
 
 
 def _shrunk(rgb: U8, inverse: F64, factor: int) -> tuple[U8, F64]:

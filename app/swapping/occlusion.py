@@ -37,7 +37,7 @@ class OcclusionLimits:
     cell_face_widths: float = 0.0125
     object_share: tuple[float, float] = (0.15, 0.45)
     sure_object_share: tuple[float, float] = (0.35, 0.65)  # where no part of the person may show
-    min_object_face_shares: float = 0.01  # of an object there, of the face
+    min_object_face_shares: float = 0.01  # of an object there, and of one beside the face, of the face
     rim_face_widths: float = 0.03  # of the face, which such an object reaches
     hair_share: tuple[float, float] = (0.5, 0.85)
     frame_share: tuple[float, float] = (0.2, 0.5)  # of glasses, beside the eyes
@@ -148,8 +148,16 @@ class Occlusion:
         glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
         worn = np.maximum(hair * self._hair_weight, glasses)
         self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
-        self._pause_frames = 0 if thing.max() > LIMITS.min_hidden else LIMITS.pause_frames
+        self._pause_frames = 0 if self._is_object(thing) else LIMITS.pause_frames
         return np.maximum(thing, self._worn)
+
+    def _is_object(self, thing: F32) -> bool:
+        """Whether the share (n,) of the cells that things hide is more than specks beside the face."""
+        seen = thing > LIMITS.min_hidden
+        beside = np.count_nonzero(seen)
+        return beside > LIMITS.min_object_face_shares * self._face.sum() or bool(
+            seen[self._face.ravel()].any()
+        )
 
     def _reaching_in(self, thing: F32) -> F32:
         """The share (n,) of the cells that objects hide which reach over the rim of the face."""
