@@ -68,7 +68,7 @@ def ran(
     with process.stderr as words:
         if process.returncode not in allowed:
             raise CommandError(
-                f"{Path(str(command[0])).name} failed: {words.read().decode(errors='replace')[-400:]}"
+                f"{Path(str(command[0])).name} failed ({process.returncode}): {words.read().decode(errors='replace')[-400:]}"
             )
     return Ran(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, tuple(samples))
 

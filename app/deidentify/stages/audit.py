@@ -41,7 +41,9 @@ class AuditLimits:
     )
     smallest_face_pixels: tuple[float, float] = (30.0, 44.0)  # in turn
     min_score: float = 0.5  # of the detector, and
-    min_likeness: float = 0.0  # of the landmarker
+    min_likeness: float = 0.0  # of the landmarker, where the detector's is at least
+    certain_score: float = 0.75  # and below that:
+    min_likeness_uncertain: float = 2.0
     kept_pixels: int = 640  # longer side of the original as it is kept for comparison
     patch_pixels: int = 16  # side of what is compared of a face
     compared_share: float = 0.7  # of a box's width and height; the rest may lie beside the face
@@ -101,8 +103,13 @@ class AuditSearch:
         """
         found = self._boxes(rgb, turn_to)
         boxes = zip(found.boxes, found.turns, strict=True)
-        alike = [self._landmarker.likeness(rgb, box, float(turn)) for box, turn in boxes]
-        return found[np.array(alike, np.float64) >= LIMITS.min_likeness].distinct()
+        alike = np.array(
+            [self._landmarker.likeness(rgb, box, float(turn)) for box, turn in boxes], np.float64
+        )
+        certain = found.scores >= LIMITS.certain_score
+        return found[
+            alike >= np.where(certain, LIMITS.min_likeness, LIMITS.min_likeness_uncertain)
+        ].distinct()
 
     def is_alike(self, luma: U8, box: NDArray[np.floating], turn: float) -> bool:
         """Whether a box of a grey picture (h, w) looks like a face."""
