@@ -67,9 +67,8 @@ def ran(
     assert process.stderr is not None
     with process.stderr as words:
         if process.returncode not in allowed:
-            raise CommandError(
-                f"{Path(str(command[0])).name} failed ({process.returncode}): {words.read().decode(errors='replace')[-400:]}"
-            )
+            said = words.read().decode(errors="replace")[-400:]
+            raise CommandError(f"{Path(str(command[0])).name} failed ({process.returncode}): {said}")
     return Ran(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, tuple(samples))
 
 

@@ -66,7 +66,7 @@ def measure(options: argparse.Namespace) -> Report:
         folder = Path(name)
         clip = folder / "clip.mp4"
         ran(ffmpeg("-stream_loop", str(options.repeats - 1), "-i", options.shared / CLIP, "-vf", "scale=192:144",
-                   "-c:v", "libx264", "-preset", "ultrafast", "-g", "60", "-c:a", "copy", clip))  # fmt: skip
+                   *(("-frames:v", str(options.frames)) if options.frames else ()), "-c:v", "libx264", "-preset", "ultrafast", "-g", "60", "-c:a", "copy", clip))  # fmt: skip
         start = time.perf_counter()
         process = _started(guise_command(clip, folder / "whole.mp4", "--preset", "ultrafast"))
         needed = _most_bytes(process, folder) - clip.stat().st_size
@@ -180,5 +180,6 @@ if __name__ == "__main__":
     parser.add_argument("--kills", type=int, default=KILLS, help="how many")
     parser.add_argument("--disks", type=int, default=DISKS, help="how many; 0 where nothing can be mounted")
     parser.add_argument("--repeats", type=int, default=REPEATS, help="of the clip")
+    parser.add_argument("--frames", type=int, help="only so many of the repeated clip")
     parser.add_argument("--seed", type=int, default=0, help="of moments and sizes")
     common.run(measure, parser)
