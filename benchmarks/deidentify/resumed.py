@@ -65,8 +65,9 @@ def measure(options: argparse.Namespace) -> Report:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         clip = folder / "clip.mp4"
+        cut = ("-frames:v", str(options.frames)) if options.frames else ()
         ran(ffmpeg("-stream_loop", str(options.repeats - 1), "-i", options.shared / CLIP, "-vf", "scale=192:144",
-                   *(("-frames:v", str(options.frames)) if options.frames else ()), "-c:v", "libx264", "-preset", "ultrafast", "-g", "60", "-c:a", "copy", clip))  # fmt: skip
+                   *cut, "-c:v", "libx264", "-preset", "ultrafast", "-g", "60", "-c:a", "copy", clip))  # fmt: skip
         start = time.perf_counter()
         process = _started(guise_command(clip, folder / "whole.mp4", "--preset", "ultrafast"))
         needed = _most_bytes(process, folder) - clip.stat().st_size
