@@ -49,8 +49,12 @@ class LidSettings:
     max_fold_openness: float = 0.3  # beyond it, from which a column shows a fold over the lid
     closing_openness: tuple[float, float] = (0.6, 0.3)  # of the source, from which lids are moved, and fully
     max_fold_columns: int = 2  # more of which leave the lids as they are
-    upper_reach_widths: float = 0.8  # of the skin that a margin takes along
-    lower_reach_widths: float = 0.5
+    shut_share: float = 0.85  # of the openness of shut lids, which have thickness, so that none stays open
+    max_closing: float = (
+        0.25  # mean of the gap at rest by which lids are moved; eyes that need more close less
+    )
+    upper_reach_widths: float = 0.36  # of the skin that a margin takes along
+    lower_reach_widths: float = 0.22
     rounds: int = 4  # of moving margins
 
 
@@ -81,6 +85,10 @@ class Lids:
     upper: SurfaceCurve
     lower: SurfaceCurve
     width: float
+
+    def place(self, vertices: F64) -> tuple[F64, float]:
+        """The middle (3,) of the eye on the mesh with vertices (N, 3), and its width."""
+        return (self.upper.at(vertices).mean(0) + self.lower.at(vertices).mean(0)) / 2, self.width
 
 
 LidPair = tuple[Lids, Lids]  # of one eye of the source and of the target
@@ -268,15 +276,18 @@ class LidMotion:
     def __call__(self, expressive: F64, made: F64) -> F64:
         """The target (N_t, 3) with its lids moved, for a source (N_s, 3) without the motion of the head."""
         shown = _openness(self._lids[0], expressive, self._ways[0])
-        wanted = float(np.median(shown))
+        middle = float(np.median(shown))
         high = np.linalg.norm(self._own.upper.at(expressive) - self._own.upper.at(self._source), axis=1)
         low = np.linalg.norm(self._own.lower.at(expressive) - self._own.lower.at(self._source), axis=1)
         share = (high / np.maximum(high + low, 1e-300))[:, None]
         first, last = LIDS.closing_openness
-        closing = min(1.0, (first - wanted) / (first - last))
-        margin = _is_margin(_openness(self._lids[1], made, self._ways[1]))
+        closing = min(1.0, (first - middle) / (first - last))
+        now = _openness(self._lids[1], made, self._ways[1])
+        margin = _is_margin(now)
         if closing <= 0 or not (_mostly(_is_margin(shown)) and _mostly(margin)):
             return made
+        excess = np.maximum(now - LIDS.shut_share * np.maximum(shown, middle), 0)
+        wanted = now - excess * min(1.0, LIDS.max_closing / max(float(excess[margin].mean()), 1e-300))
         most = max(float(high.max()), float(low.max())) / self._own.width * self._lids[1].width
         for _ in range(LIDS.rounds):
             excess = np.maximum(_openness(self._lids[1], made, self._ways[1]) - wanted, 0) * closing

@@ -17,6 +17,7 @@ import numpy as np
 from guise.aam.similarity import Failed, Similarity, align
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
 from guise.analogy.correspondence import Correspondence
+from guise.analogy.eye_skin import EyeSkin
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
 from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
@@ -36,7 +37,7 @@ TransferMethod = Callable[[F64], F64]
 class TransferSettings:
     """Settings of the transfer; radii are the head's."""
 
-    tent_reach_radii: float = 0.15  # length over which tents rule
+    tent_reach_radii: float = 0.04  # length over which tents rule
     fade_length_radii: float = 0.3  # over which an expression fades where the source has nothing
     max_ring_stretch: float = 3.0  # of a ring on the source, beyond which its correspondence is rejected
     min_ring_stretch: float = 0.2
@@ -98,7 +99,11 @@ class Transfer:
         self._neutral = skin.vertices + self._fill(apart)
         self._core = _make_method(method, self._neutral, skin, TRANSFER.tent_reach_radii * radius)
         self._skin = on_skin
-        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in (face.lids if face else ())]
+        eyes = face.lids if face else ()
+        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in eyes]
+        same = bool((correspondence.weights.max(1) == 1).all())  # vertex to vertex, which slips nowhere
+        places = [eye.place(target.vertices) for _, eye in eyes]
+        self._eye_skin = EyeSkin(target, on_skin, places) if places and not same else None
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
         own = FaceFrame.of(face.points[1]) if face else None
         self._parts = PartMotion(target, on_skin, keep_rigid, matched, own)
@@ -133,8 +138,12 @@ class Transfer:
             return skin
         made = self.target.vertices.copy()
         made[self._skin] = skin
+        if self._eye_skin:
+            made = self._eye_skin.without_steep_faces(self._eye_skin.smoothed(made))
         for eye in self._lids:
             made = eye(expressive, made)
+        if self._eye_skin:
+            made = self._eye_skin.without_folds(made)
         return np.asarray(made[self._skin])
 
     def _motion(self, expressive: F64) -> Similarity:

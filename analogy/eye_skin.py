@@ -1,0 +1,125 @@
+"""Skin around the eyes that neither crumples nor folds over, whatever the match is like there.  Any unit.
+
+In a blink the lid slides by the height of the eye within a few vertices.  There, small slips of a match between meshes
+of other topology leave neighbours out of order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from guise.analogy.geometry import cotangent_laplacian, face_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.solver import factorise
+from guise.common.arrays import F64, Bool, Int
+
+
+@dataclass(frozen=True)
+class EyeSkinSettings:
+    """Settings of the skin around the eyes; widths are the eye's, from corner to corner."""
+
+    reach_widths: tuple[float, float] = (0.8, 1.2)  # from an eye's middle, over which the smoothing fades
+    smoothing_widths: float = 0.03  # length below which displacements are smoothed
+    steep_cosine: float = (
+        0.2  # of a face's turn, below which it and its neighbours are smoothed out before lids meet
+    )
+    steep_rounds: int = 1
+    folded_cosine: float = 0.1  # the same afterwards, for faces alone until half of the rounds are over
+    folded_rounds: int = 8
+    least_weight: float = 1e-9  # that keeps an isolated vertex where it is
+
+
+EYE_SKIN = EyeSkinSettings()
+
+
+class EyeSkin:
+    """Smooths displacements around the eyes; factorised once.
+
+    Parameters
+    ----------
+    mesh : at rest.   skin : (N,) bool.   eyes : the middle (3,) and width of each.
+    """
+
+    def __init__(self, mesh: Mesh, skin: Bool, eyes: list[tuple[F64, float]]) -> None:
+        share, width = _nearness(mesh.vertices, eyes)
+        inside = skin & (share > 0)
+        self._rest, faces = mesh.vertices, mesh.faces[inside[mesh.faces].any(1)]
+        self._rows = np.flatnonzero(inside)
+        self._faces = faces[inside[faces].all(1)]
+        self._normals = face_normals(self._rest, self._faces)
+        self._laplacian, areas = cotangent_laplacian(self._rest, faces)
+        self._areas = np.maximum(areas[self._rows], EYE_SKIN.least_weight * areas.mean())
+        if len(self._rows):
+            length = EYE_SKIN.smoothing_widths * (width * share)[self._rows]
+            own = _scaled_laplacian(self._laplacian[self._rows][:, self._rows], length)
+            self._solve = factorise(sp.diags_array(self._areas) + own)
+
+    def smoothed(self, made: F64) -> F64:
+        """Vertices (N, 3) with smoothed displacements: (A + l^2 L) x = A x_0, l the length, 0 beyond the reach."""
+        if not len(self._rows):
+            return made
+        out = made.copy()
+        way = (made - self._rest)[self._rows]
+        out[self._rows] = self._rest[self._rows] + self._solve(self._areas[:, None] * way)
+        return out
+
+    def without_steep_faces(self, made: F64) -> F64:
+        """Vertices (N, 3), with membranes in place of faces that turn far, and of those beside them."""
+        return self._relaxed(made, EYE_SKIN.steep_cosine, EYE_SKIN.steep_rounds, 0)
+
+    def without_folds(self, made: F64) -> F64:
+        """Vertices (N, 3), with membranes in place of faces that are turned over."""
+        rounds = EYE_SKIN.folded_rounds
+        return self._relaxed(made, EYE_SKIN.folded_cosine, rounds, rounds // 2)
+
+    def _relaxed(self, made: F64, least: float, rounds: int, alone: int) -> F64:
+        """Smooth out faces whose cosine is too small; from the round `alone` on with their neighbours."""
+        inside = np.zeros(len(made), bool)
+        inside[self._rows] = True
+        loose = np.zeros(len(made), bool)
+        for step in range(rounds):
+            turned = self._cosines(made) < least
+            if not turned.any():
+                break
+            loose[self._faces[turned]] = True
+            if step >= alone:
+                loose[self._faces[loose[self._faces].any(1)]] = True
+            made = self._with_membrane(made, np.flatnonzero(loose & inside))
+        return made
+
+    def _cosines(self, made: F64) -> F64:
+        """(m,) of the angle by which each face has turned."""
+        now = face_normals(made, self._faces)
+        size = np.linalg.norm(now, axis=1) * np.linalg.norm(self._normals, axis=1)
+        return np.asarray((now * self._normals).sum(1) / size.clip(1e-300))
+
+    def _with_membrane(self, made: F64, loose: Int) -> F64:
+        """Vertices (N, 3), the displacements of loose ones continued harmonically from the others."""
+        known = np.ones(len(made), bool)
+        known[loose] = False
+        rows = self._laplacian[loose]
+        way = made - self._rest
+        hold = EYE_SKIN.least_weight * sp.eye_array(len(loose))
+        found = factorise(rows[:, loose] + hold)(-(rows[:, np.flatnonzero(known)] @ way[known]))
+        out = made.copy()
+        out[loose] = self._rest[loose] + found
+        return out
+
+
+def _scaled_laplacian(laplacian: sp.csr_array, length: F64) -> sp.csr_array:
+    """l^2 L (n, n) for lengths (n,) that vary: each edge weighted by those of its ends; it keeps constants."""
+    edges = sp.csr_array(laplacian - sp.diags_array(laplacian.diagonal()))
+    edges = sp.diags_array(length) @ edges @ sp.diags_array(length)
+    return sp.csr_array(edges - sp.diags_array(np.asarray(edges.sum(axis=1))))
+
+
+def _nearness(vertices: F64, eyes: list[tuple[F64, float]]) -> tuple[F64, F64]:
+    """(N,) 1 near an eye, fading to 0, and the width (N,) of the nearer eye."""
+    full, none = EYE_SKIN.reach_widths
+    away = np.stack([np.linalg.norm(vertices - middle, axis=1) / width for middle, width in eyes])
+    nearer = away.argmin(0)
+    share = np.clip((none - away.min(0)) / (none - full), 0, 1)
+    return np.asarray(np.sqrt(share)), np.array([width for _, width in eyes])[nearer]

@@ -1,0 +1,99 @@
+"""Skin around the eyes: smoothed displacements, no face turned over, and nothing else touched."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from guise.analogy.correspondence import Correspondence
+from guise.analogy.eye_skin import EYE_SKIN, EyeSkin
+from guise.analogy.geometry import face_normals
+from guise.analogy.mesh import Mesh
+from guise.analogy.transfer import Transfer
+from guise.common.arrays import F64
+
+STEPS = 24
+EYES: list[tuple[F64, float]] = [(np.zeros(3), 2.0)]
+
+
+def sheet() -> Mesh:
+    """A flat sheet of 6 x 6 around an eye of width 2."""
+    line = np.linspace(-3, 3, STEPS + 1)
+    x, y = np.meshgrid(line, line)
+    first = (np.arange(STEPS)[:, None] * (STEPS + 1) + np.arange(STEPS)).ravel()
+    quads = np.stack([first, first + 1, first + STEPS + 2, first + STEPS + 1], axis=1)
+    vertices = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    return Mesh(vertices, np.empty((0, 3), np.intp), quads)
+
+
+def eye_skin(mesh: Mesh) -> EyeSkin:
+    return EyeSkin(mesh, np.ones(len(mesh.vertices), bool), EYES)
+
+
+def away(mesh: Mesh) -> F64:
+    return np.asarray(np.linalg.norm(mesh.vertices, axis=1))
+
+
+def test_a_motion_of_all_stays_and_noise_shrinks_only_near_the_eye() -> None:
+    mesh = sheet()
+    skin = eye_skin(mesh)
+    moved = mesh.vertices + np.array([0.1, -0.5, 0.2])
+    assert_allclose(skin.smoothed(moved)[away(mesh) < 1], moved[away(mesh) < 1], atol=1e-9)
+    noise = np.random.default_rng(1).normal(0, 0.05, moved.shape)
+    made = skin.smoothed(moved + noise)
+    beyond = away(mesh) >= EYE_SKIN.reach_widths[1] * 2
+    assert beyond.any()
+    assert_array_equal(made[beyond], (moved + noise)[beyond])
+    near = away(mesh) < 1
+    assert (made - moved)[near].std() < 0.95 * noise[near].std()
+
+
+def test_vertices_out_of_order_are_put_in_order() -> None:
+    mesh = sheet()
+    skin = eye_skin(mesh)
+    made = mesh.vertices.copy()
+    middle = int(away(mesh).argmin())
+    made[middle] += (0.6, 0, 0)  # beyond its neighbour
+    over = (face_normals(made, mesh.faces) * face_normals(mesh.vertices, mesh.faces)).sum(1) < 0
+    assert over.any()
+    done = skin.without_folds(made)
+    assert (face_normals(done, mesh.faces) * face_normals(mesh.vertices, mesh.faces)).sum(1).min() > 0
+    changed = (done != made).any(axis=1)
+    assert changed.any()
+    assert away(mesh)[changed].max() < 1
+
+
+def test_what_is_not_folded_stays_to_the_bit() -> None:
+    mesh = sheet()
+    skin = eye_skin(mesh)
+    bent = mesh.vertices + np.column_stack(
+        [np.zeros((len(mesh.vertices), 2)), 0.1 * mesh.vertices[:, 0] ** 2]
+    )
+    assert_array_equal(skin.without_folds(bent), bent)
+    assert_array_equal(skin.without_steep_faces(bent), bent)
+
+
+def test_eyes_far_from_the_mesh_change_nothing() -> None:
+    mesh = sheet()
+    skin = EyeSkin(mesh, np.ones(len(mesh.vertices), bool), [(np.array([0, 0, 50.0]), 2.0)])
+    moved = mesh.vertices + 1
+    assert_array_equal(skin.without_folds(skin.smoothed(moved)), moved)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_only_what_is_matched_by_surface_is_smoothed(shift: float) -> None:
+    """Vertex to vertex nothing slips, and a head gets exactly its own expression."""
+    from test_lids import FACE_POINTS, face
+
+    from guise.analogy.lids import FacePair
+
+    mesh = face(6, 1.0)[0]
+    link = Correspondence.identity(len(mesh.vertices))
+    corners = mesh.faces[np.array([np.flatnonzero((mesh.faces == k).any(1))[0] for k in link.corners[:, 0]])]
+    weights = (1 - shift) * (corners == link.corners[:, :1]) + shift / 3
+    pair = FacePair.of(mesh, mesh, (FACE_POINTS, FACE_POINTS))
+    transfer = Transfer(mesh, mesh, Correspondence(corners, weights, link.found), face=pair)
+    wave = mesh.vertices + np.column_stack(
+        [np.zeros((len(mesh.vertices), 2)), 0.1 * (-1.0) ** link.corners[:, 0]]
+    )
+    off = np.abs(transfer(wave) - wave).max()
+    assert (off < 1e-6) == (shift == 0)
