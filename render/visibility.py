@@ -67,11 +67,8 @@ class Visibility:
         >>> seen.interpolated(np.array([[0.0], [4.0], [8.0]]), np.array([[0, 1, 2]])).tolist()
         [[0.0], [1.0]]
         """
-        corners = triangles[self.triangle[self.covered]]
-        out = values[corners[:, 0]] * self.places[:, :1]
-        for k in (1, 2):
-            out += values[corners[:, k]] * self.places[:, k : k + 1]
-        return np.asarray(out)
+        at_corners = values[triangles][self.triangle[self.covered]]
+        return np.asarray(np.einsum("pk,pkd->pd", self.places, at_corners))
 
 
 def visible(

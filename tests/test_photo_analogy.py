@@ -40,6 +40,7 @@ from guise.analogy.photo.height_field import (
 from guise.analogy.photo.landmark_motion import LandmarkMotion
 from guise.analogy.photo.luminance_change import (
     CHANGE,
+    change_gain,
     limit_change,
     registered_share,
     relight,
@@ -410,11 +411,13 @@ def test_a_brow_that_was_not_followed_is_no_change_of_light_but_a_wrinkle_is() -
 
 def test_darker_skin_becomes_redder_at_the_luminance_that_was_asked() -> None:
     skin = np.full((4, 4, 3), (0.8, 0.6, 0.5), np.float32)
-    made = relight(skin, np.full((4, 4), -0.2, np.float32))
+    made = relight(skin, change_gain(np.full((4, 4), -0.2, np.float32)))
     assert (made[..., 0] / made[..., 2] > 1.05 * skin[..., 0] / skin[..., 2]).all()
     assert_allclose(made @ LUMINANCE, np.exp(-0.2) * (skin @ LUMINANCE + 0.02) - 0.02, rtol=0.02)
     assert_allclose(
-        relight(skin, np.full((4, 4), 0.2, np.float32)), np.exp(0.2) * (skin + 0.02) - 0.02, rtol=1e-5
+        relight(skin, change_gain(np.full((4, 4), 0.2, np.float32))),
+        np.exp(0.2) * (skin + 0.02) - 0.02,
+        rtol=1e-5,
     )
 
 

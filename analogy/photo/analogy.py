@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal, get_args
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -26,6 +27,7 @@ from guise.analogy.photo.grid import (
 from guise.analogy.photo.height_field import log_luminance, target_edge_changes
 from guise.analogy.photo.landmark_motion import LandmarkMotion
 from guise.analogy.photo.luminance_change import (
+    change_gain,
     limit_change,
     registered_share,
     relight,
@@ -47,12 +49,15 @@ from guise.analogy.photo.pictures import (
 from guise.analogy.photo.poisson import integrate_edges
 from guise.analogy.photo.ratio import rim_fade, smoothed_ratio
 from guise.analogy.photo.template import anchor_ring, face_template
-from guise.common.arrays import F32, F64, Bool
+from guise.common.arrays import F32, F64
 
 Method = Literal["tents", "ratio", "warp"]
 Mouth = Literal["fill", "none"]
 METHODS: tuple[Method, ...] = get_args(Method)
 MOUTHS: tuple[Mouth, ...] = get_args(Mouth)
+
+
+LIGHT_MARGIN_FACES = 0.08  # around the face, in which light is computed: four times the widest blur
 
 
 class PhotoAnalogy:
@@ -129,11 +134,17 @@ class PhotoAnalogy:
         share = mouth_fill_share(self._motion.source, given, strength) if self.mouth == "fill" else 0.0
         seen = self._rasterise(self._motion(expressed, strength), places)
         shown, lids = sample_bicubic(picture, seen.values[..., 4:]), seen.eye_shares(shares)
+        box = seen.face_box(LIGHT_MARGIN_FACES * self._width)
+        near, light = seen.within(box), shown[box] @ LUMINANCE
         if self.method == "tents":
-            seen = self._add_residual_flow(seen, shown @ LUMINANCE, strength if posed is None else 0.0)
+            near = self._add_residual_flow(near, light, strength if posed is None else 0.0)
+            seen.values[box] = near.values
         out = self._warp(seen)
         if self.method != "warp":
-            out = self._relight(out, strength * self._luminance_change(seen, shown @ LUMINANCE, out, lids))
+            change = np.zeros(seen.face.shape, np.float32)
+            target = (self._grid.downsample(out) @ LUMINANCE)[box]
+            change[box] = strength * self._luminance_change(near, light, target, lids[box])
+            out = self._relight(out, change)
         out = self._composite(out, shown, lids, seen.mouth_mask * np.float32(share))
         return self._paste(out, seen)
 
@@ -170,10 +181,10 @@ class PhotoAnalogy:
         moved = residual_flow(
             log_luminance(shown), log_luminance(neutral), seen.face & (seen.part == 0), self._width
         )
-        values = seen.values.copy()
-        values[..., 2:4] = sample_field(seen.values[..., 2:4], pixel_places(self._grid.size) + moved)
+        values, here = seen.values.copy(), pixel_places(seen.face.shape[::-1])
+        values[..., 2:4] = sample_field(seen.values[..., 2:4], here + moved)
         moved *= np.float32(share)
-        values[..., :2] = sample_field(seen.values[..., :2], pixel_places(self._grid.size) + moved) + moved
+        values[..., :2] = sample_field(seen.values[..., :2], here + moved) + moved
         return replace(seen, values=values)
 
     def _warp(self, seen: RasterisedFace) -> F32:
@@ -182,14 +193,14 @@ class PhotoAnalogy:
         moved = grid.upsample(seen.values[..., :2]) / np.float32(grid.factor)
         return sample_bicubic(self._face, pixel_places(grid.crop_size) + moved)
 
-    def _luminance_change(self, seen: RasterisedFace, shown: F32, warped: F32, lids: F32) -> F32:
-        """(h, w) change of log luminance on the grid."""
+    def _luminance_change(self, seen: RasterisedFace, shown: F32, target: F32, lids: F32) -> F32:
+        """(h, w) change of log luminance, given luminances of S' and the warped target, all of a part of the grid."""
         neutral = sample_bicubic(self._neutral, seen.values[..., 2:4])
         share = rim_fade(seen.face, self._width)
         if self.method == "ratio":
             return np.asarray(np.log(smoothed_ratio(neutral, shown, self._width)) * share, np.float32)
         before, after = log_luminance(neutral), log_luminance(shown)
-        target = log_luminance(self._grid.downsample(warped) @ LUMINANCE)
+        target = log_luminance(target)
         filled_in = (seen.mouth_mask & (self.mouth == "fill")) | (lids > 0)
         alike, same = similarity_fields(before, target, self._width)
         taken = transferable_change(after - before, alike, same, filled_in, self._width)
@@ -202,8 +213,8 @@ class PhotoAnalogy:
         return integrate_edges(*target_edge_changes(before, before + taken, target), seen.face)
 
     def _relight(self, picture: F32, change: F32) -> F32:
-        """A picture (h, w, 3) with changed luminance; skin in a fold becomes redder."""
-        return relight(picture, self._grid.upsample(change))
+        """A picture (h, w, 3) with changed luminance (on the grid); skin in a fold becomes redder."""
+        return relight(picture, self._grid.upsample(change_gain(change)))
 
     def _composite(self, picture: F32, shown: F32, lids: F32, mouth: F32) -> F32:
         """Composite lids and the inside of the mouth of S' (`shown`, on the grid) into a picture (h, w, 3)."""
@@ -220,11 +231,11 @@ class PhotoAnalogy:
 
     def _paste(self, made: F32, seen: RasterisedFace) -> Picture:
         """T with the pixels under the template replaced."""
-        covered: Bool = self._grid.upsample(seen.covered.astype(np.float32)) > 0.5
+        covered = np.asarray(self._grid.upsample(seen.covered.astype(np.float32)) > 0.5, np.uint8)
         out = self._target.copy()
         pixels = as_type_of(np.clip(made, 0, 1), self._target)
-        where = covered if pixels.ndim == 2 else covered[:, :, None]
-        np.copyto(self._grid.crop(out), pixels, where=where)
+        part = self._grid.crop(out)
+        part[:] = cv2.copyTo(pixels, covered, np.ascontiguousarray(part))
         return out
 
     @property

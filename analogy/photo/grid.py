@@ -14,6 +14,8 @@ from guise.analogy.photo.template import Template
 from guise.common.arrays import F32, F64, Bool, Int
 from guise.render.visibility import visible
 
+Box = tuple[slice, slice]  # rows and columns
+
 MAX_FACE_PX = 512  # across the face, above which appearance is computed on a coarser grid
 ANIMATED_FACE_PX = 128  # the same for the frames of a clip
 MIN_FACE_PX = 32  # across the face
@@ -89,6 +91,19 @@ class RasterisedFace:
     face: Bool
     part: Int
     values: F32
+
+    def within(self, box: Box) -> RasterisedFace:
+        """The part in a rectangle."""
+        return RasterisedFace(self.covered[box], self.face[box], self.part[box], self.values[box])
+
+    def face_box(self, margin: float) -> Box:
+        """The rectangle that holds the face, with a margin in pixels; all if there is none."""
+        if not self.face.any():
+            return slice(None), slice(None)
+        reach = int(np.ceil(margin))
+        ends = [np.flatnonzero(self.face.any(axis))[[0, -1]] for axis in (1, 0)]
+        down, across = (slice(max(low - reach, 0), high + reach + 1) for low, high in ends)
+        return down, across
 
     @property
     def mouth_mask(self) -> Bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guise.aam.landmarks.schemes import EYE_CORNERS, FOREHEAD, JAW, NOSE_BRIDGE
-from guise.aam.similarity import Failed, Similarity, align
+from guise.aam.similarity import Failed, PlanarSimilarity, Similarity, align, align_planar
 from guise.analogy.photo.pictures import PhotoError
 from guise.common.arrays import F64
 
@@ -41,11 +41,12 @@ class LandmarkMotion:
         skull = points[SKULL_LANDMARKS], self.source[SKULL_LANDMARKS]
         near = STILL_FACE_WIDTHS * float(np.ptp(self.source[:, 0]))
         weights = np.ones(len(SKULL_LANDMARKS))
-        for _ in range(REWEIGHTING_ROUNDS):
-            found = _align(*skull, weights)
+        found: Similarity | PlanarSimilarity = _align(*skull, weights)
+        for _ in range(REWEIGHTING_ROUNDS - 1):
             off = np.linalg.norm(found.apply(skull[0]) - skull[1], axis=1)
             weights = 1 / np.maximum(off, near)
-        return found
+            found = align_planar(*skull, weights / weights.sum())
+        return _align(*skull, weights)
 
     def __call__(self, points: F64, strength: float) -> F64:
         """Landmarks (81, 2) of the target with the expression of the source landmarks (81, 2)."""

@@ -114,13 +114,21 @@ def limit_change(change: F32, keep: float) -> F32:
     return np.asarray(keep * change + (1 - keep) * bounded, np.float32)
 
 
-def relight(picture: F32, change: F32) -> F32:
-    """A picture (h, w, 3) with a change (h, w) of log luminance; skin that becomes darker becomes redder.
+def change_gain(change: F32) -> F32:
+    """Gain (h, w, 3) of a change (h, w) of log luminance; skin that becomes darker becomes redder.
 
     Light in a fold comes from the skin beside it: with unchanged colours folds look grey-green.
     """
     channels = change[:, :, None] * np.where(change[:, :, None] < 0, FOLD_POWERS, np.float32(1))
-    return np.asarray((picture + LUMINANCE_OFFSET) * np.exp(channels) - LUMINANCE_OFFSET, np.float32)
+    return np.asarray(np.exp(channels), np.float32)
+
+
+def relight(picture: F32, gain: F32) -> F32:
+    """A picture (h, w, 3) with a gain (h, w, 3) of light."""
+    out = picture + LUMINANCE_OFFSET
+    out *= gain
+    out -= LUMINANCE_OFFSET
+    return out
 
 
 def _wiener_gain(detail: F32, same: F32, sigma: float) -> F32:

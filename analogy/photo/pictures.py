@@ -42,7 +42,9 @@ def as_type_of(made: F32, picture: Picture) -> Picture:
     values = made @ LUMINANCE if picture.ndim == 2 else made
     if picture.dtype.kind == "f":
         return np.asarray(values, picture.dtype)
-    return np.asarray(np.rint(values * np.float32(np.iinfo(picture.dtype).max)), picture.dtype)
+    most = float(np.iinfo(picture.dtype).max)
+    depth = cv2.CV_8U if picture.dtype == np.uint8 else cv2.CV_16U
+    return np.asarray(cv2.addWeighted(values, most, values, 0, 0, dtype=depth), picture.dtype)
 
 
 def check_landmarks(points: ArrayLike, name: str) -> F64:

@@ -18,7 +18,7 @@ from guise.common.arrays import F32, Bool
 class MultigridSettings:
     """Settings of the solver."""
 
-    cycles: int = 6
+    cycles: int = 4  # off by 0.002 at most, where a step of 8 bits is 0.004
     sweeps: int = 2  # before and after each coarser grid
     damping: float = 0.8  # of Jacobi's step
     coarsest_px: int = 4  # down to which grids are halved
