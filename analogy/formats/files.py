@@ -35,7 +35,7 @@ from guise.common.files import natural_key, write_whole
 
 T = TypeVar("T")
 
-MIN_MOTION_SIZES = 1e-7  # of the size of a mesh, up to which a vertex does not move
+MIN_MOTION_SIZES = 1e-5  # of the size of a mesh, up to which a vertex does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,9 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -
     document, origin = _as_glb(target)
     normals = _stored_normals(document, target.cleaned.ids[origin])
     size = float(np.ptp(target.mesh.vertices, axis=0).max())
-    moving = np.abs(shapes - target.mesh.vertices).max(axis=(0, 2), initial=0) > MIN_MOTION_SIZES * size
+    moving = np.zeros(len(target.mesh.vertices), bool)
+    for shape in shapes:  # one by one, as all together may take a gigabyte
+        moving |= np.abs(shape - target.mesh.vertices).max(axis=1) > MIN_MOTION_SIZES * size
     moves = moving[target.cleaned.ids[origin]]
     placed = (
         (name, target.to_file_vertices(shape)[origin]) for name, shape in zip(names, shapes, strict=True)

@@ -112,35 +112,32 @@ class GltfContainer:
         self.entries("accessors").append(accessor)
         return len(self.json["accessors"]) - 1
 
-    def append_sparse_accessors(self, columns: list[F32], rows: Int) -> list[int]:
-        """Append accessors of values (count, 3) that are 0 except in `rows` (r,), ascending; their indices.
+    def append_sparse_accessor(self, values: F32, rows: Int) -> int:
+        """Append an accessor of values (count, 3) that count as 0 except in `rows` (r,), ascending; its index.
 
-        They are sparse, with one list of rows for all, where that is smaller.
+        It is sparse where that is smaller.
         """
-        count = len(columns[0])
+        count = len(values)
         ids = (rows if len(rows) else np.zeros(1, np.intp)).astype(
             np.uint16 if count < 1 << 16 else np.uint32
         )
-        if ids.nbytes + columns[0][ids].nbytes * len(columns) >= columns[0].nbytes * len(columns):
-            return [self.append_accessor(values, GL_ARRAY_BUFFER) for values in columns]
-        indices = {
-            "bufferView": self.append_view(ids.tobytes()),
-            "componentType": 5123 if ids.itemsize == 2 else 5125,
+        held = np.ascontiguousarray(values[ids])
+        if ids.nbytes + held.nbytes >= values.nbytes:
+            return self.append_accessor(values, GL_ARRAY_BUFFER)
+        sparse = {
+            "count": len(ids),
+            "indices": {
+                "bufferView": self.append_view(ids.tobytes()),
+                "componentType": 5123 if ids.itemsize == 2 else 5125,
+            },
+            "values": {"bufferView": self.append_view(held.tobytes())},
         }
-        for values in columns:
-            held = np.ascontiguousarray(values[ids])
-            sparse = {
-                "count": len(ids),
-                "indices": indices,
-                "values": {"bufferView": self.append_view(held.tobytes())},
-            }
-            low, high = held.min(0), held.max(0)
-            if len(ids) < count:
-                low, high = np.minimum(low, 0), np.maximum(high, 0)
-            accessor = {"componentType": 5126, "count": count, "type": "VEC3", "sparse": sparse}
-            self.entries("accessors").append({**accessor, "min": low.tolist(), "max": high.tolist()})
-        first = len(self.json["accessors"]) - len(columns)
-        return list(range(first, first + len(columns)))
+        low, high = held.min(0), held.max(0)
+        if len(ids) < count:
+            low, high = np.minimum(low, 0), np.maximum(high, 0)
+        accessor = {"componentType": 5126, "count": count, "type": "VEC3", "sparse": sparse}
+        self.entries("accessors").append({**accessor, "min": low.tolist(), "max": high.tolist()})
+        return len(self.json["accessors"]) - 1
 
     def append_view(self, data: bytes, target: int | None = None) -> int:
         """Append a buffer view; its index."""

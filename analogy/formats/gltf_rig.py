@@ -19,8 +19,8 @@ from guise.common.arrays import F32, F64, Bool
 class SparseSettings:
     """What a morph target leaves out."""
 
-    min_motion_sizes: float = 1e-5  # of a vertex, of the size of the file: 2 micrometres on a head
-    min_normal_turn: float = 2e-3  # of a unit normal: a tenth of a degree
+    min_motion_sizes: float = 1e-4  # of a vertex, of the size of its part: 0.03 mm on a head
+    min_normal_turn: float = 1e-2  # of a unit normal: half a degree
 
 
 SPARSE = SparseSettings()
@@ -69,15 +69,15 @@ def _target(
 ) -> dict[str, int]:
     """The accessors of the displacements of a part, sparse where most of it stays."""
     way = vertices[part.rows] - held.vertices[part.rows]
-    moves = np.abs(way).max(axis=1) > SPARSE.min_motion_sizes * float(np.ptp(held.vertices, axis=0).max())
-    columns = {"POSITION": part.from_scene(way, is_position=False).astype(np.float32)}
+    least = SPARSE.min_motion_sizes * float(np.ptp(held.vertices[part.rows], axis=0).max())
+    columns = {"POSITION": (part.from_scene(way, is_position=False), np.abs(way).max(axis=1) > least)}
     if normals is not None and held.normals is not None and part.has_attribute("NORMAL"):
         turn = part.normals_from_scene(normals[part.rows]) - part.normals_from_scene(held.normals[part.rows])
-        moves |= np.abs(turn).max(axis=1) > SPARSE.min_normal_turn
-        columns["NORMAL"] = turn.astype(np.float32)
-    return dict(
-        zip(columns, made.append_sparse_accessors(list(columns.values()), np.flatnonzero(moves)), strict=True)
-    )
+        columns["NORMAL"] = turn, np.abs(turn).max(axis=1) > SPARSE.min_normal_turn
+    return {
+        name: made.append_sparse_accessor(values.astype(np.float32), np.flatnonzero(moves))
+        for name, (values, moves) in columns.items()
+    }
 
 
 def _drop_targets(made: GltfContainer) -> None:
