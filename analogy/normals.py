@@ -58,7 +58,8 @@ def finite_or_zero(values: F64) -> F64:
 
 def unit_vectors(vectors: F64) -> F64:
     """Vectors (..., 3) scaled to length 1; 0 stays 0."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True).clip(1e-300))
+    square = np.einsum("...i,...i->...", vectors, vectors)  # several times faster than numpy's norm
+    return np.asarray(vectors / np.sqrt(square).clip(1e-300)[..., None])
 
 
 def _summing_matrix(

@@ -104,6 +104,10 @@ class Registration:
 
     def correspondence(self) -> Correspondence:
         """For each vertex of the target the closest point of the fitted source that faces the same way."""
+        return self._correspondence
+
+    @cached_property
+    def _correspondence(self) -> Correspondence:
         return closest_point_correspondence(self.source.with_vertices(self.fitted), self.target)
 
 

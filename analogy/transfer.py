@@ -128,9 +128,12 @@ class Transfer:
     def _bounded(self, skin: F64, way: F64) -> F64:
         """The skin (n, 3), no vertex much farther from rest than the longest way (N_s, 3) of the source's."""
         rest = self.target.vertices[self._skin]
-        far = np.linalg.norm(skin - rest, axis=1, keepdims=True)
+        moved = skin - rest
+        far = np.sqrt(np.einsum("ni,ni->n", moved, moved))
         most = TRANSFER.max_motion_ratio * float(np.linalg.norm(way, axis=1).max())
-        return np.asarray(np.where(far > most, rest + (skin - rest) * (most / far.clip(1e-300)), skin))
+        beyond = far > most
+        skin[beyond] = rest[beyond] + moved[beyond] * (most / far[beyond])[:, None]
+        return skin
 
     def _with_lids(self, expressive: F64, skin: F64) -> F64:
         """The skin (n, 3) with the lids as open as those of the source (N_s, 3)."""

@@ -84,6 +84,7 @@ MESH = (
     "mesh.cylinder",
     "mesh.landmarks",
     "mesh.production",
+    "mesh.large_rig",
     "mesh.speed",
 )
 PICTURE = (

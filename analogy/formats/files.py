@@ -148,8 +148,8 @@ def read_rig(path: Path) -> Rig:
     return Rig(found, tuple(shapes), np.stack([found.mesh.vertices + way[kept] for way in shapes.values()]))
 
 
-def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -> None:
-    """Write a target of any format as GLB, with a morph target for each of its named shapes (k, N, 3).
+def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: Sequence[F64] | F64) -> None:
+    """Write a target of any format as GLB, with a morph target for each of its k named shapes (N, 3).
 
     Normals and materials are kept; earlier morph targets of the target are dropped.
 
@@ -160,18 +160,18 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: F64) -
     """
     if path.suffix.lower() != ".glb":
         raise MeshError(f"cannot write {path}: the suffix of a rig must be .glb")
-    if len(names) != len(shapes) or shapes.shape[1:] != target.mesh.vertices.shape:
-        raise MeshError(
-            f"shapes must be ({len(names)}, {len(target.mesh.vertices)}, 3) for these names, got {shapes.shape}"
-        )
-    if not np.isfinite(shapes).all():
+    rest = target.mesh.vertices
+    if len(names) != len(shapes) or any(shape.shape != rest.shape for shape in shapes):
+        got = (len(shapes), *shapes[0].shape) if len(shapes) else (0,)
+        raise MeshError(f"shapes must be ({len(names)}, {len(rest)}, 3) for these names, got {got}")
+    if not all(np.isfinite(shape).all() for shape in shapes):
         raise MeshError("shapes must be finite, but some contain NaN or infinity")
     document, origin = _as_glb(target)
     normals = _stored_normals(document, target.cleaned.ids[origin])
-    size = float(np.ptp(target.mesh.vertices, axis=0).max())
-    moving = np.zeros(len(target.mesh.vertices), bool)
+    size = float(np.ptp(rest, axis=0).max())
+    moving = np.zeros(len(rest), bool)
     for shape in shapes:  # one by one, as all together may take a gigabyte
-        moving |= np.abs(shape - target.mesh.vertices).max(axis=1) > MIN_MOTION_SIZES * size
+        moving |= (np.abs(shape - rest) > MIN_MOTION_SIZES * size).any(axis=1)
     moves = moving[target.cleaned.ids[origin]]
     placed = (
         (name, target.to_file_vertices(shape)[origin]) for name, shape in zip(names, shapes, strict=True)

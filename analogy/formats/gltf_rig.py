@@ -70,14 +70,19 @@ def _target(
     """The accessors of the displacements of a part, sparse where most of it stays."""
     way = vertices[part.rows] - held.vertices[part.rows]
     least = SPARSE.min_motion_sizes * float(np.ptp(held.vertices[part.rows], axis=0).max())
-    columns = {"POSITION": (part.from_scene(way, is_position=False), np.abs(way).max(axis=1) > least)}
+    columns = {"POSITION": (part.from_scene(way, is_position=False), _any(np.abs(way) > least))}
     if normals is not None and held.normals is not None and part.has_attribute("NORMAL"):
         turn = part.normals_from_scene(normals[part.rows]) - part.normals_from_scene(held.normals[part.rows])
-        columns["NORMAL"] = turn, np.abs(turn).max(axis=1) > SPARSE.min_normal_turn
+        columns["NORMAL"] = turn, _any(np.abs(turn) > SPARSE.min_normal_turn)
     return {
         name: made.append_sparse_accessor(values.astype(np.float32), np.flatnonzero(moves))
         for name, (values, moves) in columns.items()
     }
+
+
+def _any(chosen: Bool) -> Bool:
+    """(n,) whether any of three is chosen, (n, 3); several times faster than numpy's any."""
+    return np.asarray(chosen[:, 0] | chosen[:, 1] | chosen[:, 2])
 
 
 def _drop_targets(made: GltfContainer) -> None:

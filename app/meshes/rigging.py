@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from guise.analogy.formats.files import read_mesh, read_rig, write_rig
 from guise.app.meshes.context import RunContext
 from guise.app.meshes.pair import TransferOptions, prepare_pair
@@ -33,6 +31,6 @@ def transfer_rig(
     pair = prepare_pair(rig.file, head, options, context)
     made, carried = transfer_all(pair, list(rig.shapes), [(name, name) for name in rig.names], context)
     with context.stage(WRITING):
-        write_rig(output, head, rig.names, np.array(made))
+        write_rig(output, head, rig.names, made)
     draw_report_picture(pair, list(rig.shapes), made, rig.names, context)
     return make_report(pair, options, output, "morph target", carried, context)
