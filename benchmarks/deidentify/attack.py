@@ -40,7 +40,7 @@ from guise.app.measure.attackers import By
 from guise.app.measure.privacy import Scores
 from guise.app.media import open_input
 
-TAKE_FRAMES = 60
+TAKE_FRAMES = 45
 MAX_SHORT_SIDE_PIXELS = 480
 SETTINGS = ("auto", "same", "average:3")
 HARD_BUT_ENROLLED = ("studio_d3", "gesture_school", "gesture_sorry")  # people who are in no other clip

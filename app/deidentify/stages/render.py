@@ -31,8 +31,8 @@ from guise.common.arrays import F64
 class RenderLimits:
     """How far a swap reaches beyond the face's outline, and what follows what the audit finds."""
 
-    jaw_face_widths: float = 0.035
-    forehead_face_widths: float = 0.16
+    jaw_face_widths: float = 0.07
+    forehead_face_widths: float = 0.24
     audit_margin_frames: int = 3  # covered before and after a detection of the audit
     max_repeats: int = 3  # of a segment in which the audit found faces
 
