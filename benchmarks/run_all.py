@@ -92,11 +92,16 @@ PICTURE = (
     "picture.pairs",
     "picture.grade",
 )
-ALL = (*NAMES, *LANDMARKS, *PICTURE, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
+PEOPLE = (
+    "people.photo",
+    "people.several",
+    "people.studio",
+)
+ALL = (*NAMES, *LANDMARKS, *PICTURE, *PEOPLE, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed", "picture.pairs",
-    "picture.grade",
+    "picture.grade", "people.photo",
 )  # fmt: skip
 WITH_PARTS = ("landmarks.rendered", "landmarks.head_pose", "landmarks.parsing", "landmarks.calibration")
 
@@ -110,7 +115,7 @@ def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str
         given += ["--peers-python", str(options.peers_python)]
     if name in LANDMARKS:
         given += ["--landmarker", options.landmarker]
-    if name in PICTURE:
+    if name in PICTURE or name == "people.photo":
         given += ["--work", str(options.output / "picture")]
     if name in WITH_PARTS and options.parts:
         given += ["--parts", str(options.parts)]

@@ -139,7 +139,9 @@ def test_another_face_comes_back_a_cover_changes_it_and_leaving_ends_it(
 ) -> None:
     face, far = regions
     with visit(chrome, server, "/live") as page:
-        choose(page, "Face to show", "p02 (fictional)")
+        face_of = page.get_by_role("group", name="Face to show")
+        face_of.get_by_role("button", name="p02 (fictional)").click()
+        choose(page, "Who is at the camera", "Robin")
         go_live(page)
         sent = read(page, "Your camera")
         assert sent is not None
@@ -149,7 +151,7 @@ def test_another_face_comes_back_a_cover_changes_it_and_leaving_ends_it(
         assert difference(shown, sent, face) > 12
 
         noise = difference(result(page), shown, face)
-        page.get_by_role("button", name="Cover").click()
+        page.locator("body").press("o")
         until(page, lambda: "as you chose" in page.get_by_role("status").first.inner_text(), "covered")
         until(page, lambda: difference(result(page), shown, face) > 3 * noise + 5, "seen to be covered")
 
@@ -162,6 +164,7 @@ def test_recordings_and_snapshots_are_downloads_of_the_result(
     chrome: Any, server: StudioServer, tmp_path: Path
 ) -> None:
     with visit(chrome, server, "/live") as page:
+        choose(page, "Who is at the camera", "Robin")
         go_live(page)
         page.get_by_role("button", name="Record").click()
         with page.expect_download(timeout=TIMEOUT_MS) as film:
@@ -204,6 +207,21 @@ def alike(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:
     """Correlation of the fine detail in a region."""
     fine = [(v - cv2.GaussianBlur(v, (0, 0), 2.0))[where].ravel() for v in (a, b)]
     return float(np.corrcoef(*fine)[0, 1])
+
+
+def test_somebody_else_is_offered_an_enrolment(browser: Any, server: StudioServer) -> None:  # noqa: F811
+    """A clip of another person stands in for the camera; who is thought to be there is Robin."""
+    store_clip = SAMPLES / "p06" / "talk.mp4"
+    with visit(browser, server, "/people") as page:
+        page.locator("input[type=file]").first.set_input_files(str(store_clip))
+        page.get_by_text("Your clips").wait_for()
+        page.goto(server.url("/live"))
+        choose(page, "Camera", "The clip talk")
+        choose(page, "Who is at the camera", "Robin")
+        page.get_by_role("button", name="Start").click()
+        page.get_by_role("button", name="This is not Robin? Enrol me").click(timeout=TIMEOUT_MS)
+        until(page, lambda: "covered" not in page.get_by_role("status").first.inner_text(), "enrolling")
+        page.get_by_label("Enrolment").wait_for()
 
 
 def test_a_camera_that_is_not_allowed_is_one_sentence(chrome: Any, server: StudioServer) -> None:
@@ -254,7 +272,8 @@ def test_on_a_phone_the_pictures_are_stacked_and_nothing_is_cut_off(
 
 def test_the_studio_ends_at_once_while_somebody_is_live(chrome: Any, server: StudioServer) -> None:
     page = chrome.new_page()
-    page.goto(server.url(f"/?token={server.token}"))
+    page.goto(server.url(f"/live?token={server.token}"))
+    choose(page, "Who is at the camera", "Robin")
     go_live(page)
     assert server.stop() == 0
     page.close()

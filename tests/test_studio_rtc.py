@@ -256,7 +256,7 @@ def run_of(
     faces = [open_donor("p02")]
     config = SessionConfig(faces, person)
     capture = open_capture or (lambda: FileCapture(CLIP, loop=True))
-    return LiveRun(capture, config, Controls(len(faces)), output, folder)
+    return LiveRun(capture, config, Controls(len(faces)), [output], folder)
 
 
 def wait(condition: Callable[[], bool]) -> None:
@@ -328,7 +328,7 @@ def test_a_run_ends_when_it_is_not_wanted_any_more(tmp_path: Path, p01: Identity
     wanted = [True]
     run = LiveRun(
         lambda: FileCapture(CLIP, loop=True), SessionConfig([open_donor("p02")], p01), Controls(),
-        Kept(), tmp_path, lambda: wanted[0],
+        [Kept()], tmp_path, lambda: wanted[0],
     )  # fmt: skip
     wait(lambda: run.latest is not None)
     wanted[0] = False

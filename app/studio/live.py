@@ -6,26 +6,32 @@ import asyncio
 import json
 import shutil
 import tempfile
+import time
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nicegui import app as nicegui_app
-from nicegui import ui
+from nicegui import background_tasks, events, ui
 
 from guise.aam.model import Identity
-from guise.app.live.capture import CameraCapture
+from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.output import Output
 from guise.app.live.session import SessionConfig
 from guise.app.live.stats import PipelineStats
+from guise.app.live.virtualcam import VirtualCamera
 from guise.app.media import MediaError
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
 from guise.app.studio.live_run import LiveRun
+from guise.app.studio.portraits import Portraits
 from guise.app.studio.rtc import Peer, PeerOutput
 from guise.app.studio.site import Studio, camera_error, heading, page, script
 from guise.app.swapping.donors import MODEL_SUFFIX, open_donor
+from guise.common.errors import OutputError
 
 BROWSER, COMPUTER = "browser", "server"
 CAMERAS = {BROWSER: "This browser's camera", COMPUTER: "The computer's camera"}
@@ -40,6 +46,12 @@ STATES = {
 NOBODY = ""  # instead of a person's id: enrol
 CAMERA_SIZE = (640, 480)  # pixels, of the computer's camera
 UPDATE_SECONDS = 0.5  # between two updates of the page
+STRANGER_SECONDS = 3.0  # of a covered face, after which it may be somebody else's
+SWITCHES = ("mirror", "mesh", "mask")
+KEYS = (
+    "1 to 9 face, up and down expression, S swap, P puppet, O cover, M mirror, L mesh, K mask, R record, C snapshot, "
+    "E enrol"
+)
 GRAPH_POINTS = 120  # of the latency graph, one for each update
 PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
 _PERSON = "live_person"  # the setting: who is at the camera
@@ -73,6 +85,7 @@ class _LivePage:
         self._run: LiveRun | None = None
         self._enrolled = ""  # id of the person who has just been enrolled
         self._downloaded: set[Path] = set()
+        self._seen = 0.0  # time.monotonic() when the person was last recognised
         self._latencies: deque[float] = deque([0.0] * GRAPH_POINTS, GRAPH_POINTS)
 
     def build(self) -> None:
@@ -103,35 +116,44 @@ class _LivePage:
             self._record = ui.button("Record", icon="fiber_manual_record", on_click=self._toggle_recording)
             self._record.props("outline")
             self._snap = ui.button("Snapshot", icon="photo_camera", on_click=self._snapshot).props("outline")
+            self._stranger = ui.button("Not you? Enrol me", icon="person_add", on_click=self._enrol_anew)
+            self._stranger.set_visibility(False)
 
     def _choices(self) -> None:
         """All settings; most of them can be changed while a run goes on."""
         settings, people = self._controls.settings, self._people()
         remembered = self.studio.store.setting(_PERSON)
+        specs = list(self._faces)
+        self._portraits = Portraits(
+            self.studio, self._faces, specs[settings.identity], "Face to show",
+            lambda spec: self._controls.change(identity=specs.index(spec)),
+        )  # fmt: skip
+        clips = {clip.id: f"The clip {clip.name}" for clip in self.studio.store.clips()}
         with ui.card().classes("w-full"), ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
-            self._camera = _select("Camera", CAMERAS, BROWSER, lambda _: self._update_state())
+            self._camera = _select("Camera", CAMERAS | clips, BROWSER, lambda _: self._update_state())
             person = remembered if remembered in people else NOBODY
             self._person = _select("Who is at the camera", people, person, self._choose_person)
-            _select(
-                "Face to show",
-                dict(enumerate(self._faces.values())),
-                settings.identity,
-                self._changer("identity"),
-            )
             _select("Cover style", STYLES, settings.style, self._changer("style"))
             with ui.column().classes("gap-0"):
                 ui.label("Mode").props("id=live-mode")
-                mode = ui.toggle(MODES, value=settings.mode, on_change=self._changer("mode"))
-                mode.props('aria-labelledby="live-mode"')
+                self._mode = ui.toggle(MODES, value=settings.mode, on_change=self._changer("mode"))
+                self._mode.props('aria-labelledby="live-mode"')
             with ui.column().classes("gap-0"):
                 alpha = ui.label()
-                slider = ui.slider(min=0, max=1, step=0.05, value=settings.alpha)
-                slider.on_value_change(self._changer("alpha")).props('aria-label="Expression"')
-                alpha.bind_text_from(slider, "value", lambda v: f"Expression let through: {v:.2f}")
+                self._alpha = ui.slider(min=0, max=1, step=0.05, value=settings.alpha)
+                self._alpha.on_value_change(self._changer("alpha")).props('aria-label="Expression"')
+                alpha.bind_text_from(self._alpha, "value", lambda v: f"Expression let through: {v:.2f}")
             with ui.row():
-                ui.switch("Mirror", value=settings.mirror, on_change=self._changer("mirror"))
-                ui.switch("Mesh", on_change=self._changer("mesh"))
-                ui.switch("Mask", on_change=self._changer("mask"))
+                self._switches = {
+                    name: ui.switch(
+                        name.capitalize(), value=getattr(settings, name), on_change=self._changer(name)
+                    )
+                    for name in SWITCHES
+                }
+                self._virtual = ui.switch("Virtual camera")
+                self._virtual.set_visibility(_has_virtual_camera())
+        ui.label(f"Keys: {KEYS}.").classes("opacity-70")
+        ui.keyboard(on_key=self._key)
 
     def _readout(self) -> None:
         with ui.card().classes("w-full"):
@@ -151,6 +173,7 @@ class _LivePage:
         self._own.set_visibility(self._camera.value == BROWSER)
         if not live:
             self._ring.set_visibility(False)
+            self._stranger.set_visibility(False)
             self._message.text = "Start asks for your camera; no picture leaves this computer."
             self._figures.text = figures(PipelineStats())
         for video in (self._own, self._result):
@@ -184,11 +207,22 @@ class _LivePage:
         """Start a run with the chosen person."""
         assert self._peer is not None
         config = await asyncio.to_thread(self._session_config, self._person.value)
-        camera = self._peer.camera if self._camera.value == BROWSER else _computers_camera
-        output, alive = PeerOutput(self._peer, self._controls), self._peer.alive
-        self._run = LiveRun(camera, config, self._controls, output, self._folder, alive)
+        outputs: list[Output] = [PeerOutput(self._peer, self._controls)]
+        if self._virtual.value:
+            outputs.append(VirtualCamera())
+        self._seen = time.monotonic()
+        camera, alive = self._open_camera(self._peer), self._peer.alive
+        self._run = LiveRun(camera, config, self._controls, outputs, self._folder, alive)
         self._runs.add(self._run)
         self._timer.activate()
+
+    def _open_camera(self, peer: Peer) -> Callable[[], Capture]:
+        """What opens the chosen source: the browser's camera, the computer's, or a clip, which is repeated."""
+        if self._camera.value == BROWSER:
+            return peer.camera
+        if self._camera.value == COMPUTER:
+            return _computers_camera
+        return partial(FileCapture, self.studio.store.clip(self._camera.value).path, loop=True)
 
     def _session_config(self, person: str) -> SessionConfig:
         """Load the models.  ModelError when one cannot be used."""
@@ -236,12 +270,38 @@ class _LivePage:
     async def _choose_person(self, event: Any) -> None:
         """Continue with another person, or enrol."""
         person: str = event.value
-        if person == self._enrolled:
+        if person and person == self._enrolled:
             return
         self.studio.store.remember(_PERSON, person)
         if self._run is not None:
             await self._end_run()
             await self._begin()
+
+    def _enrol_anew(self) -> None:
+        """Enrol who is at the camera instead of covering them as somebody else."""
+        self._stranger.set_visibility(False)
+        self._person.value = NOBODY
+
+    def _key(self, event: events.KeyEventArguments) -> None:
+        """The keys of the window, as far as they make sense here."""
+        key = str(event.key.name).lower().removeprefix("arrow")
+        if not event.action.keydown or event.modifiers.ctrl or event.modifiers.alt or event.modifiers.meta:
+            return
+        if key in ("r", "c", "e"):
+            {"r": self._toggle_recording, "e": self._enrol_anew}.get(key, lambda: None)()
+            if key == "c":
+                background_tasks.create(self._snapshot())
+        elif key.isdigit() or key in ("up", "down", "s", "p", "o", "m", "k", "l"):
+            self._controls.press(key)
+            self._show_settings()
+
+    def _show_settings(self) -> None:
+        """Have the page show what the keys have changed."""
+        settings = self._controls.settings
+        self._mode.value, self._alpha.value = settings.mode, settings.alpha
+        for name, switch in self._switches.items():
+            switch.value = getattr(settings, name)
+        self._portraits.press(list(self._faces)[settings.identity])
 
     def _changer(self, name: str) -> Callable[[Any], None]:
         """A handler that changes a setting."""
@@ -278,6 +338,11 @@ class _LivePage:
         if (shown := run.latest) is not None:
             self._message.text = shown.message or STATES.get(shown.result.outcome, "")
             self._ring.set_visibility(shown.ring is not None)
+            if shown.result.outcome not in ("covered", "lost"):
+                self._seen = time.monotonic()
+            unknown = self._person.value != NOBODY and time.monotonic() - self._seen > STRANGER_SECONDS
+            self._stranger.text = f"This is not {self._people()[self._person.value]}? Enrol me"
+            self._stranger.set_visibility(unknown)
             self._ring.value = shown.ring or 0.0
         self._record.text = "Stop recording" if run.recording else "Record"
         stats = run.stats
@@ -305,6 +370,14 @@ class _LivePage:
     def _people(self) -> dict[str, str]:
         """Ids and names of the people who can be at the camera."""
         return {person.id: person.name for person in self.studio.store.people()} | {NOBODY: "Enrol me (20 s)"}
+
+
+def _has_virtual_camera() -> bool:
+    try:
+        VirtualCamera().check()
+    except OutputError:
+        return False
+    return True
 
 
 def _computers_camera() -> CameraCapture:
@@ -346,6 +419,6 @@ def _graph(latencies: list[float]) -> dict[str, Any]:
         "grid": {"left": 45, "right": 10, "top": 30, "bottom": 10},
         "xAxis": {"type": "category", "show": False},
         "yAxis": {"type": "value", "name": "ms", "min": 0, "splitNumber": 3},
-        "textStyle": {"color": "#888"},
+        "textStyle": {"color": "#808080"},
         "series": [{"type": "line", "data": latencies, "showSymbol": False}],
     }

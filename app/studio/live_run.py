@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,7 @@ class LiveRun:
     ----------
     open_capture : opens the capture, in the run's thread.
     config, controls : see `guise.app.live.session`.
-    output : where the frames go.
+    outputs : where the frames go, the first one is measured.
     folder : for recordings and snapshots.
     wanted : called repeatedly; False ends the run.
 
@@ -38,13 +38,13 @@ class LiveRun:
 
     def __init__(
         self, open_capture: Callable[[], Capture], config: SessionConfig, controls: Controls,
-        output: Output, folder: Path, wanted: Callable[[], bool] = lambda: True,
+        outputs: Sequence[Output], folder: Path, wanted: Callable[[], bool] = lambda: True,
     ) -> None:  # fmt: skip
         self.notes: SimpleQueue[str] = SimpleQueue()
         self._open, self._folder, self._wanted = open_capture, folder, wanted
         self._recordings, self._latest = Recordings(folder, say=self._say), _LatestFrame()
         self._config = replace(config, recording=lambda: self._recordings.recording)
-        self._controls, self._outputs = controls, [output, self._recordings, self._latest]
+        self._controls, self._outputs = controls, [*outputs, self._recordings, self._latest]
         self._pipeline: Pipeline | None = None
         self._stopped = False
         self._lock = threading.Lock()

@@ -11,6 +11,7 @@ from typing import Any
 
 from nicegui import ui
 
+from guise.app.studio.portraits import Portraits
 from guise.app.studio.samples import NAME as SAMPLE
 from guise.app.studio.site import Studio, choice_row, page
 from guise.app.studio.store import Clip, JobRow, StudioError
@@ -103,38 +104,14 @@ class _SwapPage(VideoPage):
                 ui.label(f"Person {number}").classes("text-bold")
                 ui.label(one["why_not"] or f"in {one['frames']} of {self.job.result['frames']} frames")
                 if not one["why_not"]:
-                    self._gallery(number)
+                    faces = {"": "own face", **self.studio.faces()}
+                    chosen, label = self._faces.get(number, ""), f"Face of person {number}"
+                    Portraits(self.studio, faces, chosen, label, partial(self._choose, number))
 
-    def _gallery(self, number: str) -> None:
-        """Portraits to choose from; the chosen one is pressed."""
-        with ui.row().classes("gap-2").props("role=group") as group:
-            group.props["aria-label"] = f"Face of person {number}"
-            buttons: dict[str, ui.button] = {}
-            for spec, name in {"": "own face", **self.studio.faces()}.items():
-                with ui.button(color=None, on_click=partial(self._choose, number, spec, buttons)) as button:
-                    button.props("outline padding=xs").classes("face")
-                    with ui.column().classes("items-center gap-0"):
-                        if spec:
-                            ui.image(self.studio.portrait(spec)).classes("w-16 h-16").props(
-                                'alt="" fit=contain'
-                            )
-                        else:
-                            ui.icon("person").classes("text-4xl h-16")
-                        ui.label(name).classes("text-xs w-20 truncate")
-                buttons[spec] = button
-            self._press(number, buttons)
-
-    async def _choose(self, number: str, spec: str, buttons: dict[str, ui.button]) -> None:
+    async def _choose(self, number: str, spec: str) -> None:
         faces = {key: face for key, face in self._faces.items() if key != number}
         self._faces = faces | ({number: spec} if spec else {})
-        self._press(number, buttons)
         await self._frame.update()
-
-    def _press(self, number: str, buttons: dict[str, ui.button]) -> None:
-        for spec, button in buttons.items():
-            pressed = spec == self._faces.get(number, "")
-            button.props["aria-pressed"] = "true" if pressed else "false"
-            button.update()
 
     def _chosen(self) -> Choices:
         return Choices(dict(sorted(self._faces.items())), self._others.value, self._mode.value)

@@ -46,8 +46,9 @@ class GradeWeights:
     constant: float = 0.43
     trial: float = 0.40  # of the mean multiple of the three in the trial
     shape: float = 10.9  # of the distance of the shapes, face widths
-    good: int = 85
-    fair: int = 70
+    points: float = 40.0  # that the score loses by each multiple
+    good: int = 60  # all targets met
+    fair: int = 45
 
 
 WEIGHTS = GradeWeights()
@@ -77,8 +78,8 @@ class Grade:
 
     @property
     def score(self) -> int:
-        """0 to 100; 100 is expected to meet all targets."""
-        return min(100, round(100 / self.predicted))
+        """0 to 100; `WEIGHTS.good` is expected to meet the targets, on average."""
+        return max(0, round(100 - WEIGHTS.points * self.predicted))
 
     @property
     def word(self) -> Literal["good", "fair", "poor"]:

@@ -93,7 +93,7 @@ async def _serve(pipe: Connection, scene: Scene | None) -> None:
         if scene is not None:
             config = SessionConfig([scene.donor], scene.person)
             show = LiveRun(
-                peer.camera, config, controls, PeerOutput(peer, controls), Path(folder), peer.alive
+                peer.camera, config, controls, [PeerOutput(peer, controls)], Path(folder), peer.alive
             )
             await asyncio.to_thread(pipe.recv)
             stats = show.stats

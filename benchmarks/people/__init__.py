@@ -1,0 +1,1 @@
+"""Benchmarks of people: one photo, several people, and the studio."""

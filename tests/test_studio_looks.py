@@ -1,0 +1,49 @@
+"""The studio's pages on a desktop, a tablet and a phone, in light and dark: nothing serious against accessibility."""
+# ruff: noqa: F811 (fixtures)
+
+from typing import Any
+
+import pytest
+from clips import cut
+from studio_browser import StudioServer, browser, studio_server, visit  # noqa: F401
+
+axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+
+PAGES = ("/", "/live", "/swap", "/people", "/landmarks", "/deidentify", "/analogy")
+SERIOUS = ("serious", "critical")
+pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+
+
+@pytest.fixture(scope="module")
+def filled(
+    studio_server: StudioServer, browser: Any, tmp_path_factory: pytest.TempPathFactory
+) -> StudioServer:
+    """A studio with a clip in it."""
+    clip = cut("p01", tmp_path_factory.mktemp("clip") / "anna.mp4", 8)
+    with visit(browser, studio_server, "/analogy") as page:
+        page.locator("input[type=file]").first.wait_for(state="attached")
+        page.goto(studio_server.url("/people"))
+        page.locator("input[type=file]").nth(1).wait_for(state="attached")
+        page.locator("input[type=file]").first.set_input_files(str(clip))
+        page.get_by_role("progressbar", name="Progress").or_(page.get_by_text("Try again")).first.wait_for()
+    return studio_server
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1440, 1024, 390])
+def test_no_page_has_a_serious_fault(browser: Any, filled: StudioServer, width: int, scheme: str) -> None:
+    found = []
+    for path in PAGES:
+        with visit(
+            browser, filled, path, viewport={"width": width, "height": 844}, color_scheme=scheme
+        ) as page:
+            page.get_by_role("heading", level=1).wait_for()
+            page.wait_for_timeout(500)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            faults = axe.Axe().run(page).response["violations"]
+            found += [
+                (path, fault["id"], [node["html"][:100] for node in fault["nodes"]][:3])
+                for fault in faults
+                if fault["impact"] in SERIOUS
+            ]
+    assert found == []
