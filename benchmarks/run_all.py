@@ -61,6 +61,7 @@ DEIDENTIFY = (
     "deidentify.memory",
     "deidentify.resumed",
     "deidentify.cluster",
+    "deidentify.scaling",
 )
 LIVE = (
     "live.throughput",

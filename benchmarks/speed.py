@@ -17,7 +17,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,14 +96,14 @@ def one_round(video: Path, models: tuple[Path, Path], folder: Path) -> Round:
     return Round(transcode, swap, float(first.read_text()) - start, idle)
 
 
-def clips(clip: Clip, folder: Path, quick: bool) -> Iterator[tuple[str, Path]]:
-    """What is swapped, by name."""
-    yield "720p", clip.video
-    if quick:
-        return
-    yield "720p, ten times", looped(clip.video, 10 * SECONDS, folder / "long.mp4")
-    yield "1080p, face 420", enlarged(clip, (1920, 1080), 420, SECONDS, folder / "hd.mp4")
-    yield "4K, face 800", enlarged(clip, (3840, 2160), 800, 4, folder / "uhd.mp4")
+def makers(clip: Clip) -> dict[str, Callable[[Path], Path]]:
+    """What is swapped, by name: how it is made in a folder."""
+    return {
+        "720p": lambda folder: clip.video,
+        "720p, ten times": lambda folder: looped(clip.video, 10 * SECONDS, folder / "long.mp4"),
+        "1080p, face 420": lambda folder: enlarged(clip, (1920, 1080), 420, SECONDS, folder / "hd.mp4"),
+        "4K, face 800": lambda folder: enlarged(clip, (3840, 2160), 800, 4, folder / "uhd.mp4"),
+    }
 
 
 def figures(rounds: list[Round]) -> dict[str, float]:
@@ -130,13 +130,20 @@ def measure(options: argparse.Namespace) -> Report:
         for one, model in zip((clip, donor_clip), models, strict=True):
             ran((sys.executable, "-c", ENROL, one.video, model))
         one_round(clip.video, models, folder)
-        for key, video in clips(clip, folder, options.quick):
-            count = 1 if options.quick else options.rounds
+        for key, make in makers(clip).items():
+            if key not in (("720p",) if options.quick else options.clips or makers(clip)):
+                continue
+            video, count = make(folder), 1 if options.quick else options.rounds
             found[key] = figures([one_round(video, models, folder) for _ in range(count)])
             common.say(f"{key}: {found[key]}")
     if options.keep:
-        KEPT.write_text(json.dumps({"version": options.keep, "figures": found}, indent=1) + "\n")
+        KEPT.write_text(json.dumps({"version": options.keep, "figures": _kept() | found}, indent=1) + "\n")
     return summary(found, json.loads(KEPT.read_text()) if KEPT.exists() else {})
+
+
+def _kept() -> dict[str, dict[str, float]]:
+    """Figures of clips that were kept before."""
+    return dict(json.loads(KEPT.read_text())["figures"]) if KEPT.exists() else {}
 
 
 TARGETS = (
@@ -176,5 +183,6 @@ def summary(found: dict[str, dict[str, float]], kept: dict[str, object]) -> Repo
 if __name__ == "__main__":
     parser = common.arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="swaps and transcodes of each clip")
+    parser.add_argument("--clips", nargs="+", metavar="NAME", help='some of them, such as "4K, face 800"')
     parser.add_argument("--keep", metavar="VERSION", help="keep the figures as those of this release")
     common.run(measure, parser)

@@ -25,8 +25,8 @@ KILL_AFTER_SHARE = 0.4  # of the duration of the run without a cluster
 
 
 @contextmanager
-def cluster() -> Iterator[list[subprocess.Popen[bytes]]]:
-    """A scheduler and two workers with one thread each; gives the workers."""
+def cluster(workers: int = 2, *, pinned: bool = False) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """A scheduler and workers with one thread each, and one core each if they are `pinned`; gives the workers."""
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", str(PORT), "--no-dashboard"]
     worker = [
@@ -39,16 +39,23 @@ def cluster() -> Iterator[list[subprocess.Popen[bytes]]]:
         "--no-dashboard",
         "--no-nanny",
     ]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": _path()}
     started = [subprocess.Popen(dask, env=environment, **quiet)]  # type: ignore[call-overload]
     time.sleep(3)
     try:
-        started += [subprocess.Popen(worker, env=environment, **quiet) for _ in range(2)]  # type: ignore[call-overload]
+        for number in range(workers):
+            core = ["taskset", "--cpu-list", str(number)] if pinned else []
+            started.append(subprocess.Popen(core + worker, env=environment, **quiet))  # type: ignore[call-overload]
         yield started[1:]
     finally:
         for process in started:
             process.kill()
             process.wait()
+
+
+def _path() -> str:
+    """Where the workers find these scripts' package, as this process does."""
+    return os.pathsep.join(filter(None, (os.environ.get("PYTHONPATH"), str(Path(__file__).parents[2]))))
 
 
 def command(videos: list[Path], folder: Path, *more: str) -> list[str]:
