@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import subprocess
 import tempfile
@@ -117,6 +118,7 @@ def of_crossing(people: tuple[str, str], options: argparse.Namespace, folder: Pa
             f"right={people[0]}",
             "-o",
             folder / "both.mp4",
+            "--force",
         ],
         folder,
     )
@@ -135,7 +137,7 @@ def of_cut(people: tuple[str, str], options: argparse.Namespace, folder: Path) -
     with open_input(clip) as media:
         found = find_people(media)
     learned = max(found.people, key=lambda person: len(person.frames))
-    later = learned.frames >= round(CUT * (FRAMES - 1)) + 1
+    later = learned.frames >= math.ceil(CUT * (FRAMES - 1))
     _, report, said = run(["enroll", clip, "-o", folder / "cut.guise", "--force"], folder)
     return {
         "pair": " | ".join(people), "told": "shows 2 people" in said,
