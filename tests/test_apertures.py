@@ -9,12 +9,13 @@ from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
-from guise.app.media import Frame, open_input
+from guise.app.media import ColourMatrix, Frame, open_input
 from guise.app.swapping.apertures import Aperture
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 
 FRAME = ReferenceFrame.canonical(96)
+SAME = ColourMatrix(*(np.eye(3, 4, dtype=np.float32) for _ in range(2)))
 
 
 @pytest.mark.parametrize("factor", [1, 2])
@@ -23,7 +24,7 @@ def test_an_aperture_shows_what_the_frame_shows_there_and_nothing_around_it_chan
     roi = np.zeros((2 * h, 2 * w, 3), np.uint8)
     roi[..., 0] = np.linspace(50, 200, 2 * w)  # on the source's face, twice as large as the grid's
     picture = np.full((factor * h, factor * w, 3), 255, np.uint8)
-    Aperture(FRAME, INNER_LIPS, factor).fill(picture, roi, (FRAME.points + 0.5) * 2 - 0.5)
+    Aperture(FRAME, INNER_LIPS, factor).fill(picture, roi, (FRAME.points + 0.5) * 2 - 0.5, SAME)
     x, y = FRAME.points[INNER_LIPS].mean(0)
     at = round((y + 0.5) * factor - 0.5), round((x + 0.5) * factor - 0.5)
     assert picture[at][0] == pytest.approx(50 + 150 * x / w, abs=3)
@@ -39,7 +40,7 @@ def test_an_eye_may_be_the_sources_only_while_it_is_shut(lids: float, expected: 
     middle = head[LEFT_EYE, 1].mean()
     head[LEFT_EYE, 1] = middle + lids * (head[LEFT_EYE, 1] - middle)
     picture = np.full((h, w, 3), 255, np.uint8)
-    Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points).fill(picture, np.zeros_like(picture), head)
+    Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points).fill(picture, np.zeros_like(picture), head, SAME)
     x, y = FRAME.points[LEFT_EYE].mean(0).round().astype(int)
     assert picture[y, x, 0] == pytest.approx(expected, abs=3)
 

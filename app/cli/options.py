@@ -192,7 +192,9 @@ Outline = Annotated[
 EyesChoice = Annotated[
     OwnerName,
     typer.Option(
-        "--eyes", help="Eyeballs between the lids: the identity's (donor) or the person's own (source)."
+        "--eyes",
+        help="Eyeballs between the lids: the identity's (donor) or the person's own with the identity's iris "
+        "colour (source).",
     ),
 ]
 MouthChoice = Annotated[

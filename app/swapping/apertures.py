@@ -1,7 +1,8 @@
 """The source's own eyeballs and inner mouth, drawn through the identity's lids and lips.
 
 The frame is sampled between the source's own lids and lips and laid into the texture, so that it moves with the drawn
-mesh: whatever the two faces' proportions, an eye is whole and of one colour.  Pixels, x right, y down.
+mesh: whatever the two faces' proportions, an eye is whole and looks where the source looks.  Its iris takes the
+identity's colour (`iris.py`).  Pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import numpy as np
 from guise.aam.landmarks.schemes import Group
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.app.media import ColourMatrix
+from guise.app.swapping.iris import IrisTint
 from guise.common.arrays import F32, F64, U8
 
 
@@ -23,6 +26,7 @@ class ApertureLimits:
 
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
     shut_growth_face_widths: float = 0.02  # of the source's part while it is shut
+    eye_growth_face_widths: float = 0.01  # of an eye otherwise, so that no sliver of the identity's shows
     shut: tuple[float, float] = (
         0.55,
         0.3,
@@ -42,33 +46,46 @@ class Aperture:
     factor : pixels of the texture per grid pixel, along each axis.
     at_rest : the source's shape (81, 2) at rest, if the source is to show only while the aperture is shut: then there
         are only lashes and lids to see, where the texture's modes leave slivers of the identity's open eye.
+    irises : textures (n, 3) RGB at rest of the source and of the identity, if the part is an eye whose iris is to have
+        the identity's colour.
     """
 
     def __init__(
-        self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64 | None = None
-    ) -> None:
+        self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64 | None = None,
+        irises: tuple[F32, F32] | None = None,
+    ) -> None:  # fmt: skip
         self._part = part
         self._opening = None if at_rest is None else opening(at_rest[part])
-        h, w = reference.size
         grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
-        share = soft_parts(reference, (part,), grow)
-        share = np.asarray(
-            cv2.resize(share, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32
-        )
+        if irises is not None:
+            grow = LIMITS.eye_growth_face_widths
+        share = _enlarged(soft_parts(reference, (part,), grow), factor)
         ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]
         rows, columns = np.mgrid[self._place]
         places = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / factor - 0.5
         self._sampler = MeshSampler.build(reference, places)
+        self._tint: IrisTint | None = None
+        if irises is not None:
+            lids = _enlarged(soft_parts(reference, (part,), 0.0), factor)[self._place]
+            eyes = (_enlarged(_on_grid(texture, reference), factor)[self._place] for texture in irises)
+            self._tint = IrisTint(lids, *eyes)
 
-    def fill(self, picture: U8, roi: U8, head: F64) -> None:
-        """Lay what a rectangle shows on the source's shape (81, 2), in its pixels, into a texture in place."""
+    def fill(self, picture: U8, roi: U8, head: F64, colour: ColourMatrix) -> None:
+        """Lay what a rectangle shows on the source's shape (81, 2), in its pixels, into a texture in place.
+
+        colour : the matrix of both pictures.
+        """
         shown = self._shown(head)
         if shown == 0:
             return
         places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
         own = cv2.remap(roi, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        if self._tint is not None:
+            eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
+            eye = cv2.transform(self._tint.apply(np.asarray(eye, np.float32)), colour.from_rgb)
+            own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(picture[self._place])
         share = self._share * np.float32(shown)
         picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
@@ -80,6 +97,18 @@ class Aperture:
         first, last = LIMITS.shut
         ratio = opening(head[self._part]) / max(self._opening, 1e-6)
         return float(np.clip((first - ratio) / (first - last), 0, 1))
+
+
+def _enlarged(plane: F32, factor: int) -> F32:
+    h, w = plane.shape[:2]
+    return np.asarray(cv2.resize(plane, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _on_grid(texture: F32, reference: ReferenceFrame) -> F32:
+    """(h, w, 3) picture of a texture (n, 3)."""
+    grid = np.zeros((*reference.size, 3), np.float32)
+    grid[reference.mask] = texture
+    return grid
 
 
 def opening(outline: F64) -> float:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
-from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import INNER_LIPS, RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, ReferenceFrame
@@ -82,6 +82,7 @@ class Painter:
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
+        self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
         self._source_at_rest = source.appearance.neutral_shape
         self._kept: dict[bool, list[Aperture]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -143,7 +144,7 @@ class Painter:
                 finish.before(drawn, picture, frame.index)
             if head is not None:
                 for aperture in self._apertures(fine):
-                    aperture.fill(picture, drawn, head - (x0, y0))
+                    aperture.fill(picture, drawn, head - (x0, y0), frame.colour)
             self._compositor(fine).composite(drawn, picture, mesh - (x0, y0), out=drawn)
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
@@ -216,9 +217,12 @@ class Painter:
         """Where the source's own eyes and mouth show."""
         if fine not in self._kept:
             factor, at_rest = 2 if fine else 1, self._source_at_rest
-            self._kept[fine] = [Aperture(self.reference, p, factor) for p in self.options.source_parts] + [
-                Aperture(self.reference, p, factor, at_rest) for p in self.options.shut_parts
+            own = [
+                Aperture(self.reference, p, factor, irises=None if p is INNER_LIPS else self._textures)
+                for p in self.options.source_parts
             ]
+            shut = [Aperture(self.reference, p, factor, at_rest) for p in self.options.shut_parts]
+            self._kept[fine] = own + shut
         return self._kept[fine]
 
     def _set_occlusion(self, fine: bool, uncovered: F32 | None) -> None:
