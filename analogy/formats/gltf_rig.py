@@ -20,7 +20,7 @@ class SparseSettings:
     """What a morph target leaves out."""
 
     min_motion_sizes: float = 1e-4  # of a vertex, of the size of its part: 0.03 mm on a head
-    min_normal_turn: float = 1e-2  # of a unit normal: half a degree
+    min_normal_turn: float = 2e-2  # of a unit normal: one degree
 
 
 SPARSE = SparseSettings()
