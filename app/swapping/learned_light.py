@@ -18,6 +18,7 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.onnx_model import ShippedNetwork
 from guise.aam.reference import ReferenceFrame
+from guise.app.swapping.brow_hair import BrowHair
 from guise.app.swapping.coarse_grid import CellReader, TexelSums, gaussian_kernel
 from guise.common.arrays import F32, Bool, Int
 
@@ -83,6 +84,7 @@ class LearnedLight:
         brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)[reference.mask]
         self._brows = np.flatnonzero(brows > LIMITS.min_share)
         self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows, None]
+        self._hair = BrowHair(reference)
         self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
         self._session = session()
         self.reset()
@@ -116,8 +118,10 @@ class LearnedLight:
         gains[:, self._in_parts] = part_gains
         lit[:, self._in_parts] *= self._surface
         lit[:, self._brows] += gains[:, self._brows] * self._brow_changes(texture[self._brows]).T
+        skin = self._hair.lit_skin(texture, gains, lit)
         gains *= texture.T
         gains += lit
+        self._hair.darken(gains, texture, skin, self._light.of_eyes)
         out = to_stored.astype(np.float32) @ gains
         out += offset.astype(np.float32)[:, None]
         return np.asarray(out)
@@ -156,6 +160,11 @@ class _Light:
     map: F32 = field(default_factory=_same_map)
     parts: F32 = field(default_factory=lambda: np.ones((len(PARTS), 3), np.float32))
     tint: F32 = field(default_factory=lambda: np.ones(3, np.float32))
+
+    @property
+    def of_eyes(self) -> float:
+        """Gain of the eyes' brightness."""
+        return float(self.parts[0] @ LUMA)
 
     def move(self, aim: _Light, share: float) -> None:
         """Move a share of the way to another."""

@@ -1,0 +1,77 @@
+"""Keeps brows as dark as their hair when a face takes a lighter or darker skin tone.
+
+A light that is measured on skin holds the two skin tones as well, and hair has no part in these: black brows of a dark
+face would be grey on a light one.  So a brow's pixel is taken for a mixture of skin and hair, by its brightness between
+that of the skin beside the brow and that of the brow's darkest hair; the skin gets the light, the hair the change of
+light alone, which is seen at the eyes.  A brow is darkened to that mixture, never made lighter.  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
+from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.reference import ReferenceFrame
+from guise.common.arrays import F32
+
+
+@dataclass(frozen=True)
+class BrowHairLimits:
+    """Lengths in face widths."""
+
+    growth: float = 0.02  # of the brows
+    beside: tuple[float, float] = (0.03, 0.06)  # from the brows, between which their skin lies
+    darkest: float = 0.05  # quantile of the brows' brightness that is hair
+    min_share: float = 0.01  # of a brow, from which a pixel belongs to it
+    strength: float = 0.8
+    min_factor: float = 0.2
+
+
+LIMITS = BrowHairLimits()
+
+
+class BrowHair:
+    """The brows of textures (n, 3).
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    """
+
+    def __init__(self, reference: ReferenceFrame) -> None:
+        core, grown, near, far = (
+            soft_parts(reference, (RIGHT_BROW, LEFT_BROW), grow)[reference.mask]
+            for grow in (0.0, LIMITS.growth, *LIMITS.beside)
+        )
+        self._pixels = np.flatnonzero(grown > LIMITS.min_share)
+        self._share = np.float32(LIMITS.strength) * grown[self._pixels]
+        self._core = np.flatnonzero(core > 0.5)
+        skin = skin_mask(reference)[reference.mask]
+        self._beside = np.flatnonzero(skin & (far > 0.5) & (near < 0.5))
+
+    def lit_skin(self, texture: F32, gain: F32, offset: F32) -> F32:
+        """Brightness (b,) of bare skin in the brows' pixels under a light: gain and offset (3, n) of each pixel."""
+        skin = self._skin(texture)[:, None]
+        return np.asarray(LUMA @ (gain[:, self._pixels] * skin + offset[:, self._pixels]), np.float32)
+
+    def darken(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
+        """Darken the brows of a lit texture (3, n) in place.
+
+        texture : (n, 3) as it was.   lit_skin : see above.   light : change of brightness of what isn't skin.
+        """
+        own = texture[self._pixels] @ LUMA
+        skin = float(self._skin(texture) @ LUMA)
+        hair = float(np.quantile(texture[self._core] @ LUMA, LIMITS.darkest))
+        share = np.clip((skin - own) / max(skin - hair, 1.0), 0, 1)
+        aim = lit_skin + share * (np.minimum(hair * light, lit_skin) - lit_skin)
+        now = LUMA @ lit[:, self._pixels]
+        factor = np.clip(aim / np.maximum(now, 1.0), LIMITS.min_factor, 1.0)
+        lit[:, self._pixels] *= (1 + self._share * (factor - 1)).astype(np.float32)
+
+    def _skin(self, texture: F32) -> F32:
+        """(3,) colour of the skin beside the brows."""
+        return np.asarray(texture[self._beside].mean(0), np.float32)
