@@ -31,6 +31,7 @@ from guise.aam.model import KNOWN_REST, Identity, RestFrame
 from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
 from guise.aam.similarity import Failed
+from guise.aam.solid_shape import SolidPrior, facing
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8, Bool, Int
@@ -52,6 +53,14 @@ class TrainingLimits:
     lid_weight: float = 3.0  # of the lids' opening among the features by which frames differ
     mask_blur_face_widths: float = 0.02  # standard deviation, for the weights of texture variation
     hair_blur_face_widths: float = 0.012  # standard deviation, where smooth skin replaces hair
+    faced_cosines: tuple[float, float] = (
+        0.15,
+        0.5,
+    )  # of normal and camera, from which a place is seen, seen well
+    often_faced: tuple[float, float] = (
+        0.6,
+        0.9,
+    )  # mean of that over the frames, up to which turned ones don't count
     feature_mask_coverage: float = 0.3  # share of a feature pixel that must be face for the tracker to use it
 
 
@@ -280,7 +289,7 @@ def train_identity(
         raise TrainingError("no frame shows the face at rest; use a clip with a closed mouth in it")
     progress(1.0)
     assert at_rest[0].picture is not None
-    appearance, detail = _detailed(appearance, at_rest)
+    appearance, detail = detailed(appearance, at_rest)
     return Identity(
         name,
         appearance,
@@ -329,18 +338,45 @@ def _appearance(
     known = [observations[i].shape for i in choice.neutral if i in observations]
     chosen = known[0] if known and options.rest_frame is not None else None
     neutral = rest_weights(shapes, reference, chosen).astype(np.float32) @ raw
-    neutral[SHAPE_ENTRIES:] = _without_hair(neutral[SHAPE_ENTRIES:].reshape(-1, 3), mask, reference).ravel()
+    texture = with_what_faced(neutral[SHAPE_ENTRIES:].reshape(-1, 3), textures, shapes, reference)
+    neutral[SHAPE_ENTRIES:] = texture.ravel()
     return AppearanceModel(reference, components, neutral, mask)
 
 
-def _detailed(appearance: AppearanceModel, at_rest: Sequence[Observation]) -> tuple[AppearanceModel, F32]:
-    """The appearance with a sharp neutral face, and the detail that is too fine for it, see `with_detail`."""
+def detailed(appearance: AppearanceModel, at_rest: Sequence[Observation]) -> tuple[AppearanceModel, F32]:
+    """The appearance with a sharp neutral face without hair, and the detail that is too fine for it, see `with_detail`.
+
+    Hair goes last: frames that show it are not in register with a face without.
+    """
     sample = FineGrid(appearance.reference)
     frames = [sample(o.picture, o.shape) for o in at_rest if o.picture is not None]
     texture, detail = with_detail(appearance.neutral_texture, frames, appearance.mask, appearance.reference)
     neutral = appearance.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = texture.ravel()
+    neutral[SHAPE_ENTRIES:] = _without_hair(texture, appearance.mask, appearance.reference).ravel()
     return replace(appearance, neutral=neutral), detail
+
+
+def with_what_faced(texture: F32, textures: F32, shapes: F64, reference: ReferenceFrame) -> F32:
+    """A texture at rest (n, 3) of frames (m, n, 3) with shapes (m, 81, 2), where many were turned away.
+
+    What a turned head hides is smeared in its texture.  So a place that is often turned away is the mean of the frames
+    in which it faced the camera.
+    """
+    prior = SolidPrior.shipped()
+    fits = [prior.fit(shape) for shape in shapes]
+    cosines = np.array([facing(fit.rest, fit.pose.rotation) for fit in fits])
+    low, high = LIMITS.faced_cosines
+    sampler = reference.sampler
+    points = np.clip((cosines - low) / (high - low), 0, 1).astype(np.float32)
+    seen = (points[:, sampler.vertices] * sampler.weights).sum(1)
+    mean_seen = seen.mean(0)
+    low, high = LIMITS.often_faced
+    share = np.clip((high - mean_seen) / (high - low), 0, 1)[:, None]
+    if not share.any():
+        return texture
+    weights = seen**2
+    faced = np.einsum("mn,mnc->nc", weights, textures) / np.maximum(weights.sum(0), 1e-3)[:, None]
+    return np.asarray(texture + share * (faced - texture), np.float32)
 
 
 def _without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:

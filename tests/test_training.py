@@ -1,5 +1,7 @@
 """Choice of frames, what a frame is reduced to, and what a trained model holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,22 +9,26 @@ from hypothesis import strategies as st
 from made_up import SAMPLES
 from numpy.testing import assert_allclose, assert_array_equal
 
-from guise.aam.appearance import openness
+from guise.aam.appearance import SHAPE_ENTRIES, openness
 from guise.aam.landmarks.schemes import INNER_LIPS
 from guise.aam.light import equalised_light
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed
+from guise.aam.solid_shape import SolidPrior, facing
+from guise.aam.tracker import Crop
 from guise.aam.training import (
     LIMITS,
     Observation,
     TrainingError,
     TrainingOptions,
     choose_frames,
+    detailed,
     held_out_error,
     observe,
     train_identity,
+    with_what_faced,
 )
 
 Talk = tuple[list[np.ndarray], np.ndarray]
@@ -206,3 +212,42 @@ def test_equalised_light_leaves_what_light_cannot_do() -> None:
     face[1, mouth] = 30
     equalised = equalised_light(face, skin_mask(frame)[frame.mask], frame)
     np.testing.assert_allclose(equalised[1, mouth] - equalised[0, mouth], -90, atol=3)
+
+
+def test_what_a_turned_head_hides_is_taken_from_frames_in_which_it_faced_the_camera() -> None:
+    reference, prior = ReferenceFrame.canonical(64), SolidPrior.shipped()
+    angles = np.radians([-50, -45, -40, -50, -45, 0, 5, -5])
+    turns = [np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]]) for a in angles]
+    shapes = np.array([(prior.mean @ turn.T)[:, :2] * 50 + 100 for turn in turns])
+    cosines = np.array([facing(fit.rest, fit.pose.rotation) for fit in map(prior.fit, shapes)])
+    sampler = reference.sampler
+    faced = (cosines[:, sampler.vertices] * sampler.weights).sum(1)
+    skin = np.float32([180, 140, 120])
+    textures = np.where((faced > 0.3)[..., None], skin, np.float32([20, 200, 20]))
+    made = with_what_faced(np.float32(textures.mean(0)), textures.astype(np.float32), shapes, reference)
+    hidden = (faced[:5] < 0.1).all(0) & (faced[5:] > 0.5).all(0)
+    assert hidden.sum() > 20
+    assert np.abs(textures.mean(0)[hidden] - skin).max() > 50
+    assert np.abs(made[hidden] - skin).max() < 15
+    straight = with_what_faced(textures[5], textures[5:6].repeat(8, 0), shapes[5:6].repeat(8, 0), reference)
+    assert_allclose(straight, textures[5], atol=1e-3)
+
+
+def test_hair_in_the_frames_does_not_bend_the_face_beside_it(p01: Identity) -> None:
+    reference, rest = p01.reference, p01.rest_frame
+    columns = np.arange(reference.size[1]) / reference.size[1]
+    face = p01.appearance.mask & (columns > 0.3)
+
+    def neutral(picture: np.ndarray) -> np.ndarray:
+        vector = p01.appearance.neutral.copy()
+        vector[SHAPE_ENTRIES:] = reference.sampler.sample(picture, rest.shape).ravel()
+        appearance = replace(p01.appearance, neutral=vector, mask=face)
+        crop = Crop(picture[..., 0], np.ones(2), np.zeros(2))  # not looked at
+        frame = Observation(vector[SHAPE_ENTRIES:].reshape(-1, 3), crop, rest.shape, picture)
+        return reference.scatter(detailed(appearance, [frame])[0].neutral_texture)
+
+    hairy = rest.picture.copy()
+    hairy[:, : int(rest.shape[:, 0].min() + 0.3 * np.ptp(rest.shape[:, 0]))] = 15
+    plain, made = neutral(rest.picture), neutral(hairy)
+    assert np.abs(made - plain)[face & (columns > 0.36)].mean() < 1
+    assert made[p01.appearance.mask & ~face].mean() > 0.7 * plain[face].mean()
