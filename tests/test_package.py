@@ -149,7 +149,7 @@ def test_the_readme_says_how_large_the_wheel_is(wheel: Path) -> None:
 
 def test_the_demo_runs_from_the_wheel(project: tuple[Path, dict[str, str]]) -> None:
     folder, environment = project
-    command = [folder / "env" / "bin" / "guise", "demo", "-o", "out", "--quiet"]
+    command = [folder / "env" / "bin" / "guise", "demo", "-o", "out", "--force", "--quiet"]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert (folder / "out" / "swapped.mp4").stat().st_size > 10_000
