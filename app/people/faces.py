@@ -3,8 +3,9 @@
 A detector runs on every frame with a low threshold: on the frame as it is, and turned by quarter turns (all three where
 no upright face is certain, otherwise one of them in every third frame, in turn).  Boxes that are certainly faces start
 a tracklet, which is tracked from frame to frame and, from its first frame, back through the frames before; what else
-looks like a face is kept as a bystander.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG
-points; frames RGB uint8; turns in radians, by which a face is rolled clockwise.
+looks like a face is kept as a bystander, and so are parts of faces at the picture's sides, searched in every third
+frame.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8; turns in
+radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -25,6 +26,7 @@ from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_on_schedule, turn_of
 from guise.aam.landmarks.schemes import COUNT, IBUG68
+from guise.aam.landmarks.sides import detect_at_sides
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.media import Frame
 from guise.common.arrays import F32, I32, U8
@@ -46,6 +48,8 @@ class DetectionLimits:
     min_likeness_small: float = 1.0  # below that score; smaller faces have lower scores
     min_likeness_large: float = 3.0
     small_face_pixels: int = 64
+    side_interval_frames: int = 3  # from one search for parts of faces at the sides to the next
+    min_likeness_at_side: float = 3.0
     confirmed_likeness: float = 3.0  # beyond the least, from which a candidate is confirmed
     sights: int = 2  # others that confirm a candidate,
     sight_frames: int = 6  # within so many frames
@@ -119,12 +123,13 @@ class SegmentFaces:
 
 @dataclass(frozen=True, eq=False)
 class DetectedFrame:
-    """A frame after the detector: index, RGB, what was found, and the frame made small."""
+    """A frame after the detector: index, RGB, what was found, the frame made small, and parts of faces at its sides."""
 
     index: int
     rgb: U8
     found: RolledBoxes
     small: U8
+    at_sides: RolledBoxes = field(default_factory=RolledBoxes.none)
 
 
 def detect_boxes(
@@ -136,7 +141,9 @@ def detect_boxes(
         rgb = frame.quick_rgb()
         found = detect_on_schedule(detector, rgb, frame.index, LIMITS.certain_score)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
-        return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8))
+        is_searched = frame.index % LIMITS.side_interval_frames == 0
+        at_sides = detect_at_sides(detector, rgb) if is_searched else RolledBoxes.none()
+        return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides)
 
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[DetectedFrame]] = deque()
@@ -235,8 +242,14 @@ class SegmentTracker:
                 self._start(frame.index, _with_ibug68_box(face))
             else:
                 candidates += self._candidate(frame, box, score, turn)
+        candidates += self._at_sides(frame)
         # Boxes at a wrong roll may come before the face's own.
         self._candidates += [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
+
+    def _at_sides(self, frame: DetectedFrame) -> Iterator[Candidate]:
+        for box, score in zip(frame.at_sides.boxes, frame.at_sides.scores, strict=True):
+            if self._landmarker.likeness(frame.rgb, box, 0.0) >= LIMITS.min_likeness_at_side:
+                yield Candidate(frame.index, box, float(score), confirmed=True)
 
     def _is_on_known(self, box: F32, score: float = 1.0, turn: float = 0.0) -> bool:
         """Whether a box is that of a face that is tracked in this frame, or of something on its head."""

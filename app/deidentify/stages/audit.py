@@ -1,11 +1,12 @@
 """The audit of a rendered segment: original and result are searched for faces, and compared where either has one.
 
 It does not rely on what found the faces.  It searches at four rolls between those of the first stage and at two other
-sizes, or by a detector of the user's choice, and in the original as well: a face that the first stage missed is found
-in both.  It also compares every face that is said to be swapped with the original.  Searched are one frame in
-`AuditLimits.interval_frames`, frames without a face shortly before or after one, and those about what was found; every
-frame with ``--audit full``.  Some are searched as negatives, too, and all after a negative that has a face.  Pixels as
-shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in radians, by which a face is rolled clockwise.
+sizes, where it also looks for parts of faces at the picture's sides, or by a detector of the user's choice, and in the
+original as well: a face that the first stage missed is found in both.  It also compares every face that is said to be
+swapped with the original.  Searched are one frame in `AuditLimits.interval_frames`, frames without a face shortly
+before or after one, and those about what was found; every frame with ``--audit full``.  Some are searched as negatives,
+too, and all after a negative that has a face.  Pixels as shown; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; turns in
+radians, by which a face is rolled clockwise.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.face import BoxDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
+from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.media import Frame
 from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
 from guise.common.arrays import F32, F64, U8
@@ -127,6 +129,7 @@ class AuditSearch:
         found = RolledBoxes.none()
         for detector in chosen:
             found = found.and_others(detect_at_turns(detector, rgb, _BETWEEN_QUARTERS))
+            found = found.and_others(detect_at_sides(detector, rgb))
         return found
 
 
