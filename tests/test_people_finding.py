@@ -7,14 +7,16 @@ import pytest
 from clips import two_people
 
 from guise.aam.landmarks.schemes import FOREHEAD
-from guise.aam.recognition import SIGNATURE_RESOLUTION
+from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, SIGNATURE_RESOLUTION
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import TrackerOptions
 from guise.aam.training import TrainingOptions
 from guise.app.cli.main import main
 from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
 from guise.app.media import open_input
+from guise.app.people import finding
 from guise.app.people.finding import (
+    MIN_ALIKE,
     Piece,
     VideoPeople,
     find_people,
@@ -85,6 +87,34 @@ def test_a_clip_cut_from_two_people_is_told_and_one_is_learned(cut: Path) -> Non
         enrol([cut], LandmarkSource(), name="nobody", person=3, options=SMALL)
 
 
+def given_points(found: VideoPeople) -> np.ndarray:
+    points = np.full((FRAMES, 81, 2), np.nan)
+    for person in found.people:
+        points[person.frames] = person.points
+    return points
+
+
+def test_a_cut_to_a_face_that_would_pass_within_a_shot_is_told(
+    cut: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(finding, "MIN_ALIKE", 0.40)  # so that p01 and p06 count as alike
+    found = found_in(cut)
+    first, second = found.people
+    assert first.signature @ second.signature > 0.40
+    with open_input(cut) as media:
+        assert people_followed(media, given_points(found)) == 2
+
+
+def test_somebody_who_is_elsewhere_after_a_cut_is_one_person(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mp4"
+    two_people(path, FRAMES, lambda time: (120 if time < 40 / (FRAMES - 1) else 360, -300))
+    found = found_in(path)
+    assert found.cuts == (40,)
+    assert [len(person.frames) for person in found.people] == [FRAMES]
+    with open_input(path) as media:
+        assert people_followed(media, given_points(found)) == 1
+
+
 def test_only_frames_of_the_person_are_left(cut: Path) -> None:
     people = found_in(cut).people
     assert [np.isfinite(person.landmarks(FRAMES)[:, 0, 0]).nonzero()[0].tolist() for person in people] == [
@@ -94,9 +124,7 @@ def test_only_frames_of_the_person_are_left(cut: Path) -> None:
 
 
 def test_landmarks_that_are_given_are_kept_of_one_person_only(cut: Path) -> None:
-    points = np.full((FRAMES, 81, 2), np.nan)
-    for person in found_in(cut).people:
-        points[person.frames] = person.points
+    points = given_points(found_in(cut))
     with open_input(cut) as media:
         assert people_followed(media, points) == 2
     with open_input(cut) as media:
@@ -131,6 +159,35 @@ def test_a_track_that_went_on_with_another_head_is_parted(looks: list[np.ndarray
     pieces = [piece(0, range(20), looks[0]), piece(0, range(20, 40), looks[1])]
     assert len(group(pieces)) == 2
     assert [p.person for p in pieces] == [0, 1]
+
+
+def test_over_a_cut_faces_must_be_more_alike(looks: list[np.ndarray]) -> None:
+    similar = 0.6 * looks[0] + 0.4 * looks[1]
+    pieces = [
+        piece(0, range(20), looks[0]),
+        piece(1, range(20, 40), similar),
+        piece(2, range(40, 60), looks[0]),
+    ]
+    own, other = pieces[0].signature, pieces[1].signature
+    assert own is not None
+    assert other is not None
+    assert MIN_ALIKE < own @ other < MIN_SAME_PERSON_SIMILARITY
+    group(pieces)
+    assert [p.person for p in pieces] == [0, 0, 0]
+    for one in pieces:
+        one.person = -1
+    group(pieces, [20, 40])
+    assert [p.person for p in pieces] == [0, 1, 0]
+
+
+def test_who_is_in_a_short_shot_is_known_from_the_others(looks: list[np.ndarray]) -> None:
+    pieces = [
+        piece(0, range(20), looks[0]),
+        piece(1, range(20, 25), looks[0]),
+        piece(2, range(25, 30), looks[1]),
+    ]
+    group(pieces, [20, 25])
+    assert [p.person for p in pieces] == [0, 0, -1]
 
 
 def test_who_comes_back_on_another_track_is_known(looks: list[np.ndarray]) -> None:

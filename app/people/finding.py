@@ -2,14 +2,16 @@
 
 A track alone doesn't say who it follows: where two heads cross it may go on with the other one.  So its frames are
 taken in short pieces that no other face comes near, each piece has a signature (`guise.aam.recognition`), and pieces
-that are alike are of one person, whatever the track.  Faces that are seen at once are of different people.  What is
-too short or too unlike anybody stays unknown.
+that are alike are of one person, whatever the track.  Nothing else speaks for that over a cut, so people of two shots
+must be as alike as two enrolments of one person.  Faces that are seen at once are of different people.  What is too
+short or too unlike anybody stays unknown.
 
 Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames counted from 0.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +26,12 @@ from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.plausible import is_plausible_motion
-from guise.aam.recognition import SIGNATURE_RESOLUTION, cosine_similarity, signature_of
+from guise.aam.recognition import (
+    MIN_SAME_PERSON_SIMILARITY,
+    SIGNATURE_RESOLUTION,
+    cosine_similarity,
+    signature_of,
+)
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, MediaInput
 from guise.app.people.faces import LIMITS as DETECTION
@@ -35,7 +42,7 @@ from guise.common.threads import one_thread
 
 # Measured on pieces of 20 frames of 41 clips: 97 of 100 pairs of one clip are more alike than this, and of the
 # pairs of different people none.
-MIN_ALIKE = 0.68  # cosine of signatures, from which two pieces are of one person
+MIN_ALIKE = 0.68  # cosine of signatures, from which two pieces of a shot are of one person
 MAX_UNLIKE = 0.50  # below which a piece is of somebody else than the rest of its track
 
 
@@ -221,31 +228,52 @@ def load_people(path: Path) -> VideoPeople:
     return VideoPeople(tuple(people), UnknownFaces(**parts[0]), cuts, int(arrays["count"]))
 
 
-def group(pieces: Sequence[Piece]) -> list[F32]:
+def group(pieces: Sequence[Piece], cuts: Sequence[int] = ()) -> list[F32]:
     """Say whose each piece is, in place; returns the signatures (64,) of the people.
+
+    Each shot by itself, then people of different shots who are alike are one; last what is left over, such as the
+    pieces of a short shot.
+
+    cuts : frames with which new shots begin, ascending; no piece lies on both sides of one.
+    """
+    people: list[_Person] = []
+    signatures = {id(piece): piece.signature for piece in pieces}
+    shots: dict[int, list[Piece]] = defaultdict(list)
+    for piece in pieces:
+        shots[bisect_right(cuts, piece.frames[0])].append(piece)
+    for shot in shots.values():
+        people += _group_shot(shot, signatures, len(people))
+    _merge(people, pieces, MIN_SAME_PERSON_SIMILARITY)
+    for piece in pieces:
+        own = signatures[id(piece)]
+        if piece.person < 0 and own is not None:
+            _join(piece, own, people, MIN_SAME_PERSON_SIMILARITY)
+    _continue(pieces, signatures, people)
+    return [person.signature for person in people]
+
+
+def _group_shot(pieces: Sequence[Piece], signatures: dict[int, F32 | None], first: int) -> list[_Person]:
+    """The people of a shot, whose numbers begin with `first`.
 
     Clear pieces come first, longest first; each joins the person whom it is most like, unless that person is seen
     elsewhere at the same time, or begins a new one.
     """
     people: list[_Person] = []
-    signatures = {id(piece): piece.signature for piece in pieces}
     for piece in sorted(pieces, key=lambda p: (p.crossing, -p.count)):
         own = signatures[id(piece)]
-        if own is None:
+        if own is None or _join(piece, own, people, MIN_ALIKE):
             continue
-        best = _most_alike(people, own, piece)
-        if best is not None and cosine_similarity(people[best].signature, own) >= MIN_ALIKE:
-            people[best].take(piece, own, best)
-        elif (
+        if (
             not piece.crossing
             and piece.count >= LIMITS.min_sure_frames
             and not _is_like_its_track(piece, people, pieces, own)
         ):
             people.append(_Person())
             people[-1].take(piece, own, len(people) - 1)
-    _merge(people, pieces)
-    _continue(pieces, signatures, people)
-    return [person.signature for person in people]
+    _merge(people, pieces, MIN_ALIKE)
+    for piece in pieces:
+        piece.person += first if piece.person >= 0 else 0
+    return people
 
 
 class _Person:
@@ -271,9 +299,14 @@ class _Person:
         return any(frame in at and track != piece.track for frame, track in self.frames)
 
 
-def _most_alike(people: Sequence[_Person], own: F32, piece: Piece) -> int | None:
+def _join(piece: Piece, own: F32, people: Sequence[_Person], least: float) -> bool:
+    """Give a piece to the person whom it is most like, if their similarity reaches `least`; whether it did."""
     free = [k for k, person in enumerate(people) if not person.is_elsewhere(piece)]
-    return max(free, key=lambda k: cosine_similarity(people[k].signature, own), default=None)
+    best = max(free, key=lambda k: cosine_similarity(people[k].signature, own), default=None)
+    if best is None or cosine_similarity(people[best].signature, own) < least:
+        return False
+    people[best].take(piece, own, best)
+    return True
 
 
 def _is_like_its_track(piece: Piece, people: Sequence[_Person], pieces: Sequence[Piece], own: F32) -> bool:
@@ -282,13 +315,13 @@ def _is_like_its_track(piece: Piece, people: Sequence[_Person], pieces: Sequence
     return any(cosine_similarity(people[k].signature, own) >= MAX_UNLIKE for k in same)
 
 
-def _merge(people: list[_Person], pieces: Sequence[Piece]) -> None:
-    """Join people who came out alike and are never seen at once."""
+def _merge(people: Sequence[_Person], pieces: Sequence[Piece], least: float) -> None:
+    """Join people whose similarity reaches `least` and who are never seen at once."""
     for a in range(len(people)):
         for b in range(a + 1, len(people)):
-            alike = cosine_similarity(people[a].signature, people[b].signature) >= MIN_ALIKE
-            apart = {f for f, _ in people[a].frames} & {f for f, _ in people[b].frames}
-            if people[b].frames and alike and not apart:
+            if not people[b].frames or cosine_similarity(people[a].signature, people[b].signature) < least:
+                continue
+            if not {f for f, _ in people[a].frames} & {f for f, _ in people[b].frames}:
                 people[a].total = people[a].total + people[b].total
                 people[a].frames |= people[b].frames
                 people[b].frames, people[b].total = set(), np.zeros(64, np.float32)
@@ -326,7 +359,7 @@ def _continue(pieces: Sequence[Piece], signatures: dict[int, F32 | None], people
 def _people(
     found: SegmentFaces, numbers: Sequence[int], pieces: list[Piece], thumbnails: _Thumbnails, count: int
 ) -> VideoPeople:
-    signatures = group(pieces)
+    signatures = group(pieces, found.cuts.tolist())
     owner = {(piece.track, frame): piece.person for piece in pieces for frame in piece.frames}
     first = {piece.track: piece for piece in reversed(pieces)}
     rows = np.full(len(found.frame), -1)
@@ -425,7 +458,7 @@ def people_followed(media: Iterable[Frame], points: F64) -> int:
 
     points : (n, 81, 2) of each frame; NaN where there is no face.  A piece ends at a cut and where the points jump.
     """
-    collector, track = PieceCollector(), 0
+    collector, track, cuts = PieceCollector(), 0, list[int]()
     small: U8 | None = None
     for frame in media:
         if frame.index >= len(points):
@@ -434,12 +467,14 @@ def people_followed(media: Iterable[Frame], points: F64) -> int:
             points[frame.index],
             np.asarray(cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA), np.uint8),
         )
+        if small is not None and is_cut(small, here):
+            cuts.append(frame.index)
         last = points[frame.index - 1] if frame.index else now
-        track += int((small is not None and is_cut(small, here)) or _jumped(last, now))
+        track += int(frame.index in cuts[-1:] or _jumped(last, now))
         small = here
         if np.isfinite(now).all():
             collector.add(frame, track, now, 1.0, near=False)
-    group(collector.pieces)
+    group(collector.pieces, cuts)
     return len({piece.person for piece in collector.pieces} - {-1})
 
 
