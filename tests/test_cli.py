@@ -220,7 +220,9 @@ def test_swap_says_what_was_done(capsys: pytest.CaptureFixture[str], people: Pat
     code, out, err = run(capsys, "swap", str(clip), *SWAP)
     assert (code, err) == (0, "")
     assert out.startswith("out.mp4: 10 of 10 frames swapped, 0 held, 0 lost; ")
-    assert out.endswith(" frames per second\n")
+    speed, grade = out.splitlines()
+    assert speed.endswith(" frames per second")
+    assert grade.startswith("quality: ")
 
 
 def test_json_is_one_object_and_quiet_is_silent(capsys: pytest.CaptureFixture[str], people: Path) -> None:
