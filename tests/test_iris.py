@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guise.app.swapping.iris import IrisFinder, IrisTint
+from guise.app.swapping.iris import IrisFinder, IrisTint, of_one_colour
 from guise.common.arrays import F32
 
 HEIGHT, WIDTH = 40, 76
@@ -58,3 +58,16 @@ def test_an_eye_without_a_white_stays() -> None:
     lids = (np.hypot(COLUMNS - 38, ROWS - 20) < 3).astype(np.float32)
     source = eye(BROWN)
     assert np.array_equal(IrisTint(lids, source, eye(GREEN)).apply(source), source)
+
+
+def test_a_shut_eye_keeps_its_colours() -> None:
+    source = eye(GREEN, 41)
+    assert np.array_equal(IrisTint(LIDS, eye(GREEN), eye(BROWN)).apply(source, 0.0), source)
+
+
+def test_both_eyes_change_alike() -> None:
+    tints = [IrisTint(LIDS, eye(GREEN), eye(other)) for other in (BROWN, CYAN)]
+    of_one_colour(tints)
+    assert tints[0].gain is not None
+    assert np.array_equal(tints[0].gain, tints[1].gain)
+    assert tints[0].gain[2] == pytest.approx(np.sqrt(40 / 74 * 169 / 74), rel=0.15)

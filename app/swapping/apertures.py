@@ -46,8 +46,8 @@ class Aperture:
     factor : pixels of the texture per grid pixel, along each axis.
     at_rest : the source's shape (81, 2) at rest, if the source is to show only while the aperture is shut: then there
         are only lashes and lids to see, where the texture's modes leave slivers of the identity's open eye.
-    irises : textures (n, 3) RGB at rest of the source and of the identity, if the part is an eye whose iris is to have
-        the identity's colour.
+    irises : textures (n, 3) RGB at rest of the source and of the identity, if the part is an eye that always shows and
+        whose iris is to have the identity's colour; needs `at_rest`, as a shut eye shows none.
     """
 
     def __init__(
@@ -66,32 +66,34 @@ class Aperture:
         rows, columns = np.mgrid[self._place]
         places = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / factor - 0.5
         self._sampler = MeshSampler.build(reference, places)
-        self._tint: IrisTint | None = None
+        self.tint: IrisTint | None = None
         if irises is not None:
             lids = _enlarged(soft_parts(reference, (part,), 0.0), factor)[self._place]
             eyes = (_enlarged(_on_grid(texture, reference), factor)[self._place] for texture in irises)
-            self._tint = IrisTint(lids, *eyes)
+            self.tint = IrisTint(lids, *eyes)
 
     def fill(self, picture: U8, roi: U8, head: F64, colour: ColourMatrix) -> None:
         """Lay what a rectangle shows on the source's shape (81, 2), in its pixels, into a texture in place.
 
         colour : the matrix of both pictures.
         """
-        shown = self._shown(head)
+        shown = self._shut(head) if self.tint is None else 1.0
         if shown == 0:
             return
         places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
         own = cv2.remap(roi, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        if self._tint is not None:
+        if self.tint is not None:
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
-            eye = cv2.transform(self._tint.apply(np.asarray(eye, np.float32)), colour.from_rgb)
+            eye = cv2.transform(
+                self.tint.apply(np.asarray(eye, np.float32), 1 - self._shut(head)), colour.from_rgb
+            )
             own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(picture[self._place])
         share = self._share * np.float32(shown)
         picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
 
-    def _shown(self, head: F64) -> float:
-        """Share in [0, 1] of the source."""
+    def _shut(self, head: F64) -> float:
+        """Share in [0, 1] by which the aperture is shut; 1 where its opening at rest isn't known."""
         if self._opening is None:
             return 1.0
         first, last = LIMITS.shut

@@ -7,6 +7,7 @@ two people's irises differ from their own whites; so neither light counts.  RGB 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -123,17 +124,21 @@ class IrisTint:
     ----------
     share : (h, w) share in [0, 1] by which pixels are within the lids.
     source, target : (h, w, 3) the two people's eyes at rest, in the same places.
+
+    Attributes
+    ----------
+    gain : (3,) factor of an iris's channels; None where one of the two shows no iris or no white.
     """
 
     def __init__(self, share: F32, source: F32, target: F32) -> None:
         self._finder = IrisFinder(share)
-        self._gain: F32 | None = None
+        self.gain: F32 | None = None
         own, other = self._finder.colours(source), self._finder.colours(target)
         if own is None or other is None:
             return
         black = np.float32(LIMITS.black_grey_levels)
         gain = (other.iris + black) / (other.white + black) * (own.white + black) / (own.iris + black)
-        self._gain = np.clip(gain, *LIMITS.gain).astype(np.float32)
+        self.gain = np.clip(gain, *LIMITS.gain).astype(np.float32)
         level = max(float(own.white @ LUMA), 1.0)
         difference = (own.white - own.iris) / level
         squared = max(float(difference @ difference), LIMITS.min_contrast**2)
@@ -141,9 +146,9 @@ class IrisTint:
         self._offset = float(own.white @ self._direction) / level
         self._place: F64 | None = None
 
-    def apply(self, eye: F32) -> F32:
-        """An eye (h, w, 3) with the other's iris."""
-        if self._gain is None:
+    def apply(self, eye: F32, strength: float = 1.0) -> F32:
+        """An eye (h, w, 3) with the other's iris, by a share in [0, 1]: a shut eye has none."""
+        if self.gain is None or strength == 0:
             return eye
         level = max(self._finder.white(eye @ LUMA), 1.0)
         unlike_white = np.clip(self._offset - eye @ (self._direction / level), -0.5, 1).astype(np.float32)
@@ -152,8 +157,8 @@ class IrisTint:
             return eye
         centre = self._steadied(centre)
         disc = np.clip((1 - self._finder.away(centre)) / LIMITS.soft + 0.5, 0, 1)
-        share = disc * np.clip(2 * unlike_white, 0, 1)
-        return np.asarray(eye * (1 + share[..., None] * (self._gain - 1)), np.float32)
+        share = np.float32(strength) * disc * np.clip(2 * unlike_white, 0, 1)
+        return np.asarray(eye * (1 + share[..., None] * (self.gain - 1)), np.float32)
 
     def _steadied(self, centre: F64) -> F64:
         last, radius = self._place, self._finder.radius
@@ -161,3 +166,13 @@ class IrisTint:
             centre = centre + LIMITS.memory * (last - centre)
         self._place = centre
         return centre
+
+
+def of_one_colour(tints: Sequence[IrisTint]) -> None:
+    """Give both eyes the same change of colour: light and reflections make single eyes differ."""
+    gains = [tint.gain for tint in tints if tint.gain is not None]
+    if gains:
+        mean = np.exp(np.mean(np.log(gains), axis=0)).astype(np.float32)
+        for tint in tints:
+            if tint.gain is not None:
+                tint.gain = mean

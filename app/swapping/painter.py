@@ -19,6 +19,7 @@ from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture
 from guise.app.swapping.finish import Finish
+from guise.app.swapping.iris import of_one_colour
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
@@ -218,9 +219,12 @@ class Painter:
         if fine not in self._kept:
             factor, at_rest = 2 if fine else 1, self._source_at_rest
             own = [
-                Aperture(self.reference, p, factor, irises=None if p is INNER_LIPS else self._textures)
+                Aperture(self.reference, p, factor)
+                if p is INNER_LIPS
+                else Aperture(self.reference, p, factor, at_rest, self._textures)
                 for p in self.options.source_parts
             ]
+            of_one_colour([aperture.tint for aperture in own if aperture.tint is not None])
             shut = [Aperture(self.reference, p, factor, at_rest) for p in self.options.shut_parts]
             self._kept[fine] = own + shut
         return self._kept[fine]
