@@ -53,14 +53,10 @@ class TrainingLimits:
     lid_weight: float = 3.0  # of the lids' opening among the features by which frames differ
     mask_blur_face_widths: float = 0.02  # standard deviation, for the weights of texture variation
     hair_blur_face_widths: float = 0.012  # standard deviation, where smooth skin replaces hair
-    faced_cosines: tuple[float, float] = (
-        0.15,
-        0.5,
-    )  # of normal and camera, from which a place is seen, seen well
-    often_faced: tuple[float, float] = (
-        0.6,
-        0.9,
-    )  # mean of that over the frames, up to which turned ones don't count
+    # Cosines of normal and camera, from which a place is seen and from which it is seen well; the mean of that over the
+    # frames, up to which turned frames don't count and from which all do.
+    faced_cosines: tuple[float, float] = (0.15, 0.5)
+    often_faced: tuple[float, float] = (0.6, 0.9)
     feature_mask_coverage: float = 0.3  # share of a feature pixel that must be face for the tracker to use it
 
 

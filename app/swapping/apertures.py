@@ -69,7 +69,7 @@ class Aperture:
         self.tint: IrisTint | None = None
         if irises is not None:
             lids = _enlarged(soft_parts(reference, (part,), 0.0), factor)[self._place]
-            eyes = (_enlarged(_on_grid(texture, reference), factor)[self._place] for texture in irises)
+            eyes = (_enlarged(reference.scatter(texture), factor)[self._place] for texture in irises)
             self.tint = IrisTint(lids, *eyes)
 
     def fill(self, picture: U8, roi: U8, head: F64, colour: ColourMatrix) -> None:
@@ -104,13 +104,6 @@ class Aperture:
 def _enlarged(plane: F32, factor: int) -> F32:
     h, w = plane.shape[:2]
     return np.asarray(cv2.resize(plane, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32)
-
-
-def _on_grid(texture: F32, reference: ReferenceFrame) -> F32:
-    """(h, w, 3) picture of a texture (n, 3)."""
-    grid = np.zeros((*reference.size, 3), np.float32)
-    grid[reference.mask] = texture
-    return grid
 
 
 def opening(outline: F64) -> float:

@@ -32,6 +32,7 @@ class IrisLimits:
         0.9,
     )  # radii, between which the colour is taken: no pupil, no rim
     white_share: float = 0.3  # of what lies beside the iris, the brightest, taken for white
+    bright: float = 0.9  # quantile of an eye's brightness that its white has
     min_contrast: float = 0.25  # of the white, by which an iris is darker at least
     gain: tuple[float, float] = (0.15, 2.5)
     black_grey_levels: float = 4.0
@@ -110,7 +111,7 @@ class IrisFinder:
 
     def white(self, luma: F32) -> float:
         """Grey level of the brightest part of an eye."""
-        return float(np.quantile(luma[self._inside], 0.9))
+        return float(np.quantile(luma[self._inside], LIMITS.bright))
 
     @staticmethod
     def _mean(plane: NDArray[np.float32], kernel: F32) -> F32:
