@@ -27,7 +27,7 @@ from guise.app.media.pictures import Picture
 from guise.app.studio.store import Store
 
 VIEW = {"width": 1000, "height": 820}  # CSS pixels
-FACES = ("p07 (fictional)", "p03 (fictional)")
+FACES = ("Kenji (fictional)", "Mei (fictional)")
 SECONDS_PER_FACE = 2.5
 SETTLING_SECONDS = 3.0  # until the connection's bit rate is high enough
 START_TIMEOUT_SECONDS = 60.0

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -14,7 +15,19 @@ from models import model_file
 from guise.aam.extrapolation import ReferenceMismatchError
 from guise.aam.model import Identity, ModelError
 from guise.aam.recognition import signature
-from guise.app.swapping.donors import COMMON_FACES, DonorError, KeyFile, assign, gallery, open_donor, parts
+from guise.app.people import kept
+from guise.app.swapping.donors import (
+    COMMON_FACES,
+    FIRST_NAMES,
+    DonorError,
+    KeyFile,
+    assign,
+    gallery,
+    open_donor,
+    open_face,
+    parts,
+    titled,
+)
 
 ROOT = Path(__file__).parents[1]
 
@@ -26,8 +39,33 @@ def test_the_gallery_is_small_and_names_nobody() -> None:
     assert sum(file.stat().st_size for file in files) < 30e6
     for name in gallery():
         person = open_donor(name)
-        assert person.name == name
+        assert person.name == FIRST_NAMES[name]
         assert "/" not in json.dumps(person.facts)
+
+
+def test_a_first_name_is_the_same_face_as_the_number() -> None:
+    assert sorted(FIRST_NAMES) == list(gallery())
+    assert len({name.lower() for name in FIRST_NAMES.values()}) == len(FIRST_NAMES)
+    for spec in ("Mei", "mei", "p03"):
+        np.testing.assert_array_equal(
+            open_face(spec).rest_frame.picture, open_donor("p03").rest_frame.picture
+        )
+    assert parts("mean:Luca+walter") == ["Luca", "walter"]
+    np.testing.assert_array_equal(
+        open_donor("mean:Luca+walter").appearance.neutral, open_donor("mean:p01+p04").appearance.neutral
+    )
+    assert titled("mean:p01+p04+p07") == "the average of Luca, Walter and Kenji"
+
+
+def test_somebody_who_is_kept_comes_before_a_fictional_person_of_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GUISE_PEOPLE", str(tmp_path))
+    own = replace(Identity.load(model_file("p06")), name="Mei")
+    own.save(kept.place_for("Mei"))
+    assert own.reference.id != open_donor("p03").reference.id
+    assert open_face("Mei").reference.id == own.reference.id
+    assert open_face("mei").reference.id == open_donor("Mei").reference.id == open_donor("p03").reference.id
 
 
 def test_donors_can_be_mixed() -> None:
@@ -53,7 +91,7 @@ def test_own_models_are_donors(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("spec", ["p99", "../p01", "mean:p01+p99"])
 def test_an_unknown_donor_is_one_sentence(spec: str) -> None:
-    with pytest.raises(DonorError, match=r"there is no donor .*; use NAME.guise, or one of p01, "):
+    with pytest.raises(DonorError, match=r"there is no donor .*; use NAME.guise, or one of Luca, "):
         open_donor(spec)
 
 

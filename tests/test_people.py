@@ -171,7 +171,7 @@ def test_the_commands_list_rename_show_and_delete(
 def test_a_face_is_named_by_file_gallery_or_person(person: Identity, tmp_path: Path) -> None:
     keep("camera", replace(person, name="Ann"))
     assert open_face("Ann").name == "Ann"
-    assert open_face("p03").name == "p03"
+    assert open_face("p03").name == "Mei"
     assert open_face(str(model_file("p01"))).name == "p01"
     picture = tmp_path / "face.jpg"
     picture.write_bytes(b"")
@@ -180,6 +180,6 @@ def test_a_face_is_named_by_file_gallery_or_person(person: Identity, tmp_path: P
     ):
         open_face(str(picture))
     with pytest.raises(
-        GuiseError, match=r"there is no face Bob: give NAME.guise, or one of p01, .*, p07, Ann"
+        GuiseError, match=r"there is no face Bob: give NAME.guise, or one of Luca, .*, Kenji, Ann"
     ):
         open_face("Bob")

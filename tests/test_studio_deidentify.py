@@ -171,8 +171,8 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
         if not pressed(case, action):  # a busy browser may miss a click; a hand presses again
             choose(case, action)
     case.get_by_role("button", name="Donor").click()
-    case.get_by_role("button", name="p04 (fictional)").click()
-    case.get_by_role("button", name="Donor: p04 (fictional)").wait_for()
+    case.get_by_role("button", name="Walter (fictional)").click()
+    case.get_by_role("button", name="Donor: Walter (fictional)").wait_for()
     case.locator("[role=slider][aria-label=Expression] [tabindex]").press("ArrowLeft")
     kept = studio_server.folder / "jobs" / reviewed.split("/")[-1] / "choices.json"
     wanted = {"cover": "mosaic", "audio": "drop", "alpha": 0.9}
@@ -181,7 +181,7 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
     show_faces(case)
     assert pressed(case, "Mosaic")
     assert pressed(case, "Drop")
-    case.get_by_role("button", name="Donor: p04 (fictional)").wait_for()
+    case.get_by_role("button", name="Donor: Walter (fictional)").wait_for()
     assert case.get_by_role("slider", name="Expression").get_attribute("aria-valuenow") == "0.9"
 
 

@@ -140,7 +140,7 @@ def test_another_face_comes_back_a_cover_changes_it_and_leaving_ends_it(
     face, far = regions
     with visit(chrome, server, "/live") as page:
         face_of = page.get_by_role("group", name="Face to show")
-        face_of.get_by_role("button", name="p02 (fictional)").click()
+        face_of.get_by_role("button", name="Amara (fictional)").click()
         choose(page, "Who is at the camera", "Robin")
         go_live(page)
         sent = read(page, "Your camera")

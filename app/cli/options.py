@@ -87,7 +87,8 @@ FaceSpec = Annotated[
     typer.Option(
         "--identity",
         metavar="FACE",
-        help="The face that is shown: NAME.guise, a name of `guise people list`, or p01 to p07 of the gallery.",
+        help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
+        "Mei, Walter, Kofi, Elena, Kenji.",
     ),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]
@@ -96,7 +97,8 @@ OneFace = Annotated[
     typer.Option(
         "--identity",
         metavar="FACE",
-        help="The face that is shown: NAME.guise, a name of `guise people list`, or p01 to p07 of the gallery.",
+        help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
+        "Mei, Walter, Kofi, Elena, Kenji.",
     ),
 ]
 FaceMap = Annotated[

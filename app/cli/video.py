@@ -121,8 +121,10 @@ def swap(
         say_report(console, report, "swapped")
         return
     say_report(console, several, "swapped", last=False)
+    from guise.app.swapping.donors import titled
+
     for one in several.people:
-        got = f"the face {one.face}: " if one.face else ""
+        got = f"the face {titled(one.face)}: " if one.face else ""
         console.say(
             f"person {one.number}: {got}{one.swapped} swapped, {one.covered} covered, {one.left} left"
             + (f"; quality {one.grade} of 100" if one.grade is not None else "")

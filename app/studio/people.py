@@ -22,7 +22,7 @@ from guise.app.studio.site import Studio, heading, local_time, page, show_job
 from guise.app.studio.store import Clip, JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
 from guise.app.studio.uploads import PHOTO, uploader
-from guise.app.swapping.donors import gallery, open_donor
+from guise.app.swapping.donors import FIRST_NAMES, gallery, open_donor
 from guise.common.errors import GuiseError
 
 POLL_SECONDS = 1.0  # between two checks for changes made in other tabs
@@ -287,9 +287,9 @@ class _PeoplePage:
         heading("Built-in faces")
         ui.label("Rendered people who do not exist; anybody may show their faces.")
         with ui.row():
-            for name in gallery():
+            for id, name in FIRST_NAMES.items():
                 with ui.column().classes("items-center"):
-                    ui.image(f"/gallery/{name}.png").classes("w-24").props(f'alt="The fictional face {name}"')
+                    ui.image(f"/gallery/{id}.png").classes("w-24").props(f'alt="The fictional face {name}"')
                     ui.label(name)
 
 

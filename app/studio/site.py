@@ -18,7 +18,7 @@ from starlette.responses import Response
 
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError
-from guise.app.swapping.donors import gallery
+from guise.app.swapping.donors import FIRST_NAMES, gallery
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
 
@@ -67,7 +67,7 @@ class Studio:
     def faces(self) -> dict[str, str]:
         """Donors: spec for `guise.app.swapping.donors.open_donor` -> name; the user's own people come first."""
         own = {str(person.path): person.name for person in self.store.people()}
-        return own | {name: f"{name} (fictional)" for name in gallery()}
+        return own | {id: f"{name} (fictional)" for id, name in FIRST_NAMES.items()}
 
     def portrait(self, face: str) -> str:
         """Address of the portrait of one of `faces`."""

@@ -1,7 +1,8 @@
 """Donors: whose face a person gets, chosen without looking at the person.
 
 A donor is given by its spec: ``p03``, a person of the gallery that ships with Guise; ``NAME.guise``, a model of the
-user's own; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.
+user's own; ``mean:p01+p04`` or ``mean:A.guise+B.guise``, the average of several.  Users see and may give first names
+instead of the gallery's numbers: ``Mei`` is ``p03``.
 
 A key file remembers people and their donors, so that a person keeps a donor from video to video.
 """
@@ -14,7 +15,7 @@ import os
 import secrets
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib import resources
 from itertools import count, repeat
@@ -38,6 +39,9 @@ COMMON_FACES = (
     "p01",
     "p06",
 )  # faces that a recogniser finds similar to many others, so they hide a person less well
+FIRST_NAMES = {  # of the people of the gallery, for users
+    "p01": "Luca", "p02": "Amara", "p03": "Mei", "p04": "Walter", "p05": "Kofi", "p06": "Elena", "p07": "Kenji",
+}  # fmt: skip
 KEY_FILE_FORMAT, KEY_FILE_VERSION = "guise-key", 1
 
 
@@ -65,16 +69,39 @@ def open_donor(spec: str) -> Identity:
     """
     if spec.startswith(MEAN_PREFIX):
         return average([open_donor(part) for part in parts(spec)], spec)
-    if spec in gallery():
-        with resources.as_file(resources.files("guise.app").joinpath("gallery", spec + MODEL_SUFFIX)) as path:
-            return Identity.load(path)
+    if (id := fictional(spec)) is not None:
+        with resources.as_file(resources.files("guise.app").joinpath("gallery", id + MODEL_SUFFIX)) as path:
+            return replace(Identity.load(path), name=FIRST_NAMES[id])
     if not spec.endswith(MODEL_SUFFIX):
-        raise DonorError(f"there is no donor {spec}; use NAME.guise, or one of {', '.join(gallery())}")
+        raise DonorError(
+            f"there is no donor {spec}; use NAME.guise, or one of {', '.join(FIRST_NAMES.values())}"
+        )
     return Identity.load(spec)
+
+
+def fictional(spec: str) -> str | None:
+    """The spec of a person of the gallery given by that, or by first name in any case; None if it is nobody there.
+
+    >>> fictional("p03"), fictional("mei"), fictional("mine.guise")
+    ('p03', 'p03', None)
+    """
+    return next((id for id, name in FIRST_NAMES.items() if spec == id or spec.lower() == name.lower()), None)
+
+
+def titled(spec: str) -> str:
+    """A donor as users know it: by first name where it is fictional, and without folders.
+
+    >>> titled("p03"), titled("mean:p01+p04"), titled("/home/ann/mine.guise")
+    ('Mei', 'the average of Luca and Walter', 'mine.guise')
+    """
+    names = [FIRST_NAMES.get(fictional(part) or "", Path(part).name) for part in parts(spec)]
+    return names[0] if len(names) == 1 else f"the average of {', '.join(names[:-1])} and {names[-1]}"
 
 
 def open_face(spec: str) -> Identity:
     """The model that a user names: a donor's spec as for `open_donor`, or the name of somebody who is kept.
+
+    Somebody who is kept comes before a fictional person of the same first name.
 
     Raises
     ------
@@ -88,14 +115,15 @@ def open_face(spec: str) -> Identity:
         raise DonorError(
             f"{spec} is not a model of a face: make one from it with: guise enroll {spec} -o {path.stem}{MODEL_SUFFIX}"
         )
-    if spec in gallery():
-        return open_donor(spec)
-    people = {person.name: person.path for person in everybody()}
-    if spec not in people:
+    people = {} if spec in gallery() else {person.name: person.path for person in everybody()}
+    if spec in people:
+        return Identity.load(people[spec])
+    if fictional(spec) is None:
         raise DonorError(
-            f"there is no face {spec}: give NAME{MODEL_SUFFIX}, or one of {', '.join([*gallery(), *people])}"
+            f"there is no face {spec}: give NAME{MODEL_SUFFIX}, or one of "
+            f"{', '.join([*FIRST_NAMES.values(), *people])}"
         )
-    return Identity.load(people[spec])
+    return open_donor(spec)
 
 
 def parts(spec: str) -> list[str]:
@@ -108,7 +136,7 @@ def parts(spec: str) -> list[str]:
         return [spec]
     found: list[str] = []
     for piece in spec.removeprefix(MEAN_PREFIX).split("+"):
-        whole = not found or found[-1] in gallery() or found[-1].endswith(MODEL_SUFFIX)
+        whole = not found or fictional(found[-1]) is not None or found[-1].endswith(MODEL_SUFFIX)
         found = [*found, piece] if whole else [*found[:-1], f"{found[-1]}+{piece}"]
     return found
 

@@ -30,7 +30,7 @@ from guise.app.people import kept
 from guise.app.people.finding import MIN_ALIKE, VideoPeople, VideoPerson, find_people
 from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.decide import COVERED, LEFT, SWAPPED, Action, Bystanders, TrackObservations, decide
-from guise.app.swapping.donors import MODEL_SUFFIX, assign, open_donor, open_face
+from guise.app.swapping.donors import MODEL_SUFFIX, assign, fictional, open_donor, open_face
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
 from guise.app.swapping.report import SwapError, SwapReport, Tally
@@ -301,7 +301,7 @@ def _roles(
             )
         chosen[person.number] = who, model
     extras = [person.number for person in people if person.number not in chosen]
-    taken = set(casting.faces.values())
+    taken = {fictional(face) or face for face in casting.faces.values()}
     spare = assign(extras, "auto", seed=0, salt=video, taken=taken) if casting.others == "fictional" else {}
     roles = []
     for person in people:

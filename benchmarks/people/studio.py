@@ -32,7 +32,7 @@ from guise.app.media import open_input
 
 NAME, TITLE = "people.studio", "People: the studio's ways"
 PATIENCE_MS = 600_000
-FACES = ("p02", "p04", "p05", "p06", "p07")
+FACES = ("Amara", "Walter", "Kofi", "Elena", "Kenji")
 FRAMES = 45
 SIZE = (1920, 1080)
 

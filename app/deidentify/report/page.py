@@ -31,7 +31,7 @@ from guise.app.deidentify.report.timeline import LABELS, SCALE, Timeline, column
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
 from guise.app.media.pictures import Picture
 from guise.app.swapping.decide import DONE
-from guise.app.swapping.donors import bare
+from guise.app.swapping.donors import bare, titled
 from guise.common.files import write_whole
 from guise.common.version import version
 
@@ -208,7 +208,7 @@ def _cards(
 def _about(track: Track, report: FileReport) -> str:
     first, last = (clock(float(report.seconds[frame])) for frame in (track.first, track.last))
     seen = f"{first} to {last}, seen in {track.seen:,} frames, {track.width:.0f} pixels wide"
-    donor = f", with the face of {printable(bare(track.donor))}" if track.donor else ""
+    donor = f", with the face of {printable(titled(track.donor))}" if track.donor else ""
     why = f", because {printable(track.reason)}" if track.reason and track.action == track.proposed else ""
     return f"Person {track.person}, {seen}. Action: {track.action}{donor}{why}."
 

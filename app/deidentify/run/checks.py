@@ -10,7 +10,7 @@ from guise.aam.landmarks import open_detector
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.media.encoder import encoder_settings, find_encoder
 from guise.app.media.provenance import check_signing
-from guise.app.swapping.donors import MEAN_PREFIX, MODEL_SUFFIX, KeyFile, assign, open_donor, parts
+from guise.app.swapping.donors import MEAN_PREFIX, MODEL_SUFFIX, KeyFile, assign, fictional, open_donor, parts
 from guise.render import GLMissing, RendererError, probe_gl
 
 
@@ -43,8 +43,11 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
 
 
 def _absolute(donor: str) -> str:
-    """The spec of a donor with absolute paths in it."""
-    found = [str(Path(part).absolute()) if part.endswith(MODEL_SUFFIX) else part for part in parts(donor)]
+    """The spec of a donor with absolute paths in it, and without first names."""
+    found = [
+        fictional(part) or (str(Path(part).absolute()) if part.endswith(MODEL_SUFFIX) else part)
+        for part in parts(donor)
+    ]
     return MEAN_PREFIX * donor.startswith(MEAN_PREFIX) + "+".join(found)
 
 
