@@ -2,6 +2,7 @@
 
 import base64
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -182,6 +183,80 @@ def test_recordings_and_snapshots_are_downloads_of_the_result(
     assert cv2.imread(str(tmp_path / "still.png")).shape == (480, 640, 3)
 
 
+BEEPS_AND_FLASHES = """() => {
+  const canvas = Object.assign(document.createElement("canvas"), {width: 640, height: 480});
+  const picture = canvas.getContext("2d"), sound = new AudioContext();
+  const tone = new OscillatorNode(sound), loudness = new GainNode(sound, {gain: 0});
+  const heard = new MediaStreamAudioDestinationNode(sound);
+  tone.connect(loudness).connect(heard);
+  tone.start();
+  let drawn = 0;
+  setInterval(() => {
+    const on = sound.currentTime % 1 < 0.4;
+    loudness.gain.value = on ? 0.5 : 0;
+    picture.fillStyle = on ? "#fff" : "#222";
+    picture.fillRect(0, 0, 640, 480);
+    picture.fillStyle = "#888";
+    picture.fillRect(drawn++ % 600, 0, 9, 9);
+  }, 33);
+  const tracks = [...canvas.captureStream(30).getTracks(), ...heard.stream.getTracks()];
+  navigator.mediaDevices.getUserMedia = async () => new MediaStream(tracks);
+}"""
+
+
+def rises(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Times at which values rise through the middle of their range."""
+    high = values > (values.min() + values.max()) / 2
+    return np.asarray(times[1:][high[1:] & ~high[:-1]])
+
+
+def test_a_recording_has_the_microphones_sound_in_time_with_the_picture(
+    chrome: Any, server: StudioServer, tmp_path: Path
+) -> None:
+    """A page whose camera flashes and whose microphone beeps at the same moments."""
+    with visit(chrome, server, "/live") as page:
+        page.evaluate(BEEPS_AND_FLASHES)
+        choose(page, "Who is at the camera", "Robin")
+        page.get_by_role("button", name="Start").click()
+        until(page, lambda: read(page, "The result") is not None, "received")
+        page.wait_for_timeout(2000)
+        page.get_by_role("button", name="Record").click()
+        page.wait_for_timeout(6000)
+        with page.expect_download(timeout=TIMEOUT_MS) as film:
+            page.get_by_role("button", name="Stop recording").click()
+        film.value.save_as(tmp_path / "film.mp4")
+    with av.open(str(tmp_path / "film.mp4")) as container:
+        bright = [(float(f.time or 0), f.to_ndarray(format="gray").mean()) for f in container.decode(video=0)]
+    with av.open(str(tmp_path / "film.mp4")) as container:
+        loud = [
+            (float(f.time or 0) + (k + 0.5) / 200, np.abs(part).max())
+            for f in container.decode(audio=0)
+            for k, part in enumerate(np.split(f.to_ndarray()[0][:960], 4))
+            if f.samples >= 960
+        ]
+    flashes, beeps = (rises(*np.array(seen).T) for seen in (bright, loud))
+    assert len(beeps) >= 4
+    late = [float(beeps[np.abs(beeps - at).argmin()] - at) for at in flashes]
+    assert abs(np.median(late)) < 0.12
+
+
+def test_without_a_microphone_the_camera_is_shown_and_recordings_are_silent(
+    chrome: Any, server: StudioServer
+) -> None:
+    with visit(chrome, server, "/live") as page:
+        page.evaluate(
+            """() => {
+              const devices = navigator.mediaDevices, all = devices.getUserMedia.bind(devices);
+              devices.getUserMedia = (wanted) =>
+                wanted.audio ? Promise.reject(new DOMException("", "NotAllowedError")) : all(wanted);
+            }"""
+        )
+        choose(page, "Who is at the camera", "Robin")
+        page.get_by_role("button", name="Start").click()
+        page.get_by_text("Recordings have no sound").wait_for(timeout=TIMEOUT_MS)
+        until(page, lambda: read(page, "The result") is not None, "received")
+
+
 def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
     chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -197,10 +272,18 @@ def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
         sent, shown = read(page, "Your camera"), result(page)
         assert sent is not None
         assert page.get_by_label("Enrolment").is_visible()
+        until(page, lambda: over_face(page, regions[0]), "drawn over the person's own picture")
         assert alike(sent, sent[:, ::1], regions[0]) > 0.99
         assert alike(sent, shown, regions[0]) < 0.3
         choose(page, "Who is at the camera", "Robin")
         until(page, lambda: page.get_by_role("status").first.inner_text() == "", "swapped")
+
+
+def over_face(page: Any, face: np.ndarray) -> bool:
+    """Whether lines over the camera's picture lie about where the face is."""
+    path = page.locator("svg path[stroke]").first.get_attribute("d") or ""
+    points = np.array(re.findall(r"([\d.]+),([\d.]+)", path), np.float64).reshape(-1, 2)
+    return len(points) > 100 and bool(face[np.rint(points.mean(0)).astype(int)[1], int(points[:, 0].mean())])
 
 
 def alike(a: np.ndarray, b: np.ndarray, where: np.ndarray) -> float:

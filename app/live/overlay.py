@@ -237,6 +237,11 @@ def draw_mesh(frame: Frame, mesh: F64) -> None:
         frame.write_roi(x0, y0, picture)
 
 
+def mesh_path(mesh: F64) -> str:
+    """The triangles of a face (81, 2) as the path of an SVG."""
+    return "".join(f"M{ax:.0f},{ay:.0f}L{bx:.0f},{by:.0f}" for (ax, ay), (bx, by) in mesh[_edges()])
+
+
 def draw_mask(frame: Frame, mesh: F64) -> None:
     """Tint the area within the outline of a face (81, 2) in place."""
     if (area := _area(frame, mesh)) is not None:

@@ -11,13 +11,16 @@ from itertools import count
 from pathlib import Path
 
 from guise.app.live.letterbox import letterboxed
+from guise.app.live.microphone import Microphone
 from guise.app.live.output import Output, OutputFrame
 from guise.app.media import EncodeOptions, Frame, MediaError, MediaInput
+from guise.app.media.audio_reader import Samples
 from guise.app.media.encoding import encoding_for
 from guise.app.media.images import encode_image
 from guise.app.media.input import VideoInput
 from guise.app.media.other_streams import OtherStreams
 from guise.app.media.sink import VideoOutput, as_media_error
+from guise.app.media.sound_track import SoundTrack
 from guise.app.media.synthetic import synthetic_tags
 from guise.common.errors import OutputError
 from guise.common.files import require_free, write_whole
@@ -37,7 +40,8 @@ class VideoRecorder(Output):
     path : of the file.
     media : the input file, when it is shown once from its beginning; its time stamps, sound and other streams are kept
         and no frame is dropped.
-        None for a camera, a stream or a loop: times are those of arrival, and there is no sound.
+        None for a camera, a stream or a loop: times are those of arrival.
+    microphone : the sound of such a recording, if it gives any by then, or None.
     encode : encoder settings.   force : replace an existing file.
     whole : keep the recording only if all of the input was shown.
     say : called with a sentence when the recording must end early; without it, MediaError is raised.
@@ -50,14 +54,14 @@ class VideoRecorder(Output):
 
     def __init__(
         self, path: Path, *, media: MediaInput | None = None, encode: EncodeOptions = _DEFAULTS,
-        force: bool = False, whole: bool = False, say: Say | None = None,
+        force: bool = False, whole: bool = False, say: Say | None = None, microphone: Microphone | None = None,
     ) -> None:  # fmt: skip
         if media is not None and path.exists() and path.samefile(media.path):
             raise OutputError(f"{path} is the input itself: choose another name for the output")
         require_free(path, force=force)
         self.path, self.lossless = path, media is not None
         self._media, self._encode, self._force = media, encode, force
-        self._whole, self._say = whole, say
+        self._whole, self._say, self._microphone = whole, say, microphone
         self._file: _RecordingFile | None = None
         self._begun = self._checked = 0.0
         self._last = -1
@@ -65,7 +69,8 @@ class VideoRecorder(Output):
     def open(self, width: int, height: int, fps: float) -> None:
         """Begin the file; when recording a camera, frames of another size are letterboxed."""
         media = self._media or _LiveInput(self.path, width, height, fps)
-        self._file = _RecordingFile(self.path, media, self._encode, force=self._force)
+        with_sound = self._microphone is not None and self._microphone.is_on
+        self._file = _RecordingFile(self.path, media, self._encode, force=self._force, with_sound=with_sound)
 
     def show(self, shown: OutputFrame) -> None:
         """Write a frame, unless the recording has ended."""
@@ -75,6 +80,7 @@ class VideoRecorder(Output):
             frame = self._timed(shown, self._file)
             if frame is not None:
                 self._file.write(frame)
+                self._write_sound(self._file)
         except MediaError as error:
             self.abort()
             self._report(str(error))
@@ -118,6 +124,11 @@ class VideoRecorder(Output):
         frame.duration = file.usual_duration
         return frame
 
+    def _write_sound(self, file: _RecordingFile) -> None:
+        if self._microphone is not None and file.with_sound:
+            for at, samples in self._microphone.take():
+                file.write_sound(samples, at - self._begun)
+
     def _keep_reserve(self) -> None:
         """Complete the recording while there is still disk space to do so."""
         if shutil.disk_usage(self.path.parent).free < RESERVE_BYTES:
@@ -137,13 +148,19 @@ class Recordings(Output):
 
     Parameters
     ----------
-    folder : for guise-001.mp4 and so on.   encode : encoder settings.
+    folder : for guise-001.mp4 and so on.   encode : encoder settings.   microphone : of which there is sound, or None.
     say : called with one sentence about each event.
     """
 
-    def __init__(self, folder: Path, encode: EncodeOptions = _DEFAULTS, say: Say = print) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        encode: EncodeOptions = _DEFAULTS,
+        say: Say = print,
+        microphone: Microphone | None = None,
+    ) -> None:
         self.recording = False
-        self._folder, self._encode, self._say = folder, encode, say
+        self._folder, self._encode, self._say, self._microphone = folder, encode, say, microphone
         self._recorder: VideoRecorder | None = None
         self._fps = 30.0
 
@@ -174,7 +191,7 @@ class Recordings(Output):
     def _begin(self, frame: Frame) -> None:
         try:
             path = numbered(self._folder, ".mp4")
-            recorder = VideoRecorder(path, encode=self._encode, say=self._stop)
+            recorder = VideoRecorder(path, encode=self._encode, say=self._stop, microphone=self._microphone)
             recorder.open(frame.width, frame.height, self._fps)
         except (OutputError, MediaError) as error:
             self._stop(str(error))
@@ -203,10 +220,14 @@ class _RecordingFile(VideoOutput):
     """The file: frames are encoded, and the input's other streams copied up to the time of the last frame.
 
     size : (width, height), pixels.   usual_duration : of a frame, in units of the input's time base.
+    with_sound : there is a stream for `write_sound`.
     """
 
-    def __init__(self, path: Path, media: MediaInput, encode: EncodeOptions, *, force: bool) -> None:
+    def __init__(
+        self, path: Path, media: MediaInput, encode: EncodeOptions, *, force: bool, with_sound: bool
+    ) -> None:
         encoding = encoding_for(media, encode)
+        self.with_sound = with_sound
         super().__init__(
             path, media, encoding, force=force, tags=synthetic_tags(), private=False, audio="keep"
         )
@@ -214,6 +235,16 @@ class _RecordingFile(VideoOutput):
         self.usual_duration = round(1 / (media.frame_rate * media.time_base))
         self._others = OtherStreams(media) if isinstance(media, VideoInput) else None
         self._last = 0
+
+    def _start(self) -> None:
+        if self.with_sound:
+            self._sound = SoundTrack(self._output)
+        super()._start()
+
+    def write_sound(self, samples: Samples, at: float) -> None:
+        """Write a block (n, 2) that is heard `at` seconds after the first picture."""
+        with as_media_error(self.path):
+            self._mux(self._sound.encode(samples, at))
 
     def write(self, frame: Frame) -> None:
         # A capture's times start at 0, those of the other streams at the start of the file.
@@ -236,6 +267,8 @@ class _RecordingFile(VideoOutput):
 
     def _finish(self) -> None:
         self._mux(self._stream.encode(None))
+        if self.with_sound:
+            self._mux(self._sound.finish())
         super()._finish()
 
 

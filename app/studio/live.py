@@ -20,6 +20,7 @@ from guise.aam.model import Identity
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.output import Output
+from guise.app.live.overlay import mesh_path
 from guise.app.live.session import SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.live.virtualcam import VirtualCamera
@@ -46,6 +47,7 @@ STATES = {
 NOBODY = ""  # instead of a person's id: enrol
 CAMERA_SIZE = (640, 480)  # pixels, of the computer's camera
 UPDATE_SECONDS = 0.5  # between two updates of the page
+MESH_SECONDS = 0.08  # between two of the mesh over the person's own picture
 STRANGER_SECONDS = 3.0  # of a covered face, after which it may be somebody else's
 SWITCHES = ("mirror", "mesh", "mask")
 KEYS = (
@@ -99,12 +101,17 @@ class _LivePage:
             self._readout()
         self._update_state()
         self._timer = ui.timer(UPDATE_SECONDS, self._poll, active=False)
+        self._mesh_timer = ui.timer(MESH_SECONDS, self._draw_mesh, active=False)
 
     # -- layout ---------------------------------------------------------------------------------------
 
     def _stage(self) -> None:
         with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
-            self._own = _video("Your camera")
+            with ui.element("div").classes("relative") as self._camera_place:
+                self._own = _video("Your camera")
+                with ui.element("svg").classes("absolute inset-0 w-full h-full") as self._mesh_picture:
+                    self._mesh_picture.props('aria-hidden="true" pointer-events="none"')
+                    self._mesh = ui.element("path").props('fill="none" stroke="#5af082" d=""')
             self._result = _video("The result")
         with ui.row().classes("w-full items-center no-wrap min-h-12"):
             self._ring = ui.circular_progress(0, min=0, max=1, show_value=False, size="3rem")
@@ -150,6 +157,8 @@ class _LivePage:
                     )
                     for name in SWITCHES
                 }
+                self._microphone = ui.switch("Microphone", value=True)
+                self._microphone.tooltip("The sound of recordings; heard nowhere else")
                 self._virtual = ui.switch("Virtual camera")
                 self._virtual.set_visibility(_has_virtual_camera())
         ui.label(f"Keys: {KEYS}.").classes("opacity-70")
@@ -170,13 +179,13 @@ class _LivePage:
         for element in (self._record, self._snap):
             element.set_enabled(live)
         self._camera.set_enabled(not live)
-        self._own.set_visibility(self._camera.value == BROWSER)
+        self._camera_place.set_visibility(self._camera.value == BROWSER)
         if not live:
             self._ring.set_visibility(False)
             self._stranger.set_visibility(False)
             self._message.text = "Start asks for your camera; no picture leaves this computer."
             self._figures.text = figures(PipelineStats())
-        for video in (self._own, self._result):
+        for video in (self._own, self._result, self._mesh_picture):
             video.classes(**{"add" if self._controls.settings.mirror else "remove": "-scale-x-100"})
 
     # -- actions ---------------------------------------------------------------------------------------
@@ -193,11 +202,14 @@ class _LivePage:
 
     async def _connect(self) -> None:
         own = f"getHtmlElement({self._own.id})" if self._camera.value == BROWSER else "null"
-        code = f"return await guiseLive.begin({own}, getHtmlElement({self._result.id}))"
+        with_sound = str(self._microphone.value and self._camera.value in CAMERAS).lower()
+        code = f"return await guiseLive.begin({own}, getHtmlElement({self._result.id}), {with_sound})"
         offer: dict[str, str] = await ui.run_javascript(code, timeout=PERMISSION_SECONDS)
         if "error" in offer:
             ui.notify(camera_error(offer["error"]), type="negative")
             return
+        if offer.pop("silent", ""):
+            ui.notify("Recordings have no sound: the microphone is not allowed, or there is none.")
         self._peer = Peer()
         answer = await self._peer.answer(offer)
         ui.run_javascript(f"guiseLive.accept({json.dumps(answer)})")
@@ -212,9 +224,12 @@ class _LivePage:
             outputs.append(VirtualCamera())
         self._seen = time.monotonic()
         camera, alive = self._open_camera(self._peer), self._peer.alive
-        self._run = LiveRun(camera, config, self._controls, outputs, self._folder, alive)
+        self._run = LiveRun(
+            camera, config, self._controls, outputs, self._folder, alive, self._peer.microphone
+        )
         self._runs.add(self._run)
         self._timer.activate()
+        self._mesh_timer.activate()
 
     def _open_camera(self, peer: Peer) -> Callable[[], Capture]:
         """What opens the chosen source: the browser's camera, the computer's, or a clip, which is repeated."""
@@ -242,7 +257,9 @@ class _LivePage:
     async def _stop(self) -> None:
         """End the run and the connection."""
         self._timer.deactivate()
+        self._mesh_timer.deactivate()
         await self._end_run()
+        self._draw_mesh()
         if self._peer is not None:
             await self._peer.close()
         self._peer = None
@@ -333,6 +350,17 @@ class _LivePage:
         if self._enrolled and self._person.value != self._enrolled:
             self._person.set_options(self._people(), value=self._enrolled)
             self.studio.store.remember(_PERSON, self._enrolled)
+
+    def _draw_mesh(self) -> None:
+        """While somebody is being enrolled, draw what was found over their own picture, which no output shows."""
+        shown = self._run.latest if self._run is not None else None
+        path = ""
+        if shown is not None and shown.result.outcome == "enrolling" and shown.result.mesh is not None:
+            path = mesh_path(shown.result.mesh)
+            self._mesh_picture.props["viewBox"] = f"0 0 {shown.frame.width} {shown.frame.height}"
+        if path != self._mesh.props["d"]:
+            self._mesh.props["d"] = path
+            self._mesh_picture.update()
 
     def _show_latest(self, run: LiveRun) -> None:
         if (shown := run.latest) is not None:

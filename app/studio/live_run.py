@@ -11,6 +11,7 @@ from queue import SimpleQueue
 
 from guise.app.live.capture import Capture
 from guise.app.live.controls import Controls
+from guise.app.live.microphone import Microphone
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.recorder import Recordings, snapshot
@@ -30,6 +31,7 @@ class LiveRun:
     outputs : where the frames go, the first one is measured.
     folder : for recordings and snapshots.
     wanted : called repeatedly; False ends the run.
+    microphone : the sound of recordings, or None.
 
     Attributes
     ----------
@@ -39,10 +41,14 @@ class LiveRun:
     def __init__(
         self, open_capture: Callable[[], Capture], config: SessionConfig, controls: Controls,
         outputs: Sequence[Output], folder: Path, wanted: Callable[[], bool] = lambda: True,
+        microphone: Microphone | None = None,
     ) -> None:  # fmt: skip
         self.notes: SimpleQueue[str] = SimpleQueue()
         self._open, self._folder, self._wanted = open_capture, folder, wanted
-        self._recordings, self._latest = Recordings(folder, say=self._say), _LatestFrame()
+        self._recordings, self._latest = (
+            Recordings(folder, say=self._say, microphone=microphone),
+            _LatestFrame(),
+        )
         self._config = replace(config, recording=lambda: self._recordings.recording)
         self._controls, self._outputs = controls, [*outputs, self._recordings, self._latest]
         self._pipeline: Pipeline | None = None

@@ -36,7 +36,7 @@ class Portraits:
                             picture.props('alt=""').props["src"] = studio.portrait(spec)
                         else:
                             ui.icon("person").classes("text-4xl h-16")
-                        ui.label(name).classes("text-xs w-20 truncate")
+                        ui.label(name).classes("text-xs leading-tight w-20 break-words")
                 self._buttons[spec] = button
         self.press(chosen)
 

@@ -1,4 +1,4 @@
-"""The WebRTC connection of one browser tab: its camera's frames come in, finished frames go out.
+"""The WebRTC connection of one browser tab: its camera's frames and sound come in, finished frames go out.
 
 Neither direction queues: a frame that is late is dropped.  No STUN server is asked for addresses, because browser and
 server are on one machine.  Frames stay in the planes of the codec.
@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 from aiortc import (
     MediaStreamTrack,
     RTCConfiguration,
@@ -26,6 +27,7 @@ from aiortc.mediastreams import MediaStreamError
 
 from guise.app.live.capture import Capture
 from guise.app.live.controls import Controls
+from guise.app.live.microphone import Microphone
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import draw_mask, draw_mesh
 from guise.app.live.slot import LatestSlot
@@ -133,9 +135,11 @@ class Peer:
     Attributes
     ----------
     track : what the browser receives.
+    microphone : the browser's, if the user allows it.
     """
 
     def __init__(self) -> None:
+        self.microphone = Microphone()
         self._closed = False
         self.track = ResultTrack()
         self._camera = BrowserCamera()
@@ -143,7 +147,7 @@ class Peer:
         self._connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
         self._connection.on("track", self._receive)
         self._connection.on("connectionstatechange", self._changed)
-        self._reading: asyncio.Task[None] | None = None
+        self._reading: dict[str, asyncio.Task[None]] = {}  # by kind of track
 
     async def answer(self, offer: Mapping[str, str]) -> dict[str, str]:
         """Accept the browser's offer {"type", "sdp"} and return the answer in the same form.
@@ -190,14 +194,26 @@ class Peer:
         await self._connection.close()
 
     def _receive(self, track: MediaStreamTrack) -> None:
-        if track.kind == "video" and self._reading is None:
-            self._reading = asyncio.create_task(self._read(track))
+        if track.kind not in self._reading:
+            read = self._read if track.kind == "video" else self._listen
+            self._reading[track.kind] = asyncio.create_task(read(track))
 
     async def _read(self, track: MediaStreamTrack) -> None:
         with contextlib.suppress(MediaStreamError):
             while True:
                 self._camera.put(await track.recv())
         await self.close()
+
+    async def _listen(self, track: MediaStreamTrack) -> None:
+        """Opus, which aiortc decodes to 16 bits, stereo, 48 kHz.
+
+        It comes about as late as the pictures: both wait for later packets, those of pictures to be decoded as well.
+        """
+        with contextlib.suppress(MediaStreamError):
+            while True:
+                block: Any = await track.recv()
+                samples = block.to_ndarray().reshape(-1, 2).astype(np.float32) / 2**15
+                self.microphone.put(block.pts, samples)
 
     async def _changed(self) -> None:
         if self._connection.connectionState in ("failed", "closed"):
