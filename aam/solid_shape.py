@@ -16,7 +16,7 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import EYES_AND_LIPS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.common.arrays import F64
+from guise.common.arrays import F64, I32
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
 
@@ -251,14 +251,17 @@ def pulled(points: F64, fit: SolidFit) -> F64:
     return np.asarray(points + share * (fit.points - points))
 
 
-def facing(solid: F64, rotation: F64) -> F64:
-    """(81,) cosines between the camera's direction and the normals of a turned solid shape (81, 3), < 0 behind."""
-    return np.asarray(-_normals(solid) @ rotation[2])
+def facing(solid: F64, rotation: F64, triangles: I32 | None = None) -> F64:
+    """(n,) cosines between the camera's direction and the normals of a turned solid shape (n, 3), < 0 behind.
+
+    triangles : (t, 3) of its points; by default those of the 81 points.
+    """
+    triangles = ReferenceFrame.canonical().triangles if triangles is None else triangles
+    return np.asarray(-_normals(solid, triangles) @ rotation[2])
 
 
-def _normals(solid: F64) -> F64:
-    """(81, 3) unit normals of the surface, out of the face."""
-    triangles = ReferenceFrame.canonical().triangles
+def _normals(solid: F64, triangles: I32) -> F64:
+    """(n, 3) unit normals of the surface, out of the face."""
     a, b, c = (solid[triangles[:, k]] for k in range(3))
     area = np.cross(b - a, c - a)
     area *= np.where(area[:, 2:] > 0, -1, 1)  # as seen from the front all face the camera

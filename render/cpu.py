@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 from guise.common.arrays import F32, F64, U8, Floating
 from guise.common.closing import Closing
 from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
-from guise.render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
+from guise.render.mesh import (
+    SUBPIXELS,
+    Box,
+    Mesh,
+    Rasteriser,
+    back_first,
+    bounding_box,
+    snap,
+    texture_gradients,
+)
 
 _EVERY_BYTE = np.arange(256)
 
@@ -89,7 +98,7 @@ class CpuCompositor(Closing):
     def _triangle_ids(self, snapped: F64, box: Box) -> NDArray[Any]:
         ids = self._ids.view(box.height, box.width)
         ids.fill(self._background)
-        self._rasteriser.draw(snapped, ids)
+        self._rasteriser.draw(snapped, ids, back_first(snapped, self._mesh))
         return ids
 
     def _sample(self, rgba: U8, snapped: F64, box: Box, ids: NDArray[Any]) -> U8:

@@ -18,7 +18,7 @@ from guise.common.closing import Closing
 from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
 from guise.render.context import check, create_context, describe
 from guise.render.errors import RendererError
-from guise.render.mesh import SUBPIXELS, Box, Mesh, bounding_box, outline_box, snap
+from guise.render.mesh import SUBPIXELS, Box, Mesh, back_first, bounding_box, outline_box, snap
 from guise.render.pixel_centres import to_clip_space, to_texture_space
 
 _TEXTURE_STEP_PIXELS = 64
@@ -110,12 +110,12 @@ class GLCompositor(Closing):
         self._face.repeat_x = self._face.repeat_y = False
         self._positions = context.buffer(reserve=mesh.uv.nbytes, dynamic=True)
         uv = context.buffer(to_texture_space(mesh.uv, mesh.width, mesh.height).tobytes())
-        triangles = context.buffer(mesh.triangles.tobytes())
+        self._triangles = context.buffer(mesh.triangles.tobytes(), dynamic=True)
         warp, self._blend = program(context, "warp"), program(context, "blend")
         warp["face"] = 0
         self._blend["warped"], self._blend["frame"] = 0, 1
         inputs = [(self._positions, "2f", "position"), (uv, "2f", "uv")]
-        self._mesh_array = context.vertex_array(warp, inputs, index_buffer=triangles)
+        self._mesh_array = context.vertex_array(warp, inputs, index_buffer=self._triangles)
         self._box_array = context.vertex_array(self._blend, [])
 
     def _draw_warp(self, rgba: U8, snapped: F64, box: Box) -> None:
@@ -127,6 +127,7 @@ class GLCompositor(Closing):
         self._targets = self._targets.holding(box.width, box.height)
         whole = outline_box(snapped)
         pixels = snapped / SUBPIXELS - (whole.x0, whole.y0)
+        self._triangles.write(self._mesh.triangles[back_first(snapped, self._mesh)].tobytes())
         self._positions.write(to_clip_space(pixels, whole.width, whole.height).tobytes())
         self._face.write(rgba)
         self._face.use(0)

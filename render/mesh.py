@@ -71,6 +71,21 @@ class Box(NamedTuple):
         return image[self.y0 : self.y1, self.x0 : self.x1]
 
 
+def back_first(snapped: F64, mesh: Mesh) -> Int:
+    """Order (t,) in which triangles of snapped vertices are drawn: those turned over from the grid come first.
+
+    Where a turned face folds over itself, what is seen from behind lies behind what is seen from the front.
+    """
+    turned = (_areas(snapped, mesh.triangles) < 0) != (_areas(mesh.uv.astype(np.float64), mesh.triangles) < 0)
+    return np.argsort(~turned, kind="stable")
+
+
+def _areas(points: F64, triangles: NDArray[np.integer]) -> F64:
+    """Twice the signed areas (t,)."""
+    (ax, ay), (bx, by), (cx, cy) = (points[triangles[:, k]].T for k in range(3))
+    return np.asarray((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+
 def snap(vertices: Floating, count: int) -> F64:
     """Vertices in whole 1/256 pixels.
 
@@ -117,7 +132,7 @@ class Rasteriser:
         self._triangles = triangles
         self._numbers = np.arange(0)
 
-    def draw(self, snapped: F64, ids: U8 | NDArray[np.uint16]) -> None:
+    def draw(self, snapped: F64, ids: U8 | NDArray[np.uint16], order: Int | None = None) -> None:
         """Write into each pixel of `ids` the index of the last triangle that covers its centre.
 
         A pixel is covered when its centre lies in the triangle, on its left edge or on its top edge: GL's
@@ -128,14 +143,18 @@ class Rasteriser:
         ----------
         snapped : (v, 2) float64, whole 1/256 pixels.
         ids : (h, w) uint8 or uint16, C-contiguous, written in place.
+        order : (t,) in which they are drawn, by default that of the triangles.
         """
         height, width = ids.shape
-        triangle, row, left, right = spans(snapped, self._triangles, width, height)
+        order = np.arange(len(self._triangles)) if order is None else order
+        triangle, row, left, right = spans(snapped, self._triangles[order], width, height)
         length = right - left
         ends = np.cumsum(length)
         pixels = np.repeat(row * width + left - (ends - length), length)
         pixels += self._count_to(len(pixels))
-        ids.reshape(-1)[pixels] = np.repeat(triangle.astype(ids.dtype), length)  # the last of equals stays
+        ids.reshape(-1)[pixels] = np.repeat(
+            order[triangle].astype(ids.dtype), length
+        )  # the last of equals stays
 
     def _count_to(self, total: int) -> Int:
         """0 .. total - 1, kept between frames: fresh memory of this size costs more than the sum."""

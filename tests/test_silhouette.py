@@ -5,15 +5,22 @@ import pytest
 
 from guise.aam.landmarks.schemes import BROWS, BROWS_AND_EYES, JAW, LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.reference import ReferenceFrame
+from guise.aam.relief import Relief
 from guise.aam.shape_transfer import ShapeTransfer
-from guise.aam.solid_shape import HeadPose, SolidPrior, facing
-from guise.app.swapping.silhouette import Silhouette, front_last
+from guise.aam.solid_shape import HeadPose, SolidPrior
+from guise.app.swapping.silhouette import Silhouette, View, front_last
 from guise.common.arrays import F64
 from guise.render import make_compositor
 
 FRAME = ReferenceFrame.canonical(96)
 FACE = SolidPrior.shipped().mean
-SILHOUETTE = Silhouette(FRAME, FRAME.sampler[np.arange(0, len(FRAME.pixels), 7)])
+RELIEF = Relief.shipped(FRAME)
+TEXELS = np.stack(np.divmod(FRAME.pixels[::7], FRAME.size[1])[::-1], axis=1).astype(np.float64)
+SILHOUETTE = Silhouette(RELIEF, TEXELS)
+
+
+def cosines(yaw: float) -> F64:
+    return View.of(FACE, head(yaw), RELIEF).cosines
 
 
 def head(yaw: float) -> HeadPose:
@@ -23,7 +30,7 @@ def head(yaw: float) -> HeadPose:
 
 
 def share(yaw: float) -> F64:
-    made = SILHOUETTE.share(facing(FACE, head(yaw).rotation))
+    made = SILHOUETTE.share(cosines(yaw))
     return np.ones(FRAME.size) if made is None else made.astype(np.float64)
 
 
@@ -33,7 +40,7 @@ def test_from_the_front_all_of_the_face_is_drawn(yaw: float) -> None:
     columns = np.arange(FRAME.size[1])
     inner = FRAME.mask & (columns > rim[0] + 0.15 * np.ptp(rim)) & (columns < rim[1] - 0.15 * np.ptp(rim))
     assert (share(yaw)[inner] > 0.99).all()
-    assert SILHOUETTE.share(facing(FACE, np.eye(3))) is None
+    assert SILHOUETTE.share(cosines(0)) is None
 
 
 def test_the_far_cheek_fades_and_the_near_one_stays() -> None:
@@ -47,29 +54,27 @@ def test_the_far_cheek_fades_and_the_near_one_stays() -> None:
 
 
 def test_texels_agree_with_the_picture() -> None:
-    cosines = facing(FACE, head(50).rotation)
     picture = share(50)[FRAME.mask][::7]
-    assert np.abs(SILHOUETTE.visible(cosines) - picture).mean() < 0.03
+    assert np.abs(SILHOUETTE.visible(cosines(50)) - picture).mean() < 0.03
 
 
 @pytest.mark.parametrize("yaw", [35, -50])
 def test_what_is_drawn_in_front_is_what_lies_in_front(yaw: float) -> None:
     """Each pixel shows about the nearest of the triangles there: colours are depths."""
     pose = head(yaw)
-    depth = (FACE @ pose.rotation.T)[:, 2]
+    solid = RELIEF.solid(FACE)
+    depth, sampler = (solid @ pose.rotation.T)[:, 2], RELIEF.mesh.sampler
     texture = np.repeat(
-        FRAME.scatter((depth[FRAME.sampler.vertices] * FRAME.sampler.weights).sum(0))[..., None], 3, 2
+        RELIEF.mesh.scatter((depth[sampler.vertices] * sampler.weights).sum(0))[..., None], 3, 2
     )
     stored = np.clip(128 + 150 * texture, 0, 255).astype(np.float32)
     whole = np.ones(FRAME.size, np.float32)
-    with make_compositor(
-        "cpu", front_last(FRAME.triangles), FRAME.points.astype(np.float32), whole
-    ) as compositor:
-        shown = compositor.warp((220, 200), stored, pose.apply(FACE))
+    with make_compositor("cpu", front_last(RELIEF), RELIEF.points.astype(np.float32), whole) as compositor:
+        shown = compositor.warp((220, 200), stored, pose.apply(solid))
     seen = np.full((220, 200), np.inf)
-    for triangle in FRAME.triangles:
-        with make_compositor("cpu", triangle[None], FRAME.points.astype(np.float32), whole) as compositor:
-            one = compositor.warp((220, 200), stored, pose.apply(FACE))
+    for triangle in RELIEF.triangles:
+        with make_compositor("cpu", triangle[None], RELIEF.points.astype(np.float32), whole) as compositor:
+            one = compositor.warp((220, 200), stored, pose.apply(solid))
         seen = np.where(one[..., 3] > 0, np.minimum(seen, one[..., 0].astype(float)), seen)
     covered = np.isfinite(seen) & (shown[..., 3] > 0)
     wrong = shown[..., 0][covered] > seen[covered] + 8

@@ -140,6 +140,8 @@ class Plan:
             [self._run("solid_shape", solid, "--parts", parts, "--program", self.program)],
             solid,
         )
+        relief = self.work / "relief.npz"
+        yield Task("relief", [("relief", "--program", str(self.program), "--out", str(relief))], relief)
         yield Task(
             "detector",
             [
@@ -224,6 +226,7 @@ class Plan:
             self.work / "light" / "light.md": DATA / "light.md",
             self.work / "placement.npz": DATA / "placement.npz",
             self.work / "solid_shape.npz": DATA / "solid_shape.npz",
+            self.work / "relief.npz": DATA / "relief.npz",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",
         }
 

@@ -15,18 +15,21 @@ from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.brows import BrowFollower
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Face
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
+from guise.aam.relief import STRAIGHT
 from guise.aam.shape_transfer import ShapeTransfer
-from guise.aam.similarity import Failed
-from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, facing, pulled
+from guise.aam.similarity import Failed, align_planar
+from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
 from guise.aam.tracker import Fit
 from guise.aam.turned_texture import completed
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
+from guise.app.swapping.silhouette import View
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
@@ -88,6 +91,7 @@ class Engine(Closing):
         self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
+        self._depth = self.painter.depth(self.estimator.texels)
         self._shape_transfer = (
             ShapeTransfer(
                 source.appearance.neutral_shape,
@@ -99,10 +103,19 @@ class Engine(Closing):
             if full
             else None
         )
+        self._enrolled = self._enrolled_across()
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
         self._in_profile, self._missed_frames = False, 0
         self._brows = BrowFollower(source.appearance) if full else None
-        self._last: tuple[F64, F32, F64 | None] | None = None
+        self._last: tuple[F64, F32, View | None] | None = None
+
+    def _enrolled_across(self) -> F64:
+        """(2,) grid pixels by which depth is seen elsewhere in the target's texture at rest, see `View`."""
+        if self._shape_transfer is None:
+            return STRAIGHT
+        seen, points = self.target.appearance.neutral_shape, self.target.reference.points
+        to_grid = align_planar(seen, points, RIGID_WEIGHTS)
+        return np.asarray(self._shape_transfer.target.pose.linear[2] @ to_grid.linear)
 
     def swap(self, frame: Frame) -> SwapResult:
         """Swap the face in a frame, in place; a frame in which the person is lost stays as it is.
@@ -129,8 +142,8 @@ class Engine(Closing):
             fit = Failed("the head is turned too far")
         self._missed_frames += 1
         if self._last is not None and self._missed_frames <= self.options.hold_frames:
-            head, appearance, cosines = self._last
-            return SwapResult("held", fit, self.painter.paint(frame, head, appearance, None, cosines))
+            head, appearance, view = self._last
+            return SwapResult("held", fit, self.painter.paint(frame, head, appearance, None, view))
         self._last = None
         if self._brows is not None:
             self._brows.reset()
@@ -152,20 +165,33 @@ class Engine(Closing):
             shape = pulled(shape, solid)
         if self._brows is not None:
             shape = self._brows.corrected(frame.luma, shape)
-        texels = frame.sample_rgb(self.estimator.sampler.positions(shape))
-        parameters = self.estimator(shape, self.clear(frame, shape, texels))
+        view = self.view(shape, solid)
+        places = self.places(shape, view)
+        texels = frame.sample_rgb(places)
+        parameters = self.estimator(shape, self.clear(frame, shape, places, texels))
         appearance = self.synthesise(parameters, shape, solid)
-        cosines = None
-        if self._shape_transfer is not None:
-            cosines = facing(self._shape_transfer.solid, solid.pose.rotation)
-        self._last = shape, appearance, cosines
-        return self.painter.paint(frame, shape, appearance, texels, cosines)
+        self._last = shape, appearance, view
+        return self.painter.paint(frame, shape, appearance, texels, view)
 
-    def clear(self, frame: Frame, shape: F64, texels: F32) -> F32:
-        """The frame's RGB (t, 3) at the texels, without what hides the face at a shape (81, 2)."""
+    def view(self, shape: F64, solid: SolidFit) -> View | None:
+        """How the target's face is seen where the source's lies at a shape (81, 2); None with the transfer "paper"."""
+        if self._shape_transfer is None:
+            return None
+        enrolled = self._enrolled @ align_planar(self.source.reference.points, shape, RIGID_WEIGHTS).linear
+        return View.of(self._shape_transfer.solid, solid.pose, self.painter.relief, enrolled)
+
+    def places(self, shape: F64, view: View | None) -> F32:
+        """(t, 2) pixels, where the texels of a face at a shape (81, 2) lie."""
+        places = self.estimator.sampler.positions(shape)
+        if view is not None:
+            places += self._depth[:, None] * view.across.astype(np.float32)
+        return places
+
+    def clear(self, frame: Frame, shape: F64, places: F32, texels: F32) -> F32:
+        """The frame's RGB (t, 3) at texels at places (t, 2), without what hides the face at a shape (81, 2)."""
         if self.occlusion is None:
             return texels
-        self.occlusion.update(frame, shape)
+        self.occlusion.update(frame, shape, places)
         return self.occlusion.cleared(texels)
 
     def synthesise(self, parameters: F32, shape: F64, solid: SolidFit) -> F32:

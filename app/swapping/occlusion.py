@@ -22,6 +22,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, NOSE_ROOT, RIGHT_BR
 from guise.aam.mask import soft_parts
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.aam.relief import STRAIGHT, Relief
 from guise.app.media import Frame
 from guise.app.swapping.coarse_grid import CoarseGrid
 from guise.common.arrays import F32, F64, Floating
@@ -84,6 +85,7 @@ class Occlusion:
         cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
         places = cells * self._grid.cell
         self._cells = MeshSampler.build(reference, places.astype(np.float64))
+        self._depth = Relief.shipped(reference).at(places.astype(np.float64))[:, None]
         eyes = (RIGHT_EYE, LEFT_EYE)
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
         around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *eyes), LIMITS.growth_face_widths)
@@ -114,13 +116,17 @@ class Occlusion:
         """(t,) share in [0, 1] by which each texel counts as the source's face; None before the first frame."""
         return self._visible
 
-    def update(self, frame: Frame, shape: F64) -> None:
-        """Look at a frame in which the face lies at a shape (81, 2)."""
+    def update(self, frame: Frame, shape: F64, places: F32 | None = None) -> None:
+        """Look at a frame in which the face lies at a shape (81, 2), and the texels at places (t, 2).
+
+        By default the texels lie on the shape's triangles.
+        """
         if self._pause_frames:
             self._pause_frames -= 1
             return
         self._layers = _Layers.of(parse_frame(self._parser, frame, shape), self._kinds)
-        self._visible = 1 - np.max(self._layers.at(self._texels.positions(shape)), axis=1)
+        places = self._texels.positions(shape) if places is None else places
+        self._visible = 1 - np.max(self._layers.at(places), axis=1)
 
     def cleared(self, seen: F32) -> F32:
         """The frame's RGB (t, 3) at the texels; where something is in front, what was seen there before."""
@@ -130,14 +136,16 @@ class Occlusion:
             self._clear = self._clear + self._visible[:, None] * (seen - self._clear)
         return self._clear
 
-    def uncovered(self, mesh: F64) -> F32 | None:
+    def uncovered(self, mesh: F64, across: F64 = STRAIGHT) -> F32 | None:
         """(h, w) share in [0, 1] of the drawn face that nothing hides, on the reference grid; None is all of it.
 
-        mesh : (81, 2) pixels, where the face is drawn.  Until another frame is parsed it's the same array.
+        mesh : (81, 2) pixels, where the face is drawn.   across : see `View`.
+        Until another frame is parsed it's the same array.
         """
         if self._layers is None:
             return self._uncovered
-        layers = self._layers.at(self._cells.positions(mesh)).T
+        places = self._cells.positions(mesh) + self._depth * across.astype(np.float32)
+        layers = self._layers.at(places).T
         self._layers = None
         hidden = self._reaching_in(layers[1]) if self._only_objects else self._in_front(*layers)
         self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None

@@ -15,6 +15,7 @@ from guise.aam.landmarks.schemes import INNER_LIPS, RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture
@@ -27,7 +28,7 @@ from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.outline import warp_outline
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
-from guise.app.swapping.silhouette import Silhouette, front_last
+from guise.app.swapping.silhouette import Silhouette, View, front_last
 from guise.app.swapping.similarity_palette import SimilarityPalette
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render import Compositor, feather, make_compositor
@@ -73,7 +74,8 @@ class Painter:
         self._alpha = feather(mask, width * self.reference.resolution)
         self._palette = make_palette(self.reference, estimator.texels, mask, options)
         self._occlusion = occlusion
-        self._silhouette = Silhouette(self.reference, estimator.sampler)
+        self.relief = (Relief.shipped if options.transfer == "full" else Relief.flat)(self.reference)
+        self._silhouette = Silhouette(self.relief, _places(self.reference, estimator.texels))
         self._texels = estimator.texels
         self._detail = target.detail
         # Cubic makes up for what the bilinear warp blurs; "paper" stays what the privacy figures are measured with.
@@ -92,27 +94,32 @@ class Painter:
         self._zeros = np.zeros((3, 0), np.float32)
 
     def paint(
-        self, frame: Frame, head: F64, appearance: F32, texels: F32 | None, cosines: F64 | None = None
+        self, frame: Frame, head: F64, appearance: F32, texels: F32 | None, view: View | None = None
     ) -> F64:
         """Blend an appearance (162 + 3 n,) over the head (81, 2) in the frame; returns the mesh (81, 2).
 
         texels (t, 3): the frame's RGB at the estimator's texels; None keeps the last palette.
-        cosines (81,): how far the drawn face's points face the camera, see `facing`; None is as from the front.
+        view : how the drawn face is seen; None is as from the front.
         """
         shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
         mesh, zoom = self.place(shape, head)
+        across = STRAIGHT if view is None else view.across
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         if texels is not None:
             visible = None if self._occlusion is None else self._occlusion.visible
-            hidden = None if cosines is None else self._silhouette.visible(cosines)
+            hidden = None if view is None else self._silhouette.visible(view.cosines)
             self._palette.update(texture[self._texels], texels, _product(visible, hidden))
-        uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh)
+        uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh, across)
         if self.options.follows_outline:
             warp_outline(frame, head, mesh, zoom * self.reference.resolution)
-        if cosines is not None:
-            uncovered = _product(uncovered, self._silhouette.share(cosines))
-        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head)
+        if view is not None:
+            uncovered = _product(uncovered, self._silhouette.share(view.cosines))
+        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across)
         return mesh
+
+    def depth(self, texels: Int) -> F32:
+        """(t,) face widths by which texels lie beyond the flat triangles, see `Relief`."""
+        return self.relief.at(_places(self.reference, texels))
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
         """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom."""
@@ -125,15 +132,17 @@ class Painter:
 
     def blend(
         self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,
-        finish: Finish | None = None, head: F64 | None = None,
+        finish: Finish | None = None, head: F64 | None = None, across: F64 = STRAIGHT,
     ) -> None:  # fmt: skip
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
 
         uncovered : (h, w) share in [0, 1] of the face that is drawn, on the reference grid; None is all of it.
         finish : measures the frame's sharpness and grain and gives them to the texture; None changes nothing.
+        across : see `View`.
         head : (81, 2) pixels of the source, whose own eyes or mouth are kept if the options say so.
         """
-        x0, y0, w, h = frame.align_roi(*(mesh.min(0) - 1), *(mesh.max(0) + 2))
+        drawn_mesh = self.relief.seen(mesh, across)
+        x0, y0, w, h = frame.align_roi(*(drawn_mesh.min(0) - 1), *(drawn_mesh.max(0) + 2))
         if w < 2 or h < 2:
             return
         roi, fine = frame.read_roi(x0, y0, w, h), zoom > ZOOM.min_detail_zoom
@@ -146,7 +155,7 @@ class Painter:
             if head is not None:
                 for aperture in self._apertures(fine):
                     aperture.fill(picture, drawn, head - (x0, y0), frame.colour)
-            self._compositor(fine).composite(drawn, picture, mesh - (x0, y0), out=drawn)
+            self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
@@ -205,10 +214,10 @@ class Painter:
     def _compositor(self, fine: bool) -> Compositor:
         if fine not in self._compositors:
             factor = 2 if fine else 1
-            uv = (self.reference.points + 0.5) * factor - 0.5
+            uv = (self.relief.points + 0.5) * factor - 0.5
             self._compositors[fine] = make_compositor(
                 self.options.renderer,
-                front_last(self.reference.triangles),
+                front_last(self.relief),
                 uv.astype(np.float32),
                 self._enlarged(self._alpha, fine),
             )
@@ -243,6 +252,12 @@ class Painter:
             return alpha
         h, w = self.reference.size
         return np.asarray(cv2.resize(alpha, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _places(reference: ReferenceFrame, texels: Int) -> F64:
+    """(t, 2) grid pixels of texels, indices into the mask's pixels."""
+    ys, xs = np.divmod(reference.pixels[texels], reference.size[1])
+    return np.column_stack([xs, ys]).astype(np.float64)
 
 
 def beyond_mask(mask: Bool) -> tuple[Int, Int]:

@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.aam.solid_shape import SolidPrior
+from guise.aam.landmarks.schemes import NOSE
+from guise.aam.mask import soft_parts
+from guise.aam.reference import MeshSampler
+from guise.aam.relief import STRAIGHT, Relief
+from guise.aam.solid_shape import HeadPose, SolidPrior, facing
 from guise.common.arrays import F32, F64, I32
 
 
@@ -20,11 +23,43 @@ class SilhouetteLimits:
     """How the face fades; cosines between the camera's direction and the face's normal."""
 
     hidden_cosine: float = 0.0  # at which nothing of the face is drawn
-    whole_cosine: float = 0.18  # from which all of it is; seen from the front the whole face lies above
+    whole_cosine: float = 0.18  # from which all of it is,
+    whole_share: float = 0.5  # or this share of what it is from the front
     cell_face_widths: float = 0.03
+    nose_growth_face_widths: float = 0.03  # around the nose, which hides what lies behind it, not itself
+    relief_degrees: tuple[float, float] = (
+        8.0,
+        22.0,
+    )  # of turn, between which the relief comes in: poses are noisy
 
 
 LIMITS = SilhouetteLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """How a face is seen.
+
+    Parameters
+    ----------
+    across : (2,) pixels of the picture by which what lies one face width farther back is seen elsewhere.
+    cosines : (81 + k,) between the camera's direction and the normals of the relief's points; of a head that is hardly
+        turned, of which nothing is hidden, they are larger.
+    """
+
+    across: F64
+    cosines: F64
+
+    @classmethod
+    def of(cls, solid: F64, pose: HeadPose, relief: Relief, enrolled: F64 = STRAIGHT) -> View:
+        """The view of solid points (81, 3) in a pose.
+
+        enrolled : (2,) pixels, `across` of a head in that place that is turned as its texture was enrolled.
+        """
+        turn = float(np.degrees(np.arccos(np.clip(pose.rotation[2, 2], -1, 1))))
+        share = float(np.interp(turn, LIMITS.relief_degrees, (0, 1)))
+        cosines = facing(relief.solid(solid), pose.rotation, relief.triangles)
+        return cls(share * (pose.linear[2] - enrolled), cosines + (1 - share))
 
 
 class Silhouette:
@@ -32,23 +67,29 @@ class Silhouette:
 
     Parameters
     ----------
-    reference : ReferenceFrame.
-    texels : sampler of the places at which light is measured.
+    relief : of the face that is drawn.
+    texels : (t, 2) grid pixels, the places at which light is measured.
     """
 
-    def __init__(self, reference: ReferenceFrame, texels: MeshSampler) -> None:
-        self._size, self._texels = reference.size, texels
+    def __init__(self, relief: Relief, texels: F64) -> None:
+        reference = relief.reference
+        self._size, self._texels = reference.size, MeshSampler.build(relief.mesh, texels)
         cell = LIMITS.cell_face_widths * reference.resolution
         self._cells = tuple(max(2, round(length / cell)) for length in reference.size)
         axes = (
             (np.arange(n) + 0.5) * length / n - 0.5 for n, length in zip(self._cells, self._size, strict=True)
         )
         ys, xs = np.meshgrid(*axes, indexing="ij")
-        self._sampler = MeshSampler.build(reference, np.column_stack([xs.ravel(), ys.ravel()]))
+        self._sampler = MeshSampler.build(relief.mesh, np.column_stack([xs.ravel(), ys.ravel()]))
+        columns = np.round(relief.points).astype(int).clip(0, np.array(reference.size[::-1]) - 1)
+        nose = soft_parts(reference, (NOSE,), LIMITS.nose_growth_face_widths)
+        self._nose = nose[columns[:, 1], columns[:, 0]]
+        frontal = facing(relief.solid(SolidPrior.shipped().mean), np.eye(3), relief.triangles)
+        self._whole = np.minimum(LIMITS.whole_cosine, LIMITS.whole_share * frontal)
 
     def share(self, cosines: F64) -> F32 | None:
-        """(h, w) share in [0, 1] that is drawn of a face with cosines (81,) at its points; None is all of it."""
-        points = _share(cosines)
+        """(h, w) share in [0, 1] that is drawn of a face with cosines (81 + k,) at its points; None is all of it."""
+        points = np.maximum(self._share(cosines), self._nose)
         if points.min() >= 1:
             return None
         cells = np.clip(_interpolated(points, self._sampler), 0, 1).reshape(self._cells)
@@ -56,21 +97,20 @@ class Silhouette:
 
     def visible(self, cosines: F64) -> F32:
         """(t,) the same at the texels."""
-        return np.clip(_interpolated(_share(cosines), self._texels), 0, 1)
+        return np.clip(_interpolated(self._share(cosines), self._texels), 0, 1)
+
+    def _share(self, cosines: F64) -> F32:
+        ramp = (cosines - LIMITS.hidden_cosine) / (self._whole - LIMITS.hidden_cosine)
+        return np.asarray(np.clip(ramp, 0, 1), np.float32)
 
 
-def front_last(triangles: I32) -> I32:
-    """Triangles (t, 3) in the order in which they are drawn: what lies farther forward on a face is in front.
+def front_last(relief: Relief) -> I32:
+    """A relief's triangles (t, 3) as they are drawn: what lies farther forward on a face is in front.
 
     So the nose hides the far cheek of a turned head, and the cheek what lies behind the silhouette.
     """
-    depth = SolidPrior.shipped().mean[triangles, 2].mean(1)
-    return np.ascontiguousarray(triangles[np.argsort(-depth, kind="stable")])
-
-
-def _share(cosines: F64) -> F32:
-    ramp = (cosines - LIMITS.hidden_cosine) / (LIMITS.whole_cosine - LIMITS.hidden_cosine)
-    return np.asarray(np.clip(ramp, 0, 1), np.float32)
+    depth = relief.solid(SolidPrior.shipped().mean)[relief.triangles, 2].mean(1)
+    return np.ascontiguousarray(relief.triangles[np.argsort(-depth, kind="stable")])
 
 
 def _interpolated(points: F32, sampler: MeshSampler) -> F32:

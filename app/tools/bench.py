@@ -234,13 +234,14 @@ def _timed_swap(engine: Engine, frame: Frame, clock: _Clock) -> bool:
     if not isinstance(fit, Fit):
         return False
     clock.times["track"] += tracking.times["track"]
-    places = engine.estimator.sampler.positions
-    texels = clock.measure("sample", lambda: frame.sample_rgb(places(fit.shape)))
-    clear = clock.measure("occlusion", lambda: engine.clear(frame, fit.shape, texels))
-    parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, clear))
     solid = clock.measure("solid shape", lambda: engine.solid.update(fit.shape))
+    view = engine.view(fit.shape, solid)
+    places = engine.places(fit.shape, view)
+    texels = clock.measure("sample", lambda: frame.sample_rgb(engine.places(fit.shape, view)))
+    clear = clock.measure("occlusion", lambda: engine.clear(frame, fit.shape, places, texels))
+    parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, clear))
     appearance = clock.measure("extrapolate", lambda: engine.synthesise(parameters, fit.shape, solid))
     painting = _Clock()
-    painting.measure("paint", lambda: engine.painter.paint(frame, fit.shape, appearance, texels))
+    painting.measure("paint", lambda: engine.painter.paint(frame, fit.shape, appearance, texels, view))
     clock.times["place and palette"].append(painting.times["paint"][0] - clock.times["warp and blend"][-1])
     return True

@@ -1,0 +1,89 @@
+"""The surface between the 81 points: flat triangles hide what a cheek or a nose does when a head turns.
+
+A triangle from the nose to the jaw lies far inside the cheek, so that on a turned head it misses the silhouette.  More
+places, with the depth that rendered people have there on average beyond the flat triangle (`training/relief.py`),
+follow the surface.  Seen from the front they lie on the flat triangles and change nothing.
+Grid pixels, x right, y down; depths in face widths, away from the viewer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.common.arrays import F32, F64, I32
+
+STRAIGHT: F64 = np.zeros(2)  # what is seen of depth from the front
+STRAIGHT.setflags(write=False)
+DATA = Path(__file__).parent / "data" / "relief.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """The reference frame's mesh with more places, and how deep they lie.
+
+    Parameters
+    ----------
+    reference : the frame whose triangles are divided.
+    points : (81 + k, 2) grid pixels: the frame's, then the places.
+    triangles : (t, 3) indices into them.
+    depth : (81 + k,) face widths beyond the flat triangles, 0 for the first 81.
+    """
+
+    reference: ReferenceFrame
+    points: F64
+    triangles: I32
+    depth: F64
+
+    @classmethod
+    def shipped(cls, reference: ReferenceFrame) -> Relief:
+        """The relief that ships with the package."""
+        return _shipped(reference.resolution)
+
+    @classmethod
+    def flat(cls, reference: ReferenceFrame) -> Relief:
+        """A relief without more places."""
+        return cls(reference, reference.points, reference.triangles, np.zeros(len(reference.points)))
+
+    @cached_property
+    def mesh(self) -> ReferenceFrame:
+        """The divided triangles as a frame of their own, for samplers."""
+        return ReferenceFrame(self.points, self.triangles, self.reference.size)
+
+    @cached_property
+    def _on_flat(self) -> MeshSampler:
+        return MeshSampler.build(self.reference, self.points[len(self.reference.points) :])
+
+    def solid(self, points: F64) -> F64:
+        """(81 + k, 3) face widths: solid points (81, 3), and the places between them."""
+        flat = np.einsum("kpc,kp->pc", points[self._on_flat.vertices], self._on_flat.weights)
+        flat[:, 2] += self.depth[len(points) :]
+        return np.concatenate([points, flat])
+
+    def seen(self, points: F64, across: F64) -> F64:
+        """(81 + k, 2) pixels: the points (81, 2) of a mesh in a picture, and the places between them.
+
+        across : (2,) pixels by which a point one face width farther away is seen elsewhere.
+        """
+        flat = np.einsum("kpc,kp->pc", points[self._on_flat.vertices], self._on_flat.weights)
+        return np.concatenate([points, flat + self.depth[len(points) :, None] * across])
+
+    def at(self, places: F64) -> F32:
+        """(n,) depth at places (n, 2), face widths."""
+        sampler = MeshSampler.build(self.mesh, places)
+        return np.asarray((self.depth[sampler.vertices] * sampler.weights).sum(0), np.float32)
+
+
+@lru_cache(maxsize=4)
+def _shipped(resolution: int) -> Relief:
+    reference = ReferenceFrame.canonical(resolution)
+    with np.load(DATA) as stored:
+        places = reference.points.min(0) + resolution * stored["places"].astype(np.float64)
+        depth = np.concatenate([np.zeros(len(reference.points)), stored["depth"]])
+        return Relief(
+            reference, np.vstack([reference.points, places]), stored["triangles"].astype(np.int32), depth
+        )
