@@ -1,7 +1,7 @@
 """Skin around the eyes that neither crumples nor folds over, whatever the match is like there.  Any unit.
 
 In a blink the lid slides by the height of the eye within a few vertices.  There, small slips of a match between meshes
-of other topology leave neighbours out of order.
+of other topology leave neighbours out of order.  A lid may roll, however: what turns as far on the source is no fold.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ class EyeSkinSettings:
     steep_rounds: int = 1
     folded_cosine: float = 0.1  # the same afterwards, for faces alone until half of the rounds are over
     folded_rounds: int = 8
+    beyond_source_cosine: float = 0.3  # farther than the skin of the source there, which both are to turn
     least_weight: float = 1e-9  # that keeps an isolated vertex where it is
 
 
@@ -41,15 +42,20 @@ class EyeSkin:
     Parameters
     ----------
     mesh : at rest.   skin : (N,) bool.   eyes : the middle (3,) and width of each.
+    source : neutral vertices (N_s, 3) of the source.   matched : (N, 3) the triangle of the source at each vertex.
     """
 
-    def __init__(self, mesh: Mesh, skin: Bool, eyes: list[tuple[F64, float]]) -> None:
+    def __init__(
+        self, mesh: Mesh, skin: Bool, eyes: list[tuple[F64, float]], source: F64, matched: Int
+    ) -> None:
         share, width = _nearness(mesh.vertices, eyes)
         inside = skin & (share > 0)
         self._rest, faces = mesh.vertices, mesh.faces[inside[mesh.faces].any(1)]
         self._rows = np.flatnonzero(inside)
         self._faces = faces[inside[faces].all(1)]
         self._normals = face_normals(self._rest, self._faces)
+        self._matched = np.ascontiguousarray(matched[self._faces]).reshape(-1, 3)
+        self._source_normals = face_normals(source, self._matched)
         self._laplacian, areas = cotangent_laplacian(self._rest, faces)
         self._areas = np.maximum(areas[self._rows], EYE_SKIN.least_weight * areas.mean())
         if len(self._rows):
@@ -66,22 +72,32 @@ class EyeSkin:
         out[self._rows] = self._rest[self._rows] + self._solve(self._areas[:, None] * way)
         return out
 
-    def without_steep_faces(self, made: F64) -> F64:
-        """Vertices (N, 3), with membranes in place of faces that turn far, and of those beside them."""
-        return self._relaxed(made, EYE_SKIN.steep_cosine, EYE_SKIN.steep_rounds, 0)
+    def without_steep_faces(self, made: F64, expressive: F64) -> F64:
+        """Vertices (N, 3), with membranes in place of faces that turn far, and of those beside them.
 
-    def without_folds(self, made: F64) -> F64:
-        """Vertices (N, 3), with membranes in place of faces that are turned over."""
-        rounds = EYE_SKIN.folded_rounds
-        return self._relaxed(made, EYE_SKIN.folded_cosine, rounds, rounds // 2)
+        expressive : the source (N_s, 3) with the expression.
+        """
+        least = self._least(EYE_SKIN.steep_cosine, expressive)
+        return self._relaxed(made, least, EYE_SKIN.steep_rounds, 0)
 
-    def _relaxed(self, made: F64, least: float, rounds: int, alone: int) -> F64:
+    def without_folds(self, made: F64, expressive: F64) -> F64:
+        """Vertices (N, 3), with membranes in place of faces that are turned over, as before."""
+        least, rounds = self._least(EYE_SKIN.folded_cosine, expressive), EYE_SKIN.folded_rounds
+        return self._relaxed(made, least, rounds, rounds // 2)
+
+    def _least(self, usual: float, expressive: F64) -> F64:
+        """(m,) the cosine from which a face is in order, smaller where the source's skin turns as well."""
+        now = face_normals(expressive, self._matched)
+        own = _cosines(now, self._source_normals).reshape(-1, 3).min(1)
+        return np.asarray(np.minimum(usual, own - EYE_SKIN.beyond_source_cosine))
+
+    def _relaxed(self, made: F64, least: F64, rounds: int, alone: int) -> F64:
         """Smooth out faces whose cosine is too small; from the round `alone` on with their neighbours."""
         inside = np.zeros(len(made), bool)
         inside[self._rows] = True
         loose = np.zeros(len(made), bool)
         for step in range(rounds):
-            turned = self._cosines(made) < least
+            turned = _cosines(face_normals(made, self._faces), self._normals) < least
             if not turned.any():
                 break
             loose[self._faces[turned]] = True
@@ -89,12 +105,6 @@ class EyeSkin:
                 loose[self._faces[loose[self._faces].any(1)]] = True
             made = self._with_membrane(made, np.flatnonzero(loose & inside))
         return made
-
-    def _cosines(self, made: F64) -> F64:
-        """(m,) of the angle by which each face has turned."""
-        now = face_normals(made, self._faces)
-        size = np.linalg.norm(now, axis=1) * np.linalg.norm(self._normals, axis=1)
-        return np.asarray((now * self._normals).sum(1) / size.clip(1e-300))
 
     def _with_membrane(self, made: F64, loose: Int) -> F64:
         """Vertices (N, 3), the displacements of loose ones continued harmonically from the others."""
@@ -107,6 +117,12 @@ class EyeSkin:
         out = made.copy()
         out[loose] = self._rest[loose] + found
         return out
+
+
+def _cosines(now: F64, rest: F64) -> F64:
+    """(m,) of the angles between normals (m, 3) of any length."""
+    size = np.linalg.norm(now, axis=1) * np.linalg.norm(rest, axis=1)
+    return np.asarray((now * rest).sum(1) / size.clip(1e-300))
 
 
 def _scaled_laplacian(laplacian: sp.csr_array, length: F64) -> sp.csr_array:

@@ -39,6 +39,7 @@ class LidSettings:
         0.12,
     )  # behind the skin above and below; tried one by one
     margin_depth_widths: float = 0.04  # up to which the walls of a hole belong to it
+    wall_cosine: float = 0.4  # between skin and line of sight, below which skin around a hole is its wall
     max_depth_widths: float = 0.4  # beyond which depths behind the lids do not matter
     margin_step_widths: float = 0.08  # between neighbouring pixels, which ends a hole
     min_hole_widths: float = 0.5  # from corner to corner
@@ -123,7 +124,9 @@ def _find(
     seen = visible(view.project(vertices), drawn, (view.pixels, view.pixels), "cpu")
     depth = np.full(seen.triangle.shape, -np.inf)
     depth[seen.covered] = seen.interpolated((vertices - middle) @ view.axes[2:].T, drawn)[:, 0]
-    hole = _hole(depth, width, view)
+    facing = np.ones(depth.shape)
+    facing[seen.covered] = seen.interpolated(normals @ view.axes[2:].T, drawn)[:, 0]
+    hole = _hole(depth, width, view, facing > LIDS.wall_cosine)
     if hole is None:
         return None
     high, low = _edges(hole)
@@ -145,10 +148,11 @@ def _eye_view(vertices: F64, normals: F64, middle: F64, width: float, forward: F
     return View(axes, middle, LIDS.picture_widths * width / 2, LIDS.picture_px)
 
 
-def _hole(depth: F64, width: float, view: View) -> Bool | None:
+def _hole(depth: F64, width: float, view: View, facing: Bool) -> Bool | None:
     """The pixels (h, w) between the lids of an eye in the middle; None if there is no such hole.
 
     They lie behind the skin above and below, and the depth steps at their edge, unlike in the hollow beside the nose.
+    facing : (h, w) where the skin faces the viewer, unlike the walls between the lids and a hole that is narrower.
     """
     import cv2
 
@@ -167,7 +171,7 @@ def _hole(depth: F64, width: float, view: View) -> Bool | None:
     for least in LIDS.hole_depth_widths:
         eye = _central(level & (behind > least), px)
         if eye is not None:
-            return _up_to_margins(eye > 0, ~level & (behind > LIDS.margin_depth_widths))
+            return _up_to_margins(eye > 0, ~(level & facing) & (behind > LIDS.margin_depth_widths))
     return None
 
 

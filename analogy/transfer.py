@@ -103,7 +103,11 @@ class Transfer:
         self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in eyes]
         same = bool((correspondence.weights.max(1) == 1).all())  # vertex to vertex, which slips nowhere
         places = [eye.place(target.vertices) for _, eye in eyes]
-        self._eye_skin = EyeSkin(target, on_skin, places) if places and not same else None
+        self._eye_skin = (
+            EyeSkin(target, on_skin, places, source.vertices, correspondence.corners)
+            if places and not same
+            else None
+        )
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
         own = FaceFrame.of(face.points[1]) if face else None
         self._parts = PartMotion(target, on_skin, keep_rigid, matched, own)
@@ -142,11 +146,11 @@ class Transfer:
         made = self.target.vertices.copy()
         made[self._skin] = skin
         if self._eye_skin:
-            made = self._eye_skin.without_steep_faces(self._eye_skin.smoothed(made))
+            made = self._eye_skin.without_steep_faces(self._eye_skin.smoothed(made), expressive)
         for eye in self._lids:
             made = eye(expressive, made)
         if self._eye_skin:
-            made = self._eye_skin.without_folds(made)
+            made = self._eye_skin.without_folds(made, expressive)
         return np.asarray(made[self._skin])
 
     def _motion(self, expressive: F64) -> Similarity:

@@ -9,7 +9,7 @@ from guise.analogy.eye_skin import EYE_SKIN, EyeSkin
 from guise.analogy.geometry import face_normals
 from guise.analogy.mesh import Mesh
 from guise.analogy.transfer import Transfer
-from guise.common.arrays import F64
+from guise.common.arrays import F64, Int
 
 STEPS = 24
 EYES: list[tuple[F64, float]] = [(np.zeros(3), 2.0)]
@@ -26,7 +26,15 @@ def sheet() -> Mesh:
 
 
 def eye_skin(mesh: Mesh) -> EyeSkin:
-    return EyeSkin(mesh, np.ones(len(mesh.vertices), bool), EYES)
+    return EyeSkin(mesh, np.ones(len(mesh.vertices), bool), EYES, mesh.vertices, own_triangles(mesh))
+
+
+def own_triangles(mesh: Mesh) -> Int:
+    """(N, 3) a triangle at each vertex: the mesh is its own source."""
+    matched = np.zeros((len(mesh.vertices), 3), np.intp)
+    for corner in range(3):
+        matched[mesh.faces[:, corner]] = mesh.faces
+    return matched
 
 
 def away(mesh: Mesh) -> F64:
@@ -55,7 +63,7 @@ def test_vertices_out_of_order_are_put_in_order() -> None:
     made[middle] += (0.6, 0, 0)  # beyond its neighbour
     over = (face_normals(made, mesh.faces) * face_normals(mesh.vertices, mesh.faces)).sum(1) < 0
     assert over.any()
-    done = skin.without_folds(made)
+    done = skin.without_folds(made, mesh.vertices)
     assert (face_normals(done, mesh.faces) * face_normals(mesh.vertices, mesh.faces)).sum(1).min() > 0
     changed = (done != made).any(axis=1)
     assert changed.any()
@@ -68,15 +76,26 @@ def test_what_is_not_folded_stays_to_the_bit() -> None:
     bent = mesh.vertices + np.column_stack(
         [np.zeros((len(mesh.vertices), 2)), 0.1 * mesh.vertices[:, 0] ** 2]
     )
-    assert_array_equal(skin.without_folds(bent), bent)
-    assert_array_equal(skin.without_steep_faces(bent), bent)
+    assert_array_equal(skin.without_folds(bent, mesh.vertices), bent)
+    assert_array_equal(skin.without_steep_faces(bent, mesh.vertices), bent)
 
 
 def test_eyes_far_from_the_mesh_change_nothing() -> None:
     mesh = sheet()
-    skin = EyeSkin(mesh, np.ones(len(mesh.vertices), bool), [(np.array([0, 0, 50.0]), 2.0)])
+    far = [(np.array([0, 0, 50.0]), 2.0)]
+    skin = EyeSkin(mesh, np.ones(len(mesh.vertices), bool), far, mesh.vertices, own_triangles(mesh))
     moved = mesh.vertices + 1
-    assert_array_equal(skin.without_folds(skin.smoothed(moved)), moved)
+    assert_array_equal(skin.without_folds(skin.smoothed(moved), moved), moved)
+
+
+def test_what_turns_as_far_on_the_source_is_no_fold() -> None:
+    mesh = sheet()
+    skin = eye_skin(mesh)
+    rolled = mesh.vertices.copy()
+    lid = (np.abs(rolled[:, 0]) < 0.6) & (rolled[:, 1] > 0)
+    rolled[lid, 1] *= -1  # a strip that is turned over whole
+    assert_array_equal(skin.without_folds(rolled, rolled), rolled)
+    assert (skin.without_folds(rolled, mesh.vertices) != rolled).any()
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3])

@@ -79,6 +79,41 @@ def test_margins_lie_on_the_lids_from_corner_to_corner() -> None:
         assert (np.diff(high[:, 0]) > 0).all()
 
 
+def walled(mesh: Mesh) -> Mesh:
+    """The face with walls that lead from the lids into eye sockets, whose openings are smaller than the eyes."""
+    edges = np.sort(np.concatenate([mesh.quads[:, [k, (k + 1) % 4]] for k in range(4)]), axis=1)
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    rim = found[(counts == 1) & (np.abs(y)[found] < 2).all(1) & (np.abs(x)[found] < 5).all(1)]
+    vertices, triangles = [mesh.vertices], []
+    for step in range(6):
+        first = len(mesh.vertices) * (step + 1)
+        middle = np.where(x < 0, EYES[0], EYES[1])
+        share = 0.4 * (step + 1) / 6
+        inner = np.column_stack(
+            [x + share * (middle - x), (1 - share) * y, mesh.vertices[:, 2] - 1.5 * share]
+        )
+        vertices.append(inner)
+        a, b = rim.T + (first - len(mesh.vertices) if step else 0)
+        c, d = rim.T + first
+        upper = (y[rim].sum(1) > 0)[:, None]
+        way = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
+        triangles.append(np.where(np.tile(upper, (2, 1)), way, way[:, ::-1]))
+    faces = np.concatenate([*triangles, mesh.quads[:, :3], mesh.quads[:, [0, 2, 3]]])
+    used, faces = np.unique(faces, return_inverse=True)
+    return Mesh.of_triangles(np.concatenate(vertices)[used], faces.reshape(-1, 3))
+
+
+def test_walls_of_eye_sockets_are_not_taken_for_lids() -> None:
+    plain, _, _ = face(8, 1.0)
+    mesh = walled(plain)
+    for eye, bare in zip(find_lids(mesh, FACE_POINTS), find_lids(plain, FACE_POINTS), strict=True):
+        assert eye is not None
+        assert bare is not None
+        for curve, margin in ((eye.upper, bare.upper), (eye.lower, bare.lower)):
+            assert_allclose(curve.at(mesh.vertices)[2:-2, 1], margin.at(plain.vertices)[2:-2, 1], atol=0.1)
+
+
 def test_shut_eyes_and_missing_ones_have_no_margins() -> None:
     assert find_lids(face(8, 1e-3)[0], FACE_POINTS) == (None, None)
     mesh, _, _ = face(8, 1.0)
