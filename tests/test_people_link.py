@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from guise.app.people.faces import SegmentFaces, is_cut
+from guise.app.people.faces import CutDetector, SegmentFaces, is_cut
 from guise.app.people.link import link
 
 RNG = np.random.default_rng(0)
@@ -74,3 +74,29 @@ def test_a_cut_is_told_from_noise_and_from_a_change_of_light() -> None:
     assert is_cut(SCENE, OTHER)
     assert not is_cut(SCENE, noisy)
     assert not is_cut(SCENE, darker)
+
+
+def test_a_cut_that_changes_little_is_sudden_and_a_motion_that_changes_more_is_not() -> None:
+    """Two faces before one ground, in nearly the same light; then a thing that moves faster and faster."""
+    face, other = (np.full((18, 32), 120, np.uint8) for _ in range(2))
+    face[4:14, 11:21] = RNG.integers(60, 180, (10, 10))
+    other[4:14, 11:21] = RNG.integers(60, 180, (10, 10))
+
+    def cuts(pictures: list[np.ndarray]) -> list[int]:
+        detector = CutDetector()
+        return [k for k, picture in enumerate(pictures) if detector.update(picture)]
+
+    def noisy(picture: np.ndarray) -> np.ndarray:
+        return np.clip(picture + (RNG.random(picture.shape) > 0.8), 0, 255).astype(np.uint8)
+
+    assert not is_cut(face, other)
+    assert cuts([noisy(face) for _ in range(9)] + [noisy(other) for _ in range(9)]) == [9]
+    assert cuts([face, face, face, other]) == []  # too early to know how much changes
+    moving = []
+    for k in range(20):
+        picture = np.full((18, 32), 120, np.uint8)
+        picture[4:14, k : k + 8] = 250
+        moving.append(noisy(picture))
+    assert cuts(moving) == []
+    darker = [noisy((SCENE * share).astype(np.uint8)) for share in [1.0] * 8 + [0.6] * 8]
+    assert cuts(darker) == []

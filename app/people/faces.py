@@ -61,6 +61,10 @@ class DetectionLimits:
     wrong_roll_radians: float = 1.0  # from which a box on a tracked head is no face, unless it is certain
     cut_correlation: float = 0.6  # of small pictures, below which a new shot begins
     cut_grey_levels: float = 8.0  # of mean change, from which it can
+    sudden_correlation: float = 0.9  # the same where the picture changes
+    sudden_grey_levels: float = 4.0  # so much
+    sudden_ratio: float = 8.0  # and so many times as much as in any
+    sudden_frames: int = 5  # of the frames before
 
 
 LIMITS = DetectionLimits()
@@ -157,11 +161,41 @@ def detect_boxes(
 
 def is_cut(before: U8, after: U8) -> bool:
     """Whether a new shot begins between two small pictures: their correlation is low and the change large."""
-    a, b = before.astype(np.float64).ravel(), after.astype(np.float64).ravel()
-    if np.abs(a - b).mean() < LIMITS.cut_grey_levels:
-        return False
-    a, b = a - a.mean(), b - b.mean()
-    return bool(a @ b < LIMITS.cut_correlation * np.sqrt((a @ a) * (b @ b)) + 1e-9)
+    change = float(np.abs(before.astype(np.float64) - after).mean())
+    return change >= LIMITS.cut_grey_levels and _correlation(before, after) < LIMITS.cut_correlation
+
+
+def _correlation(before: U8, after: U8) -> float:
+    """Of two pictures; 0 where one of them is plain."""
+    a, b = (picture.astype(np.float64).ravel() - picture.mean() for picture in (before, after))
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 1e-9 else 0.0
+
+
+class CutDetector:
+    """Tells with which of a video's frames new shots begin.
+
+    Between two people in one place, or before one background, little of the picture changes; but it does at once, while
+    what moves has changed the frames before as well.
+    """
+
+    def __init__(self) -> None:
+        self._before: U8 | None = None
+        self._changes: deque[float] = deque(maxlen=LIMITS.sudden_frames)
+
+    def update(self, small: U8) -> bool:
+        """Whether a new shot begins with the next frame, made small."""
+        before, self._before = self._before, small
+        if before is None:
+            return False
+        change = float(np.abs(small.astype(np.float64) - before).mean())
+        known = len(self._changes) == LIMITS.sudden_frames
+        sudden = known and change >= max(LIMITS.sudden_grey_levels, LIMITS.sudden_ratio * max(self._changes))
+        cut = is_cut(before, small) or (sudden and _correlation(before, small) < LIMITS.sudden_correlation)
+        self._changes.append(change)
+        if cut:
+            self._changes.clear()
+        return cut
 
 
 class SegmentTracker:
@@ -178,10 +212,11 @@ class SegmentTracker:
         self._shot: list[int] = []  # frames since the last cut
         self._cuts: list[int] = []
         self._ends: list[U8] = []
+        self._cut_detector = CutDetector()
 
     def update(self, frame: DetectedFrame) -> None:
         """The next frame."""
-        if self._ends and is_cut(self._ends[-1], frame.small):
+        if self._cut_detector.update(frame.small):
             self._cuts.append(frame.index)
             self._tracker.restart()
             self._shot.clear()

@@ -35,7 +35,7 @@ from guise.aam.recognition import (
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import Frame, MediaInput
 from guise.app.people.faces import LIMITS as DETECTION
-from guise.app.people.faces import SMALL_SIZE, SegmentFaces, SegmentTracker, detect_boxes, is_cut
+from guise.app.people.faces import SMALL_SIZE, CutDetector, SegmentFaces, SegmentTracker, detect_boxes
 from guise.common.arrays import F32, F64, I32, U8, Bool
 from guise.common.files import write_whole
 from guise.common.threads import one_thread
@@ -458,20 +458,15 @@ def people_followed(media: Iterable[Frame], points: F64) -> int:
 
     points : (n, 81, 2) of each frame; NaN where there is no face.  A piece ends at a cut and where the points jump.
     """
-    collector, track, cuts = PieceCollector(), 0, list[int]()
-    small: U8 | None = None
+    collector, track, cuts, detector = PieceCollector(), 0, list[int](), CutDetector()
     for frame in media:
         if frame.index >= len(points):
             break  # too few landmarks, which enrolment says
-        now, here = (
-            points[frame.index],
-            np.asarray(cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA), np.uint8),
-        )
-        if small is not None and is_cut(small, here):
+        now, small = points[frame.index], cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
+        if detector.update(np.asarray(small, np.uint8)):
             cuts.append(frame.index)
         last = points[frame.index - 1] if frame.index else now
         track += int(frame.index in cuts[-1:] or _jumped(last, now))
-        small = here
         if np.isfinite(now).all():
             collector.add(frame, track, now, 1.0, near=False)
     group(collector.pieces, cuts)
