@@ -129,6 +129,22 @@ def drag(desk: Desk, start: np.ndarray, by: tuple[float, float]) -> None:
     mouse.up()
 
 
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 768), (390, 844)])
+def test_the_picture_fits_the_window(opened: Opened, size: tuple[int, int]) -> None:
+    width, height = size
+    with opened(viewport={"width": width, "height": height}) as desk:
+        desk.page.evaluate("scrollTo(0, 0)")
+        box = desk.picture.bounding_box()
+        assert box["y"] + box["height"] <= height
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= width
+        assert box["width"] >= min(width - 40, 288)
+        assert desk.page.evaluate("document.documentElement.scrollWidth") <= width
+        dots = desk.dots()
+        assert (dots >= (box["x"], box["y"])).all()
+        assert (dots <= (box["x"] + box["width"], box["y"] + box["height"])).all()
+
+
 def test_a_dragged_point_is_saved_where_it_was_dropped(desk: Desk) -> None:
     before, row, scale = desk.points(), desk.row(), desk.scale()
     drag(desk, desk.dots()[EYE] + (3, 2), (40, -25))

@@ -46,6 +46,10 @@ class VideoRecorder(Output):
     whole : keep the recording only if all of the input was shown.
     say : called with a sentence when the recording must end early; without it, MediaError is raised.
 
+    Attributes
+    ----------
+    is_written : the file is complete.
+
     Raises
     ------
     OutputError
@@ -63,6 +67,7 @@ class VideoRecorder(Output):
         self._media, self._encode, self._force = media, encode, force
         self._whole, self._say, self._microphone = whole, say, microphone
         self._file: _RecordingFile | None = None
+        self.is_written = False
         self._begun = self._checked = 0.0
         self._last = -1
 
@@ -100,6 +105,7 @@ class VideoRecorder(Output):
                 return
             with file:
                 pass
+            self.is_written = True
         except MediaError as error:
             file.abort()
             self._report(str(error))

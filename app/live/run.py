@@ -88,9 +88,10 @@ class LiveReport:
     def __str__(self) -> str:
         """One line for a person to read."""
         s = self.stats
+        where = "".join(f"{file}: " for file in self.files)
         did = ", ".join(f"{count} {name}" for name, count in sorted(s.outcomes.items())) or "nothing shown"
         return (
-            f"{s.frames} frames in {s.seconds:.1f} s: {did}; {s.dropped} dropped; "
+            f"{where}{s.frames} frames in {s.seconds:.1f} s: {did}; {s.dropped} dropped; "
             f"median latency {s.latency:.0f} ms, 95th percentile {s.latency_95:.0f} ms"
         )
 
@@ -173,7 +174,9 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
             if options.headless:
                 raise
             stats = pipeline.stats
-    files = [str(output.path) for output in outputs if isinstance(output, VideoRecorder)]
+    files = [
+        str(output.path) for output in outputs if isinstance(output, VideoRecorder) and output.is_written
+    ]
     return LiveReport(tuple(files), stats)
 
 

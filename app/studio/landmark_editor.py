@@ -47,6 +47,7 @@ class EditorSettings:
 
 SETTINGS = EditorSettings()
 
+FITTING_WIDTH = f"clamp(18rem, 100dvh - 23rem, {SCREEN}px)"  # of the square below what chooses the frame
 ORIGINS = {DETECTED: "as found", PROPAGATED: "carried forward", CORRECTED: "corrected"}
 MARKS = {
     "doubtful": ("priority_high", "orange"),
@@ -136,8 +137,8 @@ class LandmarkEditor:
         """The picture, which takes pointers and keys."""
         label = "Landmarks. Arrow keys move the chosen point, n and p choose another one."
         with ui.element("div").props(f'tabindex=0 role=application aria-label="{label}"') as canvas:
-            canvas.classes("w-full max-w-[720px]").style(
-                "touch-action: none; user-select: none; cursor: crosshair"
+            canvas.classes("w-full").style(
+                f"max-width: {FITTING_WIDTH}; touch-action: none; user-select: none; cursor: crosshair"
             )
             everywhere = f'<rect width="{SCREEN}" height="{SCREEN}" fill="none" pointer-events="all"/>'
             self._image = ui.interactive_image(size=(SCREEN, SCREEN), content=everywhere, sanitize=False)
