@@ -23,7 +23,8 @@ import numpy as np
 from guise.aam.landmarks import LbpDetector, interocular, load_annotations
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
-from guise.app.enrolment.enrol import LandmarkSource, enrol, landmark_file
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.media import Frame, open_input
 from guise.common.arrays import F64 as F64
 from guise.common.arrays import U8

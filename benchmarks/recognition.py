@@ -32,7 +32,8 @@ from guise.aam.recognition import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.aam.training import TrainingOptions
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import open_input
 from guise.common.arrays import F32
 

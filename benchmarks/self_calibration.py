@@ -34,7 +34,8 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.refinement import Refined, refine_shapes
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, cut
 from guise.aam.training import TrainingOptions, choose_frames
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 
 REAL = ("franck", "webcam_a1", "studio_d6", "address_o1", "phone_d13", "room_s18")
 MAX_FRAMES = 900  # frames of a real clip

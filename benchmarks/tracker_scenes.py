@@ -20,7 +20,8 @@ from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.solid_shape import SolidPrior, SolidTracker, pulled
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import open_input
 
 TURNED_DEGREES = 30.0

@@ -63,9 +63,9 @@ def enrol(
     GuiseError
         When a clip cannot be read or shows no face that could be learned.
     """
-    from guise.app.enrolment.enrol import LandmarkSource
     from guise.app.enrolment.enrol import enrol as enrol_clips
     from guise.app.enrolment.file import describe_options
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
     paths, files = _paths(clips), _paths(landmarks)
     if not paths:
@@ -206,7 +206,7 @@ def swap_file(
     -------
     SwapReport : frames, and how many of them are swapped, held, covered and lost.
     """
-    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.media import EncodeOptions
     from guise.app.swapping.file import swap_file as swap
     from guise.app.swapping.options import EngineOptions

@@ -56,7 +56,8 @@ def p01() -> Identity:
     """The first sample person, enrolled on a few frames of the first clip with a small tracker."""
     from guise.aam.tracker import TrackerOptions
     from guise.aam.training import TrainingOptions
-    from guise.app.enrolment.enrol import LandmarkSource, enrol
+    from guise.app.enrolment.enrol import enrol
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
     options = TrainingOptions(frames=40, resolution=96, tracker=TrackerOptions(stages=3, copies=10, folds=2))
     return enrol([SAMPLES / "p01" / "talk.mp4"], LandmarkSource(), name="p01", options=options)

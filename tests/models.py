@@ -10,7 +10,8 @@ from made_up import SAMPLES
 
 from guise.aam.tracker import TrackerOptions
 from guise.aam.training import TrainingOptions
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 
 SMALL = TrainingOptions(frames=40, resolution=64, tracker=TrackerOptions(stages=3, copies=10, folds=2))
 

@@ -12,8 +12,9 @@ from models import SMALL
 from guise.aam.model import Identity
 from guise.aam.training import TrainingError
 from guise.app.cli.main import main
-from guise.app.enrolment.enrol import EnrolError, LandmarkSource, landmark_file
+from guise.app.enrolment.enrol import EnrolError
 from guise.app.enrolment.file import describe_options, enrol_file
+from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.common.errors import OutputError
 
 TRUTH = SAMPLES / "p01" / "talk.npz"

@@ -27,7 +27,8 @@ from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import Fit
-from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
+from guise.app.enrolment.enrol import EnrolError, enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.live import enrolment
 from guise.app.live.enrolment import DONE, LIMITS, PROMPTS, EnrolmentStatus, OnScreenEnrolment
 from guise.app.live.keyframes import LIMITS as KEYFRAME_LIMITS

@@ -12,7 +12,8 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import TrackerOptions
 from guise.aam.training import TrainingOptions
 from guise.app.cli.main import main
-from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
+from guise.app.enrolment.enrol import EnrolError, enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import open_input
 from guise.app.people import finding
 from guise.app.people.finding import (

@@ -22,7 +22,8 @@ from guise.aam.recognition import (
     signature_of,
 )
 from guise.aam.reference import ReferenceFrame
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.swapping.donors import gallery, open_donor
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"

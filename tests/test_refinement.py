@@ -22,7 +22,8 @@ from guise.aam.refinement import Refined, anchored, refine_shapes
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Crop, Fit, cut
 from guise.app.cli.main import main
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import open_input
 
 FRAME = ReferenceFrame.canonical(48)

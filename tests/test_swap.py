@@ -12,7 +12,7 @@ from models import model_file
 from threadpoolctl import threadpool_info
 
 from guise.aam.model import Identity
-from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
 from guise.app.swapping.engine import Engine

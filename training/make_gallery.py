@@ -35,7 +35,8 @@ from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.training import TrainingOptions
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.common.arrays import F32, F64, U8
 from guise.common.version import version
 

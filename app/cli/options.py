@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
 
 class RendererName(StrEnum):
@@ -263,7 +263,7 @@ def faces_by_person(pairs: list[str] | None) -> dict[str, str]:
 
 def landmark_source(files: list[Path], landmarker: str | None, clips: int) -> LandmarkSource:
     """Where the landmarks of some clips come from, by the options --landmarks and --landmarker."""
-    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
     if files and landmarker:
         raise typer.BadParameter("give either --landmarks or --landmarker")

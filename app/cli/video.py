@@ -51,7 +51,7 @@ from guise.app.cli.options import (
 
 if TYPE_CHECKING:
     from guise.aam.model import Identity
-    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.swapping.report import SwapReport
     from guise.app.swapping.settings import SwapSettings
     from guise.app.swapping.several import Casting

@@ -7,7 +7,6 @@ chosen frames, so that memory doesn't grow with length.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +39,7 @@ from guise.aam.training import (
     observe,
     train_identity,
 )
+from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.enrolment.quality import weaknesses
 from guise.app.media import open_input
 from guise.app.people.finding import VideoPerson, find_people, people_followed
@@ -48,7 +48,6 @@ from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
 
-SIDECARS = (".landmarks.npz", ".npz", ".landmarks.json", ".json", ".pts")
 BOX_FRAMES = 12  # on which the detector's box is compared with the landmarks
 SAME_FACE_INTEROCULAR = 0.5  # mean distance of points that may be of one face
 MIN_BOX_FRAMES = 3  # with a box, below which a typical detector's relation is used
@@ -56,36 +55,6 @@ MIN_BOX_FRAMES = 3  # with a box, below which a typical detector's relation is u
 
 class EnrolError(GuiseError):
     """An enrolment that can't be done."""
-
-
-@dataclass(frozen=True)
-class LandmarkSource:
-    """Where landmarks come from: files (one for each clip), a landmarker, or else files that lie beside the clips.
-
-    A clip without a file beside it gets its landmarks from the built-in landmarker.
-
-    points : (n, 81, 2) of all frames of each clip, NaN without a face, where they are known already.
-    refine : whether detected landmarks are refined jointly over all frames.  By default only those of other landmarkers
-        are, as refinement doesn't improve tracking with the built-in one (benchmarks/self_calibration.py).  Landmarks
-        from files are trusted.
-    """
-
-    files: Sequence[Path] = ()
-    landmarker: Landmarker | None = None
-    refine: bool | None = None
-    points: Sequence[F64] = ()
-
-    def refines(self, clip: Path) -> bool:
-        """Whether a clip's landmarks are detected and then refined."""
-        if self.landmarker is None:
-            return bool(self.refine) and not self.gives(clip)
-        return self.landmarker.name != "builtin" if self.refine is None else self.refine
-
-    def gives(self, clip: Path) -> bool:
-        """Whether a clip's landmarks are given and not detected."""
-        return bool(self.points or self.files) or (
-            self.landmarker is None and landmark_file(clip) is not None
-        )
 
 
 def enrol(
@@ -146,15 +115,6 @@ def train(
             facts=facts,
             progress=lambda share: progress("training", share),
         )
-
-
-def landmark_file(clip: Path) -> Path | None:
-    """The landmark file that lies beside a clip under its name, if there is one."""
-    for suffix in SIDECARS:
-        beside = clip.with_name(clip.stem + suffix)
-        if beside.is_file():
-            return beside
-    return None
 
 
 def _of_one_person(clip: Path, points: F64, given: bool, number: int | None, say: Say) -> F64:

@@ -10,7 +10,8 @@ from typing import Any
 
 from guise.aam.training import TrainingOptions
 from guise.aam.views import Views
-from guise.app.enrolment.enrol import LandmarkSource, enrol
+from guise.app.enrolment.enrol import enrol
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.version import version

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from guise.aam.model import Identity
-from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.output import Output, OutputFrame

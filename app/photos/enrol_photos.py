@@ -13,8 +13,9 @@ from pathlib import Path
 
 from guise.aam.training import TrainingOptions
 from guise.analogy.photo import PhotoError
-from guise.app.enrolment.enrol import EnrolError, LandmarkSource, landmark_file
+from guise.app.enrolment.enrol import EnrolError
 from guise.app.enrolment.file import EnrolReport, enrol_file
+from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.media import EncodeOptions
 from guise.app.media.images import looks_like_image
 from guise.app.photos.animate import animate_file

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from guise.aam.model import Identity
-from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import enrol_file
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
 from guise.app.photos.enrol_photos import enrol_photos

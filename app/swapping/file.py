@@ -19,7 +19,7 @@ from guise.app.swapping.unsure import LostFaceCover
 from guise.common.threads import one_thread
 
 if TYPE_CHECKING:
-    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
 
 def swap_file(

@@ -47,7 +47,7 @@ from guise.common.threads import one_thread
 from guise.render import make_compositor
 
 if TYPE_CHECKING:
-    from guise.app.enrolment.enrol import LandmarkSource
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
 
 @dataclass(frozen=True)

@@ -258,7 +258,8 @@ def learn_person(
 
     Raises SwapError when they are not seen well enough.
     """
-    from guise.app.enrolment.enrol import EnrolError, LandmarkSource, enrol
+    from guise.app.enrolment.enrol import EnrolError, enrol
+    from guise.app.enrolment.landmark_source import LandmarkSource
 
     name = f"{media.path.stem} person {person.number}"
 

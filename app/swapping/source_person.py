@@ -28,12 +28,14 @@ def source_person(
             f"{media.name} is a single image, which isn't enough to enrol a face from: "
             "give the model of the person in it with --source"
         )
-    from guise.aam.training import TrainingOptions
-    from guise.app.enrolment.enrol import enrol, landmark_file
+    from guise.app.enrolment.landmark_source import landmark_file
 
     resolution, name = like.reference.resolution, media.path.stem
 
     def learn() -> Identity:
+        from guise.aam.training import TrainingOptions
+        from guise.app.enrolment.enrol import enrol
+
         training = TrainingOptions(resolution=resolution)
         return enrol(
             [media.path], given, name=name, options=training, progress=settings.progress, say=settings.say

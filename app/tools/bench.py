@@ -95,7 +95,8 @@ def prepare(
     *, progress: Progress = silent, say: Say = mute,
 ) -> tuple[Path, Identity, Identity]:  # fmt: skip
     """Clip, person in it, and identity; default: a sample clip, the person enrolled from it, and the same person."""
-    from guise.app.enrolment.enrol import LandmarkSource, enrol
+    from guise.app.enrolment.enrol import enrol
+    from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.tools.demo import HEAD, find_samples
 
     training_clip = clip

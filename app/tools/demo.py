@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from guise.aam.model import Identity
-from guise.app.enrolment.enrol import LandmarkSource
 from guise.app.enrolment.file import EnrolReport, enrol_file
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import Frame, MediaError, open_input, open_sink
 from guise.app.media.pictures import Picture, labelled, save_picture, sheet
 from guise.app.media.process import replace_frames

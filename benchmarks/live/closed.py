@@ -20,7 +20,7 @@ from benchmarks.deidentify.changes import MIN_CHANGED_SHARE, MIN_VISIBLE_SHARE, 
 from benchmarks.deidentify.leaks import clips
 from benchmarks.live.runs import DONOR
 from guise.aam.model import Identity
-from guise.app.enrolment.enrol import LandmarkSource
+from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
 from guise.app.live.session import LiveSession, SessionConfig
