@@ -69,6 +69,7 @@ LIVE = (
     "live.start",
     "live.closed",
     "live.studio",
+    "live.browser",
     "live.soak",
 )
 IMAGE = (
