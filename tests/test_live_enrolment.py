@@ -30,7 +30,7 @@ from guise.aam.tracker import Fit
 from guise.app.enrolment.enrol import EnrolError, enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.live import enrolment
-from guise.app.live.enrolment import DONE, LIMITS, PROMPTS, EnrolmentStatus, OnScreenEnrolment
+from guise.app.live.enrolment import DONE, LIMITS, PROMPTS, TURN_PROMPTS, EnrolmentStatus, OnScreenEnrolment
 from guise.app.live.keyframes import LIMITS as KEYFRAME_LIMITS
 from guise.app.live.keyframes import FrameFeatures, KeyframeAlbum
 from guise.app.media import Frame, open_input
@@ -91,10 +91,24 @@ def test_the_ring_fills_in_the_time_asked_for_and_says_what_to_do(
     assert rings[120] == pytest.approx(0.5)
     assert (np.diff(rings) >= 0).all()
     assert [status.done for status in statuses] == [at >= 240 for at in range(300)]
-    assert list(dict.fromkeys(status.sentence for status in statuses)) == [
+    said = list(dict.fromkeys(status.sentence for status in statuses))
+    assert [sentence for sentence in said if sentence not in TURN_PROMPTS] == [
         *(text for _, text in PROMPTS),
         DONE,
     ]
+
+
+@pytest.mark.parametrize(
+    ("yaws", "sentence"),
+    [((), TURN_PROMPTS[0]), ((-15,), TURN_PROMPTS[1]), ((15,), TURN_PROMPTS[0]), ((15, -15), PROMPTS[-1][1])],
+)
+def test_a_turn_is_asked_for_only_while_that_view_is_missing(
+    enrolling: OnScreenEnrolment, yaws: tuple[float, ...], sentence: str
+) -> None:
+    assert enrolling._prompt(0.5) == PROMPTS[1][1]
+    for yaw in yaws:
+        enrolling._note_turn(yaw)
+    assert enrolling._prompt(0.8) == sentence
 
 
 def test_the_face_is_where_it_is(enrolled: Enrolled) -> None:

@@ -100,3 +100,15 @@ def test_the_cover_of_an_upside_down_face_reaches_over_its_forehead(detector: De
     (above, below), (under, over) = areas
     assert above > below + 4
     assert over > under + 4
+
+
+def test_a_cover_comes_in_over_a_face_that_turns_away(detector: Detector) -> None:
+    cover, changes = LostFaceCover(detector), []
+    cover.seen(MESH)
+    for share in (0.0, 0.3, 0.7, 1.0):
+        frame = noise()
+        before = frame.rgb().astype(int)
+        cover.fade(frame, share)
+        changes.append(np.abs(frame.rgb() - before).mean())
+    assert changes[0] == 0
+    assert (np.diff(changes) > 0.1 * changes[-1]).all()

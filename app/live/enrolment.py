@@ -39,6 +39,7 @@ class EnrolmentLimits:
     min_relative_confidence: float = (
         0.9  # to the best so far, enough too: some cameras never reach the limit above
     )
+    min_turn_degrees: float = 12.0  # to each side, below which a view is missing
     max_yaw_degrees: float = 35.0  # beyond it, half of the landmarks are guesses
     detection_interval_frames: int = 15  # between two searches for other faces
     min_face_confidence: float = 0.5
@@ -53,8 +54,9 @@ PROMPTS = (
     (0.0, "Look at the camera, mouth closed"),
     (0.2, "Speak: count aloud, slowly"),
     (0.55, "Smile, then raise your brows"),
-    (0.7, "Turn your head a little to each side, slowly"),
 )
+TURN_PROMPTS_FROM = 0.7  # of the ring, from which views that are missing are asked for
+TURN_PROMPTS = ("Turn a little to your right, slowly", "Turn a little to your left, slowly")
 DONE = "Thank you"
 
 
@@ -112,6 +114,7 @@ class OnScreenEnrolment:
         self._album = KeyframeAlbum(ReferenceFrame.canonical(self.options.resolution))
         self._good_seconds = self._absent_seconds = 0.0
         self._best_confidence = 0.0
+        self._turned = 0.0, 0.0  # farthest yaws that counted, to the image's left and right
         self._last: F64 | None = None
 
     @property
@@ -159,6 +162,7 @@ class OnScreenEnrolment:
         if features.brightness < LIMITS.min_brightness:
             return "More light, please"
         self._good_seconds += elapsed
+        self._note_turn(_yaw(shape))
         self._album.offer(rgb, features, self.ring)
         return ""
 
@@ -178,7 +182,19 @@ class OnScreenEnrolment:
             self._complaint, self._until = complaint, self._time + LIMITS.complaint_seconds
         if self._time < self._until:
             return self._complaint
-        return next(text for start, text in reversed(PROMPTS) if self.ring >= start)
+        return self._prompt(self.ring)
+
+    def _note_turn(self, yaw: float) -> None:
+        """A frame counted in which the head was turned by a yaw, degrees."""
+        self._turned = (min(self._turned[0], yaw), max(self._turned[1], yaw))
+
+    def _prompt(self, ring: float) -> str:
+        """What to do next: at the end the turns that are missing; to the image's left is to the person's right."""
+        if ring >= TURN_PROMPTS_FROM:
+            for prompt, turned in zip(TURN_PROMPTS, self._turned, strict=True):
+                if abs(turned) < LIMITS.min_turn_degrees:
+                    return prompt
+        return next(text for start, text in reversed(PROMPTS) if ring >= start)
 
     def cancel(self) -> None:
         """Abort a running or future `train`."""
@@ -257,8 +273,13 @@ def _fault_of_pose(shape: F64, before: F64 | None, elapsed: float) -> str:
     distance = 0.0 if before is None else float(np.linalg.norm(shape - before, axis=1).mean())
     if distance > LIMITS.max_speed * eyes * max(elapsed, 1 / 60):
         return "Move more slowly"
+    return "Turn back a little" if abs(_yaw(shape)) > LIMITS.max_yaw_degrees else ""
+
+
+def _yaw(shape: F64) -> float:
+    """Degrees by which the head of a face (81, 2) is turned to the image's right."""
     grid = ReferenceFrame.canonical(FEATURE_RESOLUTION)
-    return "Turn back a little" if abs(grid.yaw(grid.align(shape))) > LIMITS.max_yaw_degrees else ""
+    return grid.yaw(grid.align(shape))
 
 
 def _choice(frames: Sequence[Observation], options: TrainingOptions) -> Choice:

@@ -33,14 +33,21 @@ class CoverShape:
 COVER = CoverShape()
 
 
-def cover(frame: Frame, rectangle: F64, style: CoverStyle) -> tuple[int, int, int, int] | None:
-    """Cover a region in place; returns the rectangle changed, x0 y0 x1 y1, or None when none is in the picture."""
+def cover(
+    frame: Frame, rectangle: F64, style: CoverStyle, opacity: float = 1.0
+) -> tuple[int, int, int, int] | None:
+    """Cover a region in place; returns the rectangle changed, x0 y0 x1 y1, or None when none is in the picture.
+
+    opacity : in [0, 1]; less than 1 lets the region show through.
+    """
     x0, y0, w, h = frame.align_roi(*(rectangle[:2] - 1), *(rectangle[2:] + 2))
     if w < 2 or h < 2:
         return None
     roi = frame.read_roi(x0, y0, w, h)
     hidden = _filling(frame, roi, style)
     shape = _coverage(rectangle - (x0, y0, x0, y0), (h, w))
+    if opacity < 1:
+        shape = np.round(shape * opacity).astype(np.uint8)
     rim = (shape > 0) & (shape < OPAQUE)
     alpha = shape[rim][:, None].astype(np.float32) / np.float32(OPAQUE)
     softened = np.round(roi[rim] + alpha * (hidden[rim].astype(np.float32) - roi[rim]))

@@ -34,22 +34,28 @@ from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
 MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
-PROFILE_DEGREES = (62.0, 67.0)  # of yaw, below which a swap begins again and above which it ends
+PROFILE_DEGREES = (66.0, 69.0)  # of yaw, below which a swap begins again and above which it ends
 TEXTURE_TURN_DEGREES = (
     12.0,
     28.0,
 )  # from how either was enrolled: from where texture moves less, and where not at all
+
+DOUBT_DEGREES = (61.0, 66.0)  # of yaw, over which a cover comes in, if one is wanted
 
 Outcome = Literal["swapped", "held", "lost"]
 
 
 @dataclass(frozen=True, eq=False)
 class SwapResult:
-    """What happened to a frame: outcome, the fit or why there is none, and the mesh that was drawn (81, 2)."""
+    """What happened to a frame: outcome, the fit or why there is none, and the mesh that was drawn (81, 2).
+
+    doubt : share in [0, 1] by which the head is turned too far for the drawn face to look right.
+    """
 
     outcome: Outcome
     fit: Fit | Failed
     mesh: F64 | None = None
+    doubt: float = 0.0
 
 
 class Engine(Closing):
@@ -105,7 +111,7 @@ class Engine(Closing):
         )
         self._enrolled = self._enrolled_across()
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
-        self._in_profile, self._missed_frames = False, 0
+        self._in_profile, self._missed_frames, self._doubt = False, 0, 0.0
         self._brows = BrowFollower(source.appearance) if full else None
         self._last: tuple[F64, F32, View | None] | None = None
 
@@ -138,12 +144,14 @@ class Engine(Closing):
             solid = self.solid.update(fit.shape)
             if not self._is_profile(solid.pose):
                 self._missed_frames = 0
-                return SwapResult("swapped", fit, self._drawn(frame, fit.shape, solid))
+                self._doubt = self._doubted(solid.pose)
+                return SwapResult("swapped", fit, self._drawn(frame, fit.shape, solid), self._doubt)
             fit = Failed("the head is turned too far")
         self._missed_frames += 1
         if self._last is not None and self._missed_frames <= self.options.hold_frames:
             head, appearance, view = self._last
-            return SwapResult("held", fit, self.painter.paint(frame, head, appearance, None, view))
+            mesh = self.painter.paint(frame, head, appearance, None, view)
+            return SwapResult("held", fit, mesh, self._doubt)
         self._last = None
         if self._brows is not None:
             self._brows.reset()
@@ -155,6 +163,12 @@ class Engine(Closing):
         if self._shape_transfer is not None:
             self._in_profile = abs(pose.angles[0]) > PROFILE_DEGREES[not self._in_profile]
         return self._in_profile
+
+    def _doubted(self, pose: HeadPose) -> float:
+        """Share in [0, 1] by which a head is turned too far."""
+        if self._shape_transfer is None:
+            return 0.0
+        return float(np.interp(abs(pose.angles[0]), DOUBT_DEGREES, (0, 1)))
 
     def draw(self, frame: Frame, shape: F64) -> F64:
         """Swap the face that lies at a shape (81, 2) in a frame, in place; returns the mesh that was drawn (81, 2)."""

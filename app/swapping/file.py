@@ -64,6 +64,7 @@ def swap_file(
                     result = engine.swap_tracked(frame, fits.pop(frame.index))
                     if lost_face is not None and result.mesh is not None:
                         lost_face.seen(result.mesh)
+                        lost_face.fade(frame, result.doubt)
                     elif lost_face is not None and lost_face.cover(frame):
                         tally.add("covered")
                         return

@@ -59,6 +59,11 @@ class LostFaceCover:
         self._box, self._blind_frames = np.concatenate([inner.min(0), inner.max(0)]), 0
         self._turn = turn_of(mesh)
 
+    def fade(self, frame: Frame, share: float) -> None:
+        """Lay the cover over the face that `seen` was told of by a share in [0, 1], as a head turns away."""
+        if share > 0 and self._box is not None:
+            cover(frame, region(self._box, 1.0, self._turn), self._style, share)
+
     def cover(self, frame: Frame) -> bool:
         """Cover where the person's face may be, in place; whether anything was covered."""
         found = self._detected(frame)
