@@ -91,6 +91,7 @@ MESH = (
 )
 PICTURE = (
     "picture.truth",
+    "picture.turned",
     "picture.pairs",
     "picture.grade",
 )

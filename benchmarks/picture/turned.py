@@ -1,0 +1,164 @@
+"""Swaps on heads that turn by nearly 60 degrees, rendered with their ideal swap.
+
+The scenes are rendered on the way (`benchmarks.picture.sweeps`), people are enrolled from their clips of speech, and
+frames are judged as in `picture.truth`, by how far the head is turned. Changed pixels are those beyond where truth may
+differ from the source, by more than a pixel. Of a face that doesn't move, curves of mouth and lids are measured in the
+swap and in the source: their standard deviation while the head turns, over the range of the same curves in speech.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks import common
+from benchmarks.common import F64, Criterion, Report, Table
+from benchmarks.landmarks.head_pose import true_angles
+from benchmarks.landmarks.setting import skipped
+from benchmarks.picture import sweeps
+from benchmarks.picture.program import alone, arguments, swapped
+from benchmarks.picture.truth import missing, model, pair_of
+from guise.aam.appearance import openness
+from guise.aam.landmarks import FaceTracker, interocular, open_landmarker
+from guise.aam.solid_shape import SolidTracker
+from guise.app.media import open_input
+
+NAME, TITLE = "picture.turned", "Picture: turned heads"
+TURNS_DEGREES = ((0, 25), (25, 60))
+RIM_PIXELS = 1
+CHANGED_GREY_LEVELS = 24
+EVERY_FRAME = 2
+CURVES = ("mouth", "lids")
+SPEECH_QUANTILES = (0.02, 0.98)  # whose distance is the range of a curve
+Row = tuple[Any, ...]
+
+
+def rendered(options: argparse.Namespace) -> list[Path]:
+    """The folders of the scenes, rendered unless they are there."""
+    folder = options.work / "sweeps"
+    program = sweeps.load(options.shared)
+    for kind, head, face, seed in sweeps.SCENES:
+        program.make(folder, kind, head, face, seed, sweeps.FRAMES, False)
+    return [folder / f"{kind}_{head}_gets_{face}" for kind, head, face, _ in sweeps.SCENES]
+
+
+def swap(scene: Path, options: argparse.Namespace) -> tuple[Path, float]:
+    """A swapped scene, and the share of its frames that weren't, per cent."""
+    source, identity = (model(options, person) for person in pair_of(scene.name))
+    video = alone(scene / "source.mp4", options.work / "turned" / scene.name / "source.mp4")
+    made = swapped(video, source, identity, video.with_name("swapped.mp4"))
+    return made.video, 100 * made.not_swapped / made.frames
+
+
+def judged(scene: Path, video: Path, shared: Path) -> tuple[list[dict[str, Any]], F64]:
+    """What swap_score.py finds in some frames, with the pixels changed beyond the face; and all frames' yaw."""
+    sys.path.insert(0, str(shared / "tools"))
+    tool: Any = importlib.import_module("swap_score")
+    yaw = true_angles(scene / "truth.npz")[:, 0]
+    with np.load(scene / "truth.npz") as stored:
+        truth = {key: stored[key] for key in ("landmarks", "landmarks3d_cam", "K", "region")}
+    points, solid = truth["landmarks"], truth["landmarks3d_cam"]
+    widths = (
+        truth["K"][0, 0] * np.linalg.norm(solid[:, 0] - solid[:, 16], axis=1) / solid[:, [0, 16], 2].mean(1)
+    )
+    first = points[len(points) // 2]
+    canon = (first[tool.RIGID] - first.mean(0)) / widths[len(points) // 2] * 160 + 128
+    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    files = (scene / "source.mp4", scene / "truth.mp4", video)
+    window: deque[Any] = deque(maxlen=3)
+    rows = []
+    for number, pictures in enumerate(zip(*map(tool.frames, files), strict=False)):
+        window.append(pictures)
+        at = number - 1
+        if len(window) == 3 and at % EVERY_FRAME == 0:
+            row = tool.one(truth, points, widths, canon, flow, at, window)
+            source, _, made = window[1]
+            region = tool.bits(truth, "region", at, *source.shape[:2]).astype(np.uint8)
+            beyond = cv2.dilate(region, np.ones((2 * RIM_PIXELS + 1,) * 2, np.uint8)) == 0
+            changed = np.abs(made.astype(int) - source).max(2) > CHANGED_GREY_LEVELS
+            rows.append({**row, "beyond": int((beyond & changed).sum()), "yaw": yaw[at]})
+    return [row for row in rows if row["err"] is not None], yaw
+
+
+def curves(video: Path) -> F64:
+    """(t, 2) openings of mouth and lids in widths of the face as it is from the front, NaN without a face."""
+    tracker, solid, rows = FaceTracker(open_landmarker("builtin")), SolidTracker(), []
+    with open_input(video) as media:
+        for frame in media:
+            face = tracker.update(frame.rgb())
+            if face is None:
+                rows.append(np.full(2, np.nan))
+                continue
+            points = face.points.astype(np.float64)
+            scale = float(interocular(points)) / solid.update(points).pose.scale
+            rows.append(openness(points[None])[0, :2] * scale)
+    return np.array(rows)
+
+
+def of_turn(rows: list[dict[str, Any]], low: float, high: float) -> tuple[int, float, float, float]:
+    """Frames, gain, shape error and pixels changed beyond the face of frames turned that far."""
+    some = [row for row in rows if low <= abs(row["yaw"]) < high]
+    gain = 1 - sum(row["err"] for row in some) / max(sum(row["err0"] for row in some), 1e-9)
+    return len(some), gain, *(float(np.mean([row[k] for row in some])) for k in ("shape", "beyond"))  # type: ignore[return-value]
+
+
+def unrest(video: Path, speech: Path, yaw: F64) -> F64:
+    """(2,) standard deviation of the curves of a face at rest while it turns, over their range in speech."""
+    said, still = curves(speech), curves(video)
+    low, high = np.nanquantile(said, SPEECH_QUANTILES, axis=0)
+    turned = np.abs(yaw[: len(still)]) < TURNS_DEGREES[-1][1]
+    return np.asarray(np.nanstd(still[turned], axis=0) / (high - low))
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All scenes."""
+    reason = missing(options.shared)
+    if reason is not None:
+        return skipped(NAME, TITLE, reason)
+    table: list[Row] = []
+    rests: list[Row] = []
+    turned, lost = [], []
+    for scene in rendered(options)[:: 3 if options.quick else 1]:
+        video, not_swapped = swap(scene, options)
+        rows, yaw = judged(scene, video, options.shared)
+        if scene.name.startswith("still"):
+            speech = common.synthetic_clip(options.shared, pair_of(scene.name)[1]).video
+            rests.append(("swapped", *unrest(video, speech, yaw)))
+            rests.append(("source", *unrest(scene / "source.mp4", speech, yaw)))
+        for low, high in TURNS_DEGREES:
+            table.append((scene.name, f"{low}-{high}", *of_turn(rows, low, high)))
+            common.say(str(table[-1]))
+        turned.append(table[-1][3:])
+        lost.append(not_swapped)
+    gain, shape, beyond = np.array(turned, float).T
+    criteria = [
+        Criterion(
+            "gain of frames turned by 25 to 60 degrees, mean of the scenes", float(gain.mean()), ">=", 0.20
+        ),
+        Criterion("their shape error, mean", float(shape.mean()), "<=", 1.5, "% of the face's width"),
+        Criterion("pixels of them changed beyond the face, mean", float(beyond.mean()), "<=", 0.0),
+        Criterion(
+            "frames not swapped, of heads turned by up to 63 degrees, worst scene", max(lost), "<=", 0.0, "%"
+        ),
+    ]
+    if rests:
+        worst = float(max(rests[0][1:]))
+        criteria.append(
+            Criterion("unrest of a still face's curves, worst", 100 * worst, "<=", 5.0, "% of range")
+        )
+    tables = [
+        Table("Scenes", ("scene", "yaw, degrees", "frames", "gain", "shape, %", "pixels beyond"), table),
+        Table("A face at rest: standard deviation over the range in speech", ("video", *CURVES), rests),
+    ]
+    return Report(NAME, TITLE, criteria, tables)
+
+
+if __name__ == "__main__":
+    common.run(measure, arguments(__doc__))
