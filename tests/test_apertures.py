@@ -33,16 +33,21 @@ def test_an_aperture_shows_what_the_frame_shows_there_and_nothing_around_it_chan
     assert (picture[share == 0] == 255).all()
 
 
-@pytest.mark.parametrize(("lids", "expected"), [(1.0, 255), (0.1, 0)])
-def test_an_eye_may_be_the_sources_only_while_it_is_shut(lids: float, expected: int) -> None:
+@pytest.mark.parametrize(
+    ("lids", "beside", "expected"),
+    [(1.0, 1.0, 255), (0.1, 1.0, 0), (1.0, 0.1, 255), (0.4, 0.1, 0), (0.4, 1.0, 133)],
+)
+def test_an_eye_may_be_the_sources_only_while_it_is_shut(lids: float, beside: float, expected: int) -> None:
+    """Half open counts as shut only beside an eye that is."""
     h, w = FRAME.size
     head = FRAME.points.copy()
-    middle = head[LEFT_EYE, 1].mean()
-    head[LEFT_EYE, 1] = middle + lids * (head[LEFT_EYE, 1] - middle)
+    for eye, share in ((LEFT_EYE, lids), (RIGHT_EYE, beside)):
+        middle = head[eye, 1].mean()
+        head[eye, 1] = middle + share * (head[eye, 1] - middle)
     picture = np.full((h, w, 3), 255, np.uint8)
     Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points).fill(picture, np.zeros_like(picture), head, SAME)
     x, y = FRAME.points[LEFT_EYE].mean(0).round().astype(int)
-    assert picture[y, x, 0] == pytest.approx(expected, abs=3)
+    assert float(picture[y, x, 0]) == pytest.approx(expected, abs=3)
 
 
 def test_a_disguise_never_shows_the_source() -> None:

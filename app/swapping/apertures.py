@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import Group
+from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE, Group
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.media import ColourMatrix
@@ -25,7 +25,7 @@ class ApertureLimits:
     """Where and when the source shows."""
 
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
-    shut_growth_face_widths: float = 0.02  # of the source's part while it is shut
+    shut_growth_face_widths: float = 0.05  # of the source's part while it is shut
     eye_growth_face_widths: float = 0.01  # of an eye otherwise, so that no sliver of the identity's shows
     shut: tuple[float, float] = (
         0.55,
@@ -55,7 +55,7 @@ class Aperture:
         irises: tuple[F32, F32] | None = None,
     ) -> None:  # fmt: skip
         self._part = part
-        self._opening = None if at_rest is None else opening(at_rest[part])
+        self._openings = None if at_rest is None else _openings(at_rest, part)
         grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
         if irises is not None:
             grow = LIMITS.eye_growth_face_widths
@@ -93,17 +93,25 @@ class Aperture:
         picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
 
     def _shut(self, head: F64) -> float:
-        """Share in [0, 1] by which the aperture is shut; 1 where its opening at rest isn't known."""
-        if self._opening is None:
+        """Share in [0, 1] by which the aperture is shut; 1 where its opening at rest isn't known.
+
+        An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
+        """
+        if self._openings is None:
             return 1.0
         first, last = LIMITS.shut
-        ratio = opening(head[self._part]) / max(self._opening, 1e-6)
-        return float(np.clip((first - ratio) / (first - last), 0, 1))
+        ratios = _openings(head, self._part) / np.maximum(self._openings, 1e-6)
+        return float(np.clip((first - min(ratios[0], ratios[1:].mean())) / (first - last), 0, 1))
 
 
 def _enlarged(plane: F32, factor: int) -> F32:
     h, w = plane.shape[:2]
     return np.asarray(cv2.resize(plane, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _openings(shape: F64, part: Group) -> F64:
+    """(3,) openings of an eye of a shape (81, 2), and of both."""
+    return np.array([opening(shape[eye]) for eye in (part, RIGHT_EYE, LEFT_EYE)])
 
 
 def opening(outline: F64) -> float:

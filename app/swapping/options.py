@@ -75,6 +75,6 @@ class EngineOptions:
     @property
     def shut_parts(self) -> tuple[Group, ...]:
         """Landmark groups inside which the source's own face shows while they are shut."""
-        if self.disguise or self.light == "paper" or self.eyes == "source":
+        if self.disguise or self.light == "paper":
             return ()
         return RIGHT_EYE, LEFT_EYE
