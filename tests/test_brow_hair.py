@@ -19,9 +19,13 @@ def face(skin: float, hair: float) -> F32:
     return np.repeat(skin + SHARE[:, None] * np.float32(hair - skin), 3, axis=1).astype(np.float32)
 
 
-def lit(texture: F32, gain: float, offset: float, light: float) -> tuple[F32, F32]:
+def lit(texture: F32, gain: float, offset: float, light: float, tone: float = 0.3) -> tuple[F32, F32]:
     """A texture (n, 3) under an affine light, without and with the brows' hair (3, n)."""
-    hair, gains, offsets = BrowHair(FRAME), np.full_like(texture.T, gain), np.full_like(texture.T, offset)
+    hair, gains, offsets = (
+        BrowHair(FRAME, tone),
+        np.full_like(texture.T, gain),
+        np.full_like(texture.T, offset),
+    )
     plain = gains * texture.T + offsets
     made = plain.copy()
     hair.darken(made, texture, hair.lit_skin(texture, gains, offsets), light)
@@ -47,3 +51,17 @@ def test_brows_never_get_lighter_and_the_same_light_keeps_them(
 def test_fair_brows_stay_fair() -> None:
     plain, made = lit(face(180, 165), 1.0, 10, light=1.0)
     assert made[:, CORE].mean() > 0.9 * plain[:, CORE].mean()
+
+
+def test_brows_of_a_face_as_light_as_the_person_keep_their_contrast() -> None:
+    """Whatever the eyes seem to say of the light."""
+    plain, made = lit(face(180, 120), 1.0, 0, light=0.5, tone=1.0)
+    assert made[:, CORE].mean() > 0.97 * plain[:, CORE].mean()
+
+
+def test_each_brow_is_measured_against_the_skin_beside_it() -> None:
+    """A face half in shadow is no brow."""
+    shade = np.where(FRAME.pixels % FRAME.size[1] < FRAME.size[1] / 2, 1.0, 0.5)[:, None]
+    texture = (face(180, 120) * shade).astype(np.float32)
+    plain, made = lit(texture, 1.0, 0, light=1.0)
+    assert made.mean() > 0.99 * plain.mean()

@@ -31,8 +31,8 @@ def lit(light: LearnedLight, texture: F32) -> F32:
     return np.asarray(light.apply(texture, RGB, ZERO).T)
 
 
-def light_fitted(own: F32, seen: F32, visible: F32 | None = None) -> LearnedLight:
-    light = LearnedLight(FRAME, TEXELS, FRAME.mask)
+def light_fitted(own: F32, seen: F32, visible: F32 | None = None, person: F32 | None = None) -> LearnedLight:
+    light = LearnedLight(FRAME, TEXELS, FRAME.mask, (own if person is None else person, own))
     light.update(own[TEXELS], seen[TEXELS], None if visible is None else visible[TEXELS])
     return light
 

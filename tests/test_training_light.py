@@ -53,8 +53,15 @@ def test_every_donor_is_sampled_on_every_head_and_mirrored(samples: swap_data.Sa
     face = samples.shown[0] > 200
     assert 500 < face.sum() < GRID[0] * GRID[1]
     assert_allclose(samples.truth[0][:, face].T, [[100, 75, 60]] * face.sum(), atol=2)
-    assert_allclose(samples.donor[SCENES][0][:, CELLS.weight[0] > 0.9].mean(1), [120, 80, 60], atol=2)
-    assert_allclose(samples.scene[SCENES][0][:, CELLS.weight[0] > 0.9].mean(1), [100, 75, 60], atol=2)
+    assert_allclose(
+        samples.pictures[samples.donor[SCENES], 0][:, CELLS.weight[0] > 0.9].mean(1), [120, 80, 60], atol=2
+    )
+    assert_allclose(
+        samples.pictures[samples.own[SCENES], 0][:, CELLS.weight[0] > 0.9].mean(1), [200, 150, 120], atol=2
+    )
+    assert_allclose(
+        samples.pictures[samples.scene[SCENES], 0][:, CELLS.weight[0] > 0.9].mean(1), [100, 75, 60], atol=2
+    )
 
 
 def test_the_untrained_network_is_a_classical_light(samples: swap_data.Samples) -> None:
@@ -94,7 +101,8 @@ def test_on_photographs_another_face_is_known_in_the_tone_and_light_of_the_scene
     samples: swap_data.Samples,
 ) -> None:
     """These faces are of one colour each, so that in the other's tone they are the other's."""
-    faces, light = samples.donor[[0, 1, SCENES, SCENES + 1]], swap_data.light_fields(samples[OWN], CELLS)
+    rows = samples.donor[[0, 1, SCENES, SCENES + 1]]
+    faces, light = samples.pictures[rows], swap_data.light_fields(samples[OWN], CELLS)
     batch = Portraits(faces, ["a", "a", "b", "b"], light, CELLS).random(40, np.random.default_rng(1))
     skin_alone = batch.shown.sum((1, 2)) < 0.99 * batch.shown.sum((1, 2)).max()
     assert 10 < skin_alone.sum() < 40

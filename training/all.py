@@ -23,7 +23,7 @@ from pathlib import Path
 DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
-GROUPS = 40  # of people whose faces are swapped
+GROUPS = 60  # of people whose faces are swapped
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,11 @@
 """The network of the learned light: from what a face and a frame show to the affine map that lights the face.
 
-It adds to the classical local light (`app/swapping/local_light.py`): from sums of texels on a coarse grid it forms the
-ratio of local means of skin at two widths, and a small network with a view of the whole face says how much of each
-counts, corrects the ratio smoothly. The output is an affine map of colours per
-cell, so that nothing can be painted that the face does not have. RGB 0..255.
+From sums of texels on a coarse grid it forms ratios of local means of skin: of the frame over the face, as the
+classical local light does (`app/swapping/local_light.py`), at two widths; and, finer than some width, of the frame over
+the person's own face as enrolled, which is the scene's light without that person's form (the quotient image of Shashua
+and Riklin-Raviv 2001).  A small network with a view of the whole face says how much of each counts and corrects their
+mean smoothly.  The output is an affine map of colours per cell, so that nothing can be painted that the face does not
+have.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -19,11 +21,14 @@ from guise.aam.light import LUMA
 from guise.app.swapping.coarse_grid import gaussian_kernel
 from guise.app.swapping.learned_light import BLACK_GREY_LEVELS, CELL_FACE_WIDTHS, GRID
 
-INPUTS, STATIC, OUTPUTS = 19, 4, 4
+RATIOS = 5  # of which the light is a mean
+INPUTS, STATIC, OUTPUTS = 37, 4, 3 + RATIOS
 PARTS = 2  # eyes, inside of the mouth
 FLOOR = 1e-3  # share of texels that are not skin in the means of skin
 CONTRAST = 0.5, 1.5  # limits of the scale of details
 SCALE = 3.0  # of log ratios, as the network sees them
+MAX_LOG = 2.0  # of what the network adds
+USUAL_LEVEL = 4.5  # log of a face's mean colour
 
 
 @dataclass(frozen=True)
@@ -32,74 +37,123 @@ class Widths:
 
     narrow: tuple[float, float] = (0.04, 0.08)  # of means of brightness, of colour
     wide: tuple[float, float] = (0.08, 0.15)
+    sharp: tuple[float, float] = (0.02, 0.04)  # of the person's own ratio, so that shadows keep their edges
+    split: tuple[float, float] = (
+        0.1,
+        0.2,
+    )  # beyond which the light is taken from the ratio of the two people
     own: float = 0.05  # of the face's own mean, about which contrast is scaled
-    brightness: float = 0.05  # of the correction
-    colour: float = 0.1
+    brightness: float = 0.03  # of the correction
+    colour: float = 0.05
 
 
 class LightNet(nn.Module):
-    """Sums (n, 7, h, w) of skin and of other texels -> map (n, 6, h, w) and gains of the parts (n, 2, 3).
+    """What a face and a frame show -> map (n, 6, h, w) and gains of the parts (n, 2, 3).
 
-    Sums are those of the weighted colours of the face (3) and the frame (3), and of the weights. The map holds gain
-    and offset of R, G, B; the parts are eyes and mouth.
+    Inputs are sums (n, 7, h, w) of skin and of other texels: of the weighted colours of the face (3) and the frame (3),
+    and of the weights; and means (n, 2, 3, h, w) of skin and of other texels of the frame's person, `own`, and of the
+    face, `rest`, both at rest as enrolled. The map holds gain and offset of R, G, B; the parts are eyes and mouth.
     """
 
-    def __init__(self, channels: int = 24, deep: int = 32, widths: Widths = Widths()) -> None:
+    def __init__(self, channels: int = 40, deep: int = 64, widths: Widths = Widths()) -> None:
         super().__init__()
         self.widths = widths
         self.static = nn.Parameter(torch.randn(1, STATIC, *GRID) * 0.1)
-        self.stem = nn.Sequential(*_conv(INPUTS + STATIC, channels, 2), *_conv(channels, channels))
-        self.down = nn.Sequential(*_conv(channels, deep, 2), *_conv(deep, deep))
+        self.stem = nn.Sequential(*_conv(INPUTS + STATIC, channels, 2), Residual(channels))
+        self.down = nn.Sequential(*_conv(channels, deep, 2), Residual(deep))
         self.whole = nn.Linear(deep, deep)
-        self.middle = nn.Sequential(*_conv(deep, deep), nn.Conv2d(deep, channels, 1))
-        self.body = nn.Sequential(*_conv(channels, channels))
+        self.middle = nn.Sequential(Residual(deep), nn.Conv2d(deep, channels, 1))
+        self.body = nn.Sequential(Residual(channels), nn.PReLU(channels))
         self.out = nn.Conv2d(channels, 4 * OUTPUTS, 3, 1, 1)
         self.parts = nn.Linear(deep, 3 * PARTS)
         for layer in (self.out, self.parts):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.bias)
         self.register_buffer("luma", torch.tensor(LUMA)[:, None, None])
-        for width in sorted({*widths.narrow, *widths.wide, widths.own, widths.brightness, widths.colour}):
+        for width in sorted(
+            {
+                *widths.narrow,
+                *widths.wide,
+                *widths.sharp,
+                *widths.split,
+                widths.own,
+                widths.brightness,
+                widths.colour,
+            }
+        ):
             for name, length in zip("hw", GRID, strict=True):
                 kernel = torch.tensor(gaussian_kernel(length, width / CELL_FACE_WIDTHS))
                 self.register_buffer(_name(name, width), kernel)
                 self.register_buffer("mean_" + _name(name, width), kernel / kernel.sum(1, keepdim=True))
 
-    def forward(self, skin: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, skin: Tensor, other: Tensor, own: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
         """See the class."""
-        every = skin + other
+        known, every = torch.cat([own, rest], 2), skin + other
+        known_every = torch.cat([known[:, 0] * skin[:, 6:] + known[:, 1] * other[:, 6:], every[:, 6:]], 1)
+        known_skin = torch.cat([known[:, 0] * skin[:, 6:], skin[:, 6:]], 1) + FLOOR * known_every
         skin = skin + FLOOR * every
-        narrow, wide = (self._log_ratio(skin, *widths) for widths in (self.widths.narrow, self.widths.wide))
-        local = self._means(every + FLOOR * skin, self.widths.own)
-        total = skin.sum((2, 3), keepdim=True)
-        own, seen = (
-            (total[:, s] / total[:, 6:].clamp(min=1e-9) + BLACK_GREY_LEVELS).clamp(min=1).log()
-            for s in (slice(3), slice(3, 6))
+        ratios = self._ratios(skin, known_skin)
+        local, known_local = (
+            self._means(all_ + FLOOR * some, self.widths.own)
+            for all_, some in ((every, skin), (known_every, known_skin))
         )
-        seen_share = every[:, 6:] > 0.05
-        raw = torch.where(seen_share, every[:, :6] / every[:, 6:].clamp(min=0.05), local) + BLACK_GREY_LEVELS
-        raw = raw.clamp(min=1).log() - torch.cat([own, seen], 1)
-        level = seen - own
-        flat = torch.cat([own, seen], 1) - 4.5
+        levels = [self._level(sums) for sums in (skin, known_skin)]
+        shown = every[:, 6:] > 0.05
+        raw = [
+            torch.where(shown, sums[:, :6] / sums[:, 6:].clamp(min=0.05), means) + BLACK_GREY_LEVELS
+            for sums, means in ((every, local), (known_every, known_local))
+        ]
+        flat, change = torch.cat(levels, 1), levels[0][:, 3:] - levels[0][:, :3]
         inputs = torch.cat(
             [
-                torch.cat([raw, narrow - level, wide - level], 1) * SCALE,
-                every[:, 6:].clamp(max=1) * seen_share,
-                flat.expand(-1, -1, *GRID),
+                torch.cat(
+                    [torch.cat(raw, 1).clamp(min=1).log() - flat, *(r - change for r in ratios[:-1])], 1
+                )
+                * SCALE,
+                every[:, 6:].clamp(max=1) * shown,
+                (flat - USUAL_LEVEL).expand(-1, -1, *GRID),
                 self.static.expand(len(skin), -1, -1, -1),
             ],
             1,
         )
-        fields, part_changes = self._network(inputs)
-        share = torch.sigmoid(fields[:, 3:4])
-        ratio = share * narrow + (1 - share) * wide + self._mean(fields[:, :1], self.widths.brightness)
-        tint = self._mean(fields[:, 1:3], self.widths.colour)
-        ratio = (ratio + torch.cat([tint[:, :1], -0.25 * tint.sum(1, keepdim=True), tint[:, 1:]], 1)).exp()
+        fields, part_changes = (MAX_LOG * torch.tanh(x / MAX_LOG) for x in self._network(inputs))
+        ratio = self._corrected(ratios, fields)
         grey = self._grey(ratio)
-        parts = (self._grey(wide.exp()).log().mean((2, 3)) + part_changes).view(-1, PARTS, 3).exp()
+        parts = (self._grey(ratios[1].exp()).log().mean((2, 3)) + part_changes).view(-1, PARTS, 3).exp()
         gain = ratio * (grey.clamp(*CONTRAST) / grey)
         offset = local[:, :3] * (ratio - gain) + BLACK_GREY_LEVELS * (ratio - 1)
         return torch.cat([gain, offset], 1), parts
+
+    def _ratios(self, skin: Tensor, known: Tensor) -> list[Tensor]:
+        """Logs (n, 3, h, w) of the ratios of which the light is a mean; the second is the widest."""
+        w = self.widths
+        # Sums of two colours each, of which the second is divided by the first.
+        person = torch.cat([known[:, :3], skin[:, 3:]], 1)
+        moved = torch.cat([skin[:, :3], known[:, 3:]], 1)
+        narrow, wide = (self._log_ratio(skin, *widths) for widths in (w.narrow, w.wide))
+        light = self._log_ratio(person, *w.sharp)
+        near, far = (
+            light + self._log_ratio(skin, width, width) - self._log_ratio(person, width, width)
+            for width in w.split
+        )
+        still = self._log_ratio(moved, *w.sharp) - self._log_ratio(moved, w.split[0], w.split[0])
+        return [narrow, wide, near, far, near + still]
+
+    def _corrected(self, ratios: list[Tensor], fields: Tensor) -> Tensor:
+        """The ratio (n, 3, h, w) of which the network's fields tell shares and corrections."""
+        shares = torch.softmax(fields[:, 3:], 1)
+        brightness, tint = (
+            self._mean(fields[:, :1], self.widths.brightness),
+            self._mean(fields[:, 1:3], self.widths.colour),
+        )
+        colour = torch.cat([tint[:, :1], -0.25 * tint.sum(1, keepdim=True), tint[:, 1:]], 1)
+        mean = sum(shares[:, i : i + 1] * one for i, one in enumerate(ratios))
+        return (mean + brightness + colour).exp()
+
+    def _level(self, sums: Tensor) -> Tensor:
+        """Log (n, 6, 1, 1) of the mean colours of all cells."""
+        total = sums.sum((2, 3), keepdim=True)
+        return (total[:, :6] / total[:, 6:].clamp(min=1e-9) + BLACK_GREY_LEVELS).clamp(min=1).log()
 
     def _network(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
         near = self.stem(inputs)
@@ -111,7 +165,7 @@ class LightNet(nn.Module):
         return fields[:, :, : GRID[0], : GRID[1]], self.parts(whole)
 
     def _log_ratio(self, skin: Tensor, brightness: float, colour: float) -> Tensor:
-        """Log of the ratio (n, 3, h, w) of frame over face, brightness over less of the neighbourhood than colour."""
+        """Log of the ratio (n, 3, h, w) of second over first, brightness over less of the neighbourhood than colour."""
         near, far = (
             self._means(skin, width).clamp(min=0) + BLACK_GREY_LEVELS for width in (brightness, colour)
         )
@@ -129,6 +183,18 @@ class LightNet(nn.Module):
 
     def _grey(self, rgb: Tensor) -> Tensor:
         return (rgb * self.luma).sum(1, keepdim=True)
+
+
+class Residual(nn.Module):
+    """Two convolutions that are added to what goes in."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.change = nn.Sequential(*_conv(channels, channels), nn.Conv2d(channels, channels, 3, 1, 1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, c, h, w)."""
+        return x + self.change(x)
 
 
 def _conv(before: int, after: int, stride: int = 1) -> tuple[nn.Module, ...]:

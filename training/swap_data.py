@@ -19,7 +19,7 @@ from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.coarse_grid import gaussian_kernel
 from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, part_masks, places
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Int
 from training.data import london_people
 
 RESOLUTION = 64
@@ -35,24 +35,30 @@ class Samples:
 
     Attributes
     ----------
-    donor, neutral, scene : (n, 2, 3, h, w) uint8 means of skin and of other texels: the face that is shown, with the
-        scene's expression and at rest, and the person in the scene.
+    pictures : (m, 2, 3, h, w) uint8 means of skin and of other texels, to which the next ones are indices.
+    donor, neutral : (n,) the face that is shown, with the scene's expression and at rest.
+    scene : (n,) the person in the scene.
+    own, own_now : (n,) that person in their own mild light, at rest and with the scene's expression.
     truth, untouched : (n, 3, h, w) uint8 means of all: the scene with the donor's face, and as it is, in the same
         places.
     shown : (n, h, w) uint8, weight of what no hair covers, 255 for a whole cell.
     group : (n,)
     """
 
-    donor: U8
-    neutral: U8
-    scene: U8
+    pictures: U8
+    donor: Int
+    neutral: Int
+    scene: Int
+    own: Int
+    own_now: Int
     truth: U8
     untouched: U8
     shown: U8
-    group: U8
+    group: Int
 
     def __getitem__(self, rows: np.ndarray) -> Samples:
-        return Samples(*(getattr(self, field.name)[rows] for field in fields(self)))
+        columns = (getattr(self, field.name)[rows] for field in fields(self)[1:])
+        return Samples(self.pictures, *columns)
 
 
 class Cells:
@@ -105,22 +111,29 @@ class Cells:
 
 def load(files: list[Path], cells: Cells, seed: int = 0) -> Samples:
     """All swaps of the groups in files, also mirrored, and everyone with their own face."""
+    pictures: list[U8] = []
     rows = []
     for path in files:
         number = int(path.stem.split("_")[1])
-        rows += [(*row, number) for row in _swaps(path, cells, np.random.default_rng([seed, number]))]
-    return Samples(*(np.array(column) for column in zip(*rows, strict=True)))
+        for found, swaps in _swaps(path, cells, np.random.default_rng([seed, number])):
+            first = len(pictures)
+            pictures += found
+            rows += [(*(first + i for i in at), *row, number) for at, row in swaps]
+    return Samples(np.array(pictures), *(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def light_fields(samples: Samples, cells: Cells) -> F32:
     """(m, 3, h, w) factors between the skin of those who have their own face, in the scene and in mild light."""
-    own = samples[(samples.truth == samples.untouched).all((1, 2, 3))]
+    own = samples[samples.donor == samples.own_now]
     weight = (own.shown / np.float32(255) * cells.weight[0])[:, None]
-    lit, mild = (x[:, 0] * weight + FIELD_FLOOR for x in (own.scene, own.donor))
+    return field_between(samples.pictures[own.own_now][:, 0], samples.pictures[own.scene][:, 0], weight)
+
+
+def field_between(mild: U8 | F32, lit: U8 | F32, weight: F32) -> F32:
+    """(n, 3, h, w) smooth factors from skin (n, 3, h, w) in one light to the same in another."""
     rows, columns = (gaussian_kernel(n, FIELD_FACE_WIDTHS / CELL_FACE_WIDTHS) for n in GRID)
-    return np.asarray(
-        np.clip((rows @ lit @ columns.T) / (rows @ mild @ columns.T), *FIELD_LIMITS), np.float32
-    )
+    below, above = (rows @ (x * weight + FIELD_FLOOR) @ columns.T for x in (mild, lit))
+    return np.asarray(np.clip(above / below, *FIELD_LIMITS), np.float32)
 
 
 def portraits(folder: Path, cells: Cells, seed: int = 0) -> tuple[U8, list[str]]:
@@ -152,43 +165,30 @@ def _swaps(path: Path, cells: Cells, rng: np.random.Generator):
     hair = np.unpackbits(data["hair"], axis=3)[..., : pictures[0].shape[1]].reshape(
         people * k, *pictures[0].shape[:2]
     )
-    yield from _sampled(pictures, points, hair, (people, k), cells, rng)
+    yield _sampled(pictures, points, hair, (people, k), cells, rng)
     mirrored = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures]
     points = points[:, list(MIRROR)] * (-1, 1) + (pictures[0].shape[1] - 1, 0)
-    yield from _sampled(mirrored, points, hair[:, :, ::-1], (people, k), cells, rng)
+    yield _sampled(mirrored, points, hair[:, :, ::-1], (people, k), cells, rng)
 
 
 def _sampled(pictures, points, hair, count: tuple[int, int], cells: Cells, rng: np.random.Generator):
-    """Everyone's face on everyone's head, their own as well."""
+    """Pictures of donors, then scenes, and the swaps of everyone's face on everyone's head, their own as well."""
     (people, k), sampler = count, cells.reference.sampler
     hair = np.ascontiguousarray(hair, np.float32)
-    donors, scenes = (
-        [
-            cells.kinds(sampler.sample(pictures[i], _noisy(points[i], rng)))
-            for i in range(first, first + people * k)
-        ]
-        for first in (0, people * k)
-    )
-    truth = 2 * people * k
-    for head in range(people):
-        for donor in range(people):
-            for j in range(k):
-                scene = head * k + j
-                drawn = people * k + scene if donor == head else truth
-                shown = (sampler.sample(hair[scene], points[drawn]) < MAX_HAIR_SHARE).astype(np.float32)
-                ideal, untouched = (
-                    cells.means(sampler.sample(pictures[i], points[drawn]), shown)
-                    for i in (drawn, people * k + scene)
-                )
-                yield (
-                    donors[donor * k + j],
-                    donors[donor * k],
-                    scenes[scene],
-                    ideal,
-                    untouched,
-                    cells.share(shown),
-                )
-                truth += donor != head
+    found = [cells.kinds(sampler.sample(pictures[i], _noisy(points[i], rng))) for i in range(2 * people * k)]
+    truth, swaps = 2 * people * k, []
+    for head, donor, j in np.ndindex(people, people, k):
+        scene = head * k + j
+        drawn = people * k + scene if donor == head else truth
+        shown = (sampler.sample(hair[scene], points[drawn]) < MAX_HAIR_SHARE).astype(np.float32)
+        ideal, untouched = (
+            cells.means(sampler.sample(pictures[i], points[drawn]), shown)
+            for i in (drawn, people * k + scene)
+        )
+        at = donor * k + j, donor * k, people * k + scene, head * k, scene
+        swaps.append((at, (ideal, untouched, cells.share(shown))))
+        truth += donor != head
+    return found, swaps
 
 
 def _noisy(shape: F64, rng: np.random.Generator) -> F64:

@@ -1,6 +1,6 @@
 """Trains the learned light and writes its model.
 
-    python -m training.train_light --swaps PARTS --photographs LONDON --output RUN [--steps 4000]
+    python -m training.train_light --swaps PARTS --photographs LONDON --output RUN [--steps 6000]
 
 PARTS holds the groups of `render_swaps.py`; LONDON photographs of real people, all taken in the same light, so that
 their truth is known as well: without them the network takes shading of real skin for another light. Writes
@@ -48,6 +48,7 @@ class Disturbance:
     saturation: float = 0.1
     noise_grey_levels: float = 1.5
     at_rest: float = 0.5  # share of faces whose expression is weakened
+    enrolled_here: float = 0.4  # share of scenes in whose light the person was enrolled
     occluded: float = 0.25  # share of faces with something in front
     occluder_radius_face_widths: tuple[float, float] = (0.08, 0.3)
 
@@ -92,10 +93,12 @@ class Errors:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Sums (n, 7, h, w) of skin and others; the face's means, truth and untouched (n, 3, h, w); shown (n, h, w)."""
+    """The network's inputs; the face's means, truth and untouched (n, 3, h, w); shown (n, h, w)."""
 
     skin: Tensor
     other: Tensor
+    own: Tensor
+    rest: Tensor
     face: Tensor
     truth: Tensor
     untouched: Tensor
@@ -113,37 +116,51 @@ class Batches:
     def plain(self, rows: np.ndarray) -> Batch:
         """As they are."""
         s = self._samples[rows]
-        donor, scene, truth, untouched = (
-            torch.tensor(x, dtype=torch.float32) for x in (s.donor, s.scene, s.truth, s.untouched)
+        truth, untouched = (torch.tensor(x, dtype=torch.float32) for x in (s.truth, s.untouched))
+        faces = [self._pictures(at) for at in (s.donor, s.scene, s.own, s.neutral)]
+        return self._batch(
+            *faces, truth, untouched, self._shown(s), self._weight.expand(len(rows), -1, -1, -1)
         )
-        shown = torch.tensor(s.shown, dtype=torch.float32) / 255
-        return self._batch(donor, scene, truth, untouched, shown, self._weight.expand(len(rows), -1, -1, -1))
 
     def random(self, count: int, rng: np.random.Generator) -> Batch:
-        """Random ones under the disturbances of two cameras."""
+        """Random ones under the disturbances of three cameras."""
         d = DISTURBANCE
         s = self._samples[rng.integers(len(self._samples.group), size=count)]
-        donor, rest, scene, truth, untouched = (
-            torch.tensor(x, dtype=torch.float32) for x in (s.donor, s.neutral, s.scene, s.truth, s.untouched)
-        )
+        donor, rest, scene, own = (self._pictures(at) for at in (s.donor, s.neutral, s.scene, s.own))
+        truth, untouched = (torch.tensor(x, dtype=torch.float32) for x in (s.truth, s.untouched))
         share = _tensor(np.where(rng.random(count) < d.at_rest, rng.random(count), 0)).view(-1, 1, 1, 1, 1)
-        donor = _camera([donor + share * (rest - donor)], rng)[0]
-        scene, truth, untouched = _camera([scene, truth[:, None], untouched[:, None]], rng)
+        donor, rest = _camera([donor + share * (rest - donor), rest], rng)
+        lit = own * self._light(s)[:, None]
+        scene, lit, truth, untouched = _camera([scene, lit, truth[:, None], untouched[:, None]], rng)
+        (own,) = _camera([own], rng)
+        here = torch.tensor(rng.random(count) < d.enrolled_here).view(-1, 1, 1, 1, 1)
         scene = scene + torch.randn(scene.shape) * d.noise_grey_levels
         seen = 0.3 + 0.7 * torch.rand(count, 1, *GRID)
         free = self._free(count, rng)
-        weight = self._weight * seen * free[:, None]
-        shown = torch.tensor(s.shown, dtype=torch.float32) / 255 * free
-        return self._batch(donor, scene, truth[:, 0], untouched[:, 0], shown, weight)
+        weight, shown = self._weight * seen * free[:, None], self._shown(s) * free
+        own = torch.where(here, lit, own)
+        return self._batch(donor, scene, own, rest, truth[:, 0], untouched[:, 0], shown, weight)
+
+    def _pictures(self, at: np.ndarray) -> Tensor:
+        return torch.tensor(self._samples.pictures[at], dtype=torch.float32)
+
+    def _shown(self, s: Samples) -> Tensor:
+        return torch.tensor(s.shown, dtype=torch.float32) / 255
+
+    def _light(self, s: Samples) -> Tensor:
+        """(n, 3, h, w) factors of the scene's light."""
+        mild, lit = s.pictures[s.own_now][:, 0], s.pictures[s.scene][:, 0]
+        return torch.tensor(swap_data.field_between(mild, lit, self._weight[0].numpy()))
 
     def _batch(
-        self, donor: Tensor, scene: Tensor, truth: Tensor, untouched: Tensor, shown: Tensor, weight: Tensor
-    ) -> Batch:
+        self, donor: Tensor, scene: Tensor, own: Tensor, rest: Tensor, truth: Tensor, untouched: Tensor,
+        shown: Tensor, weight: Tensor,
+    ) -> Batch:  # fmt: skip
         weight = weight[:, :, None]
         sums = torch.cat([donor * weight, scene * weight, weight], 2)
         whole = self._weight[:, None]
         face = (donor * whole).sum(1) / whole.sum(0).clamp(min=1e-6)
-        return Batch(sums[:, 0], sums[:, 1], face, truth, untouched, shown)
+        return Batch(sums[:, 0], sums[:, 1], own, rest, face, truth, untouched, shown)
 
     def _free(self, count: int, rng: np.random.Generator) -> Tensor:
         """(n, h, w) 0 in an ellipse in some of them."""
@@ -192,15 +209,24 @@ class Portraits:
         tone = (self._tones[seen] - self._tones[face]).exp()[:, None]
         same = torch.tensor(own | (self.people[face] == self.people[seen]))
         truth = torch.where(same.view(-1, 1, 1, 1, 1), self._means[seen], self._means[face] * tone)
-        (donor,) = _camera([self._means[face] * self._smooth_light(count, 0.3, rng)], rng)
-        scene, truth = _camera([self._means[seen] * light, truth * light], rng)
+        mild = self._smooth_light(count, 0.3, rng)
+        donor, rest = _camera([self._means[face] * mild, self._means[self._at_rest(face)] * mild], rng)
+        person = self._means[self._at_rest(seen)]
+        scene, lit, truth = _camera([self._means[seen] * light, person * light, truth * light], rng)
+        (own,) = _camera([person * self._smooth_light(count, 0.3, rng)], rng)
+        here = torch.tensor(rng.random(count) < DISTURBANCE.enrolled_here).view(-1, 1, 1, 1, 1)
         scene = scene + torch.randn(scene.shape) * DISTURBANCE.noise_grey_levels
         weight = self._weight.expand(count, -1, -1, -1)[:, :, None]
         whole = self._weight.sum(0).clamp(min=1e-6)
         face_means, truth, untouched = ((x * weight).sum(1) / whole for x in (donor, truth, scene))
         sums = torch.cat([donor * weight, scene * weight, weight], 2)
         shown = torch.where(same[:, None, None], self._weight.sum(0), self._skin)
-        return Batch(sums[:, 0], sums[:, 1], face_means, truth, untouched, shown)
+        own = torch.where(here, lit, own)
+        return Batch(sums[:, 0], sums[:, 1], own, rest, face_means, truth, untouched, shown)
+
+    def _at_rest(self, rows: np.ndarray) -> np.ndarray:
+        """The first photograph of who is shown, which is at rest."""
+        return np.array([np.flatnonzero(self.people == self.people[row])[0] for row in rows])
 
     def few(self) -> Iterable[Batch]:
         """Always the same batches."""
@@ -263,7 +289,7 @@ class Lit(nn.Module):
 
     def forward(self, batch: Batch) -> Tensor:
         """The face in the light of the scene (n, 3, h, w)."""
-        found, gains = self.net(batch.skin, batch.other)
+        found, gains = self.net(batch.skin, batch.other, batch.own, batch.rest)
         gain = found[:, :3] * self.surface + torch.einsum("npc,phw->nchw", gains, self.parts)
         return batch.face * gain + found[:, 3:] * self.surface
 
@@ -378,8 +404,8 @@ def _said(figures: dict[str, float]) -> str:
 CARD = """# Model card: the learned light
 
 A small convolutional network (`training/light_net.py`, {weights:,} weights) that gives a synthesised face the light and
-the skin tone of a frame. It sees means of both on a grid of 41 x 35 cells and gives an affine map of colours for each
-cell; it cannot add what the face does not have.
+the skin tone of a frame. It sees means of both, and of both people as enrolled, on a grid of 41 x 35 cells and gives an
+affine map of colours for each cell; it cannot add what the face does not have.
 
 - Licence: that of Guise (Apache-2.0).
 - Data: {samples:,} swaps of {groups} groups of four rendered people who do not exist (CC0,
@@ -414,9 +440,10 @@ def card(figures: dict[str, dict[str, float]], **about: object) -> str:
 def export(net: LightNet, path: Path) -> None:
     """Write the network as ONNX."""
     sums = torch.rand(1, 7, *GRID) + 0.5
+    means = 255 * torch.rand(1, 2, 3, *GRID)
     torch.onnx.export(
-        net.eval(), (sums, sums.clone()), str(path), input_names=["skin", "other"], output_names=["map", "parts"],
-        opset_version=17, dynamo=False,
+        net.eval(), (sums, sums.clone(), means, means.clone()), str(path),
+        input_names=["skin", "other", "own", "rest"], output_names=["map", "parts"], opset_version=17, dynamo=False,
     )  # fmt: skip
 
 
@@ -426,10 +453,10 @@ def main() -> None:
     parser.add_argument("--photographs", type=Path, help="folder pairs/london")
     parser.add_argument("--real-weight", type=float, default=0.5)
     parser.add_argument("--output", type=Path, required=True)
-    parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--steps", type=int, default=6000)
     parser.add_argument("--batch", type=int, default=16)
-    parser.add_argument("--rate", type=float, default=3e-3)
-    parser.add_argument("--held-back", type=int, default=1, help="groups")
+    parser.add_argument("--rate", type=float, default=2e-3)
+    parser.add_argument("--held-back", type=int, default=4, help="groups")
     parser.add_argument("--first-weights", type=Path)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()

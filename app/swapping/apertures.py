@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE, Group
+from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE, Group
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.media import ColourMatrix
@@ -26,6 +26,7 @@ class ApertureLimits:
 
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
     shut_growth_face_widths: float = 0.05  # of the source's part while it is shut
+    brow_growth_face_widths: float = 0.02  # within which no brow of the source's shows
     eye_growth_face_widths: float = 0.01  # of an eye otherwise, so that no sliver of the identity's shows
     shut: tuple[float, float] = (
         0.55,
@@ -59,7 +60,12 @@ class Aperture:
         grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
         if irises is not None:
             grow = LIMITS.eye_growth_face_widths
-        share = _enlarged(soft_parts(reference, (part,), grow), factor)
+        shown = soft_parts(reference, (part,), grow)
+        if at_rest is not None:
+            shown = shown * (
+                1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)
+            )
+        share = _enlarged(shown, factor)
         ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]

@@ -3,7 +3,8 @@
 A light that is measured on skin holds the two skin tones as well, and hair has no part in these: black brows of a dark
 face would be grey on a light one.  So a brow's pixel is taken for a mixture of skin and hair, by its brightness between
 that of the skin beside the brow and that of the brow's darkest hair; the skin gets the light, the hair the change of
-light alone, which is seen at the eyes.  A brow is darkened to that mixture, never made lighter.  RGB 0..255.
+light alone, which is seen at the eyes and bounded by the two skins as enrolled.  A brow is darkened to that mixture,
+never made lighter.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
+from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW, Group
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
@@ -35,16 +36,38 @@ LIMITS = BrowHairLimits()
 
 
 class BrowHair:
-    """The brows of textures (n, 3).
+    """The brows of textures (n, 3); each has a skin and hair of its own, as faces are seldom lit alike on both sides.
 
     Parameters
     ----------
     reference : ReferenceFrame.
+    tone : brightness of the face's skin over that of the frame's person, as both were enrolled: hair gets less light
+        than skin only as far as that is below 1.
     """
 
-    def __init__(self, reference: ReferenceFrame) -> None:
+    def __init__(self, reference: ReferenceFrame, tone: float) -> None:
+        self._brows = [_Brow(reference, brow, min(tone, 1.0)) for brow in (RIGHT_BROW, LEFT_BROW)]
+
+    def lit_skin(self, texture: F32, gain: F32, offset: F32) -> list[F32]:
+        """Brightness (b,) of bare skin in each brow's pixels under a light: gain and offset (3, n) of each pixel."""
+        return [brow.lit_skin(texture, gain, offset) for brow in self._brows]
+
+    def darken(self, lit: F32, texture: F32, lit_skin: list[F32], light: float) -> None:
+        """Darken the brows of a lit texture (3, n) in place.
+
+        texture : (n, 3) as it was.   lit_skin : see above.   light : change of brightness of what isn't skin.
+        """
+        for brow, skin in zip(self._brows, lit_skin, strict=True):
+            brow.darken(lit, texture, skin, light)
+
+
+class _Brow:
+    """One of them."""
+
+    def __init__(self, reference: ReferenceFrame, brow: Group, tone: float) -> None:
+        self._tone = tone
         core, grown, near, far = (
-            soft_parts(reference, (RIGHT_BROW, LEFT_BROW), grow)[reference.mask]
+            soft_parts(reference, (brow,), grow)[reference.mask]
             for grow in (0.0, LIMITS.growth, *LIMITS.beside)
         )
         self._pixels = np.flatnonzero(grown > LIMITS.min_share)
@@ -54,18 +77,14 @@ class BrowHair:
         self._beside = np.flatnonzero(skin & (far > 0.5) & (near < 0.5))
 
     def lit_skin(self, texture: F32, gain: F32, offset: F32) -> F32:
-        """Brightness (b,) of bare skin in the brows' pixels under a light: gain and offset (3, n) of each pixel."""
         skin = self._skin(texture)[:, None]
         return np.asarray(LUMA @ (gain[:, self._pixels] * skin + offset[:, self._pixels]), np.float32)
 
     def darken(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
-        """Darken the brows of a lit texture (3, n) in place.
-
-        texture : (n, 3) as it was.   lit_skin : see above.   light : change of brightness of what isn't skin.
-        """
         own = texture[self._pixels] @ LUMA
         skin = float(self._skin(texture) @ LUMA)
         hair = float(np.quantile(texture[self._core] @ LUMA, LIMITS.darkest))
+        light = max(light, self._tone * float(lit_skin.mean()) / max(skin, 1.0))
         share = np.clip((skin - own) / max(skin - hair, 1.0), 0, 1)
         aim = lit_skin + share * (np.minimum(hair * light, lit_skin) - lit_skin)
         now = LUMA @ lit[:, self._pixels]
@@ -73,5 +92,5 @@ class BrowHair:
         lit[:, self._pixels] *= (1 + self._share * (factor - 1)).astype(np.float32)
 
     def _skin(self, texture: F32) -> F32:
-        """(3,) colour of the skin beside the brows."""
+        """(3,) colour of the skin beside the brow."""
         return np.asarray(texture[self._beside].mean(0), np.float32)

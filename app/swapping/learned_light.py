@@ -1,9 +1,9 @@
 """The scene's light and skin tone on a face, by a small network trained on rendered swaps with exact truth.
 
 The classical light (`local_light.py`) takes every smooth difference between the frame and the face for light, also the
-source's own cheeks, lips and eye sockets; the network has seen what remains of them under another's face.  It gets
-sums of texels on a coarse grid and gives an affine map of colours per cell, one gain for the eyes and one for the
-mouth (training/light_net.py, training/train_light.py).  RGB 0..255.
+source's own cheeks, lips and eye sockets; the network knows both as enrolled and has seen what remains of them under
+another's face.  It gets sums of texels on a coarse grid and gives an affine map of colours per cell, one gain for the
+eyes and one for the mouth (training/light_net.py, training/train_light.py).  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -36,14 +36,16 @@ class LearnedLightLimits:
     brow_growth_face_widths: float = 0.02
     min_share: float = 0.01  # of a brow or a part, from which a pixel belongs to it
     frames_per_look: int = 2  # of the network
-    wide_share: float = (
-        0.3  # of the light that is a mean over a wider neighbourhood: the rest follows the person's own
-    )
-    wide_face_widths: float = 0.1  # form as well, and less of the donor's is left
+    # Of the light that is a mean over a wider neighbourhood: the rest follows the person's own form as well, and less
+    # of the donor's is left.  At the edge of a shadow there is none.
+    wide_share: float = 0.5
+    shadow_edge: float = 0.25  # log of light over its mean, by which the share falls by a standard deviation
+    wide_face_widths: float = 0.1
 
 
 LIMITS = LearnedLightLimits()
 FLOOR = 1e-4  # of the weight of a mean
+INPUTS = "skin", "other", "own", "rest"  # of the network
 PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
 
 
@@ -68,13 +70,15 @@ class LearnedLight:
     reference : ReferenceFrame.
     texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
     mask : (h, w) bool, where the face is shown.
+    enrolled : neutral RGB (n, 3) of the frame's person and of the face, in the reference frame's mask pixels.
     """
 
-    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool) -> None:
+    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32]) -> None:
         at = places(reference, texels)
         skin = (skin_mask(reference) & mask)[reference.mask][texels]
         self._kinds = [np.flatnonzero(kind) for kind in (skin, ~skin)]
         self._sums = [TexelSums(GRID, at[kind]) for kind in self._kinds]
+        self._enrolled = [self._means(texture[texels]) for texture in enrolled]
         self._weight = np.float32(mask.sum() / len(texels) / (CELL_FACE_WIDTHS * reference.resolution) ** 2)
         self._at_pixels = CellReader(places(reference))
         parts = np.array(part_masks(reference))
@@ -84,7 +88,8 @@ class LearnedLight:
         brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)[reference.mask]
         self._brows = np.flatnonzero(brows > LIMITS.min_share)
         self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows, None]
-        self._hair = BrowHair(reference)
+        person, face = (float((texture[texels[self._kinds[0]]] @ LUMA).mean()) for texture in enrolled)
+        self._hair = BrowHair(reference, face / max(person, 1.0))
         self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
         self._session = session()
         self.reset()
@@ -128,20 +133,36 @@ class LearnedLight:
 
     def _looked(self, face: F32, seen: F32, weights: F32) -> _Light:
         """What the network finds; weights (t,) are 1 in all of a cell."""
-        colours = np.concatenate([face, seen], axis=1)
-        sums = [
-            s(colours[kind], weights[kind])[None] for kind, s in zip(self._kinds, self._sums, strict=True)
-        ]
-        found, gains = self._session.run(None, dict(zip(("skin", "other"), sums, strict=True)))
+        sums = self._summed(np.concatenate([face, seen], axis=1), weights)
+        found, gains = self._session.run(None, dict(zip(INPUTS, [*sums, *self._enrolled], strict=True)))
         tint = sums[0][0, :3].sum((1, 2))
         seen = sums[0][0, 6] + sums[1][0, 6]
-        return _Light(self._widened(found[0], seen), gains[0], tint / max(float(tint @ LUMA), 1.0))
+        shown = tint / max(float(sums[0][0, 6].sum()), FLOOR)
+        return _Light(self._widened(found[0], seen, shown), gains[0], tint / max(float(tint @ LUMA), 1.0))
 
-    def _widened(self, found: F32, seen: F32) -> F32:
-        """The map (6, h, w) with a share of its means over a wider neighbourhood, of cells that are seen (h, w)."""
+    def _summed(self, colours: F32, weights: F32) -> list[F32]:
+        """Sums (1, c + 1, h, w) of skin and of other texels."""
+        return [
+            s(colours[kind], weights[kind])[None] for kind, s in zip(self._kinds, self._sums, strict=True)
+        ]
+
+    def _means(self, colours: F32) -> F32:
+        """Means (1, 2, 3, h, w) of skin and of other texels (t, 3), 0 where nothing is."""
+        sums = np.stack(self._summed(colours, np.ones(len(colours), np.float32)), axis=1)
+        return np.asarray(sums[:, :, :3] / np.maximum(sums[:, :, 3:], FLOOR), np.float32)
+
+    def _widened(self, found: F32, seen: F32, skin: F32) -> F32:
+        """The map (6, h, w) with a share of its means over a wider neighbourhood, of cells that are seen (h, w).
+
+        skin : (3,) RGB on which lights are compared.
+        """
         rows, columns = self._wide
         wide = (rows @ (found * seen) @ columns.T) / np.maximum(rows @ seen @ columns.T, FLOOR)
-        return np.asarray(found + np.float32(LIMITS.wide_share) * (wide - found))
+        near, far = (
+            np.maximum(np.tensordot(LUMA, m[:3] * skin[:, None, None] + m[3:], 1), 1) for m in (found, wide)
+        )
+        share = LIMITS.wide_share * np.exp(-0.5 * (np.log(near / far) / LIMITS.shadow_edge) ** 2)
+        return np.asarray(found + share.astype(np.float32) * (wide - found))
 
     def _brow_changes(self, brows: F32) -> F32:
         """What brings brows (b, 3) nearer to the colour of the face's skin: the little colour of dark hair is noise."""

@@ -72,7 +72,8 @@ class Painter:
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
         width = NARROW_FEATHER_FACE_WIDTHS if options.light == "paper" else FEATHER_FACE_WIDTHS
         self._alpha = feather(mask, width * self.reference.resolution)
-        self._palette = make_palette(self.reference, estimator.texels, mask, options)
+        self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
+        self._palette = make_palette(self.reference, estimator.texels, mask, self._textures, options)
         self._occlusion = occlusion
         self.relief = (Relief.shipped if options.transfer == "full" else Relief.flat)(self.reference)
         self._silhouette = Silhouette(self.relief, _places(self.reference, estimator.texels))
@@ -85,7 +86,6 @@ class Painter:
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
         self._compositors: dict[bool, Compositor] = {}
-        self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
         self._source_at_rest = source.appearance.neutral_shape
         self._kept: dict[bool, list[Aperture]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -282,10 +282,12 @@ def _product(one: F32 | None, other: F32 | None) -> F32 | None:
     return np.asarray(one * other, np.float32)
 
 
-def make_palette(reference: ReferenceFrame, texels: Int, mask: Bool, options: EngineOptions) -> Palette:
-    """The palette that the options name."""
+def make_palette(
+    reference: ReferenceFrame, texels: Int, mask: Bool, textures: tuple[F32, F32], options: EngineOptions
+) -> Palette:
+    """The palette that the options name, for the neutral RGB (n, 3) of the head and of the face."""
     if options.light == "learned":
-        return LearnedLight(reference, texels, mask)
+        return LearnedLight(reference, texels, mask, textures)
     if options.light == "classical":
         return LocalLight(reference, texels, mask)
     return SimilarityPalette(reference, texels, mask, options.palette)
