@@ -55,6 +55,7 @@ DEIDENTIFY = (
     "deidentify.leaks",
     "deidentify.identity",
     "deidentify.attack",
+    "deidentify.voice",
     "deidentify.expression",
     "deidentify.swapped",
     "deidentify.speed",

@@ -228,7 +228,9 @@ def deidentify(
     donor: str = "auto",
     cover: Literal["solid", "mosaic", "blur"] = "solid",
     seed: int = 0,
-    audio: Literal["keep", "drop", "mask"] = "keep",
+    audio: Literal["keep", "drop", "mask", "disguise"] = "keep",
+    region: Literal["face", "head"] = "face",
+    audit: Literal["sampled", "full"] = "sampled",
     workers: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -242,7 +244,9 @@ def deidentify(
     donor : "auto" (fictional people), "NAME.guise", or "mean:K".
     cover : how a face that is not swapped is covered.
     seed : of the choice of donors.
-    audio : "mask" disguises voices.
+    audio : "mask" lowers voices, "disguise" makes them whisper.
+    region : "head" replaces hair, ears and outline as well.
+    audit : "full" searches all frames of the original and the result for faces, "sampled" some.
     workers : processes; half as many as there are cores by default.
     resume : go on where an earlier run stopped; the result has the same bytes.
 
@@ -258,7 +262,9 @@ def deidentify(
     from guise.app.media.containers import suffix_for
 
     texts = [os.fspath(path) for path in ([inputs] if isinstance(inputs, str | os.PathLike) else inputs)]
-    options = DeidentifyOptions(donor=donor, cover=cover, seed=seed, audio=audio)
+    options = DeidentifyOptions(
+        donor=donor, cover=cover, seed=seed, audio=audio, audit=audit, region=region
+    )  # fmt: skip
     place = None if output is None else os.fspath(output)
     plan = make_plan(
         texts,

@@ -172,6 +172,38 @@ def test_options_may_change_after_a_review(clip: Path, tmp_path: Path) -> None:
     assert output.read_bytes() == whole.read_bytes()
 
 
+def test_a_head_is_replaced_and_a_run_that_reviewed_faces_ends_with_the_same_bytes(
+    clip: Path, tmp_path: Path
+) -> None:
+    short = cut("p02", tmp_path / "talk.mp4", 40)
+    head = replace(QUICK, region="head")
+    report = run(short, tmp_path / "whole.mp4", head)
+    assert report is not None
+    assert report.counts["swapped"] > 30
+    run(short, tmp_path / "other.mp4", review=True)
+    with pytest.raises(KeyboardInterrupt):
+        run(short, tmp_path / "other.mp4", head, resume=True, engine=Here(die_at=1))
+    run(short, tmp_path / "other.mp4", head, resume=True)
+    assert (tmp_path / "whole.mp4").read_bytes() == (tmp_path / "other.mp4").read_bytes()
+    above = np.load(SAMPLES / "p02" / "talk2.npz")["landmarks"][20].min(0).astype(int)
+    before, after = (list(pictures(path))[20].astype(int) for path in (short, tmp_path / "whole.mp4"))
+    hair = np.s_[above[1] - 30 : above[1] - 10, above[0] + 60 : above[0] + 120]
+    assert np.abs(before[hair] - after[hair]).mean() > 10
+
+
+def test_which_faces_are_swapped_is_found_again_for_another_region(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from guise.app.deidentify.stages import jobs
+
+    run(clip, tmp_path / "out.mp4", review=True)
+    monkeypatch.setattr(jobs, "knows_head", lambda parsing, shape: False)
+    report = run(clip, tmp_path / "out.mp4", replace(QUICK, region="head"), resume=True)
+    assert report is not None
+    assert report.counts["swapped"] == 0
+    assert report.counts["covered"] == FRAMES
+
+
 def test_reports_call_the_files_as_they_are_told(clip: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine.guise"
     shutil.copy(resources.files("guise.app").joinpath("gallery", "p03.guise"), mine)

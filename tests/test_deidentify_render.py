@@ -53,6 +53,6 @@ def test_options_survive_the_manifest() -> None:
 
     options = DeidentifyOptions(
         donor="mean:2", gallery=(Path("a.guise"), Path("b.guise")), cover="blur", seed=3, keyfile=Path("k"),
-        audio="drop", encode=EncodeOptions(crf=30), audit="full", detector="yunet:m.onnx",
+        audio="drop", encode=EncodeOptions(crf=30), audit="full", detector="yunet:m.onnx", region="head",
     )  # fmt: skip
     assert DeidentifyOptions.from_json(options.as_json()) == options

@@ -48,6 +48,14 @@ class AudioName(StrEnum):
     keep = "keep"
     drop = "drop"
     mask = "mask"
+    disguise = "disguise"
+
+
+class RegionName(StrEnum):
+    """What a swap replaces."""
+
+    face = "face"
+    head = "head"
 
 
 class AuditName(StrEnum):
@@ -89,6 +97,10 @@ Gallery = Annotated[
     ),
 ]
 Cover = Annotated[CoverName, typer.Option(help="How a face that is not swapped is covered.")]
+RegionOption = Annotated[
+    RegionName,
+    typer.Option("--region", help="What a swap replaces: the face, or the head with hair, ears and outline."),
+]
 Review = Annotated[
     bool,
     typer.Option(
@@ -124,7 +136,9 @@ KeyFileOption = Annotated[
         help="Remember people and their donors here, so that a person gets the same donor in other files.",
     ),
 ]
-Audio = Annotated[AudioName, typer.Option(help="Keep the sound, drop it, or disguise the voices.")]
+Audio = Annotated[
+    AudioName, typer.Option(help="Keep the sound, drop it, lower the voices, or disguise them as a whisper.")
+]
 KeepMetadata = Annotated[
     bool,
     typer.Option(
@@ -155,6 +169,7 @@ def deidentify(
     donor: Donor = "auto",
     gallery: Gallery = None,
     cover: Cover = CoverName.solid,
+    region: RegionOption = RegionName.face,
     alpha: Alpha = 1.0,
     review: Review = False,
     tracks: Tracks = None,
@@ -193,6 +208,7 @@ def deidentify(
     options = DeidentifyOptions(
         donor, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label, certificate,
         key, EncodeOptions(encoder, crf, preset, lossless), renderer.value, audit.value, detector,
+        region.value,
     )  # fmt: skip
     plan = make_plan(inputs, output, work, lambda path: suffix_for(path, encoder), recursive=recursive)
     _check_tracks(tracks, review, plan.pairs)

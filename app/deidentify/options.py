@@ -11,7 +11,8 @@ from guise.app.swapping.cover import CoverStyle
 from guise.common.errors import GuiseError
 from guise.render.compositor import Renderer
 
-Audio = Literal["keep", "drop", "mask"]
+Audio = Literal["keep", "drop", "mask", "disguise"]
+Region = Literal["face", "head"]
 AuditExtent = Literal["sampled", "full"]
 
 
@@ -38,6 +39,7 @@ class DeidentifyOptions:
     encode : encoder, crf, preset, lossless.
     renderer : which renderer draws.
     audit : "sampled" searches some frames of the original and the result for faces, "full" all.
+    region : what a swap replaces: the face, or the head with hair, ears and outline.
     detector : of the audit, as `guise.aam.landmarks.open_detector` takes it; None for the built-in one.
     """
 
@@ -56,6 +58,7 @@ class DeidentifyOptions:
     renderer: Renderer = "auto"
     audit: AuditExtent = "sampled"
     detector: str | None = None
+    region: Region = "face"
 
     def as_json(self) -> dict[str, Any]:
         """The options as JSON holds them."""

@@ -2,6 +2,7 @@
 
 Pitch and formants are lowered together, as by a tape that runs slower; then overlap-add restores the tempo
 (FFmpeg filters `asetrate`, `aresample`, `atempo`).  This deceives listeners; anyone who knows the factor can undo it.
+Or the voice is made a whisper (`guise.app.media.whisper`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from av.filter import Graph
 from guise.app.media.codecs import has_encoder
 from guise.app.media.errors import MediaError
 from guise.app.media.reader import ProblemLog
+from guise.app.media.whisper import Whisper
 from guise.common.arrays import F32
 
 if TYPE_CHECKING:
@@ -42,14 +44,17 @@ def named_layout(name: str) -> str:
 class MaskedAudio:
     """One audio stream of the input, re-encoded with the voices masked.
 
-    stream : of the output.
+    whisper : make voices a whisper instead of lowering them.   stream : of the output.
     """
 
-    def __init__(self, audio: AudioStream, output: OutputContainer, problems: ProblemLog) -> None:
+    def __init__(
+        self, audio: AudioStream, output: OutputContainer, problems: ProblemLog, *, whisper: bool = False
+    ) -> None:
         self._problems = problems
         self._layout = named_layout(audio.layout.name)
         self.stream = self._add_stream(audio, output)
         self._rate = self.stream.rate
+        self._whisper = Whisper(self._rate, self.stream.channels) if whisper else None
         self._graph: Graph | None = None
         self._kind: tuple[object, ...] = ()
         self._next: int | None = None  # where the output ends, and where the input, samples from time zero
@@ -105,8 +110,8 @@ class MaskedAudio:
         yield from self._pull()
 
     def _make_graph(self, frame: AudioFrame) -> Graph:
-        """Fill gaps; play slower; restore the rate, then the tempo."""
-        low = round(self._rate * FREQUENCY_FACTOR)
+        """Fill gaps; and, unless voices are whispered, play slower, restore the rate, then the tempo."""
+        low = self._rate if self._whisper else round(self._rate * FREQUENCY_FACTOR)
         graph = Graph()
         graph.link_nodes(
             graph.add_abuffer(
@@ -142,7 +147,8 @@ class MaskedAudio:
             except (av.error.BlockingIOError, av.error.EOFError):
                 return
             assert isinstance(frame, AudioFrame)
-            yield from self._encode(np.asarray(frame.to_ndarray(), np.float32))
+            samples = np.asarray(frame.to_ndarray(), np.float32)
+            yield from self._encode(samples if self._whisper is None else self._whisper(samples))
 
     def _encode(self, samples: F32) -> Iterator[AnyPacket]:
         """Encode samples (channels, n) as far as the input goes."""
@@ -158,6 +164,8 @@ class MaskedAudio:
     def finish(self) -> Iterator[AnyPacket]:
         """Yield the rest, up to the length of the input."""
         yield from self._drain()
+        if self._whisper is not None and self._next is not None:
+            yield from self._encode(self._whisper.rest())
         if self._next is not None:
             missing = max(self._end - self._next, 0)
             yield from self._encode(np.zeros((self.stream.channels, missing), np.float32))

@@ -20,7 +20,7 @@ from guise.app.media.reader import is_still
 if TYPE_CHECKING:
     from guise.app.media.reader import AnyPacket
 
-Audio = Literal["keep", "drop", "mask"]
+Audio = Literal["keep", "drop", "mask", "disguise"]
 
 # Written by a container or encoder about itself; wrong in a copy.
 _STALE = frozenset(
@@ -78,7 +78,7 @@ class StreamCopier:
     """The copied streams of one output, to which `mux` writes the input's packets.
 
     private : whether everything but audio is left out, and its metadata except the language.
-    audio : whether the audio is copied, left out, or re-encoded with the voices masked.
+    audio : whether the audio is copied, left out, or re-encoded with the voices lowered (mask) or whispered (disguise).
     """
 
     def __init__(
@@ -91,12 +91,12 @@ class StreamCopier:
         self._last_dts: dict[int, int] = {}
         for stream in media.container.streams:
             if stream.index != media.stream.index and (stream.type != "audio" or audio != "drop"):
-                self._add(stream, media, private, audio == "mask")
+                self._add(stream, media, private, audio)
 
-    def _add(self, stream: Stream, media: VideoInput, private: bool, mask: bool) -> None:
+    def _add(self, stream: Stream, media: VideoInput, private: bool, audio: Audio) -> None:
         reason = _why_dropped(stream, media, private)
-        if reason is None and mask and isinstance(stream, AudioStream):
-            self._add_masked(stream, private)
+        if reason is None and audio in ("mask", "disguise") and isinstance(stream, AudioStream):
+            self._add_masked(stream, private, whisper=audio == "disguise")
         elif reason is None:
             reason = self._try_template(stream, private)
         if reason:
@@ -119,8 +119,9 @@ class StreamCopier:
         self._streams[stream.index] = copy
         return None
 
-    def _add_masked(self, stream: AudioStream, private: bool) -> None:
-        mask = self._masks[stream.index] = MaskedAudio(stream, self._output, self._problems)
+    def _add_masked(self, stream: AudioStream, private: bool, *, whisper: bool) -> None:
+        mask = MaskedAudio(stream, self._output, self._problems, whisper=whisper)
+        self._masks[stream.index] = mask
         mask.stream.disposition = stream.disposition
         mask.stream.metadata.update(_metadata(stream, private))
 

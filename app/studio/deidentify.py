@@ -8,7 +8,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from guise.app.deidentify.report.page import COUNTS, HEADLINES
-from guise.app.studio.deidentify_editor import ACTIONS, COVERS, SOUNDS, TrackEditor
+from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS, TrackEditor
 from guise.app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
 from guise.app.studio.site import Studio, choice_row, heading, page
 from guise.app.studio.store import Clip, JobRow
@@ -76,12 +76,13 @@ def _for_all(studio: Studio, videos: VideoList) -> None:
         faces = choice_row("Faces", FACES, "swap")
         cover = choice_row("Covers", COVERS, Choices({}, {}).cover)
         audio = choice_row("Sound", SOUNDS, Choices({}, {}).audio)
+        region = choice_row("Replaced", REGIONS, Choices({}, {}).region)
 
         def start() -> None:
             for job in ready:
                 folder = studio.store.folder_of(job.id)
                 choices = Choices.load(folder)
-                choices.cover, choices.audio = cover.value, audio.value
+                choices.cover, choices.audio, choices.region = cover.value, audio.value, region.value
                 if faces.value == "cover":
                     choices.actions = dict.fromkeys(choices.actions, "cover")
                 choices.save(folder)
@@ -152,5 +153,6 @@ def _chosen(choices: Choices) -> str:
     faces = ", ".join(f"{done.count(action)} to {action}" for action in ACTIONS if action in done)
     return (
         f"Tracks: {faces or 'none'}. Covers: {COVERS[choices.cover].lower()}. "
-        f"Expression: {choices.alpha:.1f}. Sound: {SOUNDS[choices.audio].lower()}."
+        f"Expression: {choices.alpha:.1f}. Sound: {SOUNDS[choices.audio].lower()}. "
+        f"Replaced: {REGIONS[choices.region].lower()}."
     )

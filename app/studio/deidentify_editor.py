@@ -28,7 +28,8 @@ TRACKS_PER_PAGE = 20
 ANY_DONOR = "any fictional person"
 ACTIONS = {"swap": "Swap", "cover": "Cover", "leave": "Leave"}
 COVERS = {"solid": "Solid", "mosaic": "Mosaic", "blur": "Blur"}
-SOUNDS = {"keep": "Keep", "drop": "Drop", "mask": "Disguise voices"}
+SOUNDS = {"keep": "Keep", "drop": "Drop", "mask": "Lower voices", "disguise": "Whisper"}
+REGIONS = {"face": "Face", "head": "Head"}
 HINT = (
     "The bar shows when a face is seen in the video; its height is the confidence of the detection. Faces that are "
     "not listed here are covered."
@@ -198,6 +199,7 @@ class TrackEditor:
         with ui.card().classes("w-full"):
             self._setting("Covers", "cover", COVERS)
             self._setting("Sound", "audio", SOUNDS)
+            self._setting("Replaced", "region", REGIONS)
             with ui.row().classes("items-center w-full no-wrap pr-4"):
                 ui.label("Expression").classes("w-24")
                 slider = ui.slider(min=0, max=1, step=0.1, value=self._choices.alpha)

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from guise.app.deidentify.options import Audio, DeidentifyOptions
+from guise.app.deidentify.options import Audio, DeidentifyOptions, Region
 from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import outcome, verdict
 from guise.app.deidentify.run.job import deidentify_file, draw_frames, pictures, replanned, split_review
@@ -49,7 +49,7 @@ class Choices:
     ----------
     actions : by track.   donors : by person; "" lets Guise choose.  Keys are numbers as text, as in JSON.
     people : by track, whose it is, where the user has changed that.   names : by person.
-    cover, alpha, audio : as in `guise.app.deidentify.options.Options`.
+    cover, alpha, audio, region : as in `guise.app.deidentify.options.Options`.
     """
 
     actions: dict[str, Action]
@@ -57,6 +57,7 @@ class Choices:
     cover: CoverStyle = DeidentifyOptions().cover
     alpha: float = DeidentifyOptions().alpha
     audio: Audio = DeidentifyOptions().audio
+    region: Region = DeidentifyOptions().region
     people: dict[str, int] = field(default_factory=dict)
     names: dict[str, str] = field(default_factory=dict)
 
@@ -84,7 +85,7 @@ class Choices:
 
     def options(self) -> DeidentifyOptions:
         """As `deidentify_file` takes them."""
-        return DeidentifyOptions(cover=self.cover, alpha=self.alpha, audio=self.audio)
+        return DeidentifyOptions(cover=self.cover, alpha=self.alpha, audio=self.audio, region=self.region)
 
 
 def read_tracks(folder: Path) -> dict[str, Any]:

@@ -96,13 +96,17 @@ def pictures(video: Path, first: int, count: int, tilt: float) -> Iterator[Pictu
 def attacked(options: argparse.Namespace, work: Path) -> AttackResult:
     """De-identify everybody with each setting, and attack."""
     originals = work / f"people{options.tilt:g}"
-    clips = list(people(options.shared).items())[:: 7 if options.quick else 1]
+    known = people(options.shared)
+    clips = [(name, known[name]) for name in options.only or known][:: 7 if options.quick else 1]
     for name, clip in clips:
         write_takes(clip, originals / name, name, options.tilt)
     outputs = []
     for setting in options.donors:
-        outputs.append(work / f"{setting.replace(':', '')}{options.tilt:g}")
-        more = ("--recursive", "--resume", "--donors", setting, "--preset", "ultrafast", "--crf", "14")
+        outputs.append(
+            work / f"{setting.replace(':', '')}{options.tilt:g}{options.region.replace('face', '')}"
+        )
+        more = ("--recursive", "--resume", "--donors", setting, "--region", options.region)
+        more += ("--preset", "ultrafast", "--crf", "14")
         done(guise_command(originals, outputs[-1], *more))
         common.say(f"{setting}: de-identified")
     card = work / "recogniser.toml"
@@ -213,6 +217,8 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--tilt", type=float, default=0.0, help="degrees, by which the second takes are rolled"
     )
+    parser.add_argument("--region", default="face", choices=("face", "head"), help="what a swap replaces")
+    parser.add_argument("--only", nargs="*", default=[], help="names of people; all by default")
     parser.add_argument("--work", type=Path, help="keep clips and outputs here, and continue there")
     return parser
 

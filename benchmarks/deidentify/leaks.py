@@ -137,7 +137,10 @@ def measure(options: argparse.Namespace) -> Report:
     worst_columns = (
         "clip and form", "without face", "swapped", "covered", "left", "found by the audit", "outcome",
     )  # fmt: skip
+    unknown = sorted({str(line[0]) for line in found.rows if not line[2]})
     notes = [f"deface: {found.by_deface} leaked frames."] if options.peers_python else []
+    if unknown:
+        notes.append(f"Of no use, as where the face is isn't known in any frame: {', '.join(unknown)}.")
     return Report(
         "deidentify.leaks", "De-identification: leaked frames of the hard clips, in every form",
         [

@@ -58,10 +58,19 @@ COUNTS = {
     "left": "a face left as it is, as you said",
     "without face": "no face found",
 }
+_CHANGED = {
+    "face": "The face is changed from the forehead to the chin; the expressions are kept on purpose. A viewer may "
+    "still recognise a person by hair, ears, neck, the outline and size of the head;",
+    "head": "The head is changed with hair, ears and outline, as far as it is above the shoulders; the expressions are "
+    "kept on purpose. A viewer may still recognise a person by the neck, by long hair below the chin, by the size of "
+    "the head;",
+}
 _FILE_SETTINGS = {"donor", "gallery", "keyfile", "certificate", "key"}
 _VOICE = {
     "keep": "the voice: the sound is that of the input",
     "mask": "the voice: it is changed, which may be undone, and its rhythm and words are the same",
+    "disguise": "the voice: it is a whisper in which a simple recogniser who knows how it is made still finds some of "
+    "who speaks, and its rhythm and words are the same",
     "drop": "what can be read from the lips, as there is no sound",
 }
 
@@ -148,6 +157,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         bystanders=_bystanders(report, by_track.get(BYSTANDERS, NO_OUTCOME), thumbnails),
         findings=sorted(report.audit, key=lambda f: (f.covered, f.frame))[: LIMITS.max_table_rows],
         settings=[(name.replace("_", " ").capitalize(), value) for name, value in _flat(report.settings)],
+        changed=_CHANGED[report.settings.get("region", "face")],
         voice=_VOICE[report.settings.get("audio", "keep")],
         today=_today(),
         version=version(),

@@ -49,6 +49,8 @@ from guise.common.version import version
 
 MAX_CONFIDENCE_PARTS = 100  # of a track's curve
 MIN_SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap; otherwise all of it is covered
+REGION = "region.json"  # the region for which the faces were fitted
+HEAD_COVER_GROWTH = 1.35  # of covers, so that they hide hair and outline as well
 
 
 class JobRunner(Protocol):
@@ -205,8 +207,16 @@ class _Stages:
         self._once("link.json", lambda: _link_tracks(case))
         self._map("person", len(case.linked))
         self._once("people.json", lambda: _people(case))
+        self._forget_other_region()
         self._map("fit", len(case.scan.segments))
         self._once("proposed.json", lambda: [track_json(track) for track in _proposed(case)])
+
+    def _forget_other_region(self) -> None:
+        """Which faces can be swapped depends on what is replaced, and a review may have been of something else."""
+        work, region = self.case.work, self.case.options.region
+        if work.has(REGION) and work.load_json(REGION) != region:
+            work.forget("fit.*.npz", REGION)  # what was proposed is what the user has reviewed
+        self._once(REGION, lambda: region)
 
     def plan(self, edited: Path | None) -> None:
         """The actions of the user, the donors, and what happens to each face in each frame."""
@@ -386,6 +396,8 @@ def _plan(case: Case) -> dict[str, NDArray[Any]]:
     order = np.argsort(joined[1], kind="stable")
     names = ("track", "frame", "done", "box", "turn", "growth", "confidence")
     types = (np.int32, np.int32, np.uint8, *[np.float32] * 4)
+    if case.options.region == "head":
+        joined[names.index("growth")] *= HEAD_COVER_GROWTH
     return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
 
 

@@ -1,7 +1,8 @@
 """A file that is being de-identified: what its work folder says of it.
 
 Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
-none), fit.K.npz, tracks.json, plan.npz, render.K.packets, render.K.json and render.K.npz, for segments K and persons P.
+none), region.json, fit.K.npz, tracks.json, plan.npz, render.K.packets, render.K.json and render.K.npz, for segments K
+and persons P.
 """
 
 from __future__ import annotations

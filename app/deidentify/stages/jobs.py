@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
+from guise.aam.parsing import FaceParser
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch, FaceTreatment
 from guise.app.deidentify.stages.case import Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
@@ -29,6 +30,7 @@ from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.people.faces import detect_faces
+from guise.app.swapping.head import knows_head, parse_head
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back
@@ -80,6 +82,7 @@ def person(case: Case, index: int) -> None:
 def fit(case: Case, segment: int) -> None:
     """Fit each person in a segment, and take pictures of the tracks."""
     found, judge = case.found(segment), TrustJudge()
+    parser = FaceParser() if case.options.region == "head" else None
     wanted: dict[int, list[tuple[LinkedTrack, int]]] = {}
     for track in case.linked:
         for number in (n for s, n in track.pieces if s == segment):
@@ -93,6 +96,8 @@ def fit(case: Case, segment: int) -> None:
                 model, points = case.model_of(track.number), found.points[row].astype(np.float64)
                 if model is not None and np.isfinite(points).all():
                     placed = judge.locate(model.tracker, frame, points, float(found.confidence[row]))
+                    if parser is not None:
+                        placed = _with_head(parser, frame, placed)
                     rows.append((track.number, frame.index, placed))
                 if frame.index in track.shown:
                     pictures[f"{track.number}.{frame.index}"] = picture(
@@ -100,6 +105,13 @@ def fit(case: Case, segment: int) -> None:
                     )
     case.work.save_arrays(f"pictures.{segment}.npz", **pictures)
     case.work.save_arrays(f"fit.{segment}.npz", **vars(Fits.of(rows)))
+
+
+def _with_head(parser: FaceParser, frame: Frame, placed: LocatedFace) -> LocatedFace:
+    """A placed face, not trusted unless the whole head can be replaced."""
+    if not placed.confidence or knows_head(parse_head(parser, frame, placed.shape), placed.shape):
+        return placed
+    return LocatedFace(placed.shape, 0.0)
 
 
 def picture(frame: Frame, box: NDArray[np.floating], turn: float) -> NDArray[np.uint8]:

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.parsing import FaceParser
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, FaceTreatment
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.label import Label
+from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
 from guise.app.deidentify.tracks import Track
 from guise.app.media import Frame
@@ -23,6 +25,7 @@ from guise.app.swapping.cover import cover
 from guise.app.swapping.decide import COVERED, SWAPPED
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
+from guise.app.swapping.head import HeadPainter, Plate, parse_head
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64
 
@@ -57,7 +60,11 @@ class SegmentRenderer:
         self._case, self.entries, self._audit = case, entries, audit
         self._tracks = {track.number: track for track in case.tracks}
         self._shapes = _shapes(case, segment)
+        self._segment = segment
         self._engines: dict[int, Engine] = {}
+        self._heads: dict[int, HeadPainter] = {}
+        self._plates: dict[int, Plate | None] = {}  # by shot
+        self._parser = FaceParser() if case.options.region == "head" else None
         self._label: Label | None = None
         self.swapped_boxes: dict[int, list[F64]] = defaultdict(list)  # by frame
         self.renderer = ""
@@ -83,8 +90,24 @@ class SegmentRenderer:
         if shape is None:
             cover(frame, entry.region, self._case.options.cover)
             return
-        mesh = self._engine(self._tracks[entry.track]).draw(frame, shape)
+        track = self._tracks[entry.track]
+        if self._parser is None:
+            mesh = self._engine(track).draw(frame, shape)
+        else:
+            mesh = self._with_head(frame, track, shape, self._parser)
         self.swapped_boxes[frame.index].append(np.concatenate([mesh.min(0), mesh.max(0)]))
+
+    def _with_head(self, frame: Frame, track: Track, shape: F64, parser: FaceParser) -> F64:
+        """Swap the face, and then replace the head about it; returns the mesh (81, 2) of the face."""
+        parsing = parse_head(parser, frame, shape)
+        mesh = self._engine(track).draw(frame, shape)
+        if track.number not in self._heads:
+            self._heads[track.number] = HeadPainter(open_donor(track.donor), self._case.options.renderer)
+        shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
+        if shot not in self._plates:
+            self._plates[shot] = plate_of(self._case, self._segment, shot)
+        self._heads[track.number].draw(frame, shape, mesh, parsing, self._plates[shot])
+        return mesh
 
     def _engine(self, track: Track) -> Engine:
         if track.number not in self._engines:
@@ -112,9 +135,9 @@ class SegmentRenderer:
         return self._engines[track.number]
 
     def close(self) -> None:
-        """Release the engines."""
-        for engine in self._engines.values():
-            engine.close()
+        """Release the engines and heads."""
+        for drawing in (*self._engines.values(), *self._heads.values()):
+            drawing.close()
 
     def __enter__(self) -> SegmentRenderer:
         return self

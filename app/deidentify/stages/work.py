@@ -57,6 +57,12 @@ class WorkFolder:
         with np.load(self.path(name), allow_pickle=False) as file:
             return {key: file[key] for key in file.files if key != but}
 
+    def forget(self, *patterns: str) -> None:
+        """Delete results, so that they are made again."""
+        for pattern in patterns:
+            for file in self.folder.glob(pattern):
+                file.unlink()
+
     def create(self) -> None:
         """Make the folder, empty, for its owner only."""
         shutil.rmtree(self.folder, ignore_errors=True)

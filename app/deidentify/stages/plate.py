@@ -1,0 +1,46 @@
+"""What is behind the heads of a shot, from some frames of a segment of the original; for ``--region head``."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from guise.aam.landmarks.heads import region
+from guise.app.deidentify.stages.case import Case
+from guise.app.media.segments import read_frames
+from guise.app.swapping.head import LIMITS, Plate
+from guise.common.arrays import U8
+
+PICTURES = 24  # of a shot in a segment
+HEAD_GROWTH = 1.3  # of the region about a face, covers included, that is not looked at
+
+
+def plate_of(case: Case, segment: int, shot: int) -> Plate | None:
+    """The plate of a shot (counted from 0), as far as it lies in the segment; None when that is too short."""
+    edges = [0, *case.cuts, case.scan.frames]
+    first, last = (
+        max(edges[shot], case.scan.segments[segment].first),
+        min(edges[shot + 1], case.span(segment)[1]),
+    )
+    if last - first < LIMITS.plate_min_pictures:
+        return None
+    wanted = set(np.linspace(first, last - 1, PICTURES).round().astype(int).tolist())
+    pictures, heads = [], []
+    for frame in read_frames(case.input, case.scan, first, last):
+        if frame.index in wanted:
+            scale = min(1.0, LIMITS.plate_side_pixels / max(frame.width, frame.height))
+            size = [max(1, round(side * scale)) for side in (frame.width, frame.height)]
+            pictures.append(np.asarray(cv2.resize(frame.rgb(), size, interpolation=cv2.INTER_AREA), np.uint8))
+            heads.append(_heads(case, frame.index, scale, (size[1], size[0])))
+    return Plate.of(pictures, heads) if len(pictures) >= LIMITS.plate_min_pictures else None
+
+
+def _heads(case: Case, frame: int, scale: float, size: tuple[int, int]) -> U8:
+    """(h, w) 1 where the head of any face of a frame may be."""
+    plan, inside = case.plan, np.zeros(size, np.uint8)
+    for row in np.flatnonzero(plan["frame"] == frame):
+        place = region(plan["box"][row], HEAD_GROWTH * float(plan["growth"][row]), float(plan["turn"][row]))
+        x0, y0 = np.maximum(np.floor(place[:2] * scale), 0).astype(int)
+        x1, y1 = np.maximum(np.ceil(place[2:] * scale), 0).astype(int)
+        inside[y0:y1, x0:x1] = 1
+    return inside

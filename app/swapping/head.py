@@ -1,0 +1,292 @@
+"""Another head in place of the source's: hair, ears and outline too, around a face that has been swapped.
+
+The identity's still is warped so that its face lies on the drawn one, as in `guise.app.swapping.puppet`, and its head
+is cut out by the parsing network.  What was behind the source's head is a plate where one is known, and otherwise the
+blurred surroundings.  Above the chin nothing of the source stays within an ellipse that is far larger than a face;
+below it, whatever isn't certainly neck or background goes.  Pixels, x right, y down; RGB.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
+from guise.aam.model import Identity, RestFrame
+from guise.aam.parsing import CELLS, FaceClass, FaceParser, FaceParsing
+from guise.aam.similarity import align_planar
+from guise.aam.solid_shape import SolidPrior
+from guise.app.media import Frame
+from guise.app.swapping.occlusion import parse_frame
+from guise.common.arrays import F32, F64, U8
+from guise.common.closing import Closing
+from guise.render import make_compositor
+
+
+@dataclass(frozen=True)
+class HeadLimits:
+    """Sizes and thresholds.  Cells are those of the parsing of a head, 64 on a side."""
+
+    crop_growth: float = 1.5  # of a face's crop, and by how much of its side it is moved up, to hold the head
+    crop_rise: float = 0.15
+    half_width_cells: float = 24.0  # of the ellipse
+    rim_cells: int = 2  # at the crop's sides
+    below_chin_cells: float = 1.0  # that also count as head
+    growth_cells: int = 2  # of hair below the chin
+    soft_cells: float = 1.0  # standard deviation of the edges
+    hair_share: float = 0.3
+    max_rim_share: float = (
+        0.25  # of the rim above the chin that is hair: with more of it the head is not known
+    )
+    max_object_share: float = 0.08  # of the ellipse that is an object, likewise
+    max_turn_degrees: float = 30.0
+    face_edge_widths: tuple[float, float] = (
+        0.06,
+        0.14,
+    )  # within the drawn face, which passes into the head there
+    neck_cells: float = 6.0  # below the chin, over which the head ends
+    light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
+    light_gain: tuple[float, float] = (0.5, 1.6)
+    ring_face_widths: float = 0.9  # from the face to the still points around it
+    ring_points: int = 28
+    plate_spread_levels: float = 8.0  # of a pixel in time, up to which what is behind the head is known
+    plate_min_pictures: int = 3
+    plate_side_pixels: int = 960  # the longer one
+    reduction: int = 8  # of the surroundings before they are blurred
+
+
+LIMITS = HeadLimits()
+Bools = NDArray[np.bool_]
+_HEAD = (*(c for c in FaceClass if c not in (FaceClass.BACKGROUND, FaceClass.OCCLUDER)),)
+_GONE = (FaceClass.HAIR, FaceClass.FACIAL_HAIR, FaceClass.OCCLUDER)
+
+
+def parse_head(parser: FaceParser, frame: Frame, shape: F64) -> FaceParsing:
+    """Parse the whole head of the face at a shape (81, 2)."""
+    return parse_frame(parser, frame, shape, LIMITS.crop_growth, LIMITS.crop_rise)
+
+
+def knows_head(parsing: FaceParsing, shape: F64) -> bool:
+    """Whether a head can be replaced: near the front, all of it within the crop, nothing before it."""
+    above = np.broadcast_to(np.arange(CELLS)[:, None] < _row_of_chin(parsing, shape), (CELLS, CELLS))
+    rim = above & _rim()
+    objects = parsing.share(FaceClass.OCCLUDER)
+    yaw, pitch, _ = SolidPrior.shipped().fit(shape).pose.angles
+    return bool(
+        np.hypot(yaw, pitch) <= LIMITS.max_turn_degrees
+        and _connected(parsing)[rim].mean() <= LIMITS.max_rim_share
+        and (objects[above & _ellipse()] > LIMITS.hair_share).mean() <= LIMITS.max_object_share
+    )
+
+
+def _connected(parsing: FaceParsing) -> Bools:
+    """(64, 64) hair and what else may be the head, as far as it hangs together with the face."""
+    seen = parsing.share(*_HEAD, FaceClass.OCCLUDER) > LIMITS.hair_share
+    seen[CELLS // 2 :, CELLS // 2] = True  # from the face down to the neck
+    _, labels = cv2.connectedComponents(seen.astype(np.uint8))
+    return np.asarray(labels == labels[CELLS // 2, CELLS // 2])
+
+
+def gone(parsing: FaceParsing, shape: F64) -> F32:
+    """(64, 64) share in [0, 1] of each cell that may show the source's head."""
+    rows, ellipse = np.arange(CELLS)[:, None], _ellipse()
+    chin = _row_of_chin(parsing, shape)
+    side = 2 * LIMITS.growth_cells + 1
+    hair = cv2.dilate((parsing.share(*_GONE) > LIMITS.hair_share).astype(np.uint8), np.ones((side, side)))
+    cells = (((rows < chin) & ellipse) | ((hair > 0) & ~_rim())).astype(np.float32)
+    return np.asarray(np.maximum(cells, cv2.GaussianBlur(cells, (0, 0), LIMITS.soft_cells)), np.float32)
+
+
+def _row_of_chin(parsing: FaceParsing, shape: F64) -> float:
+    places = cv2.transform(np.asarray(shape, np.float32)[None], parsing.to_cells)[0]
+    return float(places[:, 1].max()) + LIMITS.below_chin_cells
+
+
+def _ellipse() -> Bools:
+    """(64, 64) whether a cell lies in the superellipse, whose height is the crop's."""
+    y, x = np.mgrid[:CELLS, :CELLS] - (CELLS - 1) / 2
+    half = (LIMITS.half_width_cells, CELLS / 2 - LIMITS.rim_cells)
+    return np.asarray((x / half[0]) ** 4 + (y / half[1]) ** 4 <= 1)
+
+
+def _rim() -> Bools:
+    """(64, 64) whether a cell lies at the crop's sides, top or bottom."""
+    place = np.minimum(np.arange(CELLS), np.arange(CELLS)[::-1]) < LIMITS.rim_cells
+    return np.asarray(place[:, None] | place)
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """What is behind the heads of a shot.
+
+    picture : (h, w, 3) float32 RGB, smaller than the frames.   known : (h, w) in [0, 1], where it can be relied on.
+    """
+
+    picture: F32
+    known: F32
+
+    @classmethod
+    def of(cls, pictures: Sequence[U8], heads: Sequence[U8]) -> Plate:
+        """The median over pictures of a shot where no head is; heads (h, w) are not 0 where one may be."""
+        stack = np.stack(pictures).astype(np.float32)
+        stack[np.stack(heads) > 0] = np.nan
+        count = np.isfinite(stack[..., 0]).sum(0)
+        low, middle, high = _quartiles(stack)
+        steady = (high - low).max(2) <= LIMITS.plate_spread_levels
+        known = (steady & (count >= LIMITS.plate_min_pictures)).astype(np.float32)
+        soft = cv2.GaussianBlur(cv2.erode(known, np.ones((5, 5))), (0, 0), 2.0)
+        return cls(middle, np.asarray(soft, np.float32))
+
+    def within(self, frame: Frame, roi: tuple[int, int, int, int]) -> tuple[F32, F32]:
+        """Picture and known of a rectangle x0, y0, w, h of the frame, in its pixels."""
+        x0, y0, w, h = roi
+        scale = self.picture.shape[1] / frame.width
+        to_plate = np.array([[scale, 0, (x0 + 0.5) * scale - 0.5], [0, scale, (y0 + 0.5) * scale - 0.5]])
+        picture, known = (
+            cv2.warpAffine(
+                part, to_plate, (w, h), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            for part in (self.picture, self.known)
+        )  # fmt: skip
+        return np.asarray(picture, np.float32), np.asarray(known, np.float32)
+
+
+def _quartiles(stack: F32) -> tuple[F32, F32, F32]:
+    """Quartiles over the first axis without what is nan; 0 where all is."""
+    ordered = np.sort(stack, axis=0)  # nan comes last
+    last = np.isfinite(ordered).sum(0)[None] - 1
+    picks = (np.take_along_axis(ordered, np.maximum(last * k // 4, 0), 0)[0] for k in (1, 2, 3))
+    low, middle, high = (np.nan_to_num(one) for one in picks)
+    return low, middle, high
+
+
+class HeadPainter(Closing):
+    """Draws an identity's head around a swapped face; use it by `with`.
+
+    identity : whose still has the head.   renderer : see `make_compositor`.
+    """
+
+    def __init__(self, identity: Identity, renderer: str) -> None:
+        still = identity.rest_frame
+        self._points = np.concatenate([still.shape, _ring(still.shape)])
+        self._texture = np.ascontiguousarray(still.picture)
+        height, width = still.picture.shape[:2]
+        self._compositor = make_compositor(
+            renderer,
+            Delaunay(self._points).simplices.astype(np.int32),
+            np.clip(self._points, 0, (width - 1, height - 1)).astype(np.float32),
+            matte(FaceParser(), still),
+        )
+
+    def draw(self, frame: Frame, shape: F64, mesh: F64, parsing: FaceParsing, plate: Plate | None) -> None:
+        """Replace the head of the source, whose face (81, 2) was at `shape` and is drawn at `mesh`, in place.
+
+        parsing : of the frame before the swap, see `parse_head`.
+        """
+        still = self._points[: len(shape)]
+        fit = align_planar(still, mesh, RIGID_WEIGHTS)
+        vertices = np.concatenate([mesh, fit.apply(self._points[len(shape) :])])
+        roi = _rectangle(frame, parsing, vertices)
+        x0, y0, w, h = roi
+        if w < 2 or h < 2:
+            return
+        seen = frame.rgb_roi(*roi).astype(np.float32)
+        away = _in_picture(gone(parsing, shape), parsing, roi)[..., None]
+        made = seen + away * (_behind(frame, seen, away, roi, plate) - seen)
+        head = self._compositor.warp((h, w), self._texture, vertices - (x0, y0)).astype(np.float32)
+        face = _face(mesh - (x0, y0), (h, w))
+        lit = _lit(head[..., :3], seen, face, float(np.ptp(mesh[:, 0])))
+        made = made + head[..., 3:] / 255 * (lit - made)
+        made = made + face[..., None] * (seen - made)
+        stored = cv2.transform(made, frame.colour.from_rgb)
+        frame.write_roi(x0, y0, np.rint(stored).clip(0, 255).astype(np.uint8))
+
+    def close(self) -> None:
+        """Release the compositor."""
+        self._compositor.close()
+
+
+def matte(parser: FaceParser, still: RestFrame) -> F32:
+    """(h, w) share in [0, 1] of a still that is the head, without the neck."""
+    frame = Frame.from_rgb(still.picture)
+    parsing = parse_head(parser, frame, still.shape)
+    below = np.arange(CELLS)[:, None] - _row_of_chin(parsing, still.shape)
+    neck = np.clip(1 - below / LIMITS.neck_cells, 0, 1)
+    shares = np.maximum(parsing.share(FaceClass.HAIR), parsing.share(*_HEAD) * neck)
+    shares[-3:] = 0
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((shares > LIMITS.hair_share).astype(np.uint8))
+    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])) if len(stats) > 1 else 0
+    only = cv2.dilate((labels == largest).astype(np.uint8), np.ones((3, 3))) > 0
+    height, width = still.picture.shape[:2]
+    whole = _in_picture(np.where(only, shares, 0).astype(np.float32), parsing, (0, 0, width, height))
+    return np.asarray(np.clip((whole - 0.5) / 0.4, 0, 1), np.float32)
+
+
+def _ring(shape: F64) -> F64:
+    """Points (n, 2) on an ellipse around a face, which move with it as a whole."""
+    centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
+    turn = np.linspace(0, 2 * np.pi, LIMITS.ring_points, endpoint=False)
+    reach = half + LIMITS.ring_face_widths * np.ptp(shape[:, 0])
+    return np.asarray(centre + reach * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def _rectangle(frame: Frame, parsing: FaceParsing, vertices: F64) -> tuple[int, int, int, int]:
+    """The rectangle of a parsed crop and of what is drawn, in the frame."""
+    corners = np.array([[0, 0], [CELLS, 0], [0, CELLS], [CELLS, CELLS]]) - 0.5
+    reached = np.concatenate([corners @ parsing.to_picture[:, :2].T + parsing.to_picture[:, 2], vertices])
+    return frame.align_roi(*reached.min(0), *(reached.max(0) + 1))
+
+
+def _in_picture(cells: F32, parsing: FaceParsing, roi: tuple[int, int, int, int]) -> F32:
+    """Cells (64, 64) in the pixels of a rectangle x0, y0, w, h."""
+    x0, y0, w, h = roi
+    to_roi = parsing.to_picture.copy()
+    to_roi[:, 2] -= (x0, y0)
+    return np.asarray(cv2.warpAffine(cells, to_roi, (w, h), flags=cv2.INTER_LINEAR), np.float32)
+
+
+def _behind(frame: Frame, seen: F32, away: F32, roi: tuple[int, int, int, int], plate: Plate | None) -> F32:
+    """What is shown (h, w, 3) where the source's head was: the plate, or else the surroundings, blurred."""
+    h, w = seen.shape[:2]
+    size = (max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction))
+    kept = cv2.resize((away[..., 0] <= 0).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    colours = cv2.resize(seen * (away <= 0), size, interpolation=cv2.INTER_AREA)
+    total, weight = np.full_like(colours, 0.0), np.zeros_like(kept)
+    for share in (0.05, 0.15, 0.5):
+        sigma = share * max(size)
+        factor = np.float32(1e-3 ** (share / 0.5))  # nearer surroundings count more
+        total = total + factor * cv2.GaussianBlur(colours, (0, 0), sigma)
+        weight = weight + factor * cv2.GaussianBlur(kept, (0, 0), sigma)
+    unknown = np.where(weight[..., None] > 1e-9, total / np.maximum(weight, 1e-9)[..., None], 128.0)
+    found = cv2.resize(unknown.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
+    if plate is None:
+        return np.asarray(found, np.float32)
+    picture, known = plate.within(frame, roi)
+    return np.asarray(found + known[..., None] * (picture - found), np.float32)
+
+
+def _face(mesh: F64, size: tuple[int, int]) -> F32:
+    """(h, w) share in [0, 1] of the drawn face that stays."""
+    first, last = (share * float(np.ptp(mesh[:, 0])) for share in LIMITS.face_edge_widths)
+    inside = np.zeros(size, np.uint8)
+    cv2.fillPoly(inside, [np.round(mesh[SILHOUETTE]).astype(np.int32)], 1)
+    near = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.asarray(np.clip((near - first) / max(last - first, 1.0), 0, 1), np.float32)
+
+
+def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
+    """The head (h, w, 3) in the light of the drawn face, which it meets without a seam."""
+    weight = face[..., None]
+    total = max(float(face.sum()), 1e-6)
+    ratio = (seen * weight).sum((0, 1)) / np.maximum((head * weight).sum((0, 1)), total)
+    lit = head * np.clip(ratio, *LIMITS.light_gain).astype(np.float32)
+    sigma = max(1.0, LIMITS.light_face_widths * face_width)
+    spread = cv2.GaussianBlur((seen - lit) * weight, (0, 0), sigma)
+    share = cv2.GaussianBlur(face, (0, 0), sigma)
+    return np.asarray(np.clip(lit + spread / np.maximum(share, 0.15)[..., None], 0, 255), np.float32)
