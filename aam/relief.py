@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from guise.aam.reference import MeshSampler, ReferenceFrame
@@ -19,6 +20,7 @@ from guise.common.arrays import F32, F64, I32
 
 STRAIGHT: F64 = np.zeros(2)  # what is seen of depth from the front
 STRAIGHT.setflags(write=False)
+BEYOND_HULL = 0.01  # of the face's height, by which a place may lie beyond the hull of the points
 DATA = Path(__file__).parent / "data" / "relief.npz"
 
 
@@ -67,15 +69,30 @@ class Relief:
     def seen(self, points: F64, across: F64) -> F64:
         """(81 + k, 2) pixels: the points (81, 2) of a mesh in a picture, and the places between them.
 
+        Cheeks differ: no place goes far beyond the hull of the points, where a lean face ends.
+
         across : (2,) pixels by which a point one face width farther away is seen elsewhere.
         """
         flat = np.einsum("kpc,kp->pc", points[self._on_flat.vertices], self._on_flat.weights)
-        return np.concatenate([points, flat + self.depth[len(points) :, None] * across])
+        places = flat + self.depth[len(points) :, None] * across
+        return np.concatenate([points, within_head(places, points) if across.any() else places])
 
     def at(self, places: F64) -> F32:
         """(n,) depth at places (n, 2), face widths."""
         sampler = MeshSampler.build(self.mesh, places)
         return np.asarray((self.depth[sampler.vertices] * sampler.weights).sum(0), np.float32)
+
+
+def within_head(places: F64, points: F64) -> F64:
+    """Places (k, 2) that lie far beyond the convex hull of points (n, 2), moved to near it."""
+    hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
+    along = np.roll(hull, -1, axis=0) - hull
+    out = np.column_stack([along[:, 1], -along[:, 0]])
+    out *= np.sign(((hull - hull.mean(0)) * out).sum())
+    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
+    beyond = np.einsum("kec,ec->ke", places[:, None] - hull, out)
+    excess = (beyond.max(1) - BEYOND_HULL * np.ptp(points[:, 1])).clip(0)
+    return np.asarray(places - excess[:, None] * out[beyond.argmax(1)])
 
 
 @lru_cache(maxsize=4)
