@@ -8,7 +8,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
 from guise.aam.light import grid_places
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.app.swapping.learned_light import LearnedLight
+from guise.app.swapping.learned_light import LIMITS, LearnedLight
 from guise.common.arrays import F32
 
 FRAME = ReferenceFrame.canonical(80)
@@ -105,3 +105,12 @@ def test_the_stored_components_are_those_of_the_matrix() -> None:
     offset = np.array([16.0, 128, 128])
     assert_allclose(light.apply(face(), matrix, offset).T, lit(light, face()) @ matrix.T + offset, atol=1e-2)
     assert 0.3 < light.contrast < 1.5
+
+
+def test_a_light_that_changes_as_a_whole_is_followed_at_once() -> None:
+    light = light_fitted(face(), face())
+    for _ in range(LIMITS.frames_per_look):
+        light.update(face()[TEXELS], np.float32(0.5) * face()[TEXELS], None)
+    at_once = light_fitted(face(), np.float32(0.5) * face())
+    away = (lit(light, face()) / lit(at_once, face()))[SKIN]
+    assert np.median(away) == pytest.approx(1, abs=0.03)

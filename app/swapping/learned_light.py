@@ -188,9 +188,11 @@ class _Light:
         return float(self.parts[0] @ LUMA)
 
     def move(self, aim: _Light, share: float) -> None:
-        """Move a share of the way to another."""
-        self.map = self.map + share * (aim.map - self.map)
-        self.parts = self.parts + share * (aim.parts - self.parts)
+        """Move a share of the way to another, but all of the way in what is common to the whole face."""
+        change = aim.map[:3].mean((1, 2)) / np.maximum(self.map[:3].mean((1, 2)), FLOOR)
+        now, parts = self.map * np.tile(change, 2)[:, None, None], self.parts * change
+        self.map = now + share * (aim.map - now)
+        self.parts = parts + share * (aim.parts - parts)
         self.tint = self.tint + share * (aim.tint - self.tint)
 
 
