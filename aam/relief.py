@@ -75,7 +75,7 @@ class Relief:
         """
         flat = np.einsum("kpc,kp->pc", points[self._on_flat.vertices], self._on_flat.weights)
         places = flat + self.depth[len(points) :, None] * across
-        return np.concatenate([points, within_head(places, points) if across.any() else places])
+        return np.concatenate([points, _within(places, points) if across.any() else places])
 
     def at(self, places: F64) -> F32:
         """(n,) depth at places (n, 2), face widths."""
@@ -83,7 +83,7 @@ class Relief:
         return np.asarray((self.depth[sampler.vertices] * sampler.weights).sum(0), np.float32)
 
 
-def within_head(places: F64, points: F64) -> F64:
+def _within(places: F64, points: F64) -> F64:
     """Places (k, 2) that lie far beyond the convex hull of points (n, 2), moved to near it."""
     hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
     along = np.roll(hull, -1, axis=0) - hull

@@ -19,7 +19,7 @@ from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
-from guise.aam.relief import STRAIGHT, within_head
+from guise.aam.relief import STRAIGHT
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed, align_planar
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
@@ -97,7 +97,7 @@ class Engine(Closing):
         self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
         self.occlusion = _occlusion(source, self.estimator, options)
         self.painter = Painter(source, target, self.estimator, options, self.occlusion)
-        self._depth = self.painter.depth(self.estimator.texels)
+        self._sampler = self.painter.sampler(self.estimator.texels)
         self._shape_transfer = (
             ShapeTransfer(
                 source.appearance.neutral_shape,
@@ -196,11 +196,9 @@ class Engine(Closing):
 
     def places(self, shape: F64, view: View | None) -> F32:
         """(t, 2) pixels, where the texels of a face at a shape (81, 2) lie."""
-        places = self.estimator.sampler.positions(shape)
-        if view is not None and view.across.any():
-            places += self._depth[:, None] * view.across.astype(np.float32)
-            places = within_head(places.astype(np.float64), shape).astype(np.float32)
-        return places
+        if view is None or not view.across.any():
+            return self.estimator.sampler.positions(shape)
+        return self._sampler.positions(self.painter.relief.seen(shape, view.across))
 
     def clear(self, frame: Frame, shape: F64, places: F32, texels: F32) -> F32:
         """The frame's RGB (t, 3) at texels at places (t, 2), without what hides the face at a shape (81, 2)."""

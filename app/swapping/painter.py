@@ -14,7 +14,7 @@ from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import INNER_LIPS, RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
-from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
@@ -117,9 +117,9 @@ class Painter:
         self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across)
         return mesh
 
-    def depth(self, texels: Int) -> F32:
-        """(t,) face widths by which texels lie beyond the flat triangles, see `Relief`."""
-        return self.relief.at(_places(self.reference, texels))
+    def sampler(self, texels: Int) -> MeshSampler:
+        """Of texels on the relief's mesh."""
+        return MeshSampler.build(self.relief.mesh, _places(self.reference, texels))
 
     def place(self, shape: F64, head: F64) -> tuple[F64, float]:
         """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom."""
