@@ -202,7 +202,7 @@ def test_faces_that_cannot_be_seen_are_a_line_without_figures() -> None:
 
 
 def test_every_benchmark_of_de_identification_runs_with_all() -> None:
-    helpers = {"__init__", "changes", "forms", "guise"}
+    helpers = {"__init__", "changes", "espeak", "forms", "guise"}
     scripts = {p.stem for p in (Path(run_all.__file__).parent / "deidentify").glob("*.py")} - helpers
     assert {f"deidentify.{name}" for name in scripts} == set(run_all.DEIDENTIFY)
 

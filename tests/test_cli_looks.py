@@ -84,7 +84,7 @@ def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[s
     timings = found["milliseconds"]
     on_cpu = {t["stage"]: t for t in timings if t["renderer"] == "cpu"}
     assert list(on_cpu) == [
-        "track", "sample", "occlusion", "parameters", "solid shape", "extrapolate", "warp and blend",
+        "track", "solid shape", "sample", "occlusion", "parameters", "extrapolate", "warp and blend",
         "place and palette", "all",
     ]  # fmt: skip
     assert all(0 < t["median"] <= t["p95"] for t in on_cpu.values())

@@ -32,9 +32,9 @@ def test_a_video_is_previewed_swapped_and_downloaded(
     assert faces.locator("[aria-pressed=true]").count() == 1  # a face is proposed
     desk.get_by_text("drawn in").wait_for()
     before = desk.get_by_role("img", name="After", exact=True).get_attribute("src")
-    faces.get_by_role("button", name="p03").click()
+    faces.get_by_role("button", name="Mei").click()
     desk.wait_for_function(f"document.querySelector('img[alt=After]').src.length != {len(before)}")
-    assert faces.get_by_role("button", name="p03").get_attribute("aria-pressed") == "true"
+    assert faces.get_by_role("button", name="Mei").get_attribute("aria-pressed") == "true"
 
     desk.get_by_role("button", name="Swap the video").click()
     desk.get_by_text("24 of 24 frames swapped").wait_for(timeout=LONG)
