@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
-import cv2
 import numpy as np
 
+from guise.aam.hull import beyond_hull
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.common.arrays import F32, F64, I32
 
@@ -85,14 +85,9 @@ class Relief:
 
 def _within(places: F64, points: F64) -> F64:
     """Places (k, 2) that lie far beyond the convex hull of points (n, 2), moved to near it."""
-    hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
-    along = np.roll(hull, -1, axis=0) - hull
-    out = np.column_stack([along[:, 1], -along[:, 0]])
-    out *= np.sign(((hull - hull.mean(0)) * out).sum())
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
-    beyond = np.einsum("kec,ec->ke", places[:, None] - hull, out)
-    excess = (beyond.max(1) - BEYOND_HULL * np.ptp(points[:, 1])).clip(0)
-    return np.asarray(places - excess[:, None] * out[beyond.argmax(1)])
+    beyond, out = beyond_hull(places, points)
+    excess = (beyond - BEYOND_HULL * np.ptp(points[:, 1])).clip(0)
+    return np.asarray(places - excess[:, None] * out)
 
 
 @lru_cache(maxsize=4)

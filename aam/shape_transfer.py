@@ -17,6 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from guise.aam.hull import beyond_hull
 from guise.aam.landmarks.schemes import (
     BROWS,
     BROWS_AND_EYES,
@@ -159,15 +160,9 @@ def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:
 
 def _draw_in(made: F64, seen: F64) -> None:
     """Move brows and eyes that stick out of the head (81, 2), which is turned then, onto its silhouette."""
-    hull = cv2.convexHull(seen.astype(np.float32))[:, 0].astype(np.float64)
-    along = np.roll(hull, -1, axis=0) - hull
-    out = np.column_stack([along[:, 1], -along[:, 0]])
-    out *= np.sign(((hull - hull.mean(0)) * out).sum())  # towards the outside
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
     features = made[BROWS_AND_EYES]
-    beyond = np.einsum("pec,ec->pe", features[:, None] - hull, out)
-    edge = beyond.argmax(1)
-    made[BROWS_AND_EYES] = features - beyond.max(1).clip(0)[:, None] * out[edge]
+    beyond, out = beyond_hull(features, seen)
+    made[BROWS_AND_EYES] = features - beyond.clip(0)[:, None] * out
 
 
 def laid_over(face: F64, other: F64) -> F64:
