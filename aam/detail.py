@@ -30,12 +30,18 @@ class DetailLimits:
     rounds: int = 2  # of registration to the average
     max_frames: int = 6  # the sharpest, averaged
     band_face_widths: float = 0.03  # standard deviation, beyond which a difference is light, not detail
+    max_change: float = (
+        0.15  # of brightness beyond that band, by which what is seen is hardly the face any more
+    )
     feature_face_widths: float = 0.006  # standard deviation, below which flow doesn't look
     contrast_face_widths: float = 0.1  # standard deviation, over which contrast is evened out for the flow
     flow_face_widths: float = 0.01  # standard deviation by which the flow is smoothed
     max_flow_face_widths: float = 0.04
     noise_grey_levels: float = 2.5  # added to local contrast
-    mask_face_widths: float = 0.02  # standard deviation of the soft edge towards hair
+    rim_face_widths: tuple[float, float] = (
+        0.04,
+        0.12,
+    )  # inside the face, from where on there is detail, and all of it
 
 
 LIMITS = DetailLimits()
@@ -80,9 +86,9 @@ def with_detail(
     difference = mean - base
     known = _enlarged(reference.mask.astype(np.float32), reference)
     light = _blurred(difference * known, sigma) / np.maximum(_blurred(known, sigma), 1e-3)
-    edge = _blurred(mask.astype(np.float32), LIMITS.mask_face_widths * reference.resolution)
-    shown = np.clip(2 * edge - 1, 0, 1) * (1 - soft_parts(reference, (INNER_LIPS,), 0.0))
-    fine = np.asarray((difference - light) * _enlarged(np.asarray(shown, np.float32), reference), np.float32)
+    shown = _inside(mask, reference) * (1 - soft_parts(reference, (INNER_LIPS,), 0.0))
+    alike = np.exp(-((light / (LIMITS.max_change * np.maximum(base, 1) + LIMITS.noise_grey_levels)) ** 2))
+    fine = np.asarray((difference - light) * alike * _enlarged(shown, reference), np.float32)
     coarse = np.asarray(cv2.resize(fine, (w, h), interpolation=cv2.INTER_AREA), np.float32)
     detail = fine - _enlarged(coarse, reference)
     return np.asarray(texture + coarse[reference.mask][:, None], np.float32), np.asarray(detail, np.float32)
@@ -110,6 +116,13 @@ def registered_mean(template: F32, frames: Sequence[F32], face_pixels: float) ->
             warped.append(cv2.remap(frame, place, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))  # type: ignore[call-overload]
         mean = np.asarray(np.mean(warped, axis=0), np.float32)
     return mean
+
+
+def _inside(mask: Bool, reference: ReferenceFrame) -> F32:
+    """Share (h, w) of detail that counts: at the rim of a mask (h, w) flow takes the background for the face."""
+    away = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    first, last = np.multiply(LIMITS.rim_face_widths, reference.resolution)
+    return np.asarray(np.clip((away - first) / (last - first), 0, 1), np.float32)
 
 
 def _sharpest(frames: Sequence[F32], mask: Bool, sigma: float) -> list[F32]:

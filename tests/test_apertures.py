@@ -33,6 +33,16 @@ def test_an_aperture_shows_what_the_frame_shows_there_and_nothing_around_it_chan
     assert (picture[share == 0] == 255).all()
 
 
+def test_fine_stripes_keep_their_contrast_in_an_aperture() -> None:
+    h, w = FRAME.size
+    columns = np.arange(w + 8)
+    roi = np.repeat((120 + 40 * np.sin(columns * 2 * np.pi / 5))[None, :, None], h + 8, 0).repeat(3, 2)
+    picture = np.full((h, w, 3), 120, np.uint8)
+    Aperture(FRAME, RIGHT_EYE, 1).fill(picture, np.round(roi).astype(np.uint8), FRAME.points + 0.5, SAME)
+    inside = soft_parts(FRAME, (RIGHT_EYE,), 0.0) > 0.9
+    assert picture[inside, 0].std() > 0.9 * roi[..., 0].std()
+
+
 @pytest.mark.parametrize(
     ("lids", "beside", "expected"),
     [(1.0, 1.0, 255), (0.1, 1.0, 0), (1.0, 0.1, 255), (0.4, 0.1, 0), (0.4, 1.0, 133)],

@@ -75,6 +75,19 @@ def test_nothing_is_added_in_hair_and_between_the_lips(sharpened: tuple[np.ndarr
     assert np.abs(detail[: FINE * (FRAME.size[0] // 4 - 2)]).max() == 0
 
 
+def test_a_bright_background_beside_the_face_stays_outside() -> None:
+    reach = round(0.03 * SIZE[1])  # by which landmarks and flow may miss
+    face = cv2.erode(
+        cv2.resize(FRAME.mask.astype(np.uint8), SIZE[::-1], interpolation=cv2.INTER_NEAREST),
+        np.ones((2 * reach + 1,) * 2, np.uint8),
+    )
+    frames = [np.where(shifted(face, x, 0) > 0, 60.0, 240.0).astype(np.float32) for x in (-1.0, 0.5, 1.0)]
+    texture = np.full((FRAME.mask.sum(), 3), 60, np.float32)
+    after, detail = with_detail(texture, frames, FRAME.mask, FRAME)
+    assert np.abs(after - texture).max() < 8
+    assert np.abs(detail).max() < 8
+
+
 def test_a_face_larger_than_the_grid_is_reduced_by_area() -> None:
     checkers = np.indices((800, 800)).sum(0) % 2 * 255
     picture = np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)

@@ -27,6 +27,7 @@ class ApertureLimits:
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
     shut_growth_face_widths: float = 0.05  # of the source's part while it is shut
     brow_growth_face_widths: float = 0.02  # within which no brow of the source's shows
+    sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
     eye_growth_face_widths: float = 0.01  # of an eye otherwise, so that no sliver of the identity's shows
     shut: tuple[float, float] = (
         0.55,
@@ -87,7 +88,10 @@ class Aperture:
         if shown == 0:
             return
         places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
-        own = cv2.remap(roi, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        own = cv2.remap(roi, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        own = cv2.addWeighted(
+            own, 1 + LIMITS.sharpening, cv2.GaussianBlur(own, (3, 3), 0), -LIMITS.sharpening, 0
+        )
         if self.tint is not None:
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
             eye = cv2.transform(
