@@ -62,7 +62,6 @@ OWNERS = {
     "sounddevice": {"app/live/sound.py"},
     "threadpoolctl": {"common/threads.py"},
     "nicegui": {"app/studio"},
-    "aiortc": {"app/studio/rtc.py"},
     "fastapi": {"app/studio/server.py"},
     "starlette": {"app/studio"},
     "uvicorn": {"app/studio/server.py"},

@@ -57,6 +57,16 @@ def test_sound_that_nobody_takes_is_forgotten_and_what_is_taken_is_gone() -> Non
     assert not microphone.is_on
 
 
+def test_a_sender_that_begins_anew_has_its_own_clock() -> None:
+    clock = Clock()
+    microphone = Microphone(clock)
+    for begun in (100.0, 107.0):
+        for k in range(3):
+            clock.now = begun + (k + 1) / 50
+            microphone.put(k * BLOCK, sound())
+    assert microphone.take()[-1][0] == pytest.approx(107.0 + 2 / 50)
+
+
 @pytest.mark.parametrize(
     ("at", "length", "silent"),
     [(1.0, 960, 0), (1.04, 960, 0), (1.1, 960 + 4800, 4800), (0.99, 960, 0), (0.9, 0, 0)],

@@ -16,6 +16,7 @@ pyvirtualcam = pytest.importorskip("pyvirtualcam", reason="extra virtualcam")
 
 from pyvirtualcam.camera import BACKENDS  # noqa: E402
 
+from guise.app.live import virtualcam  # noqa: E402
 from guise.app.live.face import FaceResult  # noqa: E402
 from guise.app.live.output import OutputFrame  # noqa: E402
 from guise.app.live.stats import PipelineStats  # noqa: E402
@@ -183,6 +184,17 @@ def test_the_real_library_without_a_device() -> None:
     with pytest.raises(OutputError, match=r"no virtual camera .*v4l2loopback.*: .*modprobe v4l2loopback"):
         camera.open(640, 480, 30)
     camera.close()
+
+
+def test_a_linux_without_a_device_is_told_before_anything_else_is_done(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(platform, "system", lambda: "Linux")
+    monkeypatch.setattr(virtualcam, "_LINUX_DEVICES", tmp_path)
+    with pytest.raises(OutputError, match=r"no virtual camera: .*modprobe v4l2loopback"):
+        VirtualCamera().check()
+    (tmp_path / "video9").mkdir()
+    VirtualCamera().check()
 
 
 def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """The studio's server: who is let in, what is taken, how it starts and ends."""
 
+import asyncio
 import base64
 import os
 import signal
@@ -7,13 +8,15 @@ import socket
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import nullcontext
 from http.client import HTTPConnection
 from pathlib import Path
+from typing import Any
 
 import pytest
 from studio_browser import LIMIT, StudioServer, studio, studio_server  # noqa: F401
 
-from guise.app.studio.request_guard import may_connect, owner_of
+from guise.app.studio.request_guard import RequestGuard, may_connect, owner_of
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
@@ -112,6 +115,41 @@ def test_a_refused_websocket_is_no_error_of_the_server(tmp_path: Path) -> None:
         assert upgrade(server, Origin=own(server))[0] == 101
         server.stop(signal.SIGINT)
         assert server.said() == ""
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_a_page_that_nobody_has_waited_for_is_no_error(left: bool) -> None:
+    """As Starlette's middleware complains when the browser goes away while a page is made."""
+    sent: list[Any] = []
+
+    async def site(scope: Any, receive: Any, send: Any) -> None:
+        if left:
+            await receive()
+        raise RuntimeError("No response returned.")
+
+    async def gone() -> dict[str, str]:
+        return {"type": "http.disconnect"}
+
+    async def keep(message: Any) -> None:
+        sent.append(message)
+
+    guard = RequestGuard(site, "token", "guise", 100)
+    host = (b"host", b"127.0.0.1:80")
+    scope = {"type": "http", "method": "GET", "path": "/", "query_string": b"token=token", "headers": [host]}
+    asyncio.run(guard(scope, gone, keep))
+    cookie = dict(sent.pop(0)["headers"])[b"set-cookie"].split(b";")[0]
+    scope |= {"query_string": b"", "headers": [host, (b"cookie", cookie)]}
+    with nullcontext() if left else pytest.raises(RuntimeError):
+        asyncio.run(guard(scope, gone, keep))
+
+
+def test_what_is_at_no_address_is_a_page_of_the_studio_and_a_file_a_sentence(server: StudioServer) -> None:
+    status, _, page = ask(server, "/nothing/here")
+    assert status == 404
+    assert "There is no such page" in page
+    assert "Go to the start" in page
+    status, _, said = ask(server, "/files/clips/nothing.mp4")
+    assert (status, said) == (404, "There is no such file.")
 
 
 def test_other_programs_cookies_do_no_harm(server: StudioServer) -> None:

@@ -28,12 +28,14 @@ class Capture(Closing):
     name : of the camera, file or stream, for messages and for the cached model.
     width, height : pixels.   fps : nominal frames per second.
     paced : frames come in real time, and those that are not taken are lost.
+    dropped : frames of the source that the capture left out because newer ones came.
     """
 
     name = ""
     width = height = 0
     fps = 30.0
     paced = True
+    dropped = 0
 
     def __iter__(self) -> Iterator[Frame]:
         raise NotImplementedError

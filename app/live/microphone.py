@@ -25,6 +25,7 @@ class Microphone:
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
         self._clock = clock
         self._blocks: deque[tuple[float, Samples]] = deque()
+        self._position = 0  # of the last block
         self._offsets: deque[float] = deque(maxlen=CLOCK_BLOCKS)  # our clock minus the sender's
         self._lock = threading.Lock()
 
@@ -32,6 +33,9 @@ class Microphone:
         """Offer a block (n, 2) whose first sample is number `position` of the sender's."""
         now = self._clock()
         with self._lock:
+            if position < self._position:  # the sender began anew
+                self._offsets.clear()
+            self._position = position
             self._offsets.append(now - (position + len(samples)) / SAMPLE_RATE)
             at = position / SAMPLE_RATE + min(self._offsets)
             self._blocks.append((at, samples))

@@ -53,7 +53,7 @@ class Pipeline:
     def stats(self) -> PipelineStats:
         """The current figures; from any thread."""
         skipped = sum(channel.slot.dropped for channel in self._channels)
-        return self._meter.stats(self._captured.dropped, skipped)
+        return self._meter.stats(self._capture.dropped + self._captured.dropped, skipped)
 
     def stop(self) -> None:
         """End the run soon; from any thread."""

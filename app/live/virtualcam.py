@@ -8,6 +8,7 @@ from __future__ import annotations
 import platform
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from guise.app.live.letterbox import letterboxed
@@ -23,6 +24,7 @@ _SETUP = {
     "Darwin": "install OBS, press Start Virtual Camera in it, allow it in the system settings, then close OBS",
     "Windows": "install OBS, press Start Virtual Camera and Stop Virtual Camera in it once, then close OBS",
 }
+_LINUX_DEVICES = Path("/sys/devices/virtual/video4linux")
 _UNSUPPORTED = "virtual cameras are supported on Linux, macOS and Windows only"
 
 
@@ -43,8 +45,10 @@ class VirtualCamera(Output):
         self._sender = threading.Thread(target=self._send_at_fixed_rate, name="guise-live-virtualcam")
 
     def check(self) -> None:
-        """OutputError when the optional package is missing."""
+        """OutputError when the optional package is missing, or on Linux a device that no hardware has."""
         _library()
+        if platform.system() == "Linux" and self._device is None and not any(_LINUX_DEVICES.glob("video*")):
+            raise OutputError(f"there is no virtual camera: {_SETUP['Linux']}")
 
     def open(self, width: int, height: int, fps: float) -> None:
         """Open the device; sizes are rounded down to even ones, as the pixel formats of cameras require."""

@@ -20,7 +20,7 @@ from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
 
-__all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "plane_arrays"]
+__all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "from_planes", "plane_arrays"]
 
 Plane = NDArray[np.uint8]
 
@@ -312,6 +312,27 @@ def plane_arrays(video: av.VideoFrame) -> tuple[Plane, ...]:
         width = video.planes[1].width
         return rows[0][:, : video.width], rows[1][:, : 2 * width : 2], rows[1][:, 1 : 2 * width : 2]
     return tuple(row[:, : plane.width] for row, plane in zip(rows, video.planes, strict=True))
+
+
+def from_planes(data: Plane, width: int, height: int, fmt: str) -> av.VideoFrame:
+    """A frame of an 8-bit format, from the bytes (n,) of its planes one after the other, rows without padding.
+
+    ValueError when there are not enough.
+    """
+    video, start = av.VideoFrame(width, height, fmt), 0
+    for number, plane in enumerate(video.planes):
+        step = plane.width * _sample_bytes(fmt, number)
+        part = data[start : start + plane.height * step]
+        if len(part) < plane.height * step:
+            raise ValueError(f"{width} x {height} {fmt} needs more than {len(data)} bytes")
+        _plane_rows(plane)[:, :step] = part.reshape(plane.height, step)
+        start += len(part)
+    return video
+
+
+def _sample_bytes(fmt: str, number: int) -> int:
+    """Bytes of a sample of a plane, of all components that it holds."""
+    return {"nv12": 1 + number, "rgba": 4, "bgra": 4}.get(fmt, 1)
 
 
 def _plane_rows(plane: VideoPlane) -> Plane:

@@ -16,7 +16,7 @@ from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, TARGET, ZIP, head, p
 from guise.app.studio.analogy_view import HeadScene
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
-from guise.app.studio.site import Studio, choice_row, heading, page, script, show_job
+from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, show_job
 from guise.app.studio.store import Clip, JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
 from guise.app.studio.uploads import PICTURE as IMAGE
@@ -120,12 +120,13 @@ class _PhotoForm(_AnalogyForm):
             ui.label(
                 "With a clip, S is optional: the frame closest to a face at rest is used instead."
             ).classes("opacity-70")
-            self._method = choice_row("Method", PHOTO_METHODS, next(iter(PHOTO_METHODS)))
-            self._mouth = choice_row("Open mouth", MOUTHS, next(iter(MOUTHS)))
             with ui.row().classes("items-center w-full no-wrap pr-4"):
                 ui.label("Strength").classes("w-24")
                 self._strength = ui.slider(min=0, max=1.5, step=0.1, value=1.0)
                 self._strength.props('label aria-label="Strength"')
+            with advanced():
+                self._method = choice_row("Method", PHOTO_METHODS, next(iter(PHOTO_METHODS)))
+                self._mouth = choice_row("Open mouth", MOUTHS, next(iter(MOUTHS)))
             ui.button("Create", on_click=lambda: self._start(self._about))
         self._results()
 
@@ -169,8 +170,9 @@ class _HeadForm(_AnalogyForm):
                     self.studio, "Expressions", "Its expressions, unless it is a rig", (MESH,), several=True
                 )
                 self._target = FilePicker(self.studio, "Target", "Target: another head at rest", (MESH,))
-            self._method = choice_row("Method", HEAD_METHODS, next(iter(HEAD_METHODS)))
             self._keep_rigid = ui.switch("Keep eyes and teeth in place")
+            with advanced():
+                self._method = choice_row("Method", HEAD_METHODS, next(iter(HEAD_METHODS)))
             ui.button("Transfer", on_click=lambda: self._start(self._about))
         self._results()
 

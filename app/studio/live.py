@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import shutil
 import tempfile
 import time
@@ -15,6 +14,7 @@ from typing import Any
 
 from nicegui import app as nicegui_app
 from nicegui import background_tasks, events, ui
+from starlette.websockets import WebSocket
 
 from guise.aam.model import Identity
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
@@ -27,10 +27,10 @@ from guise.app.live.virtualcam import VirtualCamera
 from guise.app.media import MediaError
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
+from guise.app.studio.frame_socket import Peer, PeerOutput
 from guise.app.studio.live_run import LiveRun
 from guise.app.studio.portraits import Portraits
-from guise.app.studio.rtc import Peer, PeerOutput
-from guise.app.studio.site import Studio, camera_error, heading, page, script
+from guise.app.studio.site import Studio, camera_error, page, script
 from guise.app.swapping.donors import MODEL_SUFFIX, open_donor
 from guise.common.errors import OutputError
 
@@ -55,16 +55,27 @@ KEYS = (
     "E enrol"
 )
 GRAPH_POINTS = 120  # of the latency graph, one for each update
+LISTEN_SECONDS = 5.0  # that the browser gets to begin with its sound
 PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
 _PERSON = "live_person"  # the setting: who is at the camera
+SOCKET = "/live/frames/"  # address of the websockets, without the id of a peer
 FACE = "live_face"  # the setting: whose face is shown first, chosen on the page People
 
 
 def register(studio: Studio) -> None:
     """Add the page /live."""
     runs: set[LiveRun] = set()
+    peers: dict[str, Peer] = {}
     nicegui_app.on_shutdown(lambda: _end(runs))
-    page(studio, "/live", "Live", lambda: _LivePage(studio, runs).build())
+
+    async def connect(socket: WebSocket, id: str) -> None:
+        if (peer := peers.pop(id, None)) is None:
+            await socket.close()
+        else:
+            await peer.serve(socket)
+
+    nicegui_app.add_api_websocket_route(SOCKET + "{id}", connect)
+    page(studio, "/live", "Live", lambda: _LivePage(studio, runs, peers).build())
 
 
 def _end(runs: set[LiveRun]) -> None:
@@ -75,11 +86,11 @@ def _end(runs: set[LiveRun]) -> None:
 class _LivePage:
     """One visitor's page, with at most one run.
 
-    runs : all runs of the studio, which end with it.
+    runs : all runs of the studio, which end with it.   peers : those that wait for their browser, by id.
     """
 
-    def __init__(self, studio: Studio, runs: set[LiveRun]) -> None:
-        self.studio, self._runs = studio, runs
+    def __init__(self, studio: Studio, runs: set[LiveRun], peers: dict[str, Peer]) -> None:
+        self.studio, self._runs, self._peers = studio, runs, peers
         self._faces = studio.faces()
         self._controls = Controls(len(self._faces), LiveSettings(identity=self._first_face(), mirror=True))
         self._folder = Path(tempfile.mkdtemp(prefix="guise-live-"))
@@ -165,9 +176,8 @@ class _LivePage:
         ui.keyboard(on_key=self._key)
 
     def _readout(self) -> None:
-        with ui.card().classes("w-full"):
-            heading("Performance")
-            self._figures = ui.label().classes("tabular-nums")
+        self._figures = ui.label().classes("tabular-nums opacity-70")
+        with ui.expansion("Performance", icon="speed").classes("w-full") as self._performance:
             self._graph = ui.echart(_graph(list(self._latencies))).classes("w-full h-40")
             self._graph.props('role=img aria-label="Recent latency on the server"')
 
@@ -184,7 +194,7 @@ class _LivePage:
             self._ring.set_visibility(False)
             self._stranger.set_visibility(False)
             self._message.text = "Start asks for your camera; no picture leaves this computer."
-            self._figures.text = figures(PipelineStats())
+            self._figures.text = ""
         for video in (self._own, self._result, self._mesh_picture):
             video.classes(**{"add" if self._controls.settings.mirror else "remove": "-scale-x-100"})
 
@@ -201,18 +211,22 @@ class _LivePage:
             self._update_state()
 
     async def _connect(self) -> None:
+        peer = Peer()
+        self._peers[peer.id] = peer
         own = f"getHtmlElement({self._own.id})" if self._camera.value == BROWSER else "null"
         with_sound = str(self._microphone.value and self._camera.value in CAMERAS).lower()
-        code = f"return await guiseLive.begin({own}, getHtmlElement({self._result.id}), {with_sound})"
-        offer: dict[str, str] = await ui.run_javascript(code, timeout=PERMISSION_SECONDS)
-        if "error" in offer:
-            ui.notify(camera_error(offer["error"]), type="negative")
+        result = f"getHtmlElement({self._result.id})"
+        code = f"return await guiseLive.begin({own}, {result}, '{SOCKET}{peer.id}', {with_sound})"
+        try:
+            begun: dict[str, str] = await ui.run_javascript(code, timeout=PERMISSION_SECONDS)
+        finally:
+            self._peers.pop(peer.id, None)
+        if "error" in begun:
+            ui.notify(camera_error(begun["error"]), type="negative")
             return
-        if offer.pop("silent", ""):
+        if begun["silent"]:
             ui.notify("Recordings have no sound: the microphone is not allowed, or there is none.")
-        self._peer = Peer()
-        answer = await self._peer.answer(offer)
-        ui.run_javascript(f"guiseLive.accept({json.dumps(answer)})")
+        self._peer = peer
         await self._begin()
 
     async def _begin(self) -> None:
@@ -261,7 +275,7 @@ class _LivePage:
         await self._end_run()
         self._draw_mesh()
         if self._peer is not None:
-            await self._peer.close()
+            self._peer.close()
         self._peer = None
         ui.run_javascript("guiseLive.end()")
         self._update_state()
@@ -277,7 +291,7 @@ class _LivePage:
         """The tab was closed."""
         await self._end_run()
         if self._peer is not None:
-            await self._peer.close()
+            self._peer.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     async def _camera_ended(self) -> None:
@@ -304,10 +318,10 @@ class _LivePage:
         key = str(event.key.name).lower().removeprefix("arrow")
         if not event.action.keydown or event.modifiers.ctrl or event.modifiers.alt or event.modifiers.meta:
             return
-        if key in ("r", "c", "e"):
-            {"r": self._toggle_recording, "e": self._enrol_anew}.get(key, lambda: None)()
-            if key == "c":
-                background_tasks.create(self._snapshot())
+        if key == "e":
+            self._enrol_anew()
+        elif key in ("r", "c"):
+            background_tasks.create(self._toggle_recording() if key == "r" else self._snapshot())
         elif key.isdigit() or key in ("up", "down", "s", "p", "o", "m", "k", "l"):
             self._controls.press(key)
             self._show_settings()
@@ -329,9 +343,16 @@ class _LivePage:
 
         return change
 
-    def _toggle_recording(self) -> None:
-        if self._run is not None:
-            self._run.toggle_recording()
+    async def _toggle_recording(self) -> None:
+        """Start or stop a recording; sound comes only while there is one."""
+        if (run := self._run) is None:
+            return
+        begins = not run.recording
+        if begins:
+            await ui.run_javascript("return await guiseLive.listen()", timeout=LISTEN_SECONDS)
+        run.toggle_recording()
+        if not begins:
+            ui.run_javascript("guiseLive.deafen()")
 
     async def _snapshot(self) -> None:
         if self._run is not None and (path := await asyncio.to_thread(self._run.snapshot)) is not None:
@@ -376,8 +397,9 @@ class _LivePage:
         stats = run.stats
         self._latencies.append(round(stats.latency, 1))
         self._figures.text = figures(stats)
-        self._graph.options["series"][0]["data"] = list(self._latencies)
-        self._graph.update()
+        if self._performance.value:  # drawing it costs the browser as much as several pictures
+            self._graph.options["series"][0]["data"] = list(self._latencies)
+            self._graph.update()
 
     def _report(self, run: LiveRun) -> None:
         """Show messages, and download recordings that are complete."""

@@ -25,7 +25,7 @@ class Portraits:
     ) -> None:  # fmt: skip
         self._choose = choose
         self._buttons: dict[str, ui.button] = {}
-        with ui.row().classes("gap-2").props("role=group") as group:
+        with ui.row().classes("gap-2 items-stretch").props("role=group") as group:
             group.props["aria-label"] = label
             for spec, name in faces.items():
                 with ui.button(color=None, on_click=partial(self._clicked, spec)) as button:

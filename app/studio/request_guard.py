@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -99,11 +98,12 @@ class RequestGuard:
 
     async def _pass(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on; one that turns out larger than allowed looks to the studio like a lost connection."""
-        count, most = 0, self._limit + FORM_OVERHEAD_BYTES
+        count, most, left = 0, self._limit + FORM_OVERHEAD_BYTES, False
 
         async def counted() -> Message:
-            nonlocal count
+            nonlocal count, left
             message = await receive()
+            left = left or message["type"] == "http.disconnect"
             count += len(message.get("body", b"")) if message["type"] == "http.request" else 0
             return message if count <= most else {"type": "http.disconnect"}
 
@@ -111,8 +111,13 @@ class RequestGuard:
             if count <= most:
                 await send(message)
 
-        with suppress(ClientDisconnect):
+        try:
             await self.app(scope, counted, answered)
+        except ClientDisconnect:
+            pass
+        except RuntimeError:
+            if not left:  # otherwise Starlette's complaint that nobody has waited for the page
+                raise
         if count > most:
             await PlainTextResponse(too_large(self._limit), 413)(scope, receive, send)
 

@@ -17,7 +17,7 @@ from nicegui import ui
 from guise.app.studio import analogy, deidentify, landmarks, live, people, start, swap
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.request_guard import RequestGuard
-from guise.app.studio.site import STATIC, Studio, StudioOptions, serve_files
+from guise.app.studio.site import STATIC, Studio, StudioOptions, serve_files, serve_missing
 from guise.app.studio.store import Store, StudioError
 from guise.common.errors import GuiseError
 
@@ -64,6 +64,7 @@ def _site(studio: Studio) -> FastAPI:
     site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     logging.getLogger("nicegui").addFilter(_is_unexpected)
     serve_files(studio)
+    serve_missing(studio)
     for module in PAGES:
         module.register(studio)
     ui.run_with(
@@ -78,7 +79,9 @@ def _site(studio: Studio) -> FastAPI:
 
 
 def _run(site: RequestGuard, listener: socket.socket) -> None:
-    config = uvicorn.Config(site, log_level="warning", access_log=False, timeout_graceful_shutdown=1)
+    config = uvicorn.Config(
+        site, log_level="warning", access_log=False, timeout_graceful_shutdown=1, ws_per_message_deflate=False
+    )
     uvicorn.Server(config).run(sockets=[listener])
 
 

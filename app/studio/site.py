@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from nicegui import Client, ui
 from nicegui import app as nicegui_app
-from nicegui import ui
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.store import FOLDERS, JobRow, MissingError, Store, StudioError
@@ -30,6 +30,7 @@ LINKS = {
     "De-identify": "/deidentify",
     "Analogy": "/analogy",
 }
+FILE_PATHS = ("/files/", "/static/", "/gallery/", "/portraits/", "/_nicegui")  # of no pages
 JOB_POLL_SECONDS = 0.3
 STATIC = Path(__file__).parent / "static"
 _PRIMARY_COLOUR = "#0b7a70"  # legible below white text and on both backgrounds
@@ -37,10 +38,8 @@ _CAMERA_ERRORS = {
     "NotAllowedError": "The browser isn't allowed to use the camera: allow it next to the address bar and try again.",
     "NotFoundError": "The browser found no camera: connect one and try again.",
     "NotReadableError": "Another program is using the camera: close it and try again.",
-    "NetworkError": (
-        "The browser cannot connect while this computer is on no network: join one (no picture is sent there), or use "
-        "guise live in a terminal."
-    ),
+    "NotSupportedError": "This browser is too old to send pictures: update it, or use guise live in a terminal.",
+    "NetworkError": "The connection to the studio was refused: reload the page.",
 }
 Build = Callable[..., Awaitable[None] | None]
 
@@ -79,6 +78,19 @@ def serve_files(studio: Studio) -> None:
     nicegui_app.add_static_files("/static", STATIC)
     for name in FOLDERS:
         nicegui_app.add_static_files(f"/files/{name}", studio.store.folder / name, max_cache_age=0)
+
+
+def serve_missing(studio: Studio) -> None:
+    """Answer what is at no address with a page of status 404."""
+
+    async def missing(request: Request, error: Exception) -> Response:
+        if request.scope["path"].startswith(FILE_PATHS):
+            return PlainTextResponse("There is no such file.", 404)
+        with Client(ui.page(""), request=request) as client, _layout(studio, "There is no such page", "/"):
+            ui.link("Go to the start", "/")
+        return client.build_response(request, 404)
+
+    nicegui_app.add_exception_handler(404, missing)
 
 
 def script(name: str) -> None:
@@ -146,6 +158,11 @@ def choice_row(label: str, options: dict[str, str], value: str) -> ui.toggle:
         ui.label(label).classes("w-24")
         toggle = ui.toggle(options, value=value)
     return toggle.props(f'no-caps role="group" aria-label="{label}"')
+
+
+def advanced() -> ui.expansion:
+    """Choices that few people need, folded away; filled by `with`."""
+    return ui.expansion("Advanced", icon="tune").classes("w-full")
 
 
 @contextmanager

@@ -255,13 +255,14 @@ class FrameComparison:
             self._before = ui.element("img").classes("w-full block").props('alt="Before"')
             self._after = ui.element("img").classes("w-full block absolute top-0 left-0").props('alt="After"')
             self._after.style("clip-path: inset(0 0 0 30%)")
+            border = ui.element("div").classes("border-between").style("left: 30%")
         with ui.row().classes("w-full items-center no-wrap"):
             ui.label("Before and after").classes("w-32 shrink-0")
             share = ui.slider(min=0, max=100, value=30).props('aria-label="Share of the frame before"')
             share.on(
                 "update:model-value",
-                js_handler=f"(v) => {{ document.getElementById('c{self._after.id}').style.clipPath = "
-                "`inset(0 0 0 ${v}%)` }",
+                js_handler=f"(v) => {{ getHtmlElement({self._after.id}).style.clipPath = `inset(0 0 0 ${{v}}%)`; "
+                f"getHtmlElement({border.id}).style.left = `${{v}}%`; }}",
             )
         with ui.row().classes("w-full items-center no-wrap"):
             ui.label("Frame").classes("w-32 shrink-0")

@@ -45,7 +45,7 @@ _PACKAGES = (
 _EXTRAS = {
     "window": ("moderngl-window", "glfw", "sounddevice"),
     "virtualcam": ("pyvirtualcam",),
-    "studio": ("nicegui", "aiortc"),
+    "studio": ("nicegui",),
     "cluster": ("distributed", "fsspec"),
     "provenance": ("c2pa-python", "cryptography"),
     "plots": ("matplotlib",),

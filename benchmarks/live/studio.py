@@ -1,8 +1,9 @@
-"""The studio's round trip: a clock burnt into the pictures of a camera, over WebRTC to the studio and back.
+"""The studio's round trip: a clock burnt into the pictures of a camera, over a websocket to the studio and back.
 
-640 x 480, 30 frames a second, aiortc at both ends on loopback, the browser's end and the studio's each in a process of
-its own.  The time is written into a frame before it is encoded, and read when the returned one is decoded; the studio
-tracks and swaps in between.  Alternating runs that send frames back unchanged measure WebRTC alone.
+640 x 480, 30 frames a second, on loopback, the browser's end and the studio's each in a process of its own.  The time
+is written into a frame before it is sent, and read when it has come back; the studio tracks and swaps in between.  As
+the page does, the browser's end sends a frame only while the studio has fewer than two.  Alternating runs that send
+frames back unchanged measure the connection alone.
 """
 
 from __future__ import annotations
@@ -11,18 +12,20 @@ import argparse
 import asyncio
 import contextlib
 import multiprocessing
+import socket
 import tempfile
 import time
-from collections.abc import Callable
-from fractions import Fraction
-from itertools import cycle
+from collections.abc import AsyncIterator
+from itertools import count, cycle
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
-from aiortc.mediastreams import MediaStreamError
+import uvicorn
+import websockets
+from starlette.applications import Starlette
+from starlette.routing import WebSocketRoute
+from starlette.websockets import WebSocket
 
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
@@ -35,38 +38,16 @@ from guise.app.live.pipeline import Pipeline
 from guise.app.live.session import SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
+from guise.app.studio.frame_socket import HEADER, TIME_BASE, Peer, PeerOutput, packed, unpacked
 from guise.app.studio.live_run import LiveRun
-from guise.app.studio.rtc import Peer, PeerOutput
 
 ROUNDS = 3
 ROUND_SECONDS = 15.0
 WARM_UP_SECONDS = 3.0  # that are not counted
 DECODED_FRAMES = 150  # of the clip, decoded beforehand
-FRAME_TICKS = 3000  # of a 90 kHz clock, from frame to frame
-FPS_TARGET, MEDIAN_TARGET_MS = 25.0, 150.0
+IN_FLIGHT = 2  # frames that the studio has at once, as in live.js
+FPS_TARGET, MEDIAN_TARGET_MS = 25.0, 60.0
 WAYS = ("swapped", "sent back as it came")
-
-
-class Camera(MediaStreamTrack):
-    """Frames at thirty a second, each with the time at which it is handed to the encoder."""
-
-    kind = "video"
-
-    def __init__(self, frames: list[Frame]) -> None:
-        super().__init__()
-        self._frames, self._count = cycle(frames), 0
-        self._begun = time.perf_counter()
-
-    async def recv(self) -> Any:
-        """The next frame, at its time."""
-        self._count += 1
-        await asyncio.sleep(max(0.0, self._begun + self._count / 30 - time.perf_counter()))
-        frame = next(self._frames).copy()
-        clock.burn(frame, clock.now())
-        video = frame.video_frame
-        assert video is not None
-        video.pts, video.time_base = FRAME_TICKS * self._count, Fraction(1, 90_000)
-        return video
 
 
 class Echo:
@@ -81,65 +62,81 @@ class Echo:
 
 
 def serve(pipe: Connection, scene: Scene | None) -> None:
-    """The studio's process: answer an offer, run until asked to end, and send the pipeline's figures."""
+    """The studio's process: tell the port, run until asked to end, and send the pipeline's figures."""
     asyncio.run(_serve(pipe, scene))
 
 
 async def _serve(pipe: Connection, scene: Scene | None) -> None:
-    peer = Peer()
-    pipe.send(await peer.answer(await asyncio.to_thread(pipe.recv)))
-    controls = Controls()
-    with tempfile.TemporaryDirectory() as folder:
-        if scene is not None:
-            config = SessionConfig([scene.donor], scene.person)
-            show = LiveRun(
-                peer.camera, config, controls, [PeerOutput(peer, controls)], Path(folder), peer.alive
-            )
-            await asyncio.to_thread(pipe.recv)
-            stats = show.stats
-            await asyncio.to_thread(show.stop)
-        else:
-            pipeline = Pipeline(peer.camera(), Echo, [PeerOutput(peer, controls)], peer.alive)
-            running = asyncio.create_task(asyncio.to_thread(pipeline.run))
-            await asyncio.to_thread(pipe.recv)
-            pipeline.stop()
-            stats = await running
-    pipe.send(stats)
-    await peer.close()
+    peer, controls = Peer(), Controls()
+    async with _listening(pipe, peer):
+        with tempfile.TemporaryDirectory() as folder:
+            if scene is not None:
+                config = SessionConfig([scene.donor], scene.person)
+                show = LiveRun(
+                    peer.camera, config, controls, [PeerOutput(peer, controls)], Path(folder), peer.alive
+                )
+                await asyncio.to_thread(pipe.recv)
+                stats = show.stats
+                await asyncio.to_thread(show.stop)
+            else:
+                pipeline = Pipeline(peer.camera(), Echo, [PeerOutput(peer, controls)], peer.alive)
+                running = asyncio.create_task(asyncio.to_thread(pipeline.run))
+                await asyncio.to_thread(pipe.recv)
+                pipeline.stop()
+                stats = await running
+        pipe.send(stats)
+        peer.close()
 
 
-async def look(track: MediaStreamTrack, seen: Callable[[float, float], None]) -> None:
-    """Give the time and the delay, milliseconds, of each picture that comes back with a code."""
-    with contextlib.suppress(MediaStreamError):
-        while True:
-            video = await track.recv()
-            at, code = (
-                clock.now(),
-                clock.read(Frame(video, pts=0, time_base=Fraction(1, 90_000), index=0).luma),
-            )
-            if code is not None:
-                seen(time.perf_counter(), clock.passed(code, at))
+@contextlib.asynccontextmanager
+async def _listening(pipe: Connection, peer: Peer) -> AsyncIterator[None]:
+    """A server of one websocket, the peer's."""
+
+    async def connect(browser: WebSocket) -> None:
+        await peer.serve(browser)
+
+    config = uvicorn.Config(
+        Starlette(routes=[WebSocketRoute("/", connect)]), log_level="error", ws_per_message_deflate=False
+    )
+    server = uvicorn.Server(config)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        pipe.send(listener.getsockname()[1])
+        serving = asyncio.create_task(server.serve([listener]))
+        yield
+        server.should_exit = True
+        await serving
 
 
-async def browse(pipe: Connection, frames: list[Frame], seconds: float) -> tuple[list[float], float]:
+async def browse(port: int, frames: list[Frame], seconds: float) -> tuple[list[float], float]:
     """The browser's end for some seconds: delays in milliseconds, and frames a second that came back."""
     found: list[tuple[float, float]] = []
-    browser = RTCPeerConnection(RTCConfiguration(iceServers=[]))
-    browser.addTrack(Camera(frames))
-    looking: list[asyncio.Task[None]] = []
-    browser.on(
-        "track",
-        lambda track: looking.append(asyncio.create_task(look(track, lambda *seen: found.append(seen)))),
-    )
-    await browser.setLocalDescription(await browser.createOffer())
-    pipe.send({"type": browser.localDescription.type, "sdp": browser.localDescription.sdp})
-    answer = await asyncio.to_thread(pipe.recv)
-    await browser.setRemoteDescription(RTCSessionDescription(**answer))
-    await asyncio.sleep(WARM_UP_SECONDS + seconds)
-    await browser.close()
-    await asyncio.gather(*looking)
+    out: set[int] = set()
+    async with websockets.connect(f"ws://127.0.0.1:{port}/", max_size=None, compression=None) as browser:
+        sending = asyncio.create_task(film(browser, frames, out))
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(WARM_UP_SECONDS + seconds):
+                async for message in browser:
+                    assert isinstance(message, bytes)
+                    out -= {number for number in out if number <= HEADER.unpack_from(message)[-1]}
+                    frame = Frame(unpacked(message)[0], pts=0, time_base=TIME_BASE, index=0)
+                    if (code := clock.read(frame.luma)) is not None:
+                        found.append((time.perf_counter(), clock.passed(code, clock.now())))
+        sending.cancel()
     counted = [(at, delay) for at, delay in found if at > found[-1][0] - seconds]
     return [delay for _, delay in counted], (len(counted) - 1) / (counted[-1][0] - counted[0][0])
+
+
+async def film(browser: websockets.ClientConnection, frames: list[Frame], out: set[int]) -> None:
+    """Send the frames at thirty a second, each with its time, those that the studio has room for."""
+    begun = time.perf_counter()
+    for number, one in zip(count(), cycle(frames), strict=False):
+        await asyncio.sleep(max(0.0, begun + number / 30 - time.perf_counter()))
+        if len(out) < IN_FLIGHT:
+            frame = one.copy()
+            clock.burn(frame, clock.now())
+            assert frame.video_frame is not None
+            out.add(number)
+            await browser.send(packed(frame.video_frame, number))
 
 
 def round_trip(
@@ -151,7 +148,7 @@ def round_trip(
     process = context.Process(target=serve, args=(theirs, scene))
     process.start()
     try:
-        delays, fps = asyncio.run(browse(ours, frames, seconds))
+        delays, fps = asyncio.run(browse(ours.recv(), frames, seconds))
         ours.send("end")
         return delays, fps, ours.recv()
     finally:
@@ -187,13 +184,13 @@ def report(found: dict[str, list[tuple[list[float], float, PipelineStats]]]) -> 
     (_, _, fps, median, *_), (_, _, _, plain, *_) = rows
     columns = ("way", "frames", "frames a second", "median, ms", "95 %, ms", "most, ms", "swapped", "dropped")
     return Report(
-        "live.studio", "Live: the studio's round trip over WebRTC, 640x480",
+        "live.studio", "Live: the studio's round trip, 640x480",
         [
             Criterion("frames a second that come back", fps, ">=", FPS_TARGET),
             Criterion("round trip, median", median, "<=", MEDIAN_TARGET_MS, "ms"),
         ],
         [Table("By a clock in the pictures", columns, rows)],
-        [f"Of the median, {plain / median:.0%} is WebRTC's own: encoding, decoding and sending, both ways."],
+        [f"Of the median, {plain / median:.0%} is the connection's own, both ways."],
     )  # fmt: skip
 
 

@@ -1,75 +1,180 @@
-// The browser's end of the studio's video connection.
+// The browser's end of the studio's live connection: a websocket with pictures as they are, without a codec.
 "use strict";
 
+const HEADER_BYTES = 16; // as in frame_socket.py: format, width, height, matrix, whether full range, number
+const FORMATS = ["I420", "NV12", "RGBA", "RGBX", "BGRA", "BGRX"]; // sent as they come; others are converted
+const BT709 = 1, BT601 = 5; // matrices
+
 const guiseLive = {
-  // Offers a connection; own and result are video elements.  Without own, the server's camera is used.
-  // withSound: send the microphone's sound; the answer's "silent" says that there is none.
-  async begin(own, result, withSound) {
+  most: 2, // pictures that the studio may have at once: it works on one while the next one waits
+  patience: 1000, // ms without a picture, after which another one is sent all the same
+
+  // Opens camera, microphone and connection; own and result are video elements.
+  // Without own, the studio has another camera.  The answer's "silent" says that the sound that is wanted is missing.
+  async begin(own, result, address, withSound) {
     this.end();
-    this.videos = [own, result];
+    const session = this.session = { own, result, out: [], count: 0, returned: 0 };
     try {
-      const connection = this.connection = new RTCPeerConnection();
-      const video = connection.addTransceiver("video", { direction: own ? "sendrecv" : "recvonly" });
-      video.receiver.jitterBufferTarget = 0;
-      connection.ontrack = (event) => { result.srcObject = new MediaStream([event.track]); };
-      const silent = await this.open(own, video.sender, withSound);
-      await connection.setLocalDescription();
-      await new Promise((done) => {
-        connection.onicegatheringstatechange = () => connection.iceGatheringState === "complete" && done();
-        if (connection.iceGatheringState === "complete") done();
-        setTimeout(done, 5000); // without a network it never completes
-      });
-      if (!connection.localDescription.sdp.includes("a=candidate")) throw new DOMException("", "NetworkError");
-      return { ...connection.localDescription.toJSON(), silent };
+      if (!window.VideoFrame) throw new DOMException("", "NotSupportedError");
+      await this.open(session, own, withSound);
+      session.draw = drawing(result);
+      session.socket = await connected(address);
+      session.socket.onmessage = ({ data }) => this.take(session, data);
+      session.socket.onclose = () => { if (this.session === session) this.end(); };
+      const [camera] = session.stream.getVideoTracks();
+      if (camera) this.read(session, camera);
+      return { silent: withSound && !session.stream.getAudioTracks().length ? "yes" : "" };
     } catch (error) {
       this.end();
       return { error: error.name };
     }
   },
 
-  // Opens camera and microphone; whether the sound that is wanted is missing.
-  async open(own, sender, withSound) {
+  async open(session, own, withSound) {
     const video = own && { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
-    this.stream = new MediaStream();
-    if (video || withSound) await this.allow(video, withSound);
-    const [camera] = this.stream.getVideoTracks();
-    const [microphone] = this.stream.getAudioTracks();
-    if (microphone) this.connection.addTransceiver(microphone, { direction: "sendonly" });
-    if (camera) await this.show(own, camera, sender);
-    return withSound && !microphone ? "yes" : "";
-  },
-
-  // A microphone that is missing or not allowed leaves the camera.
-  async allow(video, withSound) {
-    const devices = navigator.mediaDevices;
-    const sound = { channelCount: 2, echoCancellation: false };
-    try {
-      this.stream = await devices.getUserMedia({ video: video || false, audio: withSound && sound });
-    } catch (error) {
-      if (!withSound) throw error;
-      if (video) this.stream = await devices.getUserMedia({ video });
-    }
-  },
-
-  async show(own, camera, sender) {
+    session.stream = video || withSound ? await allowed(video, withSound) : new MediaStream();
+    const [camera] = session.stream.getVideoTracks();
+    if (!camera) return;
     camera.onended = () => emitEvent("live-camera-ended");
     own.srcObject = new MediaStream([camera]);
-    await sender.replaceTrack(camera);
-    const parameters = sender.getParameters();
-    parameters.degradationPreference = "maintain-resolution";
-    await sender.setParameters(parameters);
   },
 
-  async accept(answer) {
-    await this.connection.setRemoteDescription(answer);
+  // Offers every picture of the camera, also while the page is in the background, where the browser is able to.
+  async read(session, camera) {
+    if (window.MediaStreamTrackProcessor) {
+      const reader = new MediaStreamTrackProcessor({ track: camera }).readable.getReader();
+      for (let next = await reader.read(); !next.done; next = await reader.read()) await this.offer(session, next.value);
+      return;
+    }
+    const next = async () => {
+      if (this.session !== session) return;
+      await this.offer(session, new VideoFrame(session.own));
+      session.own.requestVideoFrameCallback(next);
+    };
+    session.own.requestVideoFrameCallback(next);
+  },
+
+  // Sends a picture, unless the studio still has as many as it may.
+  async offer(session, frame) {
+    const number = session.count++;
+    const late = performance.now() - session.returned > this.patience;
+    if (this.session === session && (session.out.length < this.most || late)) {
+      session.out.push(number);
+      session.returned = late ? performance.now() : session.returned;
+      const message = await packed(frame, number);
+      if (this.session === session) session.socket.send(message);
+    }
+    frame.close();
+  },
+
+  // Shows a picture that has come back.
+  take(session, data) {
+    const head = new DataView(data);
+    const [width, height, matrix, full] = [4, 6, 8, 10].map((at) => head.getUint16(at, true));
+    session.out = session.out.filter((number) => number > head.getUint32(12, true));
+    session.returned = performance.now();
+    const colorSpace = { primaries: "bt709", transfer: "bt709", matrix: matrix === BT709 ? "bt709" : "smpte170m" };
+    session.draw(new VideoFrame(new Uint8Array(data, HEADER_BYTES), {
+      format: "I420", codedWidth: width, codedHeight: height, timestamp: Math.round(1000 * session.returned),
+      colorSpace: { ...colorSpace, fullRange: Boolean(full) },
+    }));
+  },
+
+  // Sends the microphone's sound from now on, if there is one; ready when it has begun.
+  async listen() {
+    const session = this.session;
+    const [microphone] = session?.stream.getAudioTracks() ?? [];
+    if (!microphone || session.sound) return;
+    const sound = session.sound = new AudioContext({ sampleRate: 48000 });
+    await sound.audioWorklet.addModule("/static/microphone.js");
+    const stereo = { channelCount: 2, channelCountMode: "explicit", numberOfOutputs: 0 };
+    const blocks = new AudioWorkletNode(sound, "blocks", stereo);
+    sound.createMediaStreamSource(new MediaStream([microphone])).connect(blocks);
+    await new Promise((begun) => {
+      blocks.port.onmessage = ({ data: { position, block } }) => {
+        const message = new Uint8Array(HEADER_BYTES + block.byteLength);
+        header(message, "PCM ", 0, 0, 0, 0, position);
+        message.set(new Uint8Array(block.buffer), HEADER_BYTES);
+        if (this.session === session) session.socket.send(message);
+        begun();
+      };
+      setTimeout(begun, this.patience); // a microphone that gives nothing holds up no recording
+    });
+  },
+
+  async deafen() {
+    await this.session?.sound?.close();
+    if (this.session) this.session.sound = undefined;
   },
 
   end() {
-    this.stream?.getTracks().forEach((track) => track.stop());
-    this.connection?.close();
-    this.videos?.forEach((video) => { if (video) video.srcObject = null; });
-    this.stream = this.connection = this.videos = undefined;
+    const session = this.session;
+    this.session = undefined;
+    if (!session) return;
+    session.stream?.getTracks().forEach((track) => track.stop());
+    session.socket?.close();
+    if (session.sound?.state !== "closed") session.sound?.close();
+    for (const video of [session.own, session.result]) if (video) video.srcObject = null;
   },
 };
+
+// Camera and microphone; a microphone that is missing or not allowed leaves the camera.
+async function allowed(video, withSound) {
+  const devices = navigator.mediaDevices;
+  const sound = { channelCount: 2, echoCancellation: false };
+  try {
+    return await devices.getUserMedia({ video: video || false, audio: withSound && sound });
+  } catch (error) {
+    if (!withSound) throw error;
+    return video ? devices.getUserMedia({ video }) : new MediaStream();
+  }
+}
+
+function connected(address) {
+  const socket = new WebSocket(`ws://${location.host}${address}`);
+  socket.binaryType = "arraybuffer";
+  return new Promise((resolve, reject) => {
+    socket.onopen = () => resolve(socket);
+    socket.onerror = () => reject(new DOMException("", "NetworkError"));
+  });
+}
+
+// What shows pictures in a video element.
+function drawing(video) {
+  if (window.MediaStreamTrackGenerator) {
+    const track = new MediaStreamTrackGenerator({ kind: "video" });
+    const writer = track.writable.getWriter();
+    video.srcObject = new MediaStream([track]);
+    return (frame) => writer.write(frame).catch(() => frame.close());
+  }
+  const canvas = document.createElement("canvas");
+  const context = canvas.getContext("2d", { alpha: false });
+  return (frame) => {
+    if (canvas.width !== frame.displayWidth || canvas.height !== frame.displayHeight) {
+      [canvas.width, canvas.height] = [frame.displayWidth, frame.displayHeight];
+    }
+    context.drawImage(frame, 0, 0);
+    frame.close();
+    video.srcObject ??= canvas.captureStream();
+  };
+}
+
+async function packed(frame, number) {
+  const format = FORMATS.includes(frame.format) ? frame.format : "RGBA";
+  const options = format === frame.format ? {} : { format };
+  const message = new Uint8Array(HEADER_BYTES + frame.allocationSize(options));
+  await frame.copyTo(message.subarray(HEADER_BYTES), options);
+  const { width, height } = frame.visibleRect;
+  const { matrix, fullRange } = frame.colorSpace;
+  header(message, format, width, height, matrix === "bt709" ? BT709 : BT601, Number(fullRange ?? false), number);
+  return message;
+}
+
+function header(message, format, width, height, matrix, full, number) {
+  const head = new DataView(message.buffer);
+  for (let i = 0; i < 4; i++) head.setUint8(i, format.charCodeAt(i));
+  [width, height, matrix, full].forEach((value, i) => head.setUint16(4 + 2 * i, value, true));
+  head.setUint32(12, number, true);
+}
 
 addEventListener("pagehide", () => guiseLive.end());

@@ -1,12 +1,10 @@
-"""The studio's video connection, with aiortc at both ends, and the run behind it."""
+"""The studio's connection to a browser's tab, with a socket that a test holds, and the run behind it."""
 
 import asyncio
-import re
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import av
 import cv2
@@ -14,9 +12,8 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-pytest.importorskip("aiortc")
-from aiortc import MediaStreamTrack, RTCConfiguration, RTCPeerConnection, RTCSessionDescription
-from aiortc.mediastreams import MediaStreamError
+pytest.importorskip("nicegui")
+from starlette.websockets import WebSocketDisconnect
 
 from guise.aam.model import Identity
 from guise.app.live.capture import Capture, FileCapture
@@ -28,20 +25,18 @@ from guise.app.live.session import SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame, MediaError
 from guise.app.media.frame import plane_arrays
+from guise.app.studio.frame_socket import HEADER, BrowserCamera, Peer, PeerOutput, packed, picture, unpacked
 from guise.app.studio.live_run import LiveRun
-from guise.app.studio.rtc import BrowserCamera, Peer, PeerOutput, ResultTrack, picture
-from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_donor
 
 TIMEOUT_SECONDS = 20.0
 CLIP = SAMPLES / "p01" / "talk2.mp4"
 
 
-def grey(value: int, pts: int = 0, size: tuple[int, int] = (320, 240)) -> av.VideoFrame:
+def grey(value: int, size: tuple[int, int] = (320, 240)) -> av.VideoFrame:
     """A picture of one brightness."""
     video = av.VideoFrame.from_ndarray(np.full((size[1] * 3 // 2, size[0]), 128, np.uint8), "yuv420p")
     np.frombuffer(video.planes[0], np.uint8)[:] = value
-    video.pts, video.time_base = pts, Fraction(1, 90_000)
     return video
 
 
@@ -49,19 +44,33 @@ def brightness(video: av.VideoFrame) -> float:
     return float(plane_arrays(video)[0].mean())
 
 
-class Camera(MediaStreamTrack):
-    """Sends pictures of one brightness, thirty a second."""
+class Tab:
+    """A browser's end: what it sends, and what comes back."""
 
-    kind = "video"
+    def __init__(self) -> None:
+        self.messages: asyncio.Queue[bytes | None] = asyncio.Queue()
+        self.received: asyncio.Queue[bytes] = asyncio.Queue()
+        self.closed = False
 
-    def __init__(self, value: int = 90) -> None:
-        super().__init__()
-        self._value, self._count = value, 0
+    async def accept(self) -> None:
+        pass
 
-    async def recv(self) -> av.VideoFrame:
-        await asyncio.sleep(1 / 30)
-        self._count += 1
-        return grey(self._value, 3000 * self._count)
+    async def receive_bytes(self) -> bytes:
+        message = await self.messages.get()
+        if message is None:
+            raise WebSocketDisconnect
+        return message
+
+    async def send_bytes(self, message: bytes) -> None:
+        self.received.put_nowait(message)
+
+    async def close(self) -> None:
+        self.closed = True
+        self.messages.put_nowait(None)
+
+    async def shown(self) -> tuple[av.VideoFrame, int]:
+        """The next picture that comes back, and its number."""
+        return unpacked(await asyncio.wait_for(self.received.get(), TIMEOUT_SECONDS))
 
 
 class Brighter:
@@ -78,21 +87,25 @@ class Brighter:
 
 
 @asynccontextmanager
-async def connected(camera: MediaStreamTrack | None) -> AsyncIterator[tuple[Peer, RTCPeerConnection, Any]]:
-    """A peer and a browser's end that is connected to it, and the track that the browser gets."""
-    peer, browser = Peer(), RTCPeerConnection(RTCConfiguration(iceServers=[]))
-    track = asyncio.get_running_loop().create_future()
-    browser.on("track", track.set_result)
-    browser.addTransceiver(camera or "video", direction="sendrecv" if camera else "recvonly")
-    await browser.setLocalDescription(await browser.createOffer())
-    offer = browser.localDescription
-    answer = await peer.answer({"type": offer.type, "sdp": offer.sdp})
-    await browser.setRemoteDescription(RTCSessionDescription(**answer))
+async def connected(value: int | None = 90) -> AsyncIterator[tuple[Peer, Tab]]:
+    """A peer and the tab that is connected to it; its camera sends thirty pictures of one brightness a second."""
+    peer, tab = Peer(), Tab()
+    serving = asyncio.create_task(peer.serve(tab))  # type: ignore[arg-type]
+    sending = asyncio.create_task(film(tab, value))
     try:
-        yield peer, browser, await track
+        yield peer, tab
     finally:
-        await browser.close()
-        await peer.close()
+        peer.close()
+        sending.cancel()
+        await asyncio.wait_for(serving, TIMEOUT_SECONDS)
+
+
+async def film(tab: Tab, value: int | None) -> None:
+    number = 0
+    while value is not None and not tab.closed:
+        tab.messages.put_nowait(packed(grey(value), number))
+        number += 1
+        await asyncio.sleep(1 / 30)
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -114,26 +127,32 @@ def run_pipeline(peer: Peer) -> "asyncio.Task[PipelineStats]":
     return asyncio.create_task(asyncio.to_thread(Pipeline(peer.camera(), Brighter, outputs).run))
 
 
-def test_the_camera_gives_the_latest_picture_only() -> None:
+def test_the_camera_gives_the_latest_picture_and_counts_the_others() -> None:
     camera = BrowserCamera()
-    for value in (10, 20, 30):
-        camera.put(grey(value))
+    for number, value in enumerate((10, 20, 30)):
+        camera.put(grey(value), 7 + number)
     frame = next(iter(camera))
-    assert frame.luma.mean() == 30
+    assert (frame.luma.mean(), frame.index) == (30, 9)
+    camera.put(grey(40), 12)
+    assert camera.dropped == 4  # two that were replaced, two that the browser kept
     camera.close()
+    assert next(iter(camera)).index == 12
     assert list(camera) == []
 
 
-def test_the_track_sends_the_latest_picture_only() -> None:
+def test_the_browser_gets_the_latest_picture_only() -> None:
     async def test() -> None:
-        track = ResultTrack()
-        for value in (10, 20, 30):
-            track.offer(grey(value))
-        assert brightness(await track.recv()) == 30
-        assert track.dropped == 2
-        track.offer(None)
-        with pytest.raises(MediaStreamError):
-            await track.recv()
+        peer, tab = Peer(), Tab()
+        for number, value in enumerate((10, 20, 30)):
+            peer.send(packed(grey(value), number))
+        await asyncio.sleep(0)
+        serving = asyncio.create_task(peer.serve(tab))  # type: ignore[arg-type]
+        video, number = await tab.shown()
+        assert (brightness(video), number) == (30, 2)
+        peer.close()
+        await serving
+        assert tab.received.empty()
+        assert tab.closed
 
     ran(test)
 
@@ -141,15 +160,15 @@ def test_the_track_sends_the_latest_picture_only() -> None:
 @pytest.mark.usefixtures("no_thread_left")
 def test_pictures_come_back_worked_on_and_a_dropped_connection_ends_all() -> None:
     async def test() -> None:
-        async with connected(Camera(90)) as (peer, browser, track):
+        async with connected(90) as (peer, tab):
             running = run_pipeline(peer)
-            seen = [brightness(await track.recv()) for _ in range(5)]
-            assert np.allclose(seen, 150, atol=4)
-            await browser.close()
+            seen = [await tab.shown() for _ in range(5)]
+            assert [brightness(video) for video, _ in seen] == [150] * 5
+            assert [number for _, number in seen] == sorted({number for _, number in seen})
+            tab.messages.put_nowait(None)
             stats = await asyncio.wait_for(running, TIMEOUT_SECONDS)
             assert stats.frames >= 5
             await until(lambda: not peer.alive())
-            assert peer.track.readyState == "ended"
 
     ran(test)
 
@@ -157,18 +176,11 @@ def test_pictures_come_back_worked_on_and_a_dropped_connection_ends_all() -> Non
 @pytest.mark.usefixtures("no_thread_left")
 def test_a_camera_of_the_computer_is_sent_without_one_of_the_browser() -> None:
     async def test() -> None:
-        async with connected(None) as (peer, _, track):
+        async with connected(None) as (peer, tab):
             frame = Frame.from_rgb(np.full((240, 320, 3), 200, np.uint8))
-            sender = PeerOutput(peer, Controls())
-            sender.show(OutputFrame(frame, FaceResult("off"), PipelineStats(), 1.0))
-            received = asyncio.ensure_future(track.recv())
-            while not received.done():  # a picture comes out at the other end when the next one goes in
-                sender.show(
-                    OutputFrame(frame, FaceResult("off"), PipelineStats(), asyncio.get_running_loop().time())
-                )
-                await asyncio.sleep(0.05)
-            rgb = received.result().to_ndarray(format="rgb24")
-            assert np.allclose(rgb.mean((0, 1)), 200, atol=5)
+            PeerOutput(peer, Controls()).show(OutputFrame(frame, FaceResult("off"), PipelineStats(), 1.0))
+            video, _ = await tab.shown()
+            assert np.allclose(video.to_ndarray(format="rgb24"), 200, atol=2)
 
     ran(test)
 
@@ -176,51 +188,83 @@ def test_a_camera_of_the_computer_is_sent_without_one_of_the_browser() -> None:
 @pytest.mark.usefixtures("no_thread_left")
 def test_another_run_takes_the_camera_over() -> None:
     async def test() -> None:
-        async with connected(Camera()) as (peer, _, track):
+        async with connected() as (peer, tab):
             first = run_pipeline(peer)
-            await track.recv()
+            await tab.shown()
             second = run_pipeline(peer)
             await asyncio.wait_for(first, TIMEOUT_SECONDS)
-            await track.recv()
-            await peer.close()
+            await tab.shown()
+            peer.close()
             assert (await asyncio.wait_for(second, TIMEOUT_SECONDS)).frames > 0
             assert list(peer.camera()) == []
 
     ran(test)
 
 
+@pytest.mark.usefixtures("no_thread_left")
+def test_sound_goes_to_the_microphone_beside_the_pictures() -> None:
+    async def test() -> None:
+        async with connected() as (peer, tab):
+            block = np.linspace(-1, 1, 64, dtype=np.float32)
+            tab.messages.put_nowait(HEADER.pack(b"PCM ", 0, 0, 0, 0, 4800) + block.tobytes())
+            await until(lambda: peer.microphone.is_on)
+            (_, samples), *others = peer.microphone.take()
+            assert not others
+            np.testing.assert_array_equal(samples, block.reshape(-1, 2))
+
+    ran(test)
+
+
 @pytest.mark.parametrize(
-    "offer",
+    "message",
     [
-        {},
-        {"type": "offer"},
-        {"type": "offer", "sdp": "nonsense"},
-        {"type": "answer", "sdp": ""},
-        {"type": 3, "sdp": 4},
+        b"",
+        b"I420",
+        HEADER.pack(b"I420", 320, 240, 1, 0, 0) + bytes(100),
+        HEADER.pack(b"I420", 0, 240, 1, 0, 0),
+        HEADER.pack(b"NV21", 320, 240, 1, 0, 0) + bytes(115_200),
+        HEADER.pack(b"I420", 65_535, 65_535, 1, 0, 0) + bytes(100),
     ],
 )
-def test_what_is_no_offer_is_one_sentence_and_ends_the_peer(offer: dict[str, Any]) -> None:
+def test_what_is_no_picture_ends_the_connection(message: bytes) -> None:
     async def test() -> None:
-        peer = Peer()
-        with pytest.raises(StudioError, match="connection offer was not understood: reload the page"):
-            await peer.answer(offer)
+        peer, tab = Peer(), Tab()
+        tab.messages.put_nowait(message)
+        await asyncio.wait_for(peer.serve(tab), TIMEOUT_SECONDS)  # type: ignore[arg-type]
         assert not peer.alive()
+        assert tab.closed
 
     ran(test)
 
 
-def test_the_answer_names_no_address_elsewhere_and_a_rate_for_vp8() -> None:
-    async def test() -> None:
-        browser, peer = RTCPeerConnection(RTCConfiguration(iceServers=[])), Peer()
-        browser.addTransceiver("video", direction="recvonly")
-        await browser.setLocalDescription(await browser.createOffer())
-        sdp = (await peer.answer({"type": "offer", "sdp": browser.localDescription.sdp}))["sdp"]
-        await browser.close()
-        await peer.close()
-        assert re.search(r"rtpmap:(\d+) VP8/90000\r\na=fmtp:\1 x-google-min-bitrate=2500", sdp)
-        assert set(re.findall(r" typ (\w+)", sdp)) == {"host"}
+@pytest.mark.parametrize("size", [(320, 240), (321, 241), (6, 4)])
+@pytest.mark.parametrize(("matrix", "span"), [(1, 2), (1, 1), (5, 1), (5, 2)])
+def test_planes_and_their_colours_travel_unchanged(size: tuple[int, int], matrix: int, span: int) -> None:
+    noise = np.random.default_rng(0)
+    video = av.VideoFrame(*size, "yuv420p")
+    for plane in plane_arrays(video):
+        plane[:] = noise.integers(0, 256, plane.shape)
+    video.colorspace, video.color_range = matrix, span
+    same, number = unpacked(packed(video, 123))
+    assert (same.width, same.height, number) == (*size, 123)
+    assert (int(same.colorspace), int(same.color_range)) == (matrix, span)
+    for one, other in zip(plane_arrays(video), plane_arrays(same), strict=True):
+        np.testing.assert_array_equal(one, other)
 
-    ran(test)
+
+@pytest.mark.parametrize(("name", "order"), [(b"RGBA", "rgb"), (b"BGRX", "bgr")])
+def test_a_browser_that_has_no_planes_sends_colours(name: bytes, order: str) -> None:
+    pixels = np.full((48, 64, 4), 255, np.uint8)
+    pixels[..., :3] = [{"r": 200, "g": 90, "b": 40}[channel] for channel in order]
+    video, _ = unpacked(HEADER.pack(name, 64, 48, 5, 0, 0) + pixels.tobytes())
+    rgb = Frame(video, pts=0, time_base=Fraction(1), index=0).rgb()
+    assert np.allclose(rgb, (200, 90, 40), atol=3)
+
+
+def test_planes_that_are_interleaved_are_used_as_they_are() -> None:
+    luma, chroma = np.full((48, 64), 100, np.uint8), np.full((24, 32, 2), (90, 160), np.uint8)
+    video, _ = unpacked(HEADER.pack(b"NV12", 64, 48, 5, 0, 0) + luma.tobytes() + chroma.tobytes())
+    assert [int(plane.mean()) for plane in plane_arrays(video)] == [100, 90, 160]
 
 
 def test_overlays_are_drawn_on_a_copy_and_any_picture_suits_the_codec() -> None:
@@ -231,13 +275,6 @@ def test_overlays_are_drawn_on_a_copy_and_any_picture_suits_the_codec() -> None:
     assert (plain.width, plain.height, plain.format.name) == (242, 122, "yuv420p")
     assert plain.to_ndarray().std() < drawn.to_ndarray().std()
     assert (frame.rgb() == 90).all()
-
-
-def test_what_is_sent_is_a_copy_of_what_others_are_shown() -> None:
-    frame = Frame(grey(50), pts=0, time_base=Fraction(1, 90_000), index=0)
-    sent = picture(OutputFrame(frame, FaceResult("off"), PipelineStats(), 0.0), mask=False, mesh=False)
-    np.frombuffer(sent.planes[0], np.uint8)[:] = 0
-    assert (frame.luma == 50).all()
 
 
 class Kept(Output):
