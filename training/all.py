@@ -46,6 +46,18 @@ class Task:
         return self.output is not None and self.output.exists()
 
 
+def command(module: str, *flags: str, **values: object) -> tuple[str, ...]:
+    """A module of `training` with its options."""
+    return (module, *flags, *options(**values))
+
+
+def options(**values: object) -> tuple[str, ...]:
+    """As words of a command line: "--first-weights", "face.pt" for first_weights="face.pt"."""
+    return tuple(
+        word for name, value in values.items() for word in (f"--{name.replace('_', '-')}", str(value))
+    )
+
+
 @dataclass(frozen=True)
 class Plan:
     """Folders and the size of the training."""
@@ -61,137 +73,88 @@ class Plan:
 
     def tasks(self) -> Iterator[Task]:
         """All tasks in order."""
-        parts, hands, alignment = self.work / "parts", self.work / "hands.npz", self.work / "alignment.json"
-        alone, face, parsing, detector = (
-            self.work / name for name in ("rendered", "face", "parsing", "detector")
+        yield from self._pictures()
+        yield from self._landmark_training()
+        yield from self._parsing_training()
+        yield from self._other_models()
+        yield from self._light_training()
+
+    @property
+    def _parts(self) -> Path:
+        return self.work / "parts"
+
+    @property
+    def _photographs(self) -> Path:
+        return self.data / "pairs" / "london"
+
+    def _seen(self) -> dict[str, object]:
+        """What the networks of the face are trained on and measured with."""
+        return {"parts": self._parts, "real": self.data, "hands": self.work / "hands.npz"}
+
+    def _pictures(self) -> Iterator[Task]:
+        yield Task("people", self._rendering(self._parts), self._parts / "complete")
+        hands = self.work / "hands.npz"
+        render = command("render_hands", program=self.program, people=HAND_PEOPLE, out=hands)
+        yield Task("hands", [render], hands)
+
+    def _landmark_training(self) -> Iterator[Task]:
+        """First on rendered faces alone, which tells how real annotations differ, then on both."""
+        alone, face, alignment = self.work / "rendered", self.work / "face", self.work / "alignment.json"
+        train = command("train_face", "--resume", device=self.device, **self._seen())
+        first = options(output=alone, steps=RENDERED_ONLY_BATCHES)
+        yield Task("alone", [(*train, "--scratch", "--as-given", *first)], alone / "complete")
+        weights = alone / "face.pt"
+        align = command(
+            "align_definitions", weights=weights, parts=self._parts, real=self.data, output=alignment
         )
-        real = ("--real", str(self.data))
-        yield Task("people", self._rendering(parts), parts / "complete")
-        yield Task(
-            "hands",
-            [self._run("render_hands", hands, "--program", self.program, "--people", HAND_PEOPLE)],
-            hands,
-        )
-        train = ("--parts", str(parts), *real, "--hands", str(hands), "--resume", "--device", self.device)
-        yield Task(
-            "alone",
-            [
-                (
-                    "train_face",
-                    *train,
-                    "--output",
-                    str(alone),
-                    "--scratch",
-                    "--as-given",
-                    "--steps",
-                    str(RENDERED_ONLY_BATCHES),
-                )
-            ],
-            alone / "complete",
-        )
-        first = str(alone / "face.pt")
-        yield Task(
-            "alignment",
-            [
-                (
-                    "align_definitions",
-                    "--weights",
-                    first,
-                    "--parts",
-                    str(parts),
-                    *real,
-                    "--output",
-                    str(alignment),
-                )
-            ],
-            alignment,
-        )
-        given = ("--alignment", str(alignment))
-        yield Task(
-            "face",
-            [
-                (
-                    "train_face",
-                    *train,
-                    *given,
-                    "--output",
-                    str(face),
-                    "--first-weights",
-                    first,
-                    "--steps",
-                    str(self.steps),
-                )
-            ],
-            face / "complete",
-        )
-        finish = ("--run", str(face), "--parts", str(parts), *real, "--hands", str(hands), *given)
-        yield Task("report", [("finish_face", *finish)], face / "face.md")
-        parse = ("--goal", "parsing", "--first-weights", str(face / "face.pt"), "--output", str(parsing))
-        yield Task(
-            "parsing",
-            [("train_face", *train, *given, *parse, "--steps", str(PARSING_BATCHES))],
-            parsing / "complete",
-        )
-        finish = ("--run", str(parsing), *finish[2:])
-        yield Task("parsing report", [("finish_parsing", *finish)], parsing / "face.md")
-        solid = self.work / "solid_shape.npz"
+        yield Task("alignment", [align], alignment)
+        both = options(alignment=alignment, output=face, first_weights=weights, steps=self.steps)
+        yield Task("face", [(*train, *both)], face / "complete")
+        finish = command("finish_face", run=face, alignment=alignment, **self._seen())
+        yield Task("report", [finish], face / "face.md")
+
+    def _parsing_training(self) -> Iterator[Task]:
+        face, parsing = self.work / "face", self.work / "parsing"
+        given = {"alignment": self.work / "alignment.json", **self._seen()}
+        train = command(
+            "train_face", "--resume", goal="parsing", device=self.device, first_weights=face / "face.pt",
+            output=parsing, steps=PARSING_BATCHES, **given,
+        )  # fmt: skip
+        yield Task("parsing", [train], parsing / "complete")
+        yield Task("parsing report", [command("finish_parsing", run=parsing, **given)], parsing / "face.md")
+
+    def _other_models(self) -> Iterator[Task]:
+        solid, relief = self.work / "solid_shape.npz", self.work / "relief.npz"
         yield Task(
             "solid shape",
-            [self._run("solid_shape", solid, "--parts", parts, "--program", self.program)],
+            [command("solid_shape", parts=self._parts, program=self.program, out=solid)],
             solid,
         )
-        relief = self.work / "relief.npz"
-        yield Task("relief", [("relief", "--program", str(self.program), "--out", str(relief))], relief)
-        yield Task(
-            "detector",
-            [
-                (
-                    "train_detector",
-                    "--parts",
-                    str(parts),
-                    *real,
-                    "--output",
-                    str(detector),
-                    "--steps",
-                    str(DETECTOR_BATCHES),
-                )
-            ],
-            detector / "detector.onnx",
+        yield Task("relief", [command("relief", program=self.program, out=relief)], relief)
+        detector, recognition = self.work / "detector", self.work / "recognition.npz"
+        train = command(
+            "train_detector", parts=self._parts, real=self.data, output=detector, steps=DETECTOR_BATCHES
         )
-        photographs, recognition = self.data / "pairs" / "london", self.work / "recognition.npz"
-        yield Task(
-            "recognition",
-            [
-                (
-                    "train_recognition",
-                    "--parts",
-                    str(parts),
-                    "--photographs",
-                    str(photographs),
-                    "--output",
-                    str(recognition),
-                )
-            ],
-            recognition,
+        yield Task("detector", [train], detector / "detector.onnx")
+        train = command(
+            "train_recognition", parts=self._parts, photographs=self._photographs, output=recognition
         )
+        yield Task("recognition", [train], recognition)
 
-        swaps, light = self.work / "swaps", self.work / "light"
+    def _light_training(self) -> Iterator[Task]:
+        swaps, light, places = self.work / "swaps", self.work / "light", self.work / "placement.npz"
         yield Task("swaps", self._swaps(swaps), swaps / "complete")
-        yield Task("light", [self._light(swaps, light)], light / "light.md")
-        places = self.work / "placement.npz"
-        yield Task("placement", [("placement", "--swaps", str(swaps), "--out", str(places))], places)
-
-    def _light(self, swaps: Path, output: Path) -> tuple[str, ...]:
-        photographs = str(self.data / "pairs" / "london")
-        return ("train_light", "--swaps", str(swaps), "--photographs", photographs, "--output", str(output))
+        train = command("train_light", swaps=swaps, photographs=self._photographs, output=light)
+        yield Task("light", [train], light / "light.md")
+        yield Task("placement", [command("placement", swaps=swaps, out=places)], places)
 
     def _swaps(self, parts: Path) -> list[tuple[str, ...]]:
         """Commands that divide the groups of four people among the processes."""
         share = -(-self.groups // self.processes)
         return [
-            self._run(
-                "render_swaps", parts, "--program", self.program, "--first", first,
-                "--groups", min(share, self.groups - first),
+            command(
+                "render_swaps", program=self.program, first=first, groups=min(share, self.groups - first),
+                out=parts,
             )
             for first in range(0, self.groups, share)
         ]  # fmt: skip
@@ -200,16 +163,12 @@ class Plan:
         """Commands that divide the people among the processes, in whole parts."""
         share = -(-self.people // (10 * self.processes)) * 10
         return [
-            self._run(
-                "render_people", parts, "--program", self.program, "--first", first,
-                "--people", min(share, self.people - first), "--per-person", PICTURES_PER_PERSON,
+            command(
+                "render_people", program=self.program, first=first, people=min(share, self.people - first),
+                per_person=PICTURES_PER_PERSON, out=parts,
             )
             for first in range(0, self.people, share)
         ]  # fmt: skip
-
-    @staticmethod
-    def _run(module: str, out: Path, *options: object) -> tuple[str, ...]:
-        return (module, *map(str, options), "--out", str(out))
 
     def shipped(self) -> dict[Path, Path]:
         """Destination of each file that ships."""
@@ -263,25 +222,19 @@ def main() -> None:
         "--list", action="store_true", help="list the tasks and whether they are done, then exit"
     )
     parser.add_argument("--ship", action="store_true", help="copy the weights to aam/data")
-    options = parser.parse_args()
+    given = parser.parse_args()
     plan = Plan(
-        options.program,
-        options.data,
-        options.work,
-        options.processes,
-        options.people,
-        options.steps,
-        options.device,
+        given.program, given.data, given.work, given.processes, given.people, given.steps, given.device
     )
-    wanted = options.only.split(",") if options.only else [task.name for task in plan.tasks()]
+    wanted = given.only.split(",") if given.only else [task.name for task in plan.tasks()]
     for task in plan.tasks():
-        if task.name not in wanted or task.done() or options.list:
+        if task.name not in wanted or task.done() or given.list:
             print(f"{task.name}: {'done' if task.done() else 'to do'}", flush=True)
             continue
         start = time.time()
         perform(task)
         print(f"{task.name}: {time.time() - start:.0f} s", flush=True)
-    if options.ship:
+    if given.ship:
         for made, place in plan.shipped().items():
             shutil.copy(made, place)
 
