@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_type_hints
@@ -46,12 +47,18 @@ def overview(every: dict[str, Any]) -> str:
 
 def panel(name: str) -> str:
     """The group in which `guise --help` lists a command, or the command that it is part of."""
-    return str(typer.main.get_command(command_line()).commands[name.split()[0]].rich_help_panel)  # type: ignore[attr-defined]
+    return str(whole().commands[name.split()[0]].rich_help_panel)
+
+
+@cache
+def whole() -> Any:
+    """The command line with every command, which takes a while to build."""
+    return typer.main.get_command(command_line())
 
 
 def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
     """Every command with its full name, such as "analogy mesh rig"."""
-    for name, command in (group or typer.main.get_command(command_line())).commands.items():
+    for name, command in (group or whole()).commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, f"{before}{name} ")
         else:

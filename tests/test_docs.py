@@ -7,12 +7,15 @@ import os
 import re
 import shlex
 import tomllib
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
 import typer
+from clips import cut
+from made_up import SAMPLES
 
 from guise.app.cli.commands import command_line
 
@@ -31,8 +34,13 @@ def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
 
 
+@cache
+def every_command() -> dict[str, Any]:
+    """By its full name, such as "analogy mesh rig"."""
+    return commands_of(typer.main.get_command(command_line()))
+
+
 def commands_of(group: Any, before: str = "") -> dict[str, Any]:
-    """Every command by its full name, such as "analogy mesh rig"."""
     found = {}
     for name, command in group.commands.items():
         inner = commands_of(command, f"{before}{name} ") if hasattr(command, "commands") else {}
@@ -65,10 +73,22 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
 
 
+@pytest.fixture
+def samples(tmp_path: Path) -> Path:
+    """A folder with sample_videos, whose clips are cut to two seconds."""
+    folder = tmp_path / "sample_videos"
+    folder.mkdir()
+    (folder / "heads").symlink_to(SAMPLES / "heads")
+    for person, clip in (("p01", "talk2"), ("p06", "talk")):
+        (folder / person).mkdir()
+        cut(person, folder / person / f"{clip}.mp4", 60, clip=f"{clip}.mp4")
+    (folder / "p01" / "talk.npz").symlink_to(SAMPLES / "p01" / "talk.npz")
+    return tmp_path
+
+
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
-def test_python_on_the_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "sample_videos").symlink_to(ROOT / "sample_videos")
+def test_python_on_the_page_runs(page: Path, samples: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(samples)
     names: dict[str, Any] = {"__name__": "docs"}  # the blocks of a page follow each other
     for block in blocks(page, "python"):
         exec(compile(block, str(page), "exec"), names)
@@ -76,7 +96,7 @@ def test_python_on_the_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize("line", command_lines())
 def test_commands_on_the_pages_exist_with_their_options(line: str) -> None:
-    known = commands_of(typer.main.get_command(command_line()))
+    known = every_command()
     _, *words = shlex.split(line)
     names = [name for name in known if words[: len(name.split())] == name.split()]
     groups = [name for name in known if name.split()[: len(words)] == words]
@@ -112,7 +132,7 @@ def test_the_page_of_commands_is_up_to_date() -> None:
 
 def test_the_page_of_commands_names_every_option() -> None:
     text = make_cli().page()
-    for name, command in commands_of(typer.main.get_command(command_line())).items():
+    for name, command in every_command().items():
         section = text.split(f"\n## {name}\n")[1].split("\n## ")[0]
         for param in command.params:
             if param.name != "help" and param.opts[0].startswith("-"):

@@ -2,7 +2,7 @@
 
 import ast
 import sys
-from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -77,16 +77,18 @@ def modules(root: Path = ROOT) -> list[Path]:
     return sorted(path for package in PACKAGES for path in (root / package).rglob("*.py"))
 
 
-def imports(path: Path, root: Path = ROOT) -> Iterator[tuple[str, int]]:
+@cache
+def imports(path: Path, root: Path = ROOT) -> list[tuple[str, int]]:
     """Full names of what a module imports anywhere in it, with the line; of `from x import y` also x.y."""
-    package = path.relative_to(root).parent.parts
+    package, found = path.relative_to(root).parent.parts, []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from ((name.name, node.lineno) for name in node.names)
+            found += [(name.name, node.lineno) for name in node.names]
         elif isinstance(node, ast.ImportFrom):
             base = ("guise", *package[: len(package) - node.level + 1]) if node.level else ()
             module = ".".join([*base, *((node.module,) if node.module else ())])
-            yield from ((f"{module}.{name.name}", node.lineno) for name in node.names)
+            found += [(f"{module}.{name.name}", node.lineno) for name in node.names]
+    return found
 
 
 def room_of(name: str) -> str:

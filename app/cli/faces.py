@@ -28,50 +28,55 @@ from guise.app.cli.options import (
     landmark_source,
 )
 
+Clips = Annotated[
+    list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")
+]
+ModelOutput = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="NAME.guise",
+        help="The model file to write; default: the person is kept by name, see `guise people`.",
+    ),
+]
+Frames = Annotated[int | None, typer.Option(min=12, help="Frames to train on; about 120 by default.")]
+Resolution = Annotated[
+    int | None, typer.Option(min=32, max=512, help="Texture resolution, pixels across the face.")
+]
+Retain = Annotated[float | None, typer.Option(min=0.5, max=1.0, help="Share of variance to keep.")]
+Modes = Annotated[int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")]
+Name = Annotated[str | None, typer.Option(help="The person's name; default: that of the file.")]
+Person = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="NUMBER",
+        help="Which person of a clip that shows several, see `guise people find`.",
+    ),
+]
+Refine = Annotated[
+    bool | None,
+    typer.Option(
+        "--refine/--no-refine",
+        help="Refine detected landmarks over all frames together; default: unless the landmarker is builtin.",
+    ),
+]
+
 
 def enroll(
-    videos: Annotated[
-        list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="NAME.guise",
-            help="The model file to write; default: the person is kept by name, see `guise people`.",
-        ),
-    ] = None,
+    videos: Clips,
+    output: ModelOutput = None,
     landmarks: LandmarkFiles = None,
     landmarker: LandmarkerSpec = None,
-    frames: Annotated[
-        int | None, typer.Option(min=12, help="Frames to train on; about 120 by default.")
-    ] = None,
-    resolution: Annotated[
-        int | None,
-        typer.Option(min=32, max=512, help="Texture resolution, pixels across the face."),
-    ] = None,
-    retain: Annotated[float | None, typer.Option(min=0.5, max=1.0, help="Share of variance to keep.")] = None,
-    modes: Annotated[
-        int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="The person's name; default: that of the file.")] = None,
-    person: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="NUMBER",
-            help="Which person of a clip that shows several, see `guise people find`.",
-        ),
-    ] = None,
+    frames: Frames = None,
+    resolution: Resolution = None,
+    retain: Retain = None,
+    modes: Modes = None,
+    name: Name = None,
+    person: Person = None,
     rest: Rest = None,
-    refine: Annotated[
-        bool | None,
-        typer.Option(
-            "--refine/--no-refine",
-            help="Refine detected landmarks over all frames together; default: unless the landmarker is builtin.",
-        ),
-    ] = None,
+    refine: Refine = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,

@@ -86,6 +86,22 @@ Headless = Annotated[
     bool,
     typer.Option("--headless", help="No window: write every frame of a file to files, as fast as possible."),
 ]
+Loop = Annotated[bool, typer.Option("--loop", help="Repeat the file.")]
+Enrol = Annotated[bool, typer.Option("--enrol", help="Make a new model of the person in the picture.")]
+Mode = Annotated[ModeName, typer.Option(help="Swap, animate a still of the face, or cover.")]
+Cover = Annotated[CoverName, typer.Option(help="How a face is covered.")]
+Uncovered = Annotated[
+    bool, typer.Option("--uncovered", help="Show the real face where it cannot be swapped.")
+]
+Mirror = Annotated[
+    bool | None, typer.Option("--mirror/--no-mirror", help="Mirror the window; default: with a camera.")
+]
+SideBySide = Annotated[
+    bool, typer.Option("--side-by-side", help="Show the real face beside the result, in the window only.")
+]
+Readout = Annotated[
+    bool, typer.Option("--readout", help="Show frame rate, latency and dropped frames in the window.")
+]
 
 
 def live(
@@ -98,28 +114,15 @@ def live(
     headless: Headless = False,
     size: Size = "1280x720",
     fps: Fps = 30.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Repeat the file.")] = False,
-    enrol: Annotated[
-        bool, typer.Option("--enrol", help="Make a new model of the person in the picture.")
-    ] = False,
-    mode: Annotated[
-        ModeName, typer.Option(help="Swap, animate a still of the face, or cover.")
-    ] = ModeName.swap,
+    loop: Loop = False,
+    enrol: Enrol = False,
+    mode: Mode = ModeName.swap,
     alpha: Alpha = 0.6,
-    cover: Annotated[CoverName, typer.Option(help="How a face is covered.")] = CoverName.mosaic,
-    uncovered: Annotated[
-        bool, typer.Option("--uncovered", help="Show the real face where it cannot be swapped.")
-    ] = False,
-    mirror: Annotated[
-        bool | None,
-        typer.Option("--mirror/--no-mirror", help="Mirror the window; default: with a camera."),
-    ] = None,
-    side_by_side: Annotated[
-        bool, typer.Option("--side-by-side", help="Show the real face beside the result, in the window only.")
-    ] = False,
-    readout: Annotated[
-        bool, typer.Option("--readout", help="Show frame rate, latency and dropped frames in the window.")
-    ] = False,
+    cover: Cover = CoverName.mosaic,
+    uncovered: Uncovered = False,
+    mirror: Mirror = None,
+    side_by_side: SideBySide = False,
+    readout: Readout = False,
     light: LightChoice = LightName.learned,
     transfer: TransferChoice = TransferName.full,
     eyes: EyesChoice = OwnerName.donor,

@@ -12,67 +12,77 @@ from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import Force, Json, LandmarkerSpec, Quiet
 
 if TYPE_CHECKING:
+    from guise.app.measure import MeasureRequest
     from guise.app.measure.attack import AttackRequest
 
 
+Original = Annotated[
+    Path, typer.Argument(metavar="ORIGINAL", help="The original video; with --attack a folder of people.")
+]
+Outputs = Annotated[
+    list[Path], typer.Argument(metavar="OUTPUT...", help="The same video, de-identified by any tool.")
+]
+Attack = Annotated[
+    bool,
+    typer.Option(
+        "--attack",
+        help="Attack folders of de-identified people: attackers that know other pictures of them, and learn.",
+    ),
+]
+Recognisers = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="CARD.toml",
+        help="A face recogniser; without it only utility is measured. With --attack it may be repeated.",
+    ),
+]
+Gallery = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Other people: a picture, a video or a folder of them for each."),
+]
+Donors = Annotated[
+    list[str] | None, typer.Option(metavar="NAME.guise", help="A donor whose face the outputs show.")
+]
+Reports = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="NAME.report.json",
+        help="The report of an output by `guise deidentify`: what was done with each face.",
+    ),
+]
+Landmarks = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Landmarks of ORIGINAL (.npz, .json, .pts); default: found by the landmarker."
+    ),
+]
+Figures = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="OUT.json", help="Write all figures here.")
+]
+Plot = Annotated[
+    Path | None,
+    typer.Option(metavar="OUT.png", help="Plot similarities and expressions here (extra: plots)."),
+]
+
+
 def measure(
-    original: Annotated[
-        Path, typer.Argument(metavar="ORIGINAL", help="The original video; with --attack a folder of people.")
-    ],
-    outputs: Annotated[
-        list[Path], typer.Argument(metavar="OUTPUT...", help="The same video, de-identified by any tool.")
-    ],
-    attack: Annotated[
-        bool,
-        typer.Option(
-            "--attack",
-            help="Attack folders of de-identified people: attackers that know other pictures of them, and learn.",
-        ),
-    ] = False,
-    recogniser: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="CARD.toml",
-            help="A face recogniser; without it only utility is measured. With --attack it may be repeated.",
-        ),
-    ] = None,
-    gallery: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Other people: a picture, a video or a folder of them for each."),
-    ] = None,
-    donor: Annotated[
-        list[str] | None, typer.Option(metavar="NAME.guise", help="A donor whose face the outputs show.")
-    ] = None,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="NAME.report.json",
-            help="The report of an output by `guise deidentify`: what was done with each face.",
-        ),
-    ] = None,
-    landmarks: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Landmarks of ORIGINAL (.npz, .json, .pts); default: found by the landmarker.",
-        ),
-    ] = None,
+    original: Original,
+    outputs: Outputs,
+    attack: Attack = False,
+    recogniser: Recognisers = None,
+    gallery: Gallery = None,
+    donor: Donors = None,
+    report: Reports = None,
+    landmarks: Landmarks = None,
     landmarker: LandmarkerSpec = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="OUT.json", help="Write all figures here.")
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="OUT.png", help="Plot similarities and expressions here (extra: plots)."),
-    ] = None,
+    output: Figures = None,
+    plot: Plot = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Measure how private and how useful a de-identified video is, against its original."""
     from guise.app.measure import MeasureRequest
-    from guise.app.measure import measure as run
-    from guise.app.measure.table import FIRST_HEADING, rows_of
     from guise.common.files import require_free
 
     console = Console(quiet=quiet, json=json)
@@ -86,16 +96,23 @@ def measure(
         return
     if recogniser and len(recogniser) > 1:
         raise typer.BadParameter("several recognisers are compared with --attack only: give one --recogniser")
-    if plot is not None:
-        from guise.app.measure.plot import draw, require_plots
-
-        require_plots(plot)
     request = MeasureRequest(
         original, outputs, landmarker or "builtin", landmarks, recogniser[0] if recogniser else None, gallery,
         donor or (), report or (),
     )  # fmt: skip
+    _measure(console, request, output, plot)
+
+
+def _measure(console: Console, request: MeasureRequest, output: Path | None, plot: Path | None) -> None:
+    from guise.app.measure import measure
+    from guise.app.measure.table import FIRST_HEADING, rows_of
+
+    if plot is not None:
+        from guise.app.measure.plot import draw, require_plots
+
+        require_plots(plot)
     with Stages(console) as stages:
-        result = run(request, progress=stages, say=console.note)
+        result = measure(request, progress=stages, say=console.note)
     facts = result.as_json()
     _write(output, facts)
     if plot is not None:

@@ -82,25 +82,15 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
-FaceSpec = Annotated[
-    str,
-    typer.Option(
-        "--identity",
-        metavar="FACE",
-        help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
-        "Mei, Walter, Kofi, Elena, Kenji.",
-    ),
-]
+_IDENTITY = typer.Option(
+    "--identity",
+    metavar="FACE",
+    help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
+    "Mei, Walter, Kofi, Elena, Kenji.",
+)
+FaceSpec = Annotated[str, _IDENTITY]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]
-OneFace = Annotated[
-    str | None,
-    typer.Option(
-        "--identity",
-        metavar="FACE",
-        help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
-        "Mei, Walter, Kofi, Elena, Kenji.",
-    ),
-]
+OneFace = Annotated[str | None, _IDENTITY]
 FaceMap = Annotated[
     list[str] | None,
     typer.Option(

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.swapping.report import SwapReport
     from guise.app.swapping.settings import SwapSettings
-    from guise.app.swapping.several import Casting
+    from guise.app.swapping.several import Casting, SeveralReport
 
 
 def swap(
@@ -87,24 +87,16 @@ def swap(
     json: Json = False,
 ) -> None:
     """Replace the face of the person in a video by another, or of each of several people."""
-    from guise.app.swapping.file import swap_file
-
-    casting = _casting(
-        identity,
-        map,
-        others,
-        (source, landmarks, landmarker, rest is not None, detector != "builtin"),
-        unsure,
-    )
+    for_one = (source, landmarks, landmarker, rest is not None, detector != "builtin")
+    casting = _casting(identity, map, others, for_one, unsure)
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
             console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
         )
-        options = replace(settings.options, eyes=eyes.value, mouth=mouth.value, outline=outline)
         settings = replace(
             settings,
-            options=options,
+            options=replace(settings.options, eyes=eyes.value, mouth=mouth.value, outline=outline),
             unsure=unsure.value,
             keep_people=not no_keep,
             rest_seconds=rest,
@@ -115,21 +107,28 @@ def swap(
 
             several = swap_people(video, casting, output, settings=settings)
         else:
+            from guise.app.swapping.file import swap_file
+
             shown, person = _open(str(identity), source, landmarks, landmarker)
             report = swap_file(video, shown, output, source=person, settings=settings)
     if casting is None:
         say_report(console, report, "swapped")
-        return
-    say_report(console, several, "swapped", last=False)
+    else:
+        _say_several(console, several)
+
+
+def _say_several(console: Console, report: SeveralReport) -> None:
+    """Print the summary, and what became of each person."""
     from guise.app.swapping.donors import titled
 
-    for one in several.people:
+    say_report(console, report, "swapped", last=False)
+    for one in report.people:
         got = f"the face {titled(one.face)}: " if one.face else ""
         console.say(
             f"person {one.number}: {got}{one.swapped} swapped, {one.covered} covered, {one.left} left"
             + (f"; quality {one.grade} of 100" if one.grade is not None else "")
         )
-    console.result(several.as_json())
+    console.result(report.as_json())
 
 
 def _casting(
