@@ -27,7 +27,7 @@ demo: $(READY) $(GL)
 	$(VENV)/bin/guise demo -o out/demo --force
 
 test: $(READY) $(GL)
-	$(PY) -m pytest --numprocesses=auto --dist=loadfile $(PYTEST_ARGS)
+	$(PY) -m pytest --numprocesses=auto --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: $(READY)
 	$(PY) -m ruff check .

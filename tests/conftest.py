@@ -1,9 +1,14 @@
-"""Tests marked `egl` need a GL context: without one they are skipped, or fail if GUISE_REQUIRE_EGL=1."""
+"""Tests marked `egl` need a GL context: without one they are skipped, or fail if GUISE_REQUIRE_EGL=1.
+
+The files with the fewest tests run first: theirs are the long ones, of whole programs, and one that came last would
+keep a single core busy.
+"""
 
 import os
 import signal
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 
@@ -25,6 +30,11 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "egl: needs an EGL context (GUISE_REQUIRE_EGL=1: fail without one)")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    tests = Counter(item.path for item in items)
+    items.sort(key=lambda item: (tests[item.path], item.path))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -5,6 +5,7 @@ context that was opened at the printed address; its test fails when the browser 
 from another host.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
 """
 
+import atexit
 import json
 import os
 import shutil
@@ -14,10 +15,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from http.client import HTTPConnection
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryFile, mkdtemp
 from typing import IO, Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -101,17 +102,16 @@ def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioSe
 
 
 @pytest.fixture(scope="module")  # ended with it: while Playwright runs there is an event loop in this thread
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def browser() -> Iterator[Any]:
     """Chromium without a window, whose camera loops the first sample person's clip."""
     chromium = _require_chromium()
     from playwright.sync_api import sync_playwright
 
-    camera = camera_file(tmp_path_factory.mktemp("camera") / "camera.mjpeg")
     arguments = [
         "--no-sandbox",
         "--use-fake-device-for-media-stream",
         "--use-fake-ui-for-media-stream",
-        f"--use-file-for-fake-video-capture={camera}",
+        f"--use-file-for-fake-video-capture={_camera()}",
     ]
     with sync_playwright() as playwright:
         chrome = playwright.chromium.launch(executable_path=chromium, args=arguments)
@@ -144,6 +144,14 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
     yield page
     visitor.close()
     assert complaints == []
+
+
+@cache
+def _camera() -> Path:
+    """The sample person's clip as a camera, made once in a test run."""
+    folder = Path(mkdtemp(prefix="guise-camera-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return camera_file(folder / "camera.mjpeg")
 
 
 def camera_file(path: Path, clip: Path = CAMERA) -> Path:
