@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from made_up import SAMPLES
 
+from guise.aam.landmarks.schemes import IBUG68
+
 
 def cut(person: str, path: Path, frames: int, *, clip: str = "talk2.mp4") -> Path:
     """The first frames of a sample clip, with sound, losslessly."""
@@ -50,6 +52,19 @@ def pictures(path: Path) -> list[np.ndarray]:
     """The luma (h, w) of every frame of a video."""
     with av.open(str(path)) as container:
         return [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
+
+
+def sampled(clip: str, step: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Every step-th frame of a sample clip and its 68 points."""
+    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, IBUG68]
+    capture = cv2.VideoCapture(str(SAMPLES / f"{clip}.mp4"))
+    frames = []
+    for index in range(len(points)):
+        assert capture.grab()
+        if index % step == 0:
+            frames.append((cv2.cvtColor(capture.retrieve()[1], cv2.COLOR_BGR2RGB), points[index]))
+    capture.release()
+    return frames
 
 
 def tags(path: Path) -> dict[str, str]:

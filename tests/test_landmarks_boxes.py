@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from clips import sampled
 
 from guise.aam.landmarks import (
     BoxDetector,
@@ -16,7 +17,6 @@ from guise.aam.landmarks import (
     open_detector,
 )
 from guise.aam.landmarks.boxes import strongest
-from guise.aam.landmarks.schemes import IBUG68
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_videos"
@@ -24,19 +24,6 @@ CLIPS = [f"{person}/{clip}" for person in ("p01", "p02", "p06") for clip in ("ta
 YUNET = ROOT.parent / "shared" / "models" / "yunet_2026may.onnx"
 
 needs_yunet = pytest.mark.skipif(not YUNET.is_file(), reason="the YuNet model is not there")
-
-
-def sampled(clip: str, step: int = 20) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Every step-th frame of a sample clip and its 68 points."""
-    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, IBUG68]
-    capture = cv2.VideoCapture(str(SAMPLES / f"{clip}.mp4"))
-    frames = []
-    for index in range(len(points)):
-        assert capture.grab()
-        if index % step == 0:
-            frames.append((cv2.cvtColor(capture.retrieve()[1], cv2.COLOR_BGR2RGB), points[index]))
-    capture.release()
-    return frames
 
 
 def hits(detector: BoxDetector, image: np.ndarray, points: np.ndarray) -> bool:
@@ -49,7 +36,7 @@ def hits(detector: BoxDetector, image: np.ndarray, points: np.ndarray) -> bool:
 @pytest.mark.parametrize("clip", CLIPS)
 def test_lbp_finds_the_faces_of_the_sample_clips(clip: str) -> None:
     detector = LbpDetector()
-    assert np.mean([hits(detector, *frame) for frame in sampled(clip)]) >= 0.95
+    assert np.mean([hits(detector, *frame) for frame in sampled(clip, 20)]) >= 0.95
 
 
 @needs_yunet

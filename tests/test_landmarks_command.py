@@ -1,4 +1,4 @@
-"""`guise landmarks`: what it writes, by a landmarker that finds bright discs; and following several faces."""
+"""`guise landmarks`: what it writes, by a landmarker that finds bright discs."""
 
 import json
 import re
@@ -12,52 +12,18 @@ import cv2
 import numpy as np
 import pytest
 from clips import cut, empty_scene, pictures
+from discs import SIZE, Disc, Discs, face_at, scene
 from made_up import SAMPLES
 
 from guise.aam.landmarks import Face, LandmarkError, load_annotations, open_landmarker, register_landmarker
 from guise.aam.landmarks.registry import _LANDMARKERS
-from guise.aam.landmarks.schemes import CHIN, IBUG68, mean_geometry
-from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
+from guise.aam.landmarks.schemes import CHIN, IBUG68
 from guise.app.cli.main import main
 from guise.app.landmarks.formats import face_columns
 from guise.common.version import version
 
 ROOT = Path(__file__).parents[1]
 PFLD = ROOT.parent / "shared" / "models" / "pfld.onnx"
-SIZE = 24.0  # inter-ocular distance of a disc of radius 30
-
-
-def face_at(x: float, y: float, size: float = SIZE, confidence: float = 0.9) -> Face:
-    mean = mean_geometry().mean
-    points = np.stack([mean.real, mean.imag], axis=-1) * size
-    points += np.array([x, y]) - points.mean(axis=0)
-    return Face.around(points, confidence, np.linspace(0, 1, 81, dtype=np.float32))
-
-
-class Discs:
-    """Takes bright discs for faces; their brightness is the confidence, and they move a little with each frame."""
-
-    name = "discs"
-
-    def __init__(self) -> None:
-        self.detections = 0
-
-    def detect(self, rgb: np.ndarray) -> list[Face]:
-        self.detections += 1
-        return sorted(self.all(rgb), key=lambda face: -face.area)
-
-    def refine(self, rgb: np.ndarray, previous: Face) -> Face | None:
-        near = [f for f in self.all(rgb) if np.abs(f.points - previous.points).max() < SIZE / 2]
-        return near[0] if near else None
-
-    def all(self, rgb: np.ndarray) -> list[Face]:
-        grey = rgb[..., 1]
-        count, _, stats, centres = cv2.connectedComponentsWithStats((grey > 100).astype(np.uint8))
-        return [
-            face_at(*centres[i], SIZE * np.sqrt(stats[i, cv2.CC_STAT_AREA] / np.pi) / 30, grey.max() / 255)
-            for i in range(1, count)
-            if stats[i, cv2.CC_STAT_AREA] > 200
-        ]
 
 
 @pytest.fixture(autouse=True)
@@ -72,16 +38,6 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder to work in, so that messages hold short names."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-Disc = tuple[float, float, float]  # x, y, radius
-
-
-def scene(discs: list[Disc], width: int = 320, height: int = 240) -> np.ndarray:
-    rgb = np.full((height, width, 3), 20, np.uint8)
-    for x, y, radius in discs:
-        cv2.circle(rgb, (round(x), round(y)), round(radius), (230, 230, 230), -1)
-    return rgb
 
 
 def film(path: Path, scenes: list[list[Disc]], pts: list[int] | None = None) -> Path:
@@ -515,77 +471,6 @@ def test_a_changed_file_is_refused_in_one_sentence(here: Path, change: dict, sen
     (here / "a.json").write_text(json.dumps(stored))
     with pytest.raises(LandmarkError, match=sentence):
         load_annotations(here / "a.json")
-
-
-# -- tracking several faces  --------------------------------------------------------------------------------
-
-
-def numbers(tracker: MultiFaceTracker, scenes: list[list[Disc]]) -> list[list[int]]:
-    return [list(tracker.update(scene(discs))) for discs in scenes]
-
-
-def test_a_track_that_comes_back_soon_is_the_same_and_later_another() -> None:
-    there: list[Disc] = [(80, 100, 30)]
-    tracker = MultiFaceTracker(Discs(), TrackingLimits(max_missed_frames=6))
-    assert numbers(tracker, [there, [], [], there, *[[]] * 6, there, there]) == [
-        [0], [], [], [0], *[[]] * 6, [0], [0]
-    ]  # fmt: skip
-    assert numbers(tracker, [[]] * 7 + [there]) == [[]] * 7 + [[1]]
-
-
-def test_a_jump_is_another_track() -> None:
-    assert numbers(MultiFaceTracker(Discs()), [[(60, 60, 30)], [(240, 160, 30)]]) == [[0], [1]]
-
-
-def test_the_detector_runs_now_and_then_and_when_a_face_is_missing() -> None:
-    discs = Discs()
-    tracker = MultiFaceTracker(discs, TrackingLimits(detection_frames=5))
-    one, two = (60, 100, 30), (220, 100, 30)
-    looks = []
-    for present in [[one]] * 11 + [[one, two]] * 6 + [[one]] * 12:
-        before = discs.detections
-        tracker.update(scene(present))
-        looks.append(discs.detections - before)
-    assert looks[:11] == [1, 0, 0, 0, 0] * 2 + [1]
-    assert sum(looks[11:17]) == 1
-    assert looks[-12:-7] == [1] * 5  # lost a moment ago
-    assert looks[22:] != [1] * 7
-
-
-def test_two_tracks_never_stay_on_one_face() -> None:
-    apart = [[(100 + 4 * i, 100, 30), (220 - 4 * i, 100, 30)] for i in range(12)]
-    merged: list[list[Disc]] = [[(160, 100, 30)]] * 12
-    for found in numbers(MultiFaceTracker(Discs()), apart + merged)[12:]:
-        assert len(found) == 1
-
-
-@pytest.mark.parametrize(("seen", "frames"), [([0], 15), ([0, 15], 40), ([0, 5], 40), ([0, 20], 30)])
-def test_a_face_that_was_seen_once_only_is_given_up(seen: list[int], frames: int) -> None:
-    class Once(Discs):
-        frame = -1
-
-        def detect(self, rgb: np.ndarray) -> list[Face]:
-            there = [face_at(60, 100)] if self.frame in seen else []
-            return [face_at(220, 100), *there]
-
-        def refine(self, rgb: np.ndarray, previous: Face) -> Face:
-            return previous
-
-    once = Once()
-    tracker = MultiFaceTracker(once, TrackingLimits(detection_frames=5))
-    found = 0
-    for once.frame in range(40):
-        found += sum(face.points.mean() < 130 for face in tracker.update(scene([])).values())
-    assert found == frames
-
-
-def test_faces_of_low_confidence_are_not_tracked() -> None:
-    class Unsure(Discs):
-        def all(self, rgb: np.ndarray) -> list[Face]:
-            return [face_at(80, 100, confidence=0.4)]
-
-    assert numbers(MultiFaceTracker(Unsure(), TrackingLimits(0.5)), [[]] * 3) == [[]] * 3
-    assert numbers(MultiFaceTracker(Unsure(), TrackingLimits(0.3)), [[]] * 3) == [[0]] * 3
 
 
 def test_a_column_is_free_after_the_last_frame_of_its_track() -> None:

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 import pytest
 import skimage.data
+from clips import sampled
 from skimage.util import img_as_ubyte
 
 from guise.aam.landmarks import BoxDetector, LandmarkError, iou, open_detector
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector, _peaks
-from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.onnx_model import DATA
 
 SAMPLES = Path(__file__).parents[1] / "sample_videos"
@@ -35,19 +35,6 @@ FACELESS = (
 @pytest.fixture(scope="module")
 def detector() -> FaceDetector:
     return FaceDetector()
-
-
-def sampled(clip: str, step: int = 25) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Every step-th frame of a sample clip and its 68 points."""
-    points = np.load(SAMPLES / f"{clip}.npz")["landmarks"][:, IBUG68]
-    capture = cv2.VideoCapture(str(SAMPLES / f"{clip}.mp4"))
-    frames = []
-    for index in range(len(points)):
-        assert capture.grab()
-        if index % step == 0:
-            frames.append((cv2.cvtColor(capture.retrieve()[1], cv2.COLOR_BGR2RGB), points[index]))
-    capture.release()
-    return frames
 
 
 def box_of(points: np.ndarray) -> np.ndarray:
@@ -92,7 +79,7 @@ def test_the_model_is_small() -> None:
 
 @pytest.mark.parametrize("clip", CLIPS)
 def test_the_faces_of_the_sample_clips_are_found_and_nothing_else(detector: FaceDetector, clip: str) -> None:
-    frames = sampled(clip)
+    frames = sampled(clip, 25)
     overlaps = [best(detector, *frame) for frame in frames]
     assert min(overlaps) > 0.5
     assert np.mean(overlaps) > 0.7
