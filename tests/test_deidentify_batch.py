@@ -16,7 +16,7 @@ from guise.app.deidentify.run import batch
 from guise.app.deidentify.run.batch import BatchRun, exit_code, run_batch, write_summary
 from guise.app.deidentify.run.engines import JobEngine, SerialEngine
 from guise.app.deidentify.run.inputs import FilePair, make_plan
-from guise.app.deidentify.run.job import beside
+from guise.app.deidentify.run.results import beside
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, TrackOutcome
 from guise.app.media import MediaError
 from guise.common.progress import Progress

@@ -14,7 +14,7 @@ from guise.app.cli.main import main
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.report.report import write_report
 from guise.app.deidentify.run import batch, checks
-from guise.app.deidentify.run.job import beside
+from guise.app.deidentify.run.results import beside
 from guise.app.media import MediaError
 
 

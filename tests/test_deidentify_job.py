@@ -350,7 +350,7 @@ def test_a_run_that_was_killed_after_the_output_was_named_still_writes_its_repor
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(module, "_write_report", killed)
+        patch.setattr(module, "write_reports", killed)
         with pytest.raises(KeyboardInterrupt):
             run(clip, output)
     made = output.read_bytes()

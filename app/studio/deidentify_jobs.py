@@ -17,8 +17,9 @@ from typing import Any
 from guise.app.deidentify.options import Audio, DeidentifyOptions, Region
 from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import outcome, verdict
-from guise.app.deidentify.run.job import deidentify_file, draw_frames, pictures, replanned, split_review
+from guise.app.deidentify.run.job import deidentify_file, draw_frames, replanned
 from guise.app.deidentify.run.registry import open_engine
+from guise.app.deidentify.run.results import pictures, split_review
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.deidentify.tracks import Track

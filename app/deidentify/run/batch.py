@@ -29,7 +29,8 @@ from guise.app.deidentify.report.report import (
 from guise.app.deidentify.run import remote
 from guise.app.deidentify.run.engines import JobEngine
 from guise.app.deidentify.run.inputs import FilePair, is_there, short
-from guise.app.deidentify.run.job import beside, deidentify_file
+from guise.app.deidentify.run.job import deidentify_file
+from guise.app.deidentify.run.results import beside
 from guise.common.failures import explain, trace
 from guise.common.progress import Progress
 

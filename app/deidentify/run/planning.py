@@ -1,0 +1,195 @@
+"""What is decided between the stages: which tracklets are one face, who is one person, what happens to each face."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guise.aam.recognition import same_person
+from guise.app.deidentify.report.review import read_tracks
+from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from
+from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
+from guise.app.deidentify.stages.people import why_not
+from guise.app.deidentify.tracks import BYSTANDERS, Track
+from guise.app.people.link import Tracklet, link
+from guise.app.swapping.decide import (
+    COVERED,
+    SWAPPED,
+    Action,
+    Bystanders,
+    Decision,
+    TrackObservations,
+    decide,
+)
+from guise.app.swapping.donors import KeyFile, assign
+from guise.common.arrays import F32
+
+MAX_CONFIDENCE_PARTS = 100  # of a track's curve
+MIN_SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap; otherwise all of it is covered
+HEAD_COVER_GROWTH = 1.35  # of covers, so that they hide hair and outline as well
+
+
+def link_tracks(case: Case) -> dict[str, Any]:
+    """The tracks of the detected faces, and the frames in which another shot begins."""
+    found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
+    chains, cuts = link(found, [s.first for s in case.scan.segments], case.rate)
+    tracks = []
+    for number, chain in enumerate(chains, start=1):
+        rows = [(p, np.flatnonzero(found[p.segment].tracklet == p.number)) for p in chain]
+        tracks.append(_linked_track(number, chain, [(found[p.segment], r) for p, r in rows]))
+    return {"cuts": cuts, "tracks": tracks}
+
+
+def _linked_track(number: int, chain: Sequence[Tracklet], rows: Sequence[tuple[Any, Any]]) -> dict[str, Any]:
+    frames = np.concatenate([one.frame[r] for one, r in rows])
+    boxes = np.concatenate([one.box[r] for one, r in rows])
+    confidence = np.concatenate([one.confidence[r] for one, r in rows])
+    parts = np.array_split(np.arange(len(frames)), min(6, len(frames)))
+    shown = [int(frames[part[np.argmax(confidence[part])]]) for part in parts]
+    return {
+        "number": number, "pieces": [[p.segment, p.number] for p in chain], "first": int(frames[0]),
+        "last": int(frames[-1]), "seen": len(frames), "width": float(np.median(boxes[:, 2] - boxes[:, 0])),
+        "sure": int((confidence >= ENROLMENT.min_confidence).sum()), "shown": shown,
+    }  # fmt: skip
+
+
+def number_people(case: Case) -> dict[str, int]:
+    """By track, the person: tracks of one person who left and returned have the number of the first of them."""
+    people: dict[str, int] = {}
+    for track in case.linked:
+        model = case.enrolled(track.number)
+        earlier = [
+            t for t in case.linked if people.get(str(t.number)) == t.number and not _together(t, track)
+        ]
+        known = (t.number for t in earlier if model is not None and _same(case, t, model))
+        people[str(track.number)] = next(known, track.number)
+    return people
+
+
+def _same(case: Case, track: LinkedTrack, model: Any) -> bool:
+    other = case.enrolled(track.number)
+    return other is not None and same_person(other, model)
+
+
+def _together(a: LinkedTrack, b: LinkedTrack) -> bool:
+    return a.first <= b.last and b.first <= a.last
+
+
+def _observations(case: Case, track: LinkedTrack) -> tuple[TrackObservations, F32]:
+    """The observations of a track, and the confidence of its landmarks (n,)."""
+    frames, boxes, turns, trust, confidence = [], [], [], [], []
+    for segment, number in track.pieces:
+        found, fits = case.found(segment, points=False), case.fits(segment)
+        rows = np.flatnonzero(found.tracklet == number)
+        mine = np.flatnonzero(fits.track == track.number)
+        known = dict(zip(fits.frame[mine].tolist(), fits.confidence[mine].tolist(), strict=True))
+        frames.append(found.frame[rows])
+        boxes.append(found.box[rows])
+        turns.append(found.turn[rows])
+        trust.append([known.get(int(f), 0.0) for f in found.frame[rows]])
+        confidence.append(found.confidence[rows])
+    return TrackObservations(
+        np.concatenate(frames),
+        np.concatenate(boxes),
+        np.concatenate(turns),
+        np.concatenate(trust).astype(np.float32),
+    ), np.concatenate(confidence)
+
+
+def _decided(case: Case, track: LinkedTrack, action: Any) -> Decision:
+    rows, _ = _observations(case, track)
+    return decide(rows, action, total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+
+
+def propose_tracks(case: Case) -> list[Track]:
+    """The tracks, to be swapped where their person could be enrolled and is seen well enough, otherwise covered."""
+    tracks = []
+    for one in case.linked:
+        rows, confidence = _observations(case, one)
+        decision = decide(rows, "swap", total=case.scan.frames, rate=case.rate, cuts=case.cuts)
+        inside = (decision.frames >= one.first) & (decision.frames <= one.last)
+        share = float((decision.done[inside] == SWAPPED).mean())
+        reason = _why_cover(case, one, share)
+        action: Action = "cover" if reason else "swap"
+        tracks.append(Track(
+            one.number, case.people[one.number], one.first, one.last, one.seen, round(one.width, 1),
+            _curve(one, rows.frames, rows.trust if rows.trust.any() else confidence), action, reason, action,
+            can_swap=case.model_of(one.number) is not None,
+        ))  # fmt: skip
+    return tracks
+
+
+def _why_cover(case: Case, track: LinkedTrack, share: float) -> str:
+    if case.model_of(track.number) is None:
+        return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
+    return "" if share >= MIN_SWAP_SHARE else "hardly any frame shows the face well enough"
+
+
+def _curve(track: LinkedTrack, frames: NDArray[np.int32], values: F32) -> tuple[float, ...]:
+    whole = np.zeros(track.last - track.first + 1)
+    whole[frames - track.first] = values
+    parts = np.array_split(whole, min(MAX_CONFIDENCE_PARTS, len(whole)))
+    return tuple(round(float(part.mean()), 3) for part in parts)
+
+
+def chosen_tracks(case: Case, edited: Path | None) -> list[Track]:
+    """The tracks with the user's actions, and donors for those that are swapped."""
+    proposed = [track_from(entry) for entry in case.work.load_json("proposed.json")]
+    tracks = proposed
+    if edited is not None:
+        tracks = list(read_tracks(edited, proposed, case.manifest["fingerprint"]))
+    origins = {t.number: t.origin for t in tracks}
+    donors = _donors(
+        case, {t.person: origins[t.person] for t in tracks if t.action == "swap" and not t.donor}
+    )
+    return [replace(t, donor=t.donor or donors[t.person] if t.action == "swap" else "") for t in tracks]
+
+
+def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
+    """The donor of each person, given with the track that they are called by; with a key file, the one of before."""
+    options, salt = case.options, case.manifest["name"]
+    if options.keyfile is None:
+        return assign(list(people), options.donor, own=options.gallery, seed=options.seed, salt=salt)
+    models = {person: case.model_of(track) for person, track in people.items()}
+    return KeyFile.open(options.keyfile).assign(models, options.donor, own=options.gallery, salt=salt)
+
+
+def plan_faces(case: Case) -> dict[str, NDArray[Any]]:
+    """What happens to each face in each frame, by frame."""
+    columns: list[tuple[NDArray[Any], ...]] = []
+    linked = {one.number: one for one in case.linked}
+    for track in case.tracks:
+        whole = linked[track.origin]
+        d = _decided(case, whole, track.action)
+        mine = (d.frames >= track.first) | (track.first == whole.first)
+        mine &= (d.frames <= track.last) | (track.last == whole.last)
+        parts = (d.frames, d.done, d.boxes, d.turns, d.growth, d.confidence)
+        columns.append((np.full(int(mine.sum()), track.number), *(part[mine] for part in parts)))
+    b = _bystanders(case)
+    ones = np.ones(len(b.frames))
+    columns.append(
+        (np.full(len(ones), BYSTANDERS), b.frames, ones * COVERED, b.boxes, b.turns, ones, b.scores)
+    )
+    joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
+    order = np.argsort(joined[1], kind="stable")
+    names = ("track", "frame", "done", "box", "turn", "growth", "confidence")
+    types = (np.int32, np.int32, np.uint8, *[np.float32] * 4)
+    if case.options.region == "head":
+        joined[names.index("growth")] *= HEAD_COVER_GROWTH
+    return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
+
+
+def _bystanders(case: Case) -> Bystanders:
+    found = [case.found(k, points=False) for k in range(len(case.scan.segments))]
+    seen = Bystanders(
+        np.concatenate([f.bystander_frame for f in found]),
+        np.concatenate([f.bystander_box for f in found]),
+        np.concatenate([f.bystander_score for f in found]),
+        np.concatenate([f.bystander_turn for f in found]),
+    )
+    return seen.spread(total=case.scan.frames, rate=case.rate, cuts=case.cuts)
