@@ -32,7 +32,8 @@ from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
 from guise.aam.similarity import Failed
 from guise.aam.solid_shape import SolidPrior, facing
-from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, TrackerOptions, cut, train_tracker
+from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, cut
+from guise.aam.tracker_training import TrackerOptions, train_tracker
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.common.errors import GuiseError

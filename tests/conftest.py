@@ -64,7 +64,7 @@ def no_thread_left() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def p01() -> Identity:
     """The first sample person, enrolled on a few frames of the first clip with a small tracker."""
-    from guise.aam.tracker import TrackerOptions
+    from guise.aam.tracker_training import TrackerOptions
     from guise.aam.training import TrainingOptions
     from guise.app.enrolment.enrol import enrol
     from guise.app.enrolment.landmark_source import LandmarkSource

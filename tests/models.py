@@ -8,7 +8,7 @@ from pathlib import Path
 
 from made_up import SAMPLES
 
-from guise.aam.tracker import TrackerOptions
+from guise.aam.tracker_training import TrackerOptions
 from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import enrol
 from guise.app.enrolment.landmark_source import LandmarkSource

@@ -8,7 +8,7 @@ from made_up import SAMPLES
 
 from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
-from guise.aam.tracker import TrackerOptions
+from guise.aam.tracker_training import TrackerOptions
 from guise.aam.training import TrainingOptions
 from guise.app.cli.main import main
 from guise.app.media import open_input

@@ -9,7 +9,7 @@ from clips import two_people
 from guise.aam.landmarks.schemes import FOREHEAD
 from guise.aam.recognition import MIN_SAME_PERSON_SIMILARITY, SIGNATURE_RESOLUTION
 from guise.aam.reference import ReferenceFrame
-from guise.aam.tracker import TrackerOptions
+from guise.aam.tracker_training import TrackerOptions
 from guise.aam.training import TrainingOptions
 from guise.app.cli.main import main
 from guise.app.enrolment.enrol import EnrolError, enrol

@@ -24,10 +24,9 @@ from guise.aam.tracker import (
     Quality,
     ShapeSpace,
     Tracker,
-    TrackerOptions,
     cut,
-    train_tracker,
 )
+from guise.aam.tracker_training import TrackerOptions, train_tracker
 
 Talk = tuple[list[np.ndarray], np.ndarray]
 FRAME = ReferenceFrame.canonical(FEATURE_RESOLUTION)
