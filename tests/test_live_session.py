@@ -3,18 +3,24 @@
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from clips import cut
 from made_up import SAMPLES
+from models import SMALL
 from numpy.typing import NDArray
 
 from guise.aam.model import Identity
+from guise.aam.training import TrainingOptions
 from guise.app.cli.main import main
+from guise.app.live import session
 from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
+from guise.app.live.enrolment import OnScreenEnrolment
 from guise.app.live.output import OutputFrame
 from guise.app.live.session import LiveSession, SessionConfig
 from guise.app.live.stats import PipelineStats
@@ -28,6 +34,16 @@ CLIP = SAMPLES / "p01" / "talk.mp4"
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GUISE_PEOPLE", str(tmp_path / "people"))
+
+
+@pytest.fixture
+def brief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Enrolments take six seconds instead of sixteen, and train a small tracker."""
+
+    def started(name: str, options: TrainingOptions) -> OnScreenEnrolment:
+        return OnScreenEnrolment(name, 6.0, options=replace(SMALL, resolution=options.resolution))
+
+    monkeypatch.setattr(session, "OnScreenEnrolment", started)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +70,7 @@ def changed(shown: OutputFrame, before: NDArray[np.uint8]) -> float:
     return float((np.abs(shown.frame.rgb().astype(int) - before).max(2) > 8).mean())
 
 
-def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Identity) -> None:
+def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Identity, brief: None) -> None:
     kept: list[Identity] = []
     config = SessionConfig([face], None, keep=kept.append)
     rings, sentences, first_swap, covered = [], [], None, 0
@@ -78,7 +94,9 @@ def test_a_stranger_is_covered_until_they_are_known_and_then_swapped(face: Ident
     assert any("Training" in text for text in sentences)
 
 
-def test_a_session_that_ends_while_it_trains_leaves_nothing(face: Identity, no_thread_left: None) -> None:
+def test_a_session_that_ends_while_it_trains_leaves_nothing(
+    face: Identity, brief: None, no_thread_left: None
+) -> None:
     for shown, _ in run(SessionConfig([face], None), CLIP, loop=True):
         if "Training" in shown.message:
             break
@@ -91,17 +109,16 @@ def live(*arguments: object) -> int:
 def test_headless_keeps_every_frame_and_the_sound(
     tmp_path: Path, p01: Identity, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    clip = cut("p01", tmp_path / "clip.mp4", 90, clip="talk.mp4")
     person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
     p01.save(person)
-    assert (
-        live("--headless", "--source", CLIP, "--person", person, "--identity", person, "-o", out, "--json")
-        == 0
-    )
+    people = ("--person", person, "--identity", person)
+    assert live("--headless", "--source", clip, *people, "-o", out, "--json") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["files"] == [str(out)]
-    assert report["frames"] == 300
-    assert report["outcomes"]["swapped"] > 280
-    with av.open(str(CLIP)) as before, av.open(str(out)) as after:
+    assert report["frames"] == 90
+    assert report["outcomes"]["swapped"] > 84
+    with av.open(str(clip)) as before, av.open(str(out)) as after:
         assert [s.type for s in after.streams] == [s.type for s in before.streams]
         times = [[p.pts * p.time_base for p in c.decode(video=0)] for c in (before, after)]
         assert times[0] == times[1]
@@ -110,10 +127,13 @@ def test_headless_keeps_every_frame_and_the_sound(
 def test_the_model_of_a_file_is_made_once(
     tmp_path: Path, p01: Identity, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    kept.keep(kept.video_key(CLIP, p01.reference.resolution, kept.video_key(CLIP.with_suffix(".npz"))), p01)
+    clip = cut("p01", tmp_path / "clip.mp4", 30, clip="talk.mp4")
+    points = clip.with_suffix(".npz")
+    np.savez(points, landmarks=np.load(CLIP.with_suffix(".npz"))["landmarks"][:30])
+    kept.keep(kept.video_key(clip, p01.reference.resolution, kept.video_key(points)), p01)
     person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
     p01.save(person)
-    assert live("--headless", "--source", CLIP, "--identity", person, "-o", out) == 0
+    assert live("--headless", "--source", clip, "--identity", person, "-o", out) == 0
     assert "enrolling" not in capsys.readouterr().err
 
 

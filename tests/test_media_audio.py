@@ -120,9 +120,9 @@ def test_pitch_and_formants_are_lowered_and_nothing_else(tmp_path: Path, suffix:
 
 
 def test_it_stays_in_step_for_minutes(tmp_path: Path) -> None:
-    clip = make_film(tmp_path / "in.mp4", voice(180, 16000), 16000)
+    clip = make_film(tmp_path / "in.mp4", voice(120, 16000), 16000)
     (old, rate, _), (new, _, _) = hear(clip), hear(masked(clip))
-    for second in (0, 90, 174):
+    for second in (0, 60, 114):
         piece = slice(second * rate, (second + 6) * rate)
         late, alike = lag(old[0, piece], new[0, piece], rate)
         assert abs(late) <= 0.02
