@@ -16,14 +16,12 @@ from nicegui import events, ui
 from guise.aam.landmarks import COUNT, LandmarkError, open_landmarker
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.landmark_correction import (
-    CORRECTED,
-    DETECTED,
-    PROPAGATED,
     Correction,
     propagated,
     save_correction,
 )
-from guise.app.studio.landmark_frames import ClipFrames, thumbnail
+from guise.app.studio.landmark_frames import ClipFrames
+from guise.app.studio.landmark_strip import LandmarkStrip, state_of
 from guise.app.studio.landmark_view import SCREEN, FrameView, name_of
 from guise.app.studio.people import retrain
 from guise.app.studio.pictures import data_url
@@ -36,8 +34,6 @@ from guise.common.arrays import F32, F64, Bool
 class EditorSettings:
     """Sizes and rates of the landmark editor."""
 
-    spread_thumbnails: int = 20  # evenly over the clip
-    doubtful_thumbnails: int = 20  # of the most doubtful frames
     nudge_pixels: float = 1.0  # of the frame, by an arrow key
     fine_nudge_pixels: float = 0.2  # with shift
     zoom_factor: float = 1.5  # of one click
@@ -48,12 +44,6 @@ class EditorSettings:
 SETTINGS = EditorSettings()
 
 FITTING_WIDTH = f"clamp(18rem, 100dvh - 23rem, {SCREEN}px)"  # of the square below what chooses the frame
-ORIGINS = {DETECTED: "as found", PROPAGATED: "carried forward", CORRECTED: "corrected"}
-MARKS = {
-    "doubtful": ("priority_high", "orange"),
-    "carried forward": ("east", "blue"),
-    "corrected": ("check", "green"),
-}
 HELP = {
     "arrows": f"move the point by {SETTINGS.nudge_pixels:g} pixel, with shift by {SETTINGS.fine_nudge_pixels:g}",
     "n, p": "next point, previous point",
@@ -82,8 +72,7 @@ class LandmarkEditor:
         self.row, self.point = 0, 0
         self._file_time = self.file.stat().st_mtime_ns
         self._unsaved = False
-        self._faces: dict[int, str] = {}
-        self._cells: dict[int, ui.button] = {}
+        self._strip = LandmarkStrip(frames, correction, self.go)
         self._pointer: _PointerDrag | None = None
         self._stop = threading.Event()
         self.share = 0.0  # of the frames to which points are being propagated
@@ -94,7 +83,7 @@ class LandmarkEditor:
         self.row = int(first[0])
         self.rgb = await asyncio.to_thread(self.frames.rgb, self.row)
         self.view = FrameView.whole(self.rgb.shape[1], self.rgb.shape[0])
-        self._strip_row()
+        self._strip.build(self.row)
         self._navigation()
         with ui.element("div").classes("w-full flex flex-wrap gap-4"):
             self._canvas()
@@ -103,25 +92,9 @@ class LandmarkEditor:
         ui.context.client.on_delete(self._stop.set)
         self.whole_face()
         self._changed()
-        ui.timer(0, self._fill_strip, once=True)
+        ui.timer(0, self._strip.fill, once=True)
 
     # -- layout
-
-    def _strip_row(self) -> None:
-        self._scroll = ui.scroll_area().classes("w-full h-28").props('aria-label="Frames"')
-        with self._scroll, ui.row().classes("no-wrap gap-1"):
-            self._strip()
-
-    @ui.refreshable_method
-    def _strip(self) -> None:
-        self._cells = {}
-        for row in sorted(self._faces):
-            with ui.button(on_click=partial(self.go, row)).props("flat padding=0") as cell:
-                cell.classes("shrink-0 border-4 rounded-none")
-                ui.image(self._faces[row]).classes("w-16 h-16").props["alt"] = ""
-                ui.icon("").classes("absolute top-0 right-0 rounded-full bg-white")
-            self._cells[row] = cell
-            self._mark(row)
 
     def _navigation(self) -> None:
         """The controls that choose the frame."""
@@ -208,8 +181,7 @@ class LandmarkEditor:
         if self.correction.has_face(before) and self.correction.has_face(wanted):
             motion = self._points().mean(0) - self.correction.points[before].mean(0)
             self.view = self.view.moved(-motion * self.view.scale)
-        self._mark(before)
-        self._scroll_strip()
+        self._strip.go(wanted)
         self._show()
         self._changed()
 
@@ -285,8 +257,7 @@ class LandmarkEditor:
     async def _show_change(self, row: int | None) -> None:
         if row is None:
             return
-        for cell in self._cells:
-            self._mark(cell)
+        self._strip.mark_all()
         await self.go(row)
 
     async def propagate(self) -> None:
@@ -306,8 +277,7 @@ class LandmarkEditor:
             self._progress.visible, self._forward.enabled = False, True
         found = found[: self.correction.propagation_end(row) - row - 1]
         self.correction.propagate(row + 1, found)
-        for cell in self._cells:
-            self._mark(cell)
+        self._strip.mark_all()
         self._changed()
         lost = len(found) < until - row - 1 and not self._stop.is_set()
         ui.notify(
@@ -446,11 +416,7 @@ class LandmarkEditor:
         self._left_out.visible, self._borrowed.visible = there, not there
         self._doubtful.enabled = bool(self.correction.doubtful.any())
         self._note_unsaved()
-        if self.row in self._cells:
-            self._mark(self.row)
-        elif self._cells and self.correction.origin[self.row] == CORRECTED:
-            self._faces[self.row] = thumbnail(self.rgb, self._points())
-            self._strip.refresh()
+        self._strip.update(self.rgb)
 
     def _note_unsaved(self) -> None:
         """Have the browser ask before it leaves unsaved changes."""
@@ -466,35 +432,8 @@ class LandmarkEditor:
             if self.correction.has_face(self.row)
             else "no points"
         )
-        self._status.text = f"Frame {self.row + 1} of {len(self.correction)}, {self._state(self.row)}: {what}"
-
-    def _state(self, row: int) -> str:
-        return "doubtful" if self.correction.doubtful[row] else ORIGINS[int(self.correction.origin[row])]
-
-    def _mark(self, row: int) -> None:
-        """Show the state of a row in the strip."""
-        if (cell := self._cells.get(row)) is None:
-            return
-        state, here = self._state(row), row == self.row
-        symbol, colour = MARKS.get(state, ("", ""))
-        cell.props(f'aria-label="Frame {row + 1}, {state}" aria-current={str(here).lower()}')
-        cell.classes(
-            replace="shrink-0 border-4 rounded-none " + ("border-primary" if here else "border-transparent")
-        )
-        icon = cell.default_slot.children[1]
-        icon.props(f'name="{symbol}" color="{colour}"').set_visibility(bool(symbol))
-
-    def _scroll_strip(self) -> None:
-        """Scroll the strip to the current frame, if it is in it."""
-        if self.row in self._faces:
-            place = sorted(self._faces).index(self.row) / max(len(self._faces) - 1, 1)
-            self._scroll.scroll_to(percent=place, axis="horizontal")
-
-    async def _fill_strip(self) -> None:
-        rows = _shown_rows(self.correction) | {self.row}
-        self._faces = await asyncio.to_thread(self.frames.faces, rows, self.correction.points.copy())
-        self._strip.refresh()
-        self._scroll_strip()
+        state = state_of(self.correction, self.row)
+        self._status.text = f"Frame {self.row + 1} of {len(self.correction)}, {state}: {what}"
 
 
 class _PointerDrag:
@@ -518,15 +457,6 @@ class _PointerDrag:
         """The point's new position (2,), frame pixels."""
         assert self.start is not None
         return np.asarray(self.start + self.by / self.view.scale)
-
-
-def _shown_rows(correction: Correction) -> set[int]:
-    """The rows of the strip: evenly spread over the clip, the most doubtful ones, the corrected ones."""
-    spread = np.linspace(0, len(correction) - 1, SETTINGS.spread_thumbnails).round().astype(int)
-    doubtful = np.flatnonzero(correction.doubtful)
-    order = np.argsort(-np.nan_to_num(correction.residual[doubtful], nan=np.inf))
-    worst = doubtful[order][: SETTINGS.doubtful_thumbnails]
-    return {*spread.tolist(), *worst.tolist(), *np.flatnonzero(correction.origin == CORRECTED).tolist()}
 
 
 def _place(event: events.GenericEventArguments) -> F64:
