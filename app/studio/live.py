@@ -54,6 +54,7 @@ KEYS = (
     "1 to 9 face, up and down expression, S swap, P puppet, O cover, M mirror, L mesh, K mask, R record, C snapshot, "
     "E enrol"
 )
+GREY = "#808080"  # readable in light and in dark
 GRAPH_POINTS = 120  # of the latency graph, one for each update
 LISTEN_SECONDS = 5.0  # that the browser gets to begin with its sound
 PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
@@ -468,7 +469,14 @@ def _graph(latencies: list[float]) -> dict[str, Any]:
         "animation": False,
         "grid": {"left": 45, "right": 10, "top": 30, "bottom": 10},
         "xAxis": {"type": "category", "show": False},
-        "yAxis": {"type": "value", "name": "ms", "min": 0, "splitNumber": 3},
-        "textStyle": {"color": "#808080"},
+        "yAxis": {
+            "type": "value",
+            "name": "ms",
+            "min": 0,
+            "splitNumber": 3,
+            "axisLabel": {"color": GREY},
+            "nameTextStyle": {"color": GREY},
+            "splitLine": {"lineStyle": {"color": GREY, "opacity": 0.4}},
+        },
         "series": [{"type": "line", "data": latencies, "showSymbol": False}],
     }

@@ -219,10 +219,10 @@ class _PeoplePage:
                     ui.label(sentence[:1].upper() + sentence[1:] + ".").classes("opacity-70")
         with ui.row().classes("items-center gap-1"):
             for words, use in (("Use live", self._use_live), ("Swap with", self._swap_with)):
-                button = ui.button(words, on_click=partial(use, person)).props("dense")
+                button = ui.button(words, on_click=partial(use, person)).props("padding='xs sm'")
                 button.props["aria-label"] = f"{words} {person.name}"
             for words, act in (("Rename", self._rename), ("Delete", self._confirm_delete)):
-                button = ui.button(words, on_click=partial(act, person)).props("outline dense")
+                button = ui.button(words, on_click=partial(act, person)).props("outline padding='xs sm'")
                 button.props["aria-label"] = f"{words} {person.name}"
         with ui.expansion("Details").classes("w-full"):
             picture = self.studio.url(person.montage)
