@@ -54,8 +54,8 @@ class LidSettings:
     max_closing: float = (
         0.25  # mean of the gap at rest by which lids are moved; eyes that need more close less
     )
-    upper_reach_widths: float = 0.36  # of the skin that a margin takes along
-    lower_reach_widths: float = 0.22
+    upper_reach_widths: float = 0.18  # of the skin that a margin takes along
+    lower_reach_widths: float = 0.11
     rounds: int = 4  # of moving margins
 
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.geometry import Surface
-from guise.analogy.lids import FacePair, Lids, find_lids
+from guise.analogy.lids import FacePair, LidMotion, Lids, find_lids
 from guise.analogy.mesh import Mesh
 from guise.analogy.parts import FaceFrame
 from guise.analogy.transfer import Transfer
@@ -134,6 +134,18 @@ def test_lids_meet_on_other_meshes_and_larger_and_smaller_eyes(steps: int, gap: 
         assert left.max() < max(0.15, 0.6 * (gaps(eye, alone) / rest)[2:-2].max())
     still = np.abs(target[0].vertices[:, 1]) > 3
     assert np.abs(together - target[0].vertices)[still].max() < 0.05
+
+
+def test_margins_take_only_the_lids_along() -> None:
+    source, target = face(8, 1.0), face(6, 1.4)
+    lids = FacePair.of(source[0], target[0], (FACE_POINTS, FACE_POINTS)).lids[0]
+    rest, half_shut = target[0].vertices, (target[0].vertices + target[1]) / 2
+    made = LidMotion(source[0].vertices, rest, lids)(source[1], half_shut)
+    moved = np.linalg.norm(made - half_shut, axis=1) > 1e-9
+    assert moved.any()
+    margins = np.concatenate([lids[1].upper.at(rest), lids[1].lower.at(rest)])
+    away = np.linalg.norm(rest[moved, None] - margins, axis=2).min(1)
+    assert away.max() < 0.25 * lids[1].width
 
 
 def test_open_eyes_stay_as_they_are() -> None:

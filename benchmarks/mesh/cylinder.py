@@ -27,6 +27,7 @@ from benchmarks.mesh.transfer import OTHER_POSE, Pair, errors, load_pair, true_c
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.cylinder import cylindrical_correspondence
 from guise.analogy.registration import register, skin_mask
+from guise.analogy.transfer import Transfer
 from guise.common.arrays import F64
 
 NAME, TITLE = "mesh.cylinder", "Cylindrical correspondence between heads"
@@ -52,7 +53,7 @@ class Case:
 
     def err(self, found: Correspondence) -> float:
         """Mean err of a transfer by tents."""
-        return float(errors(self.pair, found, "tents").mean())
+        return float(errors(self.pair, Transfer(self.pair.source, self.pair.target, found)).mean())
 
 
 def cases(shared: Path, quick: bool) -> Iterator[Case]:
