@@ -28,7 +28,7 @@ def lit(texture: F32, gain: float, offset: float, light: float, tone: float = 0.
     )
     plain = gains * texture.T + offsets
     made = plain.copy()
-    hair.darken(made, texture, hair.lit_skin(texture, gains, offsets), light)
+    hair.adjust(made, texture, hair.lit_skin(texture, gains, offsets), light)
     return plain, made
 
 
@@ -39,8 +39,20 @@ def test_black_brows_of_a_dark_face_are_black_on_light_skin() -> None:
     assert np.array_equal(made[:, FAR], plain[:, FAR])
 
 
+def test_brown_brows_of_a_light_face_are_not_black_on_dark_skin() -> None:
+    plain, made = lit(face(180, 90), 0.4, 0, light=1.0, tone=2.0)
+    assert plain[:, CORE].mean() < 40
+    assert 50 < made[:, CORE].mean() < made[:, FAR].mean()
+    assert np.array_equal(made[:, FAR], plain[:, FAR])
+
+
+def test_brows_get_no_lighter_where_the_eyes_say_that_it_is_the_light() -> None:
+    plain, made = lit(face(180, 90), 0.4, 0, light=0.4, tone=2.0)
+    assert made[:, CORE].mean() == pytest.approx(plain[:, CORE].mean(), rel=0.1)
+
+
 @pytest.mark.parametrize(("gain", "offset", "light"), [(1.0, 0.0, 1.0), (0.5, 0.0, 1.0), (0.5, 0.0, 0.5)])
-def test_brows_never_get_lighter_and_the_same_light_keeps_them(
+def test_brows_of_a_darker_face_never_get_lighter_and_the_same_light_keeps_them(
     gain: float, offset: float, light: float
 ) -> None:
     plain, made = lit(face(180, 40), gain, offset, light)

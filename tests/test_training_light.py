@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch")
 from guise.app.swapping.learned_light import GRID  # noqa: E402
 from training import swap_data  # noqa: E402
 from training.light_net import LightNet  # noqa: E402
+from training.placement import Group, transferred  # noqa: E402
 from training.swap_data import Cells  # noqa: E402
 from training.train_light import Batches, Classical, Errors, Lit, Portraits, measure  # noqa: E402
 
@@ -62,6 +63,19 @@ def test_every_donor_is_sampled_on_every_head_and_mirrored(samples: swap_data.Sa
     assert_allclose(
         samples.pictures[samples.scene[SCENES], 0][:, CELLS.weight[0] > 0.9].mean(1), [100, 75, 60], atol=2
     )
+
+
+def test_faces_are_drawn_as_the_engine_draws_them_where_the_scene_is_found() -> None:
+    frontal = CELLS.reference.points * 2.0 + 20
+    shapes = np.tile(frontal, (PEOPLE, 3, 1, 1))
+    truths = np.tile(frontal, (PEOPLE, PEOPLE, 3, 1, 1))
+    scenes = shapes + np.array([7.0, -3.0])
+    scenes[0, 1] = np.nan
+    places = list(
+        transferred(Group(shapes, scenes, shapes, scenes, truths), np.random.default_rng(0), learned=False)
+    )
+    assert [(p.head, p.donor, p.scene) for p in places] == [(1, 0, 0), (1, 0, 1), (1, 0, 2)]
+    assert_allclose(places[0].drawn(), scenes[1, 0], atol=1)
 
 
 def test_the_untrained_network_is_a_classical_light(samples: swap_data.Samples) -> None:

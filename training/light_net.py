@@ -1,9 +1,10 @@
 """The network of the learned light: from what a face and a frame show to the affine map that lights the face.
 
 From sums of texels on a coarse grid it forms ratios of local means of skin: of the frame over the face, as the
-classical local light does (`app/swapping/local_light.py`), at two widths; and, finer than some width, of the frame over
-the person's own face as enrolled, which is the scene's light without that person's form (the quotient image of Shashua
-and Riklin-Raviv 2001).  A small network with a view of the whole face says how much of each counts and corrects their
+classical local light does (`app/swapping/local_light.py`), at two widths; finer than some width, of the frame over the
+person's own face as enrolled, which is the scene's light without that person's form (the quotient image of Shashua and
+Riklin-Raviv 2001); and two that hold no local mean of the face, so that the smooth pattern of its skin stays.  A small
+network with a view of the whole face says how much of each counts, for brightness and colour apart, and corrects their
 mean smoothly.  The output is an affine map of colours per cell, so that nothing can be painted that the face does not
 have.  RGB 0..255.
 """
@@ -21,8 +22,9 @@ from guise.aam.light import LUMA
 from guise.app.swapping.coarse_grid import gaussian_kernel
 from guise.app.swapping.learned_light import BLACK_GREY_LEVELS, CELL_FACE_WIDTHS, GRID
 
-RATIOS = 5  # of which the light is a mean
-INPUTS, STATIC, OUTPUTS = 37, 4, 3 + RATIOS
+RATIOS = 7  # of which the light is a mean
+SEEN_RATIOS = 4  # by the network
+INPUTS, STATIC, OUTPUTS = 37, 4, 3 + 2 * RATIOS
 PARTS = 2  # eyes, inside of the mouth
 FLOOR = 1e-3  # share of texels that are not skin in the means of skin
 CONTRAST = 0.5, 1.5  # limits of the scale of details
@@ -55,17 +57,20 @@ class LightNet(nn.Module):
     face, `rest`, both at rest as enrolled. The map holds gain and offset of R, G, B; the parts are eyes and mouth.
     """
 
-    def __init__(self, channels: int = 40, deep: int = 64, widths: Widths = Widths()) -> None:
+    def __init__(self, channels: tuple[int, int, int] = (48, 96, 128), widths: Widths = Widths()) -> None:
         super().__init__()
         self.widths = widths
         self.static = nn.Parameter(torch.randn(1, STATIC, *GRID) * 0.1)
-        self.stem = nn.Sequential(*_conv(INPUTS + STATIC, channels, 2), Residual(channels))
-        self.down = nn.Sequential(*_conv(channels, deep, 2), Residual(deep))
-        self.whole = nn.Linear(deep, deep)
-        self.middle = nn.Sequential(Residual(deep), nn.Conv2d(deep, channels, 1))
-        self.body = nn.Sequential(Residual(channels), nn.PReLU(channels))
-        self.out = nn.Conv2d(channels, 4 * OUTPUTS, 3, 1, 1)
-        self.parts = nn.Linear(deep, 3 * PARTS)
+        near, middle, far = channels
+        self.near = nn.Sequential(*_conv(INPUTS + STATIC, near, 2), Residual(near))
+        self.middle = nn.Sequential(*_conv(near, middle, 2), Residual(middle))
+        self.far = nn.Sequential(*_conv(middle, far, 2), Residual(far))
+        self.whole = nn.Linear(far, far)
+        self.to_middle = nn.Sequential(Residual(far), nn.Conv2d(far, middle, 1))
+        self.to_near = nn.Sequential(Residual(middle), nn.Conv2d(middle, near, 1))
+        self.body = nn.Sequential(Residual(near), nn.PReLU(near))
+        self.out = nn.Conv2d(near, 4 * OUTPUTS, 3, 1, 1)
+        self.parts = nn.Linear(far, 3 * PARTS)
         for layer in (self.out, self.parts):
             nn.init.zeros_(layer.weight)
             nn.init.zeros_(layer.bias)
@@ -92,12 +97,12 @@ class LightNet(nn.Module):
         known_every = torch.cat([known[:, 0] * skin[:, 6:] + known[:, 1] * other[:, 6:], every[:, 6:]], 1)
         known_skin = torch.cat([known[:, 0] * skin[:, 6:], skin[:, 6:]], 1) + FLOOR * known_every
         skin = skin + FLOOR * every
-        ratios = self._ratios(skin, known_skin)
+        levels = [self._level(sums) for sums in (skin, known_skin)]
+        ratios = self._ratios(skin, known_skin, *levels)
         local, known_local = (
             self._means(all_ + FLOOR * some, self.widths.own)
             for all_, some in ((every, skin), (known_every, known_skin))
         )
-        levels = [self._level(sums) for sums in (skin, known_skin)]
         shown = every[:, 6:] > 0.05
         raw = [
             torch.where(shown, sums[:, :6] / sums[:, 6:].clamp(min=0.05), means) + BLACK_GREY_LEVELS
@@ -107,7 +112,11 @@ class LightNet(nn.Module):
         inputs = torch.cat(
             [
                 torch.cat(
-                    [torch.cat(raw, 1).clamp(min=1).log() - flat, *(r - change for r in ratios[:-1])], 1
+                    [
+                        torch.cat(raw, 1).clamp(min=1).log() - flat,
+                        *(r - change for r in ratios[:SEEN_RATIOS]),
+                    ],
+                    1,
                 )
                 * SCALE,
                 every[:, 6:].clamp(max=1) * shown,
@@ -124,8 +133,11 @@ class LightNet(nn.Module):
         offset = local[:, :3] * (ratio - gain) + BLACK_GREY_LEVELS * (ratio - 1)
         return torch.cat([gain, offset], 1), parts
 
-    def _ratios(self, skin: Tensor, known: Tensor) -> list[Tensor]:
-        """Logs (n, 3, h, w) of the ratios of which the light is a mean; the second is the widest."""
+    def _ratios(self, skin: Tensor, known: Tensor, level: Tensor, known_level: Tensor) -> list[Tensor]:
+        """Logs (n, 3, h, w) of the ratios of which the light is a mean; the second is the widest.
+
+        Levels are logs (n, 6, 1, 1) of the mean colours.
+        """
         w = self.widths
         # Sums of two colours each, of which the second is divided by the first.
         person = torch.cat([known[:, :3], skin[:, 3:]], 1)
@@ -137,17 +149,23 @@ class LightNet(nn.Module):
             for width in w.split
         )
         still = self._log_ratio(moved, *w.sharp) - self._log_ratio(moved, w.split[0], w.split[0])
-        return [narrow, wide, near, far, near + still]
+        even = (level[:, 3:] - level[:, :3]).expand_as(light)
+        whole = light + known_level[:, :3] - level[:, :3]
+        return [narrow, wide, near, far, near + still, whole, even]
 
     def _corrected(self, ratios: list[Tensor], fields: Tensor) -> Tensor:
         """The ratio (n, 3, h, w) of which the network's fields tell shares and corrections."""
-        shares = torch.softmax(fields[:, 3:], 1)
+        bright, coloured = (
+            sum(shares[:, i : i + 1] * one for i, one in enumerate(ratios))
+            for shares in (torch.softmax(some, 1) for some in fields[:, 3:].split(RATIOS, 1))
+        )
+        grey = self._grey(coloured.exp()).log()
+        mean = self._grey(bright.exp()).log() + coloured - grey
         brightness, tint = (
             self._mean(fields[:, :1], self.widths.brightness),
             self._mean(fields[:, 1:3], self.widths.colour),
         )
         colour = torch.cat([tint[:, :1], -0.25 * tint.sum(1, keepdim=True), tint[:, 1:]], 1)
-        mean = sum(shares[:, i : i + 1] * one for i, one in enumerate(ratios))
         return (mean + brightness + colour).exp()
 
     def _level(self, sums: Tensor) -> Tensor:
@@ -156,12 +174,12 @@ class LightNet(nn.Module):
         return (total[:, :6] / total[:, 6:].clamp(min=1e-9) + BLACK_GREY_LEVELS).clamp(min=1).log()
 
     def _network(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        near = self.stem(inputs)
-        deep = self.down(near)
-        whole = deep.mean((2, 3))
-        deep = self.middle(deep + self.whole(whole)[:, :, None, None])
-        deep = F.interpolate(deep, size=near.shape[2:], mode="bilinear", align_corners=False)
-        fields = F.pixel_shuffle(self.out(self.body(near + deep)), 2)
+        near = self.near(inputs)
+        middle = self.middle(near)
+        far = self.far(middle)
+        whole = far.mean((2, 3))
+        middle = middle + _as_large(self.to_middle(far + self.whole(whole)[:, :, None, None]), middle)
+        fields = F.pixel_shuffle(self.out(self.body(near + _as_large(self.to_near(middle), near))), 2)
         return fields[:, :, : GRID[0], : GRID[1]], self.parts(whole)
 
     def _log_ratio(self, skin: Tensor, brightness: float, colour: float) -> Tensor:
@@ -199,6 +217,10 @@ class Residual(nn.Module):
 
 def _conv(before: int, after: int, stride: int = 1) -> tuple[nn.Module, ...]:
     return nn.Conv2d(before, after, 3, stride, 1), nn.PReLU(after)
+
+
+def _as_large(planes: Tensor, others: Tensor) -> Tensor:
+    return F.interpolate(planes, size=others.shape[2:], mode="bilinear", align_corners=False)
 
 
 def _name(axis: str, width: float) -> str:

@@ -26,7 +26,7 @@ from guise.aam.landmarks.schemes import BROWS, EYES, LIPS, MIRROR, NOSE, RIGID_W
 from guise.aam.reference import ReferenceFrame
 from guise.aam.shape_transfer import FEATURES, Placement, ShapeTransfer
 from guise.aam.similarity import align_planar
-from guise.aam.solid_shape import LIMITS, SolidPrior
+from guise.aam.solid_shape import LIMITS, HeadPose, SolidPrior
 from guise.common.arrays import F64
 
 OUT = Path(__file__).parents[1] / "aam" / "data" / "placement.npz"
@@ -34,6 +34,7 @@ REST_FRAMES = 3, 10  # of which a rest shape is the mean
 MAX_MISS_FACE_WIDTHS = 0.06  # mean distance from the truth, beyond which the landmarker missed the face
 HELD_OUT = 6  # every so manieth group
 HIDDEN = 96
+REFERENCE = ReferenceFrame.canonical()
 KEPT = 0.7  # of the correction: on people not trained with, less than all of it is nearest
 PARTS = {"brows": BROWS, "eyes": EYES, "nose": NOSE, "mouth": LIPS}
 
@@ -69,49 +70,73 @@ def read_group(path: Path) -> Group:
     return Group(*found.reshape(both), *exact[: len(found)].reshape(both), truths)
 
 
-def mirrored(group: Group) -> Group:
-    """The group in a mirror."""
+def mirrored(group: Group, width: int) -> Group:
+    """The group in a mirror, in pictures of that width."""
     order = list(MIRROR)
-    return Group(*(points[..., order, :] * (-1, 1) for points in vars(group).values()))
+    return Group(*(points[..., order, :] * (-1, 1) + (width - 1, 0) for points in vars(group).values()))
 
 
 def steadied(group: Group) -> Group:
     """The group with the scenes' points as the landmarker finds each person's on average."""
-    reference, scenes = ReferenceFrame.canonical(), group.scenes.copy()
+    scenes = group.scenes.copy()
     found, exact = (
         np.hstack(both) for both in ((group.donors, scenes), (group.true_donors, group.true_scenes))
     )
     for head, k in np.argwhere(np.isfinite(scenes).all((2, 3))):
-        aligned = reference.align(scenes[head, k])
+        aligned = REFERENCE.align(scenes[head, k])
         steady = _as(group.true_scenes[head, k], scenes[head, k], aligned)
-        steady += _bias(found[head], exact[head], reference)
+        steady += _bias(found[head], exact[head])
         scenes[head, k] = _as(steady, aligned, scenes[head, k])
     return replace(group, scenes=scenes)
 
 
-def rows(group: Group, rng: np.random.Generator) -> Iterator[tuple[F64, F64]]:
-    """Inputs of the network, and how far the features of `ShapeTransfer` are from where they belong, face widths."""
-    reference, prior = ReferenceFrame.canonical(), SolidPrior.shipped()
-    aligned = [[reference.align(s) for s in scenes if np.isfinite(s).all()] for scenes in group.scenes]
-    aligned_donors = [[reference.align(s) for s in shapes if np.isfinite(s).all()] for shapes in group.donors]
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A donor's face on a scene's head: who it is, and what carries the scene's shape (81, 2) over in its pose."""
+
+    head: int
+    donor: int
+    scene: int
+    shape: F64
+    pose: HeadPose
+    transfer: ShapeTransfer
+
+    def drawn(self) -> F64:
+        """(81, 2) pixels, where the face is drawn."""
+        to_picture = align_planar(REFERENCE.align(self.shape), self.shape, RIGID_WEIGHTS)
+        return to_picture.apply(self.transfer.apply(self.shape, self.pose))
+
+
+def transferred(group: Group, rng: np.random.Generator, *, learned: bool = True) -> Iterator[Place]:
+    """All donors' faces on others' heads, as far as the scene is found; `learned` as in `ShapeTransfer`."""
+    prior = SolidPrior.shipped()
+    aligned, aligned_donors = (
+        [[REFERENCE.align(s) for s in shapes if np.isfinite(s).all()] for shapes in some]
+        for some in (group.scenes, group.donors)
+    )
     for head, scenes in enumerate(group.scenes):
         for donor in range(len(group.donors)):
             if donor == head or min(len(aligned[head]), len(aligned_donors[donor])) < REST_FRAMES[0]:
                 continue
             own = _neutral([*aligned[head], *aligned_donors[head]], rng)
             other = _neutral(aligned_donors[donor], rng)
-            transfer = ShapeTransfer(own, other, reference, learned=False)
-            bias = _bias(group.donors[donor], group.true_donors[donor], reference)
-            for scene, truth in zip(scenes, group.truths[head, donor], strict=True):
-                if not np.isfinite(scene).all():
-                    continue
-                pose = prior.fit(
-                    scene, known=transfer.source.identity, deviation=LIMITS.remembered_deviation
-                ).pose
-                seen = align_planar(scene, reference.points, RIGID_WEIGHTS).apply(scene)
-                ideal = _as(truth, scene, seen) + bias
-                away = (ideal - transfer.apply(scene, pose))[FEATURES] / reference.resolution
-                yield transfer.inputs(scene, pose).ravel(), away.ravel()
+            transfer = ShapeTransfer(own, other, REFERENCE, learned=learned)
+            known, deviation = transfer.source.identity, LIMITS.remembered_deviation
+            for k, scene in enumerate(scenes):
+                if np.isfinite(scene).all():
+                    pose = prior.fit(scene, known=known, deviation=deviation).pose
+                    yield Place(head, donor, k, scene, pose, transfer)
+
+
+def rows(group: Group, rng: np.random.Generator) -> Iterator[tuple[F64, F64]]:
+    """Inputs of the network, and how far the features of `ShapeTransfer` are from where they belong, face widths."""
+    for place in transferred(group, rng, learned=False):
+        scene, transfer, donor = place.shape, place.transfer, place.donor
+        seen = align_planar(scene, REFERENCE.points, RIGID_WEIGHTS).apply(scene)
+        ideal = _as(group.truths[place.head, donor, place.scene], scene, seen)
+        ideal += _bias(group.donors[donor], group.true_donors[donor])
+        away = (ideal - transfer.apply(scene, place.pose))[FEATURES] / REFERENCE.resolution
+        yield transfer.inputs(scene, place.pose).ravel(), away.ravel()
 
 
 def _neutral(shapes: list[F64], rng: np.random.Generator) -> F64:
@@ -120,10 +145,10 @@ def _neutral(shapes: list[F64], rng: np.random.Generator) -> F64:
     return np.asarray(np.mean([shapes[i] for i in rng.choice(len(shapes), count, replace=False)], axis=0))
 
 
-def _bias(found: F64, exact: F64, reference: ReferenceFrame) -> F64:
+def _bias(found: F64, exact: F64) -> F64:
     """(81, 2) how far the landmarker's points lie from the exact ones of a person, on the grid."""
     pairs = [(f, e) for f, e in zip(found, exact, strict=True) if np.isfinite(f).all()]
-    return np.asarray(np.mean([reference.align(f) - _as(e, f, reference.align(f)) for f, e in pairs], axis=0))
+    return np.asarray(np.mean([REFERENCE.align(f) - _as(e, f, REFERENCE.align(f)) for f, e in pairs], axis=0))
 
 
 def _as(points: F64, shape: F64, aligned: F64) -> F64:
@@ -192,7 +217,7 @@ def main() -> None:
     for i, path in enumerate(sorted(given.swaps.glob("group_*.npz"))):
         group = read_group(path)
         for steady, some in enumerate((group, steadied(group))):
-            for side in (some, mirrored(some)):
+            for side in (some, mirrored(some, 0)):
                 found += [(*row, i, steady) for row in rows(side, rng)]
     inputs, away, number, steady = (np.array(column) for column in zip(*found, strict=True))
     held = number % HELD_OUT == 0

@@ -1,8 +1,8 @@
 """What the learned light is trained on, laid out on its coarse grid.
 
 The pictures of `render_swaps.py` are sampled on the reference frame as the engine samples them, the donor's and the
-scene's under their own points with some noise, the truth where it should be drawn, and averaged in the cells of the
-learned light. RGB 0..255.
+scene's under the points that the shipped landmarker finds, the truth where the engine would draw the donor's face, and
+averaged in the cells of the learned light: what is misplaced in a swap is misplaced here. RGB 0..255.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from guise.aam.landmarks.schemes import MIRROR
 from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.coarse_grid import gaussian_kernel
 from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, part_masks, places
 from guise.common.arrays import F32, F64, U8, Int
 from training.data import london_people
+from training.placement import Group, mirrored, read_group, transferred
 
 RESOLUTION = 64
 POINT_NOISE_FACE_WIDTHS = 0.006  # of each point
@@ -161,29 +161,38 @@ def _swaps(path: Path, cells: Cells, rng: np.random.Generator):
         cv2.imdecode(data["jpeg"][end - length : end], cv2.IMREAD_COLOR)[..., ::-1].copy()
         for end, length in zip(np.cumsum(data["length"]), data["length"], strict=True)
     ]
-    points = data["face81"].astype(np.float64)
-    hair = np.unpackbits(data["hair"], axis=3)[..., : pictures[0].shape[1]].reshape(
-        people * k, *pictures[0].shape[:2]
-    )
-    yield _sampled(pictures, points, hair, (people, k), cells, rng)
-    mirrored = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures]
-    points = points[:, list(MIRROR)] * (-1, 1) + (pictures[0].shape[1] - 1, 0)
-    yield _sampled(mirrored, points, hair[:, :, ::-1], (people, k), cells, rng)
+    width = pictures[0].shape[1]
+    hair = np.unpackbits(data["hair"], axis=3)[..., :width].reshape(people * k, *pictures[0].shape[:2])
+    points = read_group(path)
+    yield _sampled(pictures, points, hair, cells, rng)
+    flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures]
+    yield _sampled(flipped, mirrored(points, width), hair[:, :, ::-1], cells, rng)
 
 
-def _sampled(pictures, points, hair, count: tuple[int, int], cells: Cells, rng: np.random.Generator):
+def _sampled(pictures, points: Group, hair, cells: Cells, rng: np.random.Generator):
     """Pictures of donors, then scenes, and the swaps of everyone's face on everyone's head, their own as well."""
-    (people, k), sampler = count, cells.reference.sampler
+    (people, k), sampler = points.donors.shape[:2], cells.reference.sampler
     hair = np.ascontiguousarray(hair, np.float32)
-    found = [cells.kinds(sampler.sample(pictures[i], _noisy(points[i], rng))) for i in range(2 * people * k)]
+    # Who is turned away so far that nothing is found is sampled by the true points.
+    donors, scenes = (
+        np.where(np.isfinite(found), found, true).reshape(people * k, *found.shape[2:])
+        for found, true in ((points.donors, points.true_donors), (points.scenes, points.true_scenes))
+    )
+    found = [
+        cells.kinds(sampler.sample(picture, shape))
+        for picture, shape in zip(pictures, np.concatenate([donors, scenes]), strict=False)
+    ]
+    drawn = np.repeat(scenes.reshape(1, people, k, -1, 2), people, 0).swapaxes(0, 1)
+    drawn = np.where(np.eye(people, dtype=bool)[..., None, None, None], drawn, points.truths)
+    for place in transferred(points, rng):
+        drawn[place.head, place.donor, place.scene] = _shifted(place.drawn(), rng)
     truth, swaps = 2 * people * k, []
     for head, donor, j in np.ndindex(people, people, k):
         scene = head * k + j
-        drawn = people * k + scene if donor == head else truth
-        shown = (sampler.sample(hair[scene], points[drawn]) < MAX_HAIR_SHARE).astype(np.float32)
+        own, shape = people * k + scene if donor == head else truth, drawn[head, donor, j]
+        shown = (sampler.sample(hair[scene], shape) < MAX_HAIR_SHARE).astype(np.float32)
         ideal, untouched = (
-            cells.means(sampler.sample(pictures[i], points[drawn]), shown)
-            for i in (drawn, people * k + scene)
+            cells.means(sampler.sample(pictures[i], shape), shown) for i in (own, people * k + scene)
         )
         at = donor * k + j, donor * k, people * k + scene, head * k, scene
         swaps.append((at, (ideal, untouched, cells.share(shown))))
@@ -191,7 +200,11 @@ def _sampled(pictures, points, hair, count: tuple[int, int], cells: Cells, rng: 
     return found, swaps
 
 
+def _shifted(shape: F64, rng: np.random.Generator) -> F64:
+    width = float(np.ptp(shape[:, 0]))
+    return np.asarray(shape + rng.normal(0, SHIFT_NOISE_FACE_WIDTHS * width, 2))
+
+
 def _noisy(shape: F64, rng: np.random.Generator) -> F64:
     width = float(np.ptp(shape[:, 0]))
-    noise = rng.normal(0, POINT_NOISE_FACE_WIDTHS * width, shape.shape)
-    return np.asarray(shape + noise + rng.normal(0, SHIFT_NOISE_FACE_WIDTHS * width, 2))
+    return _shifted(shape + rng.normal(0, POINT_NOISE_FACE_WIDTHS * width, shape.shape), rng)

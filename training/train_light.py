@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import onnx
 import torch
 from torch import Tensor, nn
 
@@ -31,10 +32,11 @@ from training.light_net import LightNet, weights
 from training.swap_data import Cells, Samples
 
 COLOUR_SIGMA_FACE_WIDTHS = 0.05  # at which colours are compared
-WARM_UP, KEPT_OF_MEAN = 100, 0.995
+WARM_UP, FALLING, KEPT_OF_MEAN = 200, 0.3, 0.999  # steps, last share of the steps, share
 REPORT_STEPS = 200
 PEOPLE_HELD_BACK = 8  # of those on photographs
 OWN_SHARE, RENDERED_LIGHT_SHARE = 0.3, 0.6  # of the photographs
+MIN_HALVED = 4096  # weights of a layer that are stored in half precision
 MAX_OTHER = 0.05  # share of texels that are not skin in a cell of skin
 
 
@@ -363,7 +365,10 @@ def train(
         f"classical {_said(others['classical light'])}; start {_said(measure(lit, check, rows))}", flush=True
     )
     optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=1e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, options.rate, options.steps, pct_start=0.1)
+    schedule = torch.optim.lr_scheduler.LambdaLR(
+        optimiser,
+        lambda step: min(1.0, (step + 1) / WARM_UP, (options.steps - step) / (FALLING * options.steps)),
+    )
     mean = {name: value.clone() for name, value in net.state_dict().items()}
     start = time.time()
     for step in range(1, options.steps + 1):
@@ -381,7 +386,7 @@ def train(
         nn.utils.clip_grad_norm_(net.parameters(), 1.0)
         optimiser.step()
         schedule.step()
-        kept = KEPT_OF_MEAN if step > WARM_UP else 0.9
+        kept = min(KEPT_OF_MEAN, 1 - 10 / (step + 10))
         for name, value in net.state_dict().items():
             mean[name].lerp_(value, 1 - kept)
         if step % REPORT_STEPS == 0 or step == options.steps:
@@ -409,12 +414,13 @@ affine map of colours for each cell; it cannot add what the face does not have.
 
 - Licence: that of Guise (Apache-2.0).
 - Data: {samples:,} swaps of {groups} groups of four rendered people who do not exist (CC0,
-  `training/render_swaps.py`), each on the heads of the others, mirrored as well; and {photographs} of
+  `training/render_swaps.py`), each on the heads of the others where the engine draws it, under the points that the
+  shipped landmarker finds, mirrored as well; and {photographs} of
   the Face Research Lab London Set (CC BY 4.0; DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666), all taken in
   the same light, in random smooth lights and those of the rendered scenes: each to become the same person's other
   photograph in that light, or another's in that light and the skin tone of the first.
 - Training: `training/train_light.py`, {steps} batches of {batch}, under random exposure, white balance, gamma,
-  saturation, noise, misplaced points and occlusions.
+  saturation, noise and occlusions.
 - Not meant for telling who somebody is or what they feel; it does neither.
 
 ## Error on rendered people held back
@@ -438,13 +444,33 @@ def card(figures: dict[str, dict[str, float]], **about: object) -> str:
 
 
 def export(net: LightNet, path: Path) -> None:
-    """Write the network as ONNX."""
+    """Write the network as ONNX, its weights in half precision."""
     sums = torch.rand(1, 7, *GRID) + 0.5
     means = 255 * torch.rand(1, 2, 3, *GRID)
     torch.onnx.export(
         net.eval(), (sums, sums.clone(), means, means.clone()), str(path),
         input_names=["skin", "other", "own", "rest"], output_names=["map", "parts"], opset_version=17, dynamo=False,
     )  # fmt: skip
+    halve(path)
+
+
+def halve(path: Path) -> None:
+    """Store the large float32 weights of an ONNX file as float16, cast back when it is loaded."""
+    model = onnx.load(path)
+    stored, casts = [], []
+    for weights_ in model.graph.initializer:
+        values = onnx.numpy_helper.to_array(weights_)
+        if values.dtype == np.float32 and values.size > MIN_HALVED:
+            half = f"{weights_.name}.half"
+            casts.append(onnx.helper.make_node("Cast", [half], [weights_.name], to=onnx.TensorProto.FLOAT))
+            weights_ = onnx.numpy_helper.from_array(values.astype(np.float16), half)
+        stored.append(weights_)
+    del model.graph.initializer[:]
+    model.graph.initializer.extend(stored)
+    nodes = [*casts, *model.graph.node]
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)
+    onnx.save(model, path)
 
 
 def main() -> None:
@@ -455,7 +481,7 @@ def main() -> None:
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=6000)
     parser.add_argument("--batch", type=int, default=16)
-    parser.add_argument("--rate", type=float, default=2e-3)
+    parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--held-back", type=int, default=4, help="groups")
     parser.add_argument("--first-weights", type=Path)
     parser.add_argument("--seed", type=int, default=0)

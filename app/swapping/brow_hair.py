@@ -1,10 +1,10 @@
 """Keeps brows as dark as their hair when a face takes a lighter or darker skin tone.
 
 A light that is measured on skin holds the two skin tones as well, and hair has no part in these: black brows of a dark
-face would be grey on a light one.  So a brow's pixel is taken for a mixture of skin and hair, by its brightness between
-that of the skin beside the brow and that of the brow's darkest hair; the skin gets the light, the hair the change of
-light alone, which is seen at the eyes and bounded by the two skins as enrolled.  A brow is darkened to that mixture,
-never made lighter.  RGB 0..255.
+face would be grey on a light one, and brown ones of a light face black on a dark one.  So a brow's pixel is taken for a
+mixture of skin and hair, by its brightness between that of the skin beside the brow and that of the brow's darkest
+hair; the skin gets the light, the hair the change of light alone, which is seen at the eyes and bounded by the two
+skins as enrolled.  A brow is brought to that mixture, which is never lighter than the skin.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -41,24 +41,24 @@ class BrowHair:
     Parameters
     ----------
     reference : ReferenceFrame.
-    tone : brightness of the face's skin over that of the frame's person, as both were enrolled: hair gets less light
-        than skin only as far as that is below 1.
+    tone : brightness of the face's skin over that of the frame's person, as both were enrolled: at most by that factor
+        hair gets less or more light than skin.
     """
 
     def __init__(self, reference: ReferenceFrame, tone: float) -> None:
-        self._brows = [_Brow(reference, brow, min(tone, 1.0)) for brow in (RIGHT_BROW, LEFT_BROW)]
+        self._brows = [_Brow(reference, brow, tone) for brow in (RIGHT_BROW, LEFT_BROW)]
 
     def lit_skin(self, texture: F32, gain: F32, offset: F32) -> list[F32]:
         """Brightness (b,) of bare skin in each brow's pixels under a light: gain and offset (3, n) of each pixel."""
         return [brow.lit_skin(texture, gain, offset) for brow in self._brows]
 
-    def darken(self, lit: F32, texture: F32, lit_skin: list[F32], light: float) -> None:
-        """Darken the brows of a lit texture (3, n) in place.
+    def adjust(self, lit: F32, texture: F32, lit_skin: list[F32], light: float) -> None:
+        """Darken or lighten the brows of a lit texture (3, n) in place.
 
         texture : (n, 3) as it was.   lit_skin : see above.   light : change of brightness of what isn't skin.
         """
         for brow, skin in zip(self._brows, lit_skin, strict=True):
-            brow.darken(lit, texture, skin, light)
+            brow.adjust(lit, texture, skin, light)
 
 
 class _Brow:
@@ -80,15 +80,17 @@ class _Brow:
         skin = self._skin(texture)[:, None]
         return np.asarray(LUMA @ (gain[:, self._pixels] * skin + offset[:, self._pixels]), np.float32)
 
-    def darken(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
+    def adjust(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
         own = texture[self._pixels] @ LUMA
         skin = float(self._skin(texture) @ LUMA)
         hair = float(np.quantile(texture[self._core] @ LUMA, LIMITS.darkest))
-        light = max(light, self._tone * float(lit_skin.mean()) / max(skin, 1.0))
+        of_skin = float(lit_skin.mean()) / max(skin, 1.0)
+        other = self._tone * of_skin
+        light = max(light, other) if self._tone < 1 else max(min(light, other), of_skin)
         share = np.clip((skin - own) / max(skin - hair, 1.0), 0, 1)
         aim = lit_skin + share * (np.minimum(hair * light, lit_skin) - lit_skin)
         now = LUMA @ lit[:, self._pixels]
-        factor = np.clip(aim / np.maximum(now, 1.0), LIMITS.min_factor, 1.0)
+        factor = np.clip(aim / np.maximum(now, 1.0), LIMITS.min_factor, max(self._tone, 1.0))
         lit[:, self._pixels] *= (1 + self._share * (factor - 1)).astype(np.float32)
 
     def _skin(self, texture: F32) -> F32:

@@ -39,7 +39,7 @@ class LearnedLightLimits:
     # Of the light that is a mean over a wider neighbourhood: the rest follows the person's own form as well, and less
     # of the donor's is left.  At the edge of a shadow there is none.
     wide_share: float = 0.5
-    shadow_edge: float = 0.25  # log of light over its mean, by which the share falls by a standard deviation
+    shadow_edge: float = 0.12  # log of light over its mean, by which the share falls by a standard deviation
     wide_face_widths: float = 0.1
 
 
@@ -126,7 +126,7 @@ class LearnedLight:
         skin = self._hair.lit_skin(texture, gains, lit)
         gains *= texture.T
         gains += lit
-        self._hair.darken(gains, texture, skin, self._light.of_eyes)
+        self._hair.adjust(gains, texture, skin, self._light.of_eyes)
         out = to_stored.astype(np.float32) @ gains
         out += offset.astype(np.float32)[:, None]
         return np.asarray(out)
