@@ -61,7 +61,7 @@ def test_a_person_is_uploaded_learned_downloaded_and_deleted(
     page: Any, browser: Any, studio_server: StudioServer, clip: Path, tmp_path: Path
 ) -> None:  # fmt: skip
     """The tab is closed while the job runs, and another one sees the person and deletes them."""
-    page.get_by_label("Name").fill("Anna")
+    page.get_by_label("Name", exact=True).fill("Anna")
     upload(page, clip)
     page.get_by_role("progressbar", name="Progress").wait_for()
     with visit(browser, studio_server) as other:
@@ -91,7 +91,7 @@ def test_a_person_is_uploaded_learned_downloaded_and_deleted(
 
 
 def test_a_clip_is_recorded_with_the_camera(page: Any, studio_server: StudioServer) -> None:
-    page.get_by_label("Name").fill("Camera")
+    page.get_by_label("Name", exact=True).fill("Camera")
     page.get_by_role("button", name="Record with the camera").click()
     use = page.get_by_role("button", name="Use it")
     use.and_(page.locator(":enabled")).click()
@@ -202,7 +202,7 @@ def test_built_in_faces_are_shown(page: Any) -> None:
 def test_a_restart_keeps_what_was_begun(browser: Any, clip: Path, tmp_path: Path) -> None:
     with studio(tmp_path) as server:
         with visit(browser, server) as page:
-            page.get_by_label("Name").fill("Anna")
+            page.get_by_label("Name", exact=True).fill("Anna")
             upload(page, clip)
             page.get_by_role("progressbar", name="Progress").wait_for()
         assert server.stop() == 0
