@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import threading
 import time
@@ -13,6 +14,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from clips import cut
 
 from guise.app.media import EncodeOptions, Frame, open_input, open_sink, process
 from guise.app.media.input import MediaInput
@@ -184,3 +186,18 @@ def test_a_720p_clip_with_audio_passes_through(tmp_path: Path) -> None:
     with open_input(tmp_path / "out.mp4") as result:
         assert result.has_audio
         assert sum(1 for _ in result) == 282
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="needs Linux")
+@pytest.mark.skipif("libsvtav1" not in av.codecs_available, reason="needs SVT-AV1")
+def test_no_encoder_takes_real_time_priority(tmp_path: Path) -> None:
+    options = EncodeOptions("libsvtav1", crf=40)
+    with (
+        open_input(cut("p01", tmp_path / "clip.mp4", 4)) as source,
+        open_sink(tmp_path / "out.mkv", source, options) as sink,
+    ):
+        process(source, sink, lambda frame: None)
+        threads = os.listdir("/proc/self/task")
+        assert len(threads) > 10  # those of the encoder among them
+        policies = {os.sched_getscheduler(int(thread)) for thread in threads}
+    assert policies <= {os.SCHED_OTHER, os.SCHED_BATCH}

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import av
 from av.codec.codec import UnknownCodecError
@@ -149,3 +152,23 @@ def encoded_size(encoder: str, fmt: str, width: int, height: int) -> tuple[int, 
     if not even_only or fmt in ("yuv444p", "yuvj444p", "gray"):
         return width, height
     return width + width % 2, height + height % 2
+
+
+@contextlib.contextmanager
+def ordinary_priority() -> Iterator[None]:
+    """Leave this thread's scheduling, and that of threads begun in the block, as it is now.
+
+    SVT-AV1, opened by root, gives itself and the thread that opens it the highest real-time priority, which leaves all
+    other programs of the machine little time.
+    """
+    tasks = Path("/proc/self/task")
+    if not hasattr(os, "sched_setscheduler") or not tasks.is_dir():
+        yield
+        return
+    policy, param, before = os.sched_getscheduler(0), os.sched_getparam(0), set(os.listdir(tasks))
+    try:
+        yield
+    finally:
+        for thread in {"0"} | set(os.listdir(tasks)) - before:
+            with contextlib.suppress(OSError):  # it may have ended
+                os.sched_setscheduler(int(thread), policy, param)

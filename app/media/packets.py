@@ -23,7 +23,7 @@ from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 from numpy.typing import NDArray
 
-from guise.app.media.encoder import EncodeOptions
+from guise.app.media.encoder import EncodeOptions, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS, Frame
@@ -121,7 +121,8 @@ def _encoder(encoding: Encoding) -> VideoCodecContext:
     encoding.configure(context)
     context.flags |= Flags.global_header
     try:
-        context.open()
+        with ordinary_priority():
+            context.open()
     except (av.error.FFmpegError, ValueError) as error:
         raise MediaError(f"Encoder {encoding.encoder!r} refuses these settings: use libx264.") from error
     return context

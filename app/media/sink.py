@@ -18,7 +18,7 @@ import av
 import av.error
 from av.video.stream import VideoStream
 
-from guise.app.media.encoder import EncodeOptions, available_encoders
+from guise.app.media.encoder import EncodeOptions, available_encoders, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
@@ -183,7 +183,8 @@ class VideoOutput(Sink):
     def _start(self) -> None:
         """Open the encoder and write the header, so that refused settings are known before any work."""
         try:
-            self._output.start_encoding()
+            with ordinary_priority():
+                self._output.start_encoding()
         except (av.error.FFmpegError, ValueError) as error:
             raise MediaError(
                 f"Encoder {self._encoding.encoder!r} or {self.path.name} refuses these settings "
