@@ -57,6 +57,7 @@ class LidSettings:
     upper_reach_widths: float = 0.18  # of the skin that a margin takes along
     lower_reach_widths: float = 0.11
     rounds: int = 4  # of moving margins
+    lip_corner_widths: float = 0.5  # of the skin that counts as a corner's; widths here are the mouth's
 
 
 LIDS = LidSettings()
@@ -250,6 +251,13 @@ class FacePair:
             for curve in (other.upper, other.lower)
         ]
         return np.concatenate([self.points[0], *first]), np.concatenate([self.points[1], *second])
+
+    def slits(self, target: F64) -> list[tuple[F64, float]]:
+        """Middle (3,) and width of what opens on the target (N, 3): its eyes, and both corners of its mouth."""
+        place = dict(zip(FEATURE_POINT_NAMES, self.points[1], strict=True))
+        corners = [place[f"mouth_corner_{side}"] for side in SIDES]
+        width = LIDS.lip_corner_widths * float(np.linalg.norm(corners[1] - corners[0]))
+        return [eye.place(target) for _, eye in self.lids] + [(corner, width) for corner in corners]
 
 
 def _smooth(curve: F64) -> F64:

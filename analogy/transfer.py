@@ -17,7 +17,6 @@ import numpy as np
 from guise.aam.similarity import Failed, Similarity, align
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.eye_skin import EyeSkin
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
 from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
@@ -26,6 +25,7 @@ from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.parts import FaceFrame, PartMotion, submesh
 from guise.analogy.registration import register, skin_mask
 from guise.analogy.rigid import align_rigid_robust
+from guise.analogy.slit_skin import SlitSkin
 from guise.analogy.tents import TentTransfer, VertexTents
 from guise.common.arrays import F64, Bool, Int
 
@@ -99,13 +99,11 @@ class Transfer:
         self._neutral = skin.vertices + self._fill(apart)
         self._core = _make_method(method, self._neutral, skin, TRANSFER.tent_reach_radii * radius)
         self._skin = on_skin
-        eyes = face.lids if face else ()
-        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in eyes]
+        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in (face.lids if face else ())]
         same = bool((correspondence.weights.max(1) == 1).all())  # vertex to vertex, which slips nowhere
-        places = [eye.place(target.vertices) for _, eye in eyes]
-        self._eye_skin = (
-            EyeSkin(target, on_skin, places, source.vertices, correspondence.corners)
-            if places and not same
+        self._slit_skin = (
+            SlitSkin(target, on_skin, face.slits(target.vertices), source.vertices, correspondence.corners)
+            if face and not same
             else None
         )
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
@@ -126,7 +124,7 @@ class Transfer:
         still = motion.inverse().apply(expressive)
         way = (still - self.source.vertices) @ self.pose.linear.T
         skin = self._bounded(self._core(self._neutral + self._fill(self._carry @ way)), way)
-        made = self._parts(self._with_lids(still, skin), self._all @ way)
+        made = self._parts(self._in_order(still, skin), self._all @ way)
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
 
     def _bounded(self, skin: F64, way: F64) -> F64:
@@ -139,18 +137,16 @@ class Transfer:
         skin[beyond] = rest[beyond] + moved[beyond] * (most / far[beyond])[:, None]
         return skin
 
-    def _with_lids(self, expressive: F64, skin: F64) -> F64:
-        """The skin (n, 3) with the lids as open as those of the source (N_s, 3)."""
-        if not self._lids:
-            return skin
+    def _in_order(self, expressive: F64, skin: F64) -> F64:
+        """The skin (n, 3) with lids as open as those of the source (N_s, 3), and no folds there or at the lips."""
         made = self.target.vertices.copy()
         made[self._skin] = skin
-        if self._eye_skin:
-            made = self._eye_skin.without_steep_faces(self._eye_skin.smoothed(made), expressive)
+        if self._slit_skin:
+            made = self._slit_skin.smoothed(made)
         for eye in self._lids:
             made = eye(expressive, made)
-        if self._eye_skin:
-            made = self._eye_skin.without_folds(made, expressive)
+        if self._slit_skin:
+            made = self._slit_skin.without_folds(made, expressive)
         return np.asarray(made[self._skin])
 
     def _motion(self, expressive: F64) -> Similarity:

@@ -10,7 +10,7 @@ from guise.analogy.geometry import Surface
 from guise.analogy.lids import FacePair, LidMotion, Lids, find_lids
 from guise.analogy.mesh import Mesh
 from guise.analogy.parts import FaceFrame
-from guise.analogy.transfer import Transfer
+from guise.analogy.transfer import Method, Transfer
 from guise.common.arrays import F64, Int
 
 EYES = (-3.0, 3.0)  # x of their middles, at y = 0
@@ -120,13 +120,17 @@ def test_shut_eyes_and_missing_ones_have_no_margins() -> None:
     assert find_lids(mesh, np.zeros_like(FACE_POINTS)) == (None, None)
 
 
+@pytest.mark.parametrize("method", ["tents", "gradients", "cloning"])
 @pytest.mark.parametrize(("steps", "gap"), [(5, 1.0), (7, 1.5)])
-def test_lids_meet_on_other_meshes_and_larger_and_smaller_eyes(steps: int, gap: float) -> None:
+def test_lids_meet_on_other_meshes_and_larger_and_smaller_eyes(
+    steps: int, gap: float, method: Method
+) -> None:
     source, target = face(8, 1.0), face(steps, gap)
     pair = FacePair.of(source[0], target[0], (FACE_POINTS, FACE_POINTS))
     assert len(pair.lids) == 2
     alone, together = (
-        Transfer(source[0], target[0], link(source, target), face=known)(source[1]) for known in (None, pair)
+        Transfer(source[0], target[0], link(source, target), method, face=known)(source[1])
+        for known in (None, pair)
     )
     for _, eye in pair.lids:
         rest = gaps(eye, target[0].vertices)

@@ -7,7 +7,8 @@ on every head.  `gradients` is deformation transfer (Sumner and Popovic 2004) wi
 Furthest: the largest motion of a vertex, of the source's largest, scaled.  Lid gap: the area between the lids in a
 blink, seen from the front, of that at rest.  Torn: edges at the eyes three times as long as in the truth, or, where
 nobody knows it, at rest.  Inverted: faces there turned by more than 100 degrees from rest and, if it is known, from the
-truth: some of the true lids fold themselves, on an identity not made for the blink up to 20 faces.
+truth: some of the true lids fold themselves, on an identity not made for the blink up to 20 faces.  The same at the
+corners of the mouth, in eight shapes that move them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.mesh.full_heads import BIGGER_EYES, FullHead, IctHeads, others
 from benchmarks.mesh.transfer import err
+from guise.aam.similarity import Failed
+from guise.analogy.feature_points import FEATURE_POINT_NAMES, find_feature_points
 from guise.analogy.geometry import edge_lengths, face_normals
 from guise.analogy.registration import skin_mask
 from guise.analogy.transfer import Method, Transfer, prepare_transfer
@@ -31,8 +34,13 @@ from guise.render.visibility import visible
 
 NAME, TITLE = "mesh.production", "Heads for production"
 BLINKS = ("eyeBlink_R", "eyeBlink_L")
+MOUTH_SHAPES = (
+    "jawOpen", "jawLeft", "mouthFunnel", "mouthPucker", "mouthSmile_L", "mouthStretch_R", "mouthUpperUp_L",
+    "mouthLowerDown_R",
+)  # fmt: skip
 MAX_FURTHEST, MAX_GAP_PERCENT, MAX_BLINK_ERROR = 1.5, 5.0, 0.2
 MAX_UPPER_TEETH_CM, MAX_JAW_ERROR = 0.1, 0.1
+LIP_CORNER_WIDTHS = 0.35  # of the mouth, around its corners
 EYE_PICTURE_PX, HOLE_DEPTH_WIDTHS = 300, 0.25  # two eye widths; behind the margins' middle
 TORN_RATIO, INVERTED_COSINE = 3.0, -0.17
 LOWER = ("lower teeth", "lower gum", "tongue")
@@ -79,9 +87,8 @@ def _depths(vertices: F64, faces: Int) -> F64:
     return out
 
 
-def flaws(head: FullHead, made: F64, truth: F64 | None) -> tuple[int, int]:
-    """Inverted faces and torn edges around the eyes."""
-    faces = _at_the_eyes(head)
+def flaws(head: FullHead, faces: Int, made: F64, truth: F64 | None) -> tuple[int, int]:
+    """Inverted ones of faces (m, 3), and torn edges."""
     rest = head.mesh.vertices
     like = rest if truth is None else truth
     inverted = _turned_over(made, rest, faces) & _turned_over(made, like, faces)
@@ -106,17 +113,38 @@ def face_mask(head: FullHead) -> Bool:
 
 
 def _at_the_eyes(head: FullHead) -> Int:
-    skin = face_mask(head)
-    near = np.zeros(len(skin), bool)
-    for high, low in head.lids:
-        at = head.mesh.vertices[np.concatenate([high, low])]
-        near |= np.linalg.norm(head.mesh.vertices - at.mean(0), axis=1) < 0.75 * float(
-            np.ptp(at, axis=0).max()
-        )
-    return np.asarray(head.mesh.faces[(near & skin)[head.mesh.faces].all(1)])
+    loops = (head.mesh.vertices[np.concatenate(margins)] for margins in head.lids)
+    return _around(head, [(at.mean(0), 0.75 * float(np.ptp(at, axis=0).max())) for at in loops])
 
 
-def blink_figures(target: FullHead, made: dict[str, F64], names: tuple[str, ...]) -> tuple[float, ...]:
+def _at_the_lip_corners(head: FullHead) -> Int:
+    points = find_feature_points(head.mesh)
+    assert not isinstance(points, Failed)
+    place = dict(zip(FEATURE_POINT_NAMES, points.positions, strict=True))
+    left, right = place["mouth_corner_left"], place["mouth_corner_right"]
+    reach = LIP_CORNER_WIDTHS * float(np.linalg.norm(left - right))
+    return _around(head, [(left, reach), (right, reach)])
+
+
+def _around(head: FullHead, places: list[tuple[F64, float]]) -> Int:
+    """Faces (m, 3) of the skin within a distance of some places (3,)."""
+    away = [np.linalg.norm(head.mesh.vertices - place, axis=1) / reach for place, reach in places]
+    near = np.min(away, axis=0) < 1
+    return np.asarray(head.mesh.faces[(near & face_mask(head))[head.mesh.faces].all(1)])
+
+
+def lip_flaws(target: FullHead, made: dict[str, F64], names: tuple[str, ...]) -> int:
+    """Inverted faces and torn edges at the corners of the mouth."""
+    faces = _at_the_lip_corners(target)
+    truths = [None if target.shapes is None else target.shapes[names.index(name)] for name in MOUTH_SHAPES]
+    return sum(
+        sum(flaws(target, faces, made[name], truth)) for name, truth in zip(MOUTH_SHAPES, truths, strict=True)
+    )
+
+
+def blink_figures(
+    target: FullHead, made: dict[str, F64], names: tuple[str, ...]
+) -> tuple[float, float, int, int]:
     """Largest gap of both eyes in %, error, inverted faces, torn edges."""
     gaps, errors, inverted, torn = [], [], 0, 0
     for eye, (high, _) in enumerate(target.lids):
@@ -129,7 +157,7 @@ def blink_figures(target: FullHead, made: dict[str, F64], names: tuple[str, ...]
         if truth is not None:
             skin = face_mask(target)
             errors.append(err(target.mesh.vertices[skin], truth[skin], made[blink][skin]))
-        folded, ripped = flaws(target, made[blink], truth)
+        folded, ripped = flaws(target, _at_the_eyes(target), made[blink], truth)
         inverted, torn = inverted + folded, torn + ripped
     return max(gaps), max(errors, default=float("nan")), inverted, torn
 
@@ -182,7 +210,7 @@ def measure(options: argparse.Namespace) -> Report:
     report.tables.append(
         Table(
             "ICT's 55 shapes onto",
-            ("head", "method", "furthest", "in", "lid gap, %", "blink error", "inverted", "torn"),
+            ("head", "method", "furthest", "in", "lid gap, %", "blink error", "inverted", "torn", "lips"),
             rows,
         )
     )
@@ -197,6 +225,12 @@ def measure(options: argparse.Namespace) -> Report:
         Criterion(
             "inverted faces and torn edges in blinks", float(sum(row[6] + row[7] for row in own)), "<=", 0
         ),
+        Criterion(
+            "the same at the corners of the mouth, where the truth is known",
+            float(sum(row[8] for row in own if np.isfinite(row[5]))),
+            "<=",
+            0,
+        ),
     ]
     if not options.quick:
         _measure_parts(model, source, full, report)
@@ -205,10 +239,11 @@ def measure(options: argparse.Namespace) -> Report:
 
 def _row(
     source: FullHead, target: FullHead, method: Method, names: tuple[str, ...]
-) -> tuple[str, str, float, str, float, float, int, int]:
+) -> tuple[str, str, float, str, float, float, int, int, int]:
     transfer = prepare_transfer(source.mesh, target.mesh, None, method)
     made = transferred(source, transfer, names)
-    return target.name, method, *furthest(source, transfer, made), *blink_figures(target, made, names)
+    lids, lips = blink_figures(target, made, names), lip_flaws(target, made, names)
+    return target.name, method, *furthest(source, transfer, made), *lids, lips
 
 
 def _measure_parts(model: IctHeads, plain: FullHead, full: FullHead, report: Report) -> None:

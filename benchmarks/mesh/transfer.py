@@ -107,8 +107,13 @@ def without_offset(neutral: F64, truth: F64, made: F64, unit: float) -> tuple[F6
 
 
 def err(neutral: F64, truth: F64, made: F64, unit: float = 1.0) -> float:
-    """Mean distance to the truth, of the mean true way, over what should move: 0 perfect, 1 as good as nothing."""
+    """Mean distance to the truth, of the mean true way, over what should move: 0 perfect, 1 as good as nothing.
+
+    NaN where nothing should move.
+    """
     own, true, moves = without_offset(neutral, truth, made, unit)
+    if not moves.any():
+        return float("nan")
     return float(
         np.linalg.norm(own - true, axis=1)[moves].mean() / np.linalg.norm(true, axis=1)[moves].mean()
     )

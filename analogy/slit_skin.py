@@ -1,7 +1,8 @@
-"""Skin around the eyes that neither crumples nor folds over, whatever the match is like there.  Any unit.
+"""Skin around eyes and corners of the mouth that neither crumples nor folds over, whatever the match is like there.
 
-In a blink the lid slides by the height of the eye within a few vertices.  There, small slips of a match between meshes
-of other topology leave neighbours out of order.  A lid may roll, however: what turns as far on the source is no fold.
+In a blink the lid slides by the height of the eye within a few vertices, and lips part from one vertex to the next.
+There, small slips of a match between meshes of other topology leave neighbours out of order.  A lid or lip may roll,
+however: what turns as far on the source is no fold.  Any unit.
 """
 
 from __future__ import annotations
@@ -18,37 +19,33 @@ from guise.common.arrays import F64, Bool, Int
 
 
 @dataclass(frozen=True)
-class EyeSkinSettings:
-    """Settings of the skin around the eyes; widths are the eye's, from corner to corner."""
+class SlitSkinSettings:
+    """Settings of the skin around slits; widths are the slit's (`FacePair.slits`)."""
 
-    reach_widths: tuple[float, float] = (0.8, 1.2)  # from an eye's middle, over which the smoothing fades
+    reach_widths: tuple[float, float] = (0.8, 1.2)  # from a slit's middle, over which the smoothing fades
     smoothing_widths: float = 0.03  # length below which displacements are smoothed
-    steep_cosine: float = (
-        0.2  # of a face's turn, below which it and its neighbours are smoothed out before lids meet
-    )
-    steep_rounds: int = 1
-    folded_cosine: float = 0.1  # the same afterwards, for faces alone until half of the rounds are over
-    folded_rounds: int = 8
+    folded_cosine: float = -0.17  # of a face's turn, below which it is smoothed out
+    folded_rounds: int = 4
     beyond_source_cosine: float = 0.3  # farther than the skin of the source there, which both are to turn
     least_weight: float = 1e-9  # that keeps an isolated vertex where it is
 
 
-EYE_SKIN = EyeSkinSettings()
+SLIT_SKIN = SlitSkinSettings()
 
 
-class EyeSkin:
-    """Smooths displacements around the eyes; factorised once.
+class SlitSkin:
+    """Smooths displacements around slits; factorised once.
 
     Parameters
     ----------
-    mesh : at rest.   skin : (N,) bool.   eyes : the middle (3,) and width of each.
+    mesh : at rest.   skin : (N,) bool.   slits : the middle (3,) and width of each.
     source : neutral vertices (N_s, 3) of the source.   matched : (N, 3) the triangle of the source at each vertex.
     """
 
     def __init__(
-        self, mesh: Mesh, skin: Bool, eyes: list[tuple[F64, float]], source: F64, matched: Int
+        self, mesh: Mesh, skin: Bool, slits: list[tuple[F64, float]], source: F64, matched: Int
     ) -> None:
-        share, width = _nearness(mesh.vertices, eyes)
+        share, width = _nearness(mesh.vertices, slits)
         inside = skin & (share > 0)
         self._rest, faces = mesh.vertices, mesh.faces[inside[mesh.faces].any(1)]
         self._rows = np.flatnonzero(inside)
@@ -57,9 +54,9 @@ class EyeSkin:
         self._matched = np.ascontiguousarray(matched[self._faces]).reshape(-1, 3)
         self._source_normals = face_normals(source, self._matched)
         self._laplacian, areas = cotangent_laplacian(self._rest, faces)
-        self._areas = np.maximum(areas[self._rows], EYE_SKIN.least_weight * areas.mean())
+        self._areas = np.maximum(areas[self._rows], SLIT_SKIN.least_weight * areas.mean())
         if len(self._rows):
-            length = EYE_SKIN.smoothing_widths * (width * share)[self._rows]
+            length = SLIT_SKIN.smoothing_widths * (width * share)[self._rows]
             own = _scaled_laplacian(self._laplacian[self._rows][:, self._rows], length)
             self._solve = factorise(sp.diags_array(self._areas) + own)
 
@@ -72,39 +69,27 @@ class EyeSkin:
         out[self._rows] = self._rest[self._rows] + self._solve(self._areas[:, None] * way)
         return out
 
-    def without_steep_faces(self, made: F64, expressive: F64) -> F64:
-        """Vertices (N, 3), with membranes in place of faces that turn far, and of those beside them.
+    def without_folds(self, made: F64, expressive: F64) -> F64:
+        """Vertices (N, 3), with membranes in place of faces that are turned over.
 
         expressive : the source (N_s, 3) with the expression.
         """
-        least = self._least(EYE_SKIN.steep_cosine, expressive)
-        return self._relaxed(made, least, EYE_SKIN.steep_rounds, 0)
-
-    def without_folds(self, made: F64, expressive: F64) -> F64:
-        """Vertices (N, 3), with membranes in place of faces that are turned over, as before."""
-        least, rounds = self._least(EYE_SKIN.folded_cosine, expressive), EYE_SKIN.folded_rounds
-        return self._relaxed(made, least, rounds, rounds // 2)
-
-    def _least(self, usual: float, expressive: F64) -> F64:
-        """(m,) the cosine from which a face is in order, smaller where the source's skin turns as well."""
-        now = face_normals(expressive, self._matched)
-        own = _cosines(now, self._source_normals).reshape(-1, 3).min(1)
-        return np.asarray(np.minimum(usual, own - EYE_SKIN.beyond_source_cosine))
-
-    def _relaxed(self, made: F64, least: F64, rounds: int, alone: int) -> F64:
-        """Smooth out faces whose cosine is too small; from the round `alone` on with their neighbours."""
-        inside = np.zeros(len(made), bool)
+        least = self._least(expressive)
+        inside, loose = np.zeros(len(made), bool), np.zeros(len(made), bool)
         inside[self._rows] = True
-        loose = np.zeros(len(made), bool)
-        for step in range(rounds):
+        for _ in range(SLIT_SKIN.folded_rounds):
             turned = _cosines(face_normals(made, self._faces), self._normals) < least
             if not turned.any():
                 break
             loose[self._faces[turned]] = True
-            if step >= alone:
-                loose[self._faces[loose[self._faces].any(1)]] = True
             made = self._with_membrane(made, np.flatnonzero(loose & inside))
         return made
+
+    def _least(self, expressive: F64) -> F64:
+        """(m,) the cosine from which a face is in order, smaller where the source's skin turns as well."""
+        now = face_normals(expressive, self._matched)
+        own = _cosines(now, self._source_normals).reshape(-1, 3).min(1)
+        return np.asarray(np.minimum(SLIT_SKIN.folded_cosine, own - SLIT_SKIN.beyond_source_cosine))
 
     def _with_membrane(self, made: F64, loose: Int) -> F64:
         """Vertices (N, 3), the displacements of loose ones continued harmonically from the others."""
@@ -112,7 +97,7 @@ class EyeSkin:
         known[loose] = False
         rows = self._laplacian[loose]
         way = made - self._rest
-        hold = EYE_SKIN.least_weight * sp.eye_array(len(loose))
+        hold = SLIT_SKIN.least_weight * sp.eye_array(len(loose))
         found = factorise(rows[:, loose] + hold)(-(rows[:, np.flatnonzero(known)] @ way[known]))
         out = made.copy()
         out[loose] = self._rest[loose] + found
@@ -132,10 +117,10 @@ def _scaled_laplacian(laplacian: sp.csr_array, length: F64) -> sp.csr_array:
     return sp.csr_array(edges - sp.diags_array(np.asarray(edges.sum(axis=1))))
 
 
-def _nearness(vertices: F64, eyes: list[tuple[F64, float]]) -> tuple[F64, F64]:
-    """(N,) 1 near an eye, fading to 0, and the width (N,) of the nearer eye."""
-    full, none = EYE_SKIN.reach_widths
-    away = np.stack([np.linalg.norm(vertices - middle, axis=1) / width for middle, width in eyes])
-    nearer = away.argmin(0)
+def _nearness(vertices: F64, slits: list[tuple[F64, float]]) -> tuple[F64, F64]:
+    """(N,) 1 near a slit, fading to 0, and the width (N,) of the nearest one."""
+    full, none = SLIT_SKIN.reach_widths
+    away = np.stack([np.linalg.norm(vertices - middle, axis=1) / width for middle, width in slits])
+    nearest = away.argmin(0)
     share = np.clip((none - away.min(0)) / (none - full), 0, 1)
-    return np.asarray(np.sqrt(share)), np.array([width for _, width in eyes])[nearer]
+    return np.asarray(np.sqrt(share)), np.array([width for _, width in slits])[nearest]

@@ -1,13 +1,13 @@
-"""Skin around the eyes: smoothed displacements, no face turned over, and nothing else touched."""
+"""Skin around eyes and lips: smoothed displacements, no face turned over, and nothing else touched."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.analogy.correspondence import Correspondence
-from guise.analogy.eye_skin import EYE_SKIN, EyeSkin
 from guise.analogy.geometry import face_normals
 from guise.analogy.mesh import Mesh
+from guise.analogy.slit_skin import SLIT_SKIN, SlitSkin
 from guise.analogy.transfer import Transfer
 from guise.common.arrays import F64, Int
 
@@ -25,8 +25,8 @@ def sheet() -> Mesh:
     return Mesh(vertices, np.empty((0, 3), np.intp), quads)
 
 
-def eye_skin(mesh: Mesh) -> EyeSkin:
-    return EyeSkin(mesh, np.ones(len(mesh.vertices), bool), EYES, mesh.vertices, own_triangles(mesh))
+def slit_skin(mesh: Mesh) -> SlitSkin:
+    return SlitSkin(mesh, np.ones(len(mesh.vertices), bool), EYES, mesh.vertices, own_triangles(mesh))
 
 
 def own_triangles(mesh: Mesh) -> Int:
@@ -43,12 +43,12 @@ def away(mesh: Mesh) -> F64:
 
 def test_a_motion_of_all_stays_and_noise_shrinks_only_near_the_eye() -> None:
     mesh = sheet()
-    skin = eye_skin(mesh)
+    skin = slit_skin(mesh)
     moved = mesh.vertices + np.array([0.1, -0.5, 0.2])
     assert_allclose(skin.smoothed(moved)[away(mesh) < 1], moved[away(mesh) < 1], atol=1e-9)
     noise = np.random.default_rng(1).normal(0, 0.05, moved.shape)
     made = skin.smoothed(moved + noise)
-    beyond = away(mesh) >= EYE_SKIN.reach_widths[1] * 2
+    beyond = away(mesh) >= SLIT_SKIN.reach_widths[1] * 2
     assert beyond.any()
     assert_array_equal(made[beyond], (moved + noise)[beyond])
     near = away(mesh) < 1
@@ -57,7 +57,7 @@ def test_a_motion_of_all_stays_and_noise_shrinks_only_near_the_eye() -> None:
 
 def test_vertices_out_of_order_are_put_in_order() -> None:
     mesh = sheet()
-    skin = eye_skin(mesh)
+    skin = slit_skin(mesh)
     made = mesh.vertices.copy()
     middle = int(away(mesh).argmin())
     made[middle] += (0.6, 0, 0)  # beyond its neighbour
@@ -72,25 +72,24 @@ def test_vertices_out_of_order_are_put_in_order() -> None:
 
 def test_what_is_not_folded_stays_to_the_bit() -> None:
     mesh = sheet()
-    skin = eye_skin(mesh)
+    skin = slit_skin(mesh)
     bent = mesh.vertices + np.column_stack(
         [np.zeros((len(mesh.vertices), 2)), 0.1 * mesh.vertices[:, 0] ** 2]
     )
     assert_array_equal(skin.without_folds(bent, mesh.vertices), bent)
-    assert_array_equal(skin.without_steep_faces(bent, mesh.vertices), bent)
 
 
 def test_eyes_far_from_the_mesh_change_nothing() -> None:
     mesh = sheet()
     far = [(np.array([0, 0, 50.0]), 2.0)]
-    skin = EyeSkin(mesh, np.ones(len(mesh.vertices), bool), far, mesh.vertices, own_triangles(mesh))
+    skin = SlitSkin(mesh, np.ones(len(mesh.vertices), bool), far, mesh.vertices, own_triangles(mesh))
     moved = mesh.vertices + 1
     assert_array_equal(skin.without_folds(skin.smoothed(moved), moved), moved)
 
 
 def test_what_turns_as_far_on_the_source_is_no_fold() -> None:
     mesh = sheet()
-    skin = eye_skin(mesh)
+    skin = slit_skin(mesh)
     rolled = mesh.vertices.copy()
     lid = (np.abs(rolled[:, 0]) < 0.6) & (rolled[:, 1] > 0)
     rolled[lid, 1] *= -1  # a strip that is turned over whole
@@ -116,3 +115,26 @@ def test_only_what_is_matched_by_surface_is_smoothed(shift: float) -> None:
     )
     off = np.abs(transfer(wave) - wave).max()
     assert (off < 1e-6) == (shift == 0)
+
+
+def test_lips_are_smoothed_around_the_corners_of_the_mouth_alone() -> None:
+    from test_lids import FACE_POINTS, face
+
+    from guise.analogy.lids import FacePair
+
+    mesh = face(12, 1.0)[0]
+    corners = mesh.faces[
+        np.array([np.flatnonzero((mesh.faces == k).any(1))[0] for k in range(len(mesh.vertices))])
+    ]
+    weights = 0.9 * (corners == np.arange(len(corners))[:, None]) + 0.1 / 3
+    link = Correspondence(corners, weights, np.ones(len(corners), bool))
+    pair = FacePair((FACE_POINTS, FACE_POINTS), ())
+    wave = mesh.vertices.copy()
+    wave[:, 2] += 0.1 * (-1.0) ** np.arange(len(wave))
+    plain, smooth = (Transfer(mesh, mesh, link, face=known)(wave) for known in (None, pair))
+    slits = pair.slits(mesh.vertices)
+    assert len(slits) == 2
+    away = np.min([np.linalg.norm(mesh.vertices - middle, axis=1) / width for middle, width in slits], axis=0)
+    near, beyond = away < SLIT_SKIN.reach_widths[0], away > SLIT_SKIN.reach_widths[1]
+    assert (smooth - mesh.vertices)[near].std() < 0.95 * (plain - mesh.vertices)[near].std()
+    assert_allclose(smooth[beyond], plain[beyond], atol=1e-9)
