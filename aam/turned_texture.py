@@ -45,7 +45,7 @@ def completed(identity: Identity) -> Identity:
     neutral[SHAPE_ENTRIES:] = _filled(texture, share, reference)[reference.mask].ravel()
     h, w = reference.size
     fine = cv2.resize(share, (FINE * w, FINE * h), interpolation=cv2.INTER_LINEAR)
-    detail = identity.detail + fine * (_mirrored(identity.detail, reference, FINE) - identity.detail)
+    detail = identity.detail + fine * (mirror_image(identity.detail, reference, FINE) - identity.detail)
     return replace(
         identity,
         appearance=replace(identity.appearance, neutral=neutral),
@@ -66,14 +66,14 @@ def mirrored_share(shape: F64, reference: ReferenceFrame) -> F32:
 
 def _filled(texture: F32, share: F32, reference: ReferenceFrame) -> F32:
     """A texture (h, w, 3) with a share (h, w) of its mirror image, in the light of where it is put."""
-    image = _mirrored(texture, reference, 1)
+    image = mirror_image(texture, reference, 1)
     sigma = LIMITS.light_face_widths * reference.resolution
     own, other = (cv2.GaussianBlur(picture, (0, 0), sigma) for picture in (texture, image))
     gain = np.clip((own + 1) / (other + 1), 1 / LIMITS.max_gain, LIMITS.max_gain)
     return np.asarray(texture + share[..., None] * (gain * image - texture), np.float32)
 
 
-def _mirrored(picture: F32, reference: ReferenceFrame, factor: int) -> F32:
+def mirror_image(picture: F32, reference: ReferenceFrame, factor: int) -> F32:
     """The mirror image of a picture on the grid (factor h, factor w) or with channels; 0 outside the face."""
     h, w = reference.size
     ys, xs = np.mgrid[: factor * h, : factor * w]

@@ -131,6 +131,8 @@ class Plan:
             solid,
         )
         yield Task("relief", [command("relief", program=self.program, out=relief)], relief)
+        shading = self.work / "shading.npz"
+        yield Task("shading", [command("shading", real=self.data, out=shading)], shading)
         detector, recognition = self.work / "detector", self.work / "recognition.npz"
         train = command(
             "train_detector", parts=self._parts, real=self.data, output=detector, steps=DETECTOR_BATCHES
@@ -186,6 +188,8 @@ class Plan:
             self.work / "placement.npz": DATA / "placement.npz",
             self.work / "solid_shape.npz": DATA / "solid_shape.npz",
             self.work / "relief.npz": DATA / "relief.npz",
+            self.work / "shading.npz": DATA / "shading.npz",
+            self.work / "shading.md": DATA / "shading.md",
             self.work / "alignment.json": Path(__file__).parent / "alignment.json",
         }
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.brows import BrowFollower
+from guise.aam.even_light import evenly_lit
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
@@ -85,7 +86,7 @@ class Engine(Closing):
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
         full = options.transfer == "full"
-        target = completed(target) if full else target
+        target = evenly_lit(completed(target)) if full else target
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(
             source.appearance,

@@ -1,0 +1,124 @@
+"""The light of a donor's own clip, taken out of their neutral face.
+
+Who was enrolled beside a window has one bright and one dark half and a gleaming nose, and drawn into another scene
+these look painted on.  A face is symmetric: smooth differences between its halves are light.  And people in even light
+differ little in how nose, cheeks and forehead are shaded (`training/shading.py`): what is far beyond that is light,
+too.  Dark jaws and upper lips stay, as they may be beards.  Grid pixels; RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.landmarks.schemes import NOSE_BASE
+from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.aam.turned_texture import mirror_image
+from guise.common.arrays import F32
+
+DATA = Path(__file__).parent / "data" / "shading.npz"
+
+
+@dataclass(frozen=True)
+class EvenLightLimits:
+    """Scales and limits of what is taken for light."""
+
+    symmetry_face_widths: float = 0.04  # standard deviation, over which both halves are compared
+    shading_face_widths: float = 0.03  # over which shading is compared with that of other people
+    spread_face_widths: float = 0.02  # over which a change fades around eyes, brows and lips
+    free_deviations: float = 1.5  # of other people's shading, within which all is the person's own
+    soft_deviations: float = 0.75  # by which what is left lies farther out at most
+    least_deviation: tuple[float, float, float] = (0.04, 0.01, 0.01)  # of luma, red and blue, logarithms
+    gain: tuple[float, float] = (0.4, 2.5)  # of a channel
+    black_grey_levels: float = 4.0  # added before logarithms and ratios are taken
+
+
+LIMITS = EvenLightLimits()
+
+
+def evenly_lit(identity: Identity) -> Identity:
+    """The same person with a neutral texture as in even light."""
+    reference, appearance = identity.reference, identity.appearance
+    texture = symmetric(reference.scatter(appearance.neutral_texture), reference)
+    texture = texture * _gain(texture, reference)
+    neutral = appearance.neutral.copy()
+    neutral[SHAPE_ENTRIES:] = texture[reference.mask].ravel()
+    return replace(identity, appearance=replace(appearance, neutral=neutral))
+
+
+def symmetric(texture: F32, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) whose local means are those of both halves of the face together."""
+    image = mirror_image(texture, reference, 1)
+    both = (reference.mask & (image.sum(2) > 0)).astype(np.float32)
+    own, other = (
+        _local_mean(t, both, LIMITS.symmetry_face_widths * reference.resolution) for t in (texture, image)
+    )
+    gain = np.clip(np.sqrt(other / own), *LIMITS.gain)
+    return np.asarray(texture * (1 + both[..., None] * (gain - 1)), np.float32)
+
+
+def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
+    """How a texture (h, w, 3) is shaded, and its local means, both (h, w, 3).
+
+    Logarithms of luma, red over luma and blue over luma on skin, less their means over the face; 0 elsewhere.
+    """
+    skin = skin_mask(reference).astype(np.float32)
+    local = _local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
+    luma = np.log(local @ LUMA)
+    values = np.stack([luma, np.log(local[..., 0]) - luma, np.log(local[..., 2]) - luma], axis=-1)
+    values -= (values * skin[..., None]).sum((0, 1)) / skin.sum()
+    return np.asarray(values * skin[..., None]), local
+
+
+def _gain(texture: F32, reference: ReferenceFrame) -> F32:
+    """(h, w, 3) factors that bring a texture's shading near to what people have in even light."""
+    mean, deviation = _usual(reference.resolution)
+    values, local = shading(texture, reference)
+    away = values - mean
+    deviation = np.maximum(deviation, np.array(LIMITS.least_deviation, np.float32))
+    soft = LIMITS.soft_deviations * deviation
+    beyond = np.maximum(np.abs(away) - LIMITS.free_deviations * deviation, 0)
+    change = np.sign(away) * (soft * np.tanh(beyond / soft) - beyond)
+    may_be_beard = np.arange(reference.size[0]) > reference.points[NOSE_BASE, 1]
+    change[may_be_beard] *= (change[may_be_beard, :, :1] < 0).astype(np.float32)
+    skin = skin_mask(reference).astype(np.float32)
+    spread = LIMITS.spread_face_widths * reference.resolution
+    weight = cv2.GaussianBlur(skin, (0, 0), spread) + LIMITS.spread_face_widths
+    luma, red, blue = np.moveaxis(
+        cv2.GaussianBlur(change * skin[..., None], (0, 0), spread) / weight[..., None], 2, 0
+    )
+    lit = local * np.exp(np.stack([luma + red, luma, luma + blue], axis=-1))
+    lit[..., 1] = np.exp(luma) * (local @ LUMA) - lit[..., [0, 2]] @ LUMA[[0, 2]]
+    lit[..., 1] /= LUMA[1]
+    return np.asarray(np.clip(lit / local, *LIMITS.gain), np.float32)
+
+
+def _local_mean(texture: F32, weight: F32, sigma: float) -> F32:
+    """Means (h, w, 3) over black of a texture around each place, with weights (h, w)."""
+    sums = cv2.GaussianBlur(texture * weight[..., None], (0, 0), sigma)
+    weights = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
+    return np.asarray(sums / (weights + 1e-3) + np.float32(LIMITS.black_grey_levels), np.float32)
+
+
+@lru_cache(maxsize=4)
+def _usual(resolution: int) -> tuple[F32, F32]:
+    """Mean and standard deviation (h, w, 3) of shading over people in even light."""
+    reference = ReferenceFrame.canonical(resolution)
+    with np.load(DATA) as file:
+        values, stored = file["shading"].astype(np.float32), ReferenceFrame.canonical(int(file["resolution"]))
+    scale = stored.resolution / resolution
+    to_stored = np.column_stack([np.eye(2) * scale, stored.points.min(0) - scale * reference.points.min(0)])
+    h, w = reference.size
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    mean, deviation = (
+        cv2.warpAffine(v, to_stored, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE) for v in values
+    )
+    return np.asarray(mean, np.float32), np.asarray(deviation, np.float32)

@@ -1,0 +1,66 @@
+"""The light of a donor's clip is taken out of their texture; what is their own stays."""
+
+import numpy as np
+import pytest
+from made_up import FRAME
+from test_turned_texture import enrolled, halves
+
+from guise.aam.even_light import _usual, evenly_lit, shading, symmetric
+from guise.aam.landmarks.schemes import CHIN, NOSE_BASE, NOSE_TIP
+from guise.aam.mask import skin_mask
+from guise.common.arrays import F32
+
+SKIN = skin_mask(FRAME)
+
+
+def lit(luma: F32) -> F32:
+    """The texture (h, w, 3) of a person shaded as people are, but for factors (h, w)."""
+    mean, _ = _usual(FRAME.resolution)
+    return np.asarray(120 * (np.exp(mean[..., 0]) * luma)[..., None] * np.ones(3, np.float32), np.float32)
+
+
+def spot(point: int, factor: float) -> F32:
+    """Factors (h, w), of one in the middle of a spot around a point of the face and 1 far from it."""
+    ys, xs = np.mgrid[: FRAME.size[0], : FRAME.size[1]]
+    x, y = FRAME.points[point]
+    near = np.exp(-((xs - x) ** 2 + (ys - y) ** 2) / (2 * (0.07 * FRAME.resolution) ** 2))
+    return np.asarray(factor**near, np.float32)
+
+
+def evened(texture: F32) -> F32:
+    """The texture (h, w, 3) of somebody enrolled with another."""
+    person = evenly_lit(enrolled(0, texture[FRAME.mask]))
+    return FRAME.scatter(person.appearance.neutral_texture)
+
+
+def around(texture: F32, point: int) -> float:
+    """Mean of a texture near a point, over its mean on skin."""
+    near = (spot(point, np.e) > np.exp(0.7)) & SKIN
+    return float(texture[near].mean() / texture[SKIN].mean())
+
+
+def test_both_halves_get_the_same_light() -> None:
+    texture = FRAME.scatter(halves(60, 180))
+    before, after = (shading(t, FRAME)[0][SKIN][:, 0].std() for t in (texture, symmetric(texture, FRAME)))
+    assert before > 0.4
+    assert after < 0.3 * before
+
+
+def test_a_face_in_even_light_stays_as_it_is() -> None:
+    texture = lit(np.ones(FRAME.size, np.float32))
+    assert np.abs(evened(texture) / texture - 1)[SKIN].max() < 0.03
+
+
+def test_a_gleaming_nose_is_dulled() -> None:
+    texture = lit(spot(NOSE_TIP, 1.8))
+    before, after, usual = (around(t, NOSE_TIP) for t in (texture, evened(texture), lit(spot(NOSE_TIP, 1))))
+    assert before > 1.25 * usual
+    assert after - usual < 0.7 * (before - usual)
+
+
+@pytest.mark.parametrize(("point", "factor", "stays"), [(CHIN, 0.5, True), (NOSE_TIP, 0.5, False)])
+def test_a_dark_jaw_may_be_a_beard_and_stays(point: int, factor: float, stays: bool) -> None:
+    assert (FRAME.points[point, 1] > FRAME.points[NOSE_BASE, 1]) == stays
+    texture = lit(spot(point, factor))
+    change = around(evened(texture), point) / around(texture, point)
+    assert (change < 1.03) == stays
