@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.landmarks import iou
+from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.rolls import nearest_quarter, turn_of
 from guise.aam.landmarks.schemes import IBUG68
 from guise.app.live.background_detector import LIMITS, BackgroundDetector, downscaled
@@ -92,6 +94,42 @@ def test_beside_an_upright_face_every_roll_takes_its_turn(detector: BackgroundDe
         seen.append(2 in [nearest_quarter(turn) for turn in detector.found.turns.tolist()])
     assert seen == sorted(seen)
     assert any(seen)
+
+
+def test_somebody_who_comes_in_is_found_in_that_very_frame(detector: BackgroundDetector, talk: Frame) -> None:
+    alone = np.concatenate([np.full_like(talk.rgb(), 120), talk.rgb()], axis=1)
+    small = cv2.resize(talk.rgb(), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    for wait in range(1, 5):
+        for _ in range(wait):
+            detector.submit(Frame.from_rgb(alone))
+            assert len(detector.found) == 1
+        both = alone.copy()
+        both[100 : 100 + small.shape[0], 100 : 100 + small.shape[1]] = small
+        detector.submit(Frame.from_rgb(both))
+        assert len(detector.found) == 2
+
+
+def test_a_still_picture_of_one_face_is_searched_now_and_then(
+    talk: Frame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And one of two faces each time."""
+    searched = []
+
+    def searching(self: FaceDetector, image: np.ndarray) -> Any:
+        searched.append(image)
+        return detect(self, image)
+
+    detect = FaceDetector.detect_scored
+    monkeypatch.setattr(FaceDetector, "detect_scored", searching)
+    for picture, count in ((talk.rgb(), 3), (np.concatenate([talk.rgb()] * 2, axis=1), 9)):
+        searched.clear()
+        with BackgroundDetector() as detector:
+            for _ in range(9):
+                frame = Frame.from_rgb(picture)
+                detector.submit(frame)
+                assert len(detector.found) > 0
+        upright = downscaled(frame)
+        assert sum(np.array_equal(image, upright) for image in searched) == count
 
 
 def test_drawing_into_a_submitted_frame_does_not_matter(detector: BackgroundDetector, talk: Frame) -> None:

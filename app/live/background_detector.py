@@ -1,7 +1,10 @@
-"""Face detection on every frame in a thread beside the tracker: finds bystanders and re-acquires a lost face.
+"""Face detection in a thread beside the tracker: finds bystanders and re-acquires a lost face.
 
 Upright faces are searched in every frame, and so is the roll at which a turned one was seen last.  The other rolls take
 turns: one in every frame while no upright face is certain, otherwise one in every third.
+
+A frame isn't searched while there was one certain face, a moment ago, and the picture is as it was then except on that
+head: nobody can come into it without changing it.
 """
 
 from __future__ import annotations
@@ -15,9 +18,10 @@ import numpy as np
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.builtin import BuiltinLandmarker, distinct
 from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import TURNED, UPRIGHT, RolledBoxes, detect_at_rolls, nearest_quarter
 from guise.app.media import Frame
-from guise.common.arrays import F32, U8
+from guise.common.arrays import F32, U8, Bool
 from guise.common.closing import Closing
 
 
@@ -34,9 +38,35 @@ class DetectionLimits:
     turned_interval_frames: int = (
         3  # from one search at another roll to the next, beside a certain upright face
     )
+    most_unsearched_frames: int = 2  # in a row
+    cell_pixels: int = 8  # of the downscaled frame, over whose mean changes are noticed; more than noise and
+    min_change: float = 5.0  # grey levels, of a change
 
 
 LIMITS = DetectionLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What a search has found.
+
+    Parameters
+    ----------
+    found : boxes in pixels of the frame.   cells : (h, w) grey levels.
+    apart : (h, w), the cells that must not change; None when the next frame is searched in any case.
+    age : frames since then.
+    """
+
+    found: RolledBoxes
+    cells: F32
+    apart: Bool | None
+    age: int = 0
+
+    def holds(self, cells: F32) -> bool:
+        """Whether a picture has nobody else in it."""
+        if self.apart is None or self.age >= LIMITS.most_unsearched_frames or cells.shape != self.cells.shape:
+            return False
+        return bool((np.abs(cells - self.cells) < LIMITS.min_change)[self.apart].all())
 
 
 class BackgroundDetector(Closing):
@@ -51,31 +81,43 @@ class BackgroundDetector(Closing):
         self._frame: Frame | None = None
         self._found: Future[RolledBoxes] | None = None
         self._count = 0  # of frames
-        self._seen_turned: tuple[int, ...] = ()  # quarter turns of the last frame's faces
+        self._turned_at, self._turned_count = -LIMITS.turned_interval_frames, 0  # searches at another roll
+        self._last: Search | None = None
+        self._seen_turned: tuple[int, ...] = ()  # quarter turns of the last search's faces
 
     def submit(self, frame: Frame) -> None:
         """Start detection in a frame; the caller may draw into the frame as soon as this returns."""
         self._frame = frame
-        self._found = self._pool.submit(
-            self._boxes_in, downscaled(frame), (frame.width, frame.height), self._count
-        )
-        self._count += 1
+        self._found = self._pool.submit(self._found_in, downscaled(frame), (frame.width, frame.height))
 
-    def _boxes_in(self, picture: U8, size: tuple[int, int], index: int) -> RolledBoxes:
-        found = self._detected(picture, index)
+    def _found_in(self, picture: U8, size: tuple[int, int]) -> RolledBoxes:
+        """Boxes in pixels of a frame (width, height), of which this is the downscaled picture."""
+        cells, last = _cells(picture), self._last
+        self._count += 1
+        if last is not None and last.holds(cells):
+            self._last = replace(last, age=last.age + 1)
+        else:
+            found = self._boxes_in(picture)
+            scale = np.tile(np.divide(size, picture.shape[1::-1]), 2)
+            boxes = ((found.boxes + 0.5) * scale - 0.5).astype(np.float32)
+            self._last = Search(replace(found, boxes=boxes), cells, _apart(found, cells))
+        return self._last.found
+
+    def _boxes_in(self, picture: U8) -> RolledBoxes:
+        found = self._detected(picture)
         kept = [
             score >= LIMITS.min_certain_score or self._looks_like_face(picture, box, turn)
             for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True)
         ]
-        scale = np.tile(np.divide(size, picture.shape[1::-1]), 2)
-        boxes = ((found.boxes + 0.5) * scale - 0.5).astype(np.float32)
-        return replace(found, boxes=boxes)[kept]
+        return found[kept]
 
-    def _detected(self, picture: U8, index: int) -> RolledBoxes:
+    def _detected(self, picture: U8) -> RolledBoxes:
         upright = detect_at_rolls(self._detector, picture, UPRIGHT)
         is_sure = bool((upright.scores >= LIMITS.min_certain_score).any())
-        count, rest = divmod(index, LIMITS.turned_interval_frames if is_sure else 1)
-        due = set(self._seen_turned) | (set() if rest else {TURNED[count % len(TURNED)]})
+        due = set(self._seen_turned)
+        if self._count - self._turned_at >= (LIMITS.turned_interval_frames if is_sure else 1):
+            due.add(TURNED[self._turned_count % len(TURNED)])
+            self._turned_at, self._turned_count = self._count, self._turned_count + 1
         found = upright.and_others(detect_at_rolls(self._detector, picture, sorted(due)))
         likely = found[found.scores >= LIMITS.min_landmark_score].distinct()
         turns = {nearest_quarter(turn) for turn in likely.turns.tolist()}
@@ -114,6 +156,24 @@ class BackgroundDetector(Closing):
     def close(self) -> None:
         """End the thread."""
         self._pool.shutdown()
+
+
+def _cells(picture: U8) -> F32:
+    """Mean grey levels of small squares of a picture."""
+    height, width = picture.shape[:2]
+    size = (max(1, width // LIMITS.cell_pixels), max(1, height // LIMITS.cell_pixels))
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    return cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+
+
+def _apart(found: RolledBoxes, cells: F32) -> Bool | None:
+    """The cells that are not of the only face's head; None unless there is one face, upright and certain."""
+    faces = found.distinct()
+    if len(faces) != 1 or faces.turns[0] != 0 or faces.scores[0] < LIMITS.min_certain_score:
+        return None
+    x0, y0, x1, y1 = region(faces.boxes[0]) / LIMITS.cell_pixels
+    rows, columns = np.arange(cells.shape[0])[:, None], np.arange(cells.shape[1])
+    return (columns + 1 <= x0) | (columns >= x1) | (rows + 1 <= y0) | (rows >= y1)
 
 
 def downscaled(frame: Frame) -> U8:
