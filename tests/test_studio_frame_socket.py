@@ -103,7 +103,7 @@ async def connected(value: int | None = 90) -> AsyncIterator[tuple[Peer, Tab]]:
 async def film(tab: Tab, value: int | None) -> None:
     number = 0
     while value is not None and not tab.closed:
-        tab.messages.put_nowait(packed(grey(value), number))
+        tab.messages.put_nowait(packed(grey(value), number, number / 30))
         number += 1
         await asyncio.sleep(1 / 30)
 
@@ -130,10 +130,10 @@ def run_pipeline(peer: Peer) -> "asyncio.Task[PipelineStats]":
 def test_the_camera_gives_the_latest_picture_and_counts_the_others() -> None:
     camera = BrowserCamera()
     for number, value in enumerate((10, 20, 30)):
-        camera.put(grey(value), 7 + number)
+        camera.put(grey(value), 7 + number, number / 30)
     frame = next(iter(camera))
     assert (frame.luma.mean(), frame.index) == (30, 9)
-    camera.put(grey(40), 12)
+    camera.put(grey(40), 12, 1.0)
     assert camera.dropped == 4  # two that were replaced, two that the browser kept
     camera.close()
     assert next(iter(camera)).index == 12
@@ -206,7 +206,7 @@ def test_sound_goes_to_the_microphone_beside_the_pictures() -> None:
     async def test() -> None:
         async with connected() as (peer, tab):
             block = np.linspace(-1, 1, 64, dtype=np.float32)
-            tab.messages.put_nowait(HEADER.pack(b"PCM ", 0, 0, 0, 0, 4800) + block.tobytes())
+            tab.messages.put_nowait(HEADER.pack(b"PCM ", 0, 0, 0, 0, 0.0, 4800) + block.tobytes())
             await until(lambda: peer.microphone.is_on)
             (_, samples), *others = peer.microphone.take()
             assert not others
@@ -220,10 +220,11 @@ def test_sound_goes_to_the_microphone_beside_the_pictures() -> None:
     [
         b"",
         b"I420",
-        HEADER.pack(b"I420", 320, 240, 1, 0, 0) + bytes(100),
-        HEADER.pack(b"I420", 0, 240, 1, 0, 0),
-        HEADER.pack(b"NV21", 320, 240, 1, 0, 0) + bytes(115_200),
-        HEADER.pack(b"I420", 65_535, 65_535, 1, 0, 0) + bytes(100),
+        HEADER.pack(b"I420", 320, 240, 1, 0, 0.0, 0) + bytes(100),
+        HEADER.pack(b"I420", 0, 240, 1, 0, 0.0, 0),
+        HEADER.pack(b"I420", 320, 240, 1, 0, float("nan"), 0) + bytes(115_200),
+        HEADER.pack(b"NV21", 320, 240, 1, 0, 0.0, 0) + bytes(115_200),
+        HEADER.pack(b"I420", 65_535, 65_535, 1, 0, 0.0, 0) + bytes(100),
     ],
 )
 def test_what_is_no_picture_ends_the_connection(message: bytes) -> None:
@@ -233,6 +234,7 @@ def test_what_is_no_picture_ends_the_connection(message: bytes) -> None:
         await asyncio.wait_for(peer.serve(tab), TIMEOUT_SECONDS)  # type: ignore[arg-type]
         assert not peer.alive()
         assert tab.closed
+        assert peer.fault.endswith("reload the page")
 
     ran(test)
 
@@ -256,14 +258,14 @@ def test_planes_and_their_colours_travel_unchanged(size: tuple[int, int], matrix
 def test_a_browser_that_has_no_planes_sends_colours(name: bytes, order: str) -> None:
     pixels = np.full((48, 64, 4), 255, np.uint8)
     pixels[..., :3] = [{"r": 200, "g": 90, "b": 40}[channel] for channel in order]
-    video, _ = unpacked(HEADER.pack(name, 64, 48, 5, 0, 0) + pixels.tobytes())
+    video, _ = unpacked(HEADER.pack(name, 64, 48, 5, 0, 0.0, 0) + pixels.tobytes())
     rgb = Frame(video, pts=0, time_base=Fraction(1), index=0).rgb()
     assert np.allclose(rgb, (200, 90, 40), atol=3)
 
 
 def test_planes_that_are_interleaved_are_used_as_they_are() -> None:
     luma, chroma = np.full((48, 64), 100, np.uint8), np.full((24, 32, 2), (90, 160), np.uint8)
-    video, _ = unpacked(HEADER.pack(b"NV12", 64, 48, 5, 0, 0) + luma.tobytes() + chroma.tobytes())
+    video, _ = unpacked(HEADER.pack(b"NV12", 64, 48, 5, 0, 0.0, 0) + luma.tobytes() + chroma.tobytes())
     assert [int(plane.mean()) for plane in plane_arrays(video)] == [100, 90, 160]
 
 

@@ -40,6 +40,10 @@ class Capture(Closing):
     def __iter__(self) -> Iterator[Frame]:
         raise NotImplementedError
 
+    def arrival(self, frame: Frame) -> float:
+        """When a frame that has just been given arrived, time.perf_counter()."""
+        return time.perf_counter()
+
     def stop(self) -> None:
         """End the iteration soon; from any thread."""
         raise NotImplementedError

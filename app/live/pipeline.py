@@ -6,7 +6,6 @@ The main thread pumps the outputs that need it.  The first error in any thread e
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
@@ -115,7 +114,7 @@ class Pipeline:
     def _run_capture(self) -> None:
         try:
             for frame in self._capture:
-                self._captured.put((frame, time.perf_counter()))
+                self._captured.put((frame, self._capture.arrival(frame)))
         finally:
             self._captured.close()
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import secrets
 import struct
 import time
@@ -22,7 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from guise.app.live.capture import Capture
 from guise.app.live.controls import Controls
-from guise.app.live.microphone import Microphone
+from guise.app.live.microphone import Microphone, SenderClock
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import draw_mask, draw_mesh
 from guise.app.live.slot import LatestSlot
@@ -33,8 +34,9 @@ from guise.app.media.picture_format import PictureFormat
 from guise.app.media.reader import reformat
 from guise.app.studio.store import StudioError
 
-# Format, width, height, matrix (BT709 or BT470BG), whether full range, number; of sound: SOUND, 0, 0, 0, 0, position.
-HEADER = struct.Struct("<4s4HI")
+# Format, width, height, matrix (BT709 or BT470BG), whether full range, time in seconds of a clock of the camera's,
+# number; of sound: SOUND, 0, 0, 0, 0, 0, position.
+HEADER = struct.Struct("<4s4HdI")
 SOUND = b"PCM "  # interleaved float32, stereo, 48 kHz
 SENT = b"I420"
 TIME_BASE = Fraction(1, 1_000_000)  # seconds, of a browser's pictures
@@ -51,7 +53,10 @@ FORMATS = {
 
 
 class BrowserCamera(Capture):
-    """Always the latest frame of a browser's camera; ends when the connection does."""
+    """Always the latest frame of a browser's camera; ends when the connection does.
+
+    Times are of `time.perf_counter`, when a picture was taken: however late it comes, it fits the sound.
+    """
 
     name = "the browser's camera"
 
@@ -59,14 +64,22 @@ class BrowserCamera(Capture):
         self._slot: LatestSlot[Frame] = LatestSlot()
         self._first: int | None = None
         self._given = 0
+        self._clock, self._last = SenderClock(), 0
 
-    def put(self, video: Any, number: int) -> None:
-        """Offer the camera's picture of a number; those that are missing between two were not sent."""
+    def put(self, video: Any, number: int, taken: float) -> None:
+        """Offer the camera's picture of a number; those that are missing between two were not sent.
+
+        taken : seconds of the camera's clock.
+        """
         self.width, self.height = video.width, video.height
         self._first = number if self._first is None else self._first
         self.dropped = number - self._first - self._given
-        pts = round(time.perf_counter() / TIME_BASE)
-        self._slot.put(Frame(video, pts=pts, time_base=TIME_BASE, index=number))
+        at = self._clock.ours(taken, time.perf_counter())
+        self._last = max(self._last + 1, round(at / TIME_BASE))
+        self._slot.put(Frame(video, pts=self._last, time_base=TIME_BASE, index=number))
+
+    def arrival(self, frame: Frame) -> float:
+        return float(frame.pts * TIME_BASE)
 
     def __iter__(self) -> Iterator[Frame]:
         while (frame := self._slot.get()) is not None:
@@ -111,18 +124,18 @@ def picture(shown: OutputFrame, *, mask: bool, mesh: bool) -> Any:
     return PictureFormat(size, even, "yuv420p", BT470BG).picture(frame)
 
 
-def packed(video: Any, number: int) -> bytes:
-    """The message for a yuv420p picture."""
+def packed(video: Any, number: int, taken: float = 0.0) -> bytes:
+    """The message for a yuv420p picture; see HEADER."""
     unknown = BT709 if video.height >= 720 else BT470BG
     matrix = unknown if video.colorspace == UNSPECIFIED else video.colorspace
     colour = BT709 if matrix == BT709 else BT470BG, video.color_range == FULL
-    header = HEADER.pack(SENT, video.width, video.height, *colour, number % (1 << 32))
+    header = HEADER.pack(SENT, video.width, video.height, *colour, taken, number % (1 << 32))
     return b"".join([header, *(plane.tobytes() for plane in plane_arrays(video))])
 
 
 def unpacked(message: bytes) -> tuple[Any, int]:
     """The picture of a message, and its number.  StudioError when it is none."""
-    name, width, height, matrix, full, number = _header(message)
+    name, width, height, matrix, full, _, number = _header(message)
     if name not in FORMATS or not 0 < width * height <= MOST_PIXELS:
         raise StudioError("the browser sent a picture of an unknown kind: reload the page")
     form = FORMATS[name]
@@ -139,7 +152,10 @@ def unpacked(message: bytes) -> tuple[Any, int]:
 def _header(message: bytes) -> tuple[Any, ...]:
     if len(message) < HEADER.size:
         raise StudioError("the browser sent no picture: reload the page")
-    return HEADER.unpack_from(message)
+    fields = HEADER.unpack_from(message)
+    if not math.isfinite(fields[-2]):
+        raise StudioError("the browser sent a picture of no time: reload the page")
+    return fields
 
 
 class Peer:
@@ -149,11 +165,13 @@ class Peer:
     ----------
     id : the last part of the websocket's address, which nobody can guess.
     microphone : the browser's, if the user allows it.
+    fault : why the studio has ended the connection, a sentence, or "".
     """
 
     def __init__(self) -> None:
         self.id = secrets.token_urlsafe(24)
         self.microphone = Microphone()
+        self.fault = ""
         self._closed = False
         self._camera = BrowserCamera()
         self._loop = asyncio.get_running_loop()
@@ -189,7 +207,9 @@ class Peer:
         try:
             while True:
                 self._take(await socket.receive_bytes())
-        except (WebSocketDisconnect, StudioError, RuntimeError, KeyError):
+        except StudioError as error:
+            self.fault = str(error)
+        except (WebSocketDisconnect, RuntimeError, KeyError):
             pass  # the page sees that it has ended
         finally:
             self.close()
@@ -207,9 +227,9 @@ class Peer:
             await socket.close()
 
     def _take(self, message: bytes) -> None:
-        name, *_, number = _header(message)
+        name, *_, taken, number = _header(message)
         if name == SOUND:
             samples = np.frombuffer(message, np.float32, offset=HEADER.size)
             self.microphone.put(number, samples[: len(samples) // 2 * 2].reshape(-1, 2))
         else:
-            self._camera.put(*unpacked(message))
+            self._camera.put(*unpacked(message), taken)

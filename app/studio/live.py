@@ -7,16 +7,17 @@ import shutil
 import tempfile
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nicegui import app as nicegui_app
-from nicegui import background_tasks, events, ui
+from nicegui import events, ui
 from starlette.websockets import WebSocket
 
 from guise.aam.model import Identity
+from guise.aam.recognition import cosine_similarity, signature
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.output import Output
@@ -32,7 +33,7 @@ from guise.app.studio.live_run import LiveRun
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, camera_error, page, script
 from guise.app.swapping.donors import MODEL_SUFFIX, open_donor
-from guise.common.errors import OutputError
+from guise.common.errors import GuiseError, OutputError
 
 BROWSER, COMPUTER = "browser", "server"
 CAMERAS = {BROWSER: "This browser's camera", COMPUTER: "The computer's camera"}
@@ -98,6 +99,8 @@ class _LivePage:
         self._peer: Peer | None = None
         self._run: LiveRun | None = None
         self._enrolled = ""  # id of the person who has just been enrolled
+        self._proposes = studio.store.setting(FACE) not in self._faces  # nobody has chosen a face yet
+        self._toggling = False  # a recording is being started or stopped
         self._downloaded: set[Path] = set()
         self._seen = 0.0  # time.monotonic() when the person was last recognised
         self._latencies: deque[float] = deque([0.0] * GRAPH_POINTS, GRAPH_POINTS)
@@ -145,7 +148,7 @@ class _LivePage:
         specs = list(self._faces)
         self._portraits = Portraits(
             self.studio, self._faces, specs[settings.identity], "Face to show",
-            lambda spec: self._controls.change(identity=specs.index(spec)),
+            lambda spec: self._choose_face(specs.index(spec)),
         )  # fmt: skip
         clips = {clip.id: f"The clip {clip.name}" for clip in self.studio.store.clips()}
         with ui.card().classes("w-full"), ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
@@ -231,9 +234,13 @@ class _LivePage:
         await self._begin()
 
     async def _begin(self) -> None:
-        """Start a run with the chosen person."""
+        """Start a run with the chosen person; without one, if their model cannot be used, the camera is let go."""
         assert self._peer is not None
-        config = await asyncio.to_thread(self._session_config, self._person.value)
+        try:
+            config = await asyncio.to_thread(self._session_config, self._person.value)
+        except GuiseError:
+            await self._stop()
+            raise
         outputs: list[Output] = [PeerOutput(self._peer, self._controls)]
         if self._virtual.value:
             outputs.append(VirtualCamera())
@@ -245,6 +252,7 @@ class _LivePage:
         self._runs.add(self._run)
         self._timer.activate()
         self._mesh_timer.activate()
+        self._show_settings()
 
     def _open_camera(self, peer: Peer) -> Callable[[], Capture]:
         """What opens the chosen source: the browser's camera, the computer's, or a clip, which is repeated."""
@@ -260,10 +268,25 @@ class _LivePage:
             Identity.load(face) if face.endswith(MODEL_SUFFIX) else open_donor(face) for face in self._faces
         ]
         known = Identity.load(self.studio.store.person(person).path) if person else None
-        return SessionConfig(faces, known, name="Me", keep=self._keep)
+        if known is not None:
+            self._propose(known, faces)
+        return SessionConfig(faces, known, name="Me", keep=partial(self._keep, faces))
 
-    def _keep(self, made: Identity) -> None:
+    def _propose(self, person: Identity, faces: Sequence[Identity]) -> None:
+        """Unless the user has chosen, show another built-in face than the one that is most like the person's."""
+        if self._proposes:
+            able = [n for n, face in enumerate(self._faces) if not face.endswith(MODEL_SUFFIX)]
+            own = signature(person)
+            most = max(able, key=lambda n: cosine_similarity(own, signature(faces[n])))
+            self._controls.change(identity=next(n for n in able if n != most))
+
+    def _choose_face(self, number: int) -> None:
+        self._proposes = False
+        self._controls.change(identity=number)
+
+    def _keep(self, faces: Sequence[Identity], made: Identity) -> None:
         """Add a newly enrolled person to the studio's people; called in the run's processing thread."""
+        self._propose(made, faces)
         person = self.studio.store.add_person(made.name, None)
         save_picture(person.montage, montage(made))
         made.save(person.path)
@@ -314,16 +337,21 @@ class _LivePage:
         self._stranger.set_visibility(False)
         self._person.value = NOBODY
 
-    def _key(self, event: events.KeyEventArguments) -> None:
+    async def _key(self, event: events.KeyEventArguments) -> None:
         """The keys of the window, as far as they make sense here."""
         key = str(event.key.name).lower().removeprefix("arrow")
         if not event.action.keydown or event.modifiers.ctrl or event.modifiers.alt or event.modifiers.meta:
             return
+        if event.action.repeat and key not in ("up", "down"):
+            return
         if key == "e":
             self._enrol_anew()
-        elif key in ("r", "c"):
-            background_tasks.create(self._toggle_recording() if key == "r" else self._snapshot())
+        elif key == "r":
+            await self._toggle_recording()
+        elif key == "c":
+            await self._snapshot()
         elif key.isdigit() or key in ("up", "down", "s", "p", "o", "m", "k", "l"):
+            self._proposes = self._proposes and not key.isdigit()
             self._controls.press(key)
             self._show_settings()
 
@@ -345,15 +373,19 @@ class _LivePage:
         return change
 
     async def _toggle_recording(self) -> None:
-        """Start or stop a recording; sound comes only while there is one."""
-        if (run := self._run) is None:
+        """Start or stop a recording, once whatever is pressed meanwhile; sound comes only while there is one."""
+        if (run := self._run) is None or self._toggling:
             return
-        begins = not run.recording
-        if begins:
-            await ui.run_javascript("return await guiseLive.listen()", timeout=LISTEN_SECONDS)
-        run.toggle_recording()
-        if not begins:
-            ui.run_javascript("guiseLive.deafen()")
+        self._toggling = True
+        try:
+            if not run.recording:
+                await ui.run_javascript("return await guiseLive.listen()", timeout=LISTEN_SECONDS)
+                run.toggle_recording()
+            else:
+                run.toggle_recording()
+                await ui.run_javascript("return await guiseLive.deafen()", timeout=LISTEN_SECONDS)
+        finally:
+            self._toggling = False
 
     async def _snapshot(self) -> None:
         if self._run is not None and (path := await asyncio.to_thread(self._run.snapshot)) is not None:
@@ -365,12 +397,15 @@ class _LivePage:
         if run is None or peer is None:
             return
         if not peer.alive() or not run.running:
+            if peer.fault:
+                ui.notify(f"Stopped: {peer.fault}.", type="negative")
             await self._stop()
             return
         self._report(run)
         self._show_latest(run)
         if self._enrolled and self._person.value != self._enrolled:
             self._person.set_options(self._people(), value=self._enrolled)
+            self._show_settings()
             self.studio.store.remember(_PERSON, self._enrolled)
 
     def _draw_mesh(self) -> None:

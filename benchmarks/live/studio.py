@@ -136,7 +136,7 @@ async def film(browser: websockets.ClientConnection, frames: list[Frame], out: s
             clock.burn(frame, clock.now())
             assert frame.video_frame is not None
             out.add(number)
-            await browser.send(packed(frame.video_frame, number))
+            await browser.send(packed(frame.video_frame, number, time.perf_counter()))
 
 
 def round_trip(

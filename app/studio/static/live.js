@@ -1,7 +1,7 @@
 // The browser's end of the studio's live connection: a websocket with pictures as they are, without a codec.
 "use strict";
 
-const HEADER_BYTES = 16; // as in frame_socket.py: format, width, height, matrix, whether full range, number
+const HEADER_BYTES = 24; // as in frame_socket.py: format, width, height, matrix, whether full range, time, number
 const FORMATS = ["I420", "NV12", "RGBA", "RGBX", "BGRA", "BGRX"]; // sent as they come; others are converted
 const BT709 = 1, BT601 = 5; // matrices
 
@@ -46,9 +46,9 @@ const guiseLive = {
       for (let next = await reader.read(); !next.done; next = await reader.read()) await this.offer(session, next.value);
       return;
     }
-    const next = async () => {
+    const next = async (now) => {
       if (this.session !== session) return;
-      await this.offer(session, new VideoFrame(session.own));
+      await this.offer(session, new VideoFrame(session.own, { timestamp: Math.round(1000 * now) }));
       session.own.requestVideoFrameCallback(next);
     };
     session.own.requestVideoFrameCallback(next);
@@ -71,7 +71,7 @@ const guiseLive = {
   take(session, data) {
     const head = new DataView(data);
     const [width, height, matrix, full] = [4, 6, 8, 10].map((at) => head.getUint16(at, true));
-    session.out = session.out.filter((number) => number > head.getUint32(12, true));
+    session.out = session.out.filter((number) => number > head.getUint32(20, true));
     session.returned = performance.now();
     const colorSpace = { primaries: "bt709", transfer: "bt709", matrix: matrix === BT709 ? "bt709" : "smpte170m" };
     session.draw(new VideoFrame(new Uint8Array(data, HEADER_BYTES), {
@@ -85,7 +85,8 @@ const guiseLive = {
     const session = this.session;
     const [microphone] = session?.stream.getAudioTracks() ?? [];
     if (!microphone || session.sound) return;
-    const sound = session.sound = new AudioContext({ sampleRate: 48000 });
+    const { sampleRate } = microphone.getSettings(); // some browsers connect a microphone to a context of its rate only
+    const sound = session.sound = new AudioContext(sampleRate ? { sampleRate } : {});
     await sound.audioWorklet.addModule("/static/microphone.js");
     const stereo = { channelCount: 2, channelCountMode: "explicit", numberOfOutputs: 0 };
     const blocks = new AudioWorkletNode(sound, "blocks", stereo);
@@ -93,7 +94,7 @@ const guiseLive = {
     await new Promise((begun) => {
       blocks.port.onmessage = ({ data: { position, block } }) => {
         const message = new Uint8Array(HEADER_BYTES + block.byteLength);
-        header(message, "PCM ", 0, 0, 0, 0, position);
+        header(message, "PCM ", 0, 0, 0, 0, 0, position);
         message.set(new Uint8Array(block.buffer), HEADER_BYTES);
         if (this.session === session) session.socket.send(message);
         begun();
@@ -166,15 +167,17 @@ async function packed(frame, number) {
   await frame.copyTo(message.subarray(HEADER_BYTES), options);
   const { width, height } = frame.visibleRect;
   const { matrix, fullRange } = frame.colorSpace;
-  header(message, format, width, height, matrix === "bt709" ? BT709 : BT601, Number(fullRange ?? false), number);
+  const colour = [matrix === "bt709" ? BT709 : BT601, Number(fullRange ?? false)];
+  header(message, format, width, height, ...colour, frame.timestamp / 1e6, number);
   return message;
 }
 
-function header(message, format, width, height, matrix, full, number) {
+function header(message, format, width, height, matrix, full, seconds, number) {
   const head = new DataView(message.buffer);
   for (let i = 0; i < 4; i++) head.setUint8(i, format.charCodeAt(i));
   [width, height, matrix, full].forEach((value, i) => head.setUint16(4 + 2 * i, value, true));
-  head.setUint32(12, number, true);
+  head.setFloat64(12, seconds, true);
+  head.setUint32(20, number, true);
 }
 
 addEventListener("pagehide", () => guiseLive.end());
