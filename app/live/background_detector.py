@@ -173,7 +173,7 @@ def _apart(found: RolledBoxes, cells: F32) -> Bool | None:
         return None
     x0, y0, x1, y1 = region(faces.boxes[0]) / LIMITS.cell_pixels
     rows, columns = np.arange(cells.shape[0])[:, None], np.arange(cells.shape[1])
-    return (columns + 1 <= x0) | (columns >= x1) | (rows + 1 <= y0) | (rows >= y1)
+    return np.asarray((columns + 1 <= x0) | (columns >= x1) | (rows + 1 <= y0) | (rows >= y1))
 
 
 def downscaled(frame: Frame) -> U8:

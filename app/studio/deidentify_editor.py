@@ -157,8 +157,8 @@ class TrackEditor:
             people = {self._choices.person_of(one) for one in self._tracks} | {number}
             if len(people) > 1:
                 words = {person: f"Person {person}" for person in sorted(people)}
-                who = ui.select(words, value=own, label="is", on_change=partial(self._merge, number))
-                who.props("dense outlined").props["aria-label"] = f"Whose track {number} is"
+                who = ui.select(words, value=own, label=f"Track {number} is")
+                who.on_value_change(partial(self._merge, number)).props("dense outlined").classes("w-32")
 
     async def _split(self, number: int) -> None:
         assert self._frame is not None
