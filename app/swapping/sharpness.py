@@ -31,11 +31,11 @@ class SharpnessLimits:
     min_inside: float = 0.5  # share of the places that must lie in the picture
     max_excess: float = 4.0  # gradient energy of a place, of the mean, above which it's an edge
     min_energy: float = 4.0  # of gradients, grey levels squared, below which both are smooth
-    slack_octaves: float = 0.3  # of gradient energy, by which the face may differ
+    slack_octaves: tuple[float, float] = (-0.1, 0.3)  # of gradient energy, by which the frame may be sharper
     rate: float = 0.35  # share of a difference made up for at once
     first_frames: int = 12  # of a face, each measured and made up for twice as fast
     every_frames: int = 4  # between later measurements
-    gain: tuple[float, float] = (0.45, 1.2)  # least and most
+    gain: tuple[float, float] = (0.35, 1.2)  # least and most
     unseen_gain: float = 0.03  # from 1, within which nothing is done
 
 
@@ -93,7 +93,7 @@ class Sharpness:
             return
         there, own = (_typical(e[y[inside], x[inside]]) for e in (seen, gradient_energy(drawn)))
         octaves = float(np.log2(there / own))
-        beyond = octaves - float(np.clip(octaves, -LIMITS.slack_octaves, LIMITS.slack_octaves))
+        beyond = octaves - float(np.clip(octaves, *LIMITS.slack_octaves))
         rate = LIMITS.rate * (2 if self._early else 1)
         self._set(float(np.clip(self.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)))
 
