@@ -12,8 +12,17 @@ from training.all import Plan  # noqa: E402
 from training.dequantise import load_shipped, module_name  # noqa: E402
 from training.face_net import MAPS, FaceNet  # noqa: E402
 from training.measure import answers_of, answers_of_file  # noqa: E402
-from training.parsing_labels import CLASSES, SKIN  # noqa: E402
-from training.train_face import EXACT, NONE, POSSIBLE, SHIPPED, Course, loss_of, parsing_loss  # noqa: E402
+from training.parsing_labels import CLASSES, OCCLUDER, SKIN  # noqa: E402
+from training.train_face import (  # noqa: E402
+    EXACT,
+    NONE,
+    POSSIBLE,
+    SHIPPED,
+    Course,
+    loss_of,
+    outlines,
+    parsing_loss,
+)
 
 torch.set_flush_denormal(True)  # far weights of heat maps are tiny
 RNG = np.random.default_rng(0)
@@ -81,6 +90,38 @@ def test_shipped_weights_come_back_from_8_bits() -> None:
     np.testing.assert_allclose(mine.points, theirs.points, atol=4)
     assert np.abs(mine.points - theirs.points).mean() < 1
     assert np.corrcoef(mine.face, theirs.face)[0, 1] > 0.9
+
+
+def test_the_parser_comes_back_without_points_and_trains_as_it_is() -> None:
+    crops = RNG.integers(0, 256, (12, 16, 16, 3)).astype(np.uint8).repeat(8, 1).repeat(8, 2)
+    net, file = FaceNet(), SHIPPED.with_name("face.onnx")
+    guess = net.guess.weight.detach().clone()
+    load_shipped(net, file, crops)
+    theirs = answers_of_file(file)(crops)
+    for training in (False, True):  # with the statistics of the crops, and with those of the batch
+        iris, parsing = net.train(training)(torch.from_numpy(crops))[3:]
+        assert np.abs(parsing.detach().numpy() - theirs.parsing).mean() < 0.02
+        assert np.abs(iris.detach().numpy() - theirs.iris).mean() < 2
+    torch.testing.assert_close(net.guess.weight, guess)
+
+
+def test_outlines_of_occluders_count_more_and_nothing_else_does() -> None:
+    share = torch.zeros(1, MAPS, MAPS)
+    share[0, 20:50, 30:34] = 1  # a finger
+    near = outlines(share)
+    assert (near[0, 25:45, 29:35] == 1).all()
+    assert near[0, :, :25].sum() == near[0, :, 40:].sum() == 0
+    share[0, 20:50, 10:60] = 1  # a palm
+    assert outlines(share)[0, 30:40, 30:40].sum() == 0
+    maps, logits = torch.zeros(1, len(CLASSES), MAPS, MAPS, dtype=torch.uint8), None
+    maps[0, SKIN] = 255
+    maps[0, :, 20:50, 30:34], maps[0, OCCLUDER, 20:50, 30:34] = 0, 255
+    costs = []
+    for column in (35, 60):  # one row of cells wrong, beside the finger or far away
+        logits = 20 * maps.float() / 255
+        logits[0, [SKIN, OCCLUDER], 20:50, column] = torch.tensor([[0.0], [20.0]])
+        costs.append(float(parsing_loss(logits, maps, torch.full((1,), EXACT))))
+    assert costs[0] > 1.5 * costs[1]
 
 
 def test_names_of_modules_are_read_from_the_graph() -> None:

@@ -1,5 +1,6 @@
 """What the networks are trained on: samples, crops, parts."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from guise.aam.landmarks.schemes import (
 from training import augment
 from training.clutter import clutter
 from training.crops import plain_crops
-from training.data import Pictures, load_parts, square
+from training.data import Pictures, by_hands, load_parts, square
 from training.parsing_labels import encode
 
 RNG = np.random.default_rng(0)
@@ -160,3 +161,12 @@ def test_parts_are_read_and_held_out_people_kept_apart(tmp_path: Path) -> None:
     assert list(training.only(np.array([False, True])).person) == ["r00002"]
     with pytest.raises(FileNotFoundError, match="render_people"):
         load_parts(tmp_path / "nothing", held_out=False)
+
+
+def test_pictures_with_a_rendered_hand_are_told_from_those_without() -> None:
+    source = pictures(3)
+    assert [len(part) for part in by_hands(source)] == [3, 0]
+    known = replace(source, attributes=np.array([[0.0], [1.0], [0.0]], np.float32), attribute_names=("hand",))
+    clear, held = by_hands(known)
+    np.testing.assert_array_equal(clear.points, source.points[[0, 2]])
+    np.testing.assert_array_equal(held.points, source.points[[1]])

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -29,6 +30,7 @@ from training.augment import Props, Sample, plain, sample
 from training.canvas import SIZE, Canvas, class_maps, possible_maps
 from training.clutter import clutter
 from training.data import Labelled
+from training.hands import HandBeforeFace, view
 from training.measure import Answers, figures_of, iou, iris_errors
 from training.parsing_labels import (
     BACKGROUND,
@@ -152,13 +154,24 @@ def test_every_thing_is_a_picture_with_an_opacity(maker: Any) -> None:
 
 def test_the_map_of_an_occluder_is_what_changed_in_the_picture() -> None:
     rng = np.random.default_rng(8)
-    hand = np.full((60, 40, 4), 255, np.uint8)
+    hand = occluders.Cutout(np.full((60, 40, 4), 255, np.uint8), 40.0, np.array([20.0, 20.0]))
     for _ in range(20):
         canvas = start()
         occluders.occluder(rng, canvas, lambda: np.full((SIZE, SIZE, 3), 9, np.uint8), [hand])
         shown = cv2.resize(canvas.maps[OCCLUDER], (SIZE, SIZE), interpolation=cv2.INTER_NEAREST)
         clear = shown < 1e-3
         assert (canvas.crop[clear] <= 129).all()  # at most a shadow
+
+
+def test_hands_are_as_large_as_they_are_before_a_face_however_finely_drawn() -> None:
+    rng, canvas, shares = np.random.default_rng(3), start(), []
+    extent = np.linalg.norm(canvas.points[CHIN] - canvas.points[NOSE_ROOT])
+    for side in (50, 150):
+        decimetre = occluders.Cutout(np.full((side, side, 4), 255, np.uint8), side, np.full(2, side / 2))
+        layers = [occluders._hand(rng, canvas, decimetre, canvas.points[NOSE_TIP]) for _ in range(60)]
+        shares.append(np.sqrt(np.mean([(alpha > 127).sum() for _, alpha in layers])))
+    assert shares[0] == pytest.approx(shares[1], rel=0.1)
+    assert shares[0] == pytest.approx(extent / occluders.EXTENT_DECIMETRES, rel=0.25)
 
 
 def test_possible_maps_allow_what_the_points_say() -> None:
@@ -286,3 +299,52 @@ def test_outlined_crops_are_measured_without_what_is_left_out(tmp_path: Path) ->
     assert figures["false_occluder"] < 1
     with pytest.raises(FileNotFoundError, match=r"labels\.json"):
         load_outlined(tmp_path / "nowhere", tmp_path / "labels.json")
+
+
+def euler(yaw: float, pitch: float, roll: float) -> np.ndarray:
+    turns = ((0, yaw, 0), (-pitch, 0, 0), (0, 0, roll))
+    rotations = [cv2.Rodrigues(np.radians(turn))[0] for turn in turns]
+    return np.asarray(rotations[0] @ rotations[1] @ rotations[2])
+
+
+class FlatHand:
+    """Four fingers along x, the palm down, as an arm that is stretched out sideways."""
+
+    middle, along, palm = np.array([6.0, 4.0, 0.0]), np.array([1.0, 0, 0]), np.array([0, -1.0, 0])
+
+    def __init__(self) -> None:
+        self.surface = SimpleNamespace(positions=lambda v: v, normals=lambda v: v)
+
+    def posed(self, rng: np.random.Generator) -> np.ndarray:
+        tips = self.middle + self.along + np.array([0, 0, 1.0]) * np.linspace(-0.4, 0.4, 4)[:, None]
+        return np.vstack([self.middle, tips])
+
+
+def test_hands_are_seen_with_their_fingers_up() -> None:
+    rng = np.random.default_rng(0)
+    facing = []
+    for _ in range(20):
+        turn = view(rng, FlatHand(), euler, (0, 0, 0))
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+        assert np.linalg.det(turn) == pytest.approx(1)
+        np.testing.assert_allclose(turn @ FlatHand.along, (0, 1, 0), atol=1e-9)
+        facing.append((turn @ FlatHand.palm)[2])
+    assert {round(z) for z in facing} == {-1, 1}
+
+
+def test_rendered_hands_are_held_before_the_face() -> None:
+    rng, uploads = np.random.default_rng(1), []
+    actor = SimpleNamespace(upload=lambda surfaces, camera: uploads.append(surfaces["prop"][0]))
+    mean = mean_geometry().mean
+    face = np.column_stack([mean.real, -mean.imag, np.zeros(81)])
+    face[NOSE_TIP, 2] = 0.3
+    before = HandBeforeFace(FlatHand(), actor, euler)
+    for _ in range(200):
+        before.place(rng, face, None)
+    v = np.array(uploads)
+    spans = np.linalg.norm(v[:, 1:] - v[:, :1], axis=2)
+    np.testing.assert_allclose(spans, spans[:1].repeat(200, 0))  # as large as it is
+    assert (v[:, :, 2].max(1) > face[:, 2].min()).all()
+    assert v[:, 1:, 1].mean() > v[:, 0, 1].mean()  # mostly from below
+    low, high = face[:, :2].min(0) - 1, face[:, :2].max(0) + 1
+    assert ((v[..., :2] > low) & (v[..., :2] < high)).all(2).any(1).mean() > 0.95

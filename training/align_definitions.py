@@ -14,7 +14,7 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import JAW
 from training.crops import plain_crops
-from training.data import Pictures, load_parts, load_real
+from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import Alignment, definition_moves, difference, even_spacing
 from training.measure import Answer
 from training.report import answer_of
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--real", type=Path, required=True)
     parser.add_argument("--output", type=Path, required=True)
     options = parser.parse_args()
-    rendered = load_parts(options.parts, held_out=False)
+    rendered, _ = by_hands(load_parts(options.parts, held_out=False))
     align(answer_of(options.weights), rendered, load_real(options.real, held_out=False)).write(options.output)
 
 

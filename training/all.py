@@ -23,6 +23,7 @@ from pathlib import Path
 DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
+REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
 GROUPS = 60  # of people whose faces are swapped
 
 
@@ -114,14 +115,20 @@ class Plan:
         yield Task("report", [finish], face / "face.md")
 
     def _parsing_training(self) -> Iterator[Task]:
-        face, parsing = self.work / "face", self.work / "parsing"
+        """For everything first, then with the outlines of hands weighted and without points."""
+        face, parsing, refined = self.work / "face", self.work / "parsing", self.work / "refined"
         given = {"alignment": self.work / "alignment.json", **self._seen()}
         train = command(
             "train_face", "--resume", goal="parsing", device=self.device, first_weights=face / "face.pt",
             output=parsing, steps=PARSING_BATCHES, **given,
         )  # fmt: skip
         yield Task("parsing", [train], parsing / "complete")
-        yield Task("parsing report", [command("finish_parsing", run=parsing, **given)], parsing / "face.md")
+        refine = command(
+            "train_face", "--resume", goal="refinement", device=self.device, first_weights=parsing / "face.pt",
+            output=refined, steps=REFINEMENT_BATCHES, rate=REFINEMENT_RATE, batch=32, **given,
+        )  # fmt: skip
+        yield Task("refinement", [refine], refined / "complete")
+        yield Task("parsing report", [command("finish_parsing", run=refined, **given)], refined / "face.md")
 
     def _other_models(self) -> Iterator[Task]:
         solid, relief = self.work / "solid_shape.npz", self.work / "relief.npz"
@@ -174,13 +181,13 @@ class Plan:
 
     def shipped(self) -> dict[Path, Path]:
         """Destination of each file that ships."""
-        face, parsing = self.work / "face", self.work / "parsing"
+        face, refined = self.work / "face", self.work / "refined"
         return {
             face / "landmarks.onnx": DATA / "landmarks.onnx",
             face / "landmarks.json": DATA / "landmarks.json",
             face / "face.md": DATA / "landmarks.md",
-            parsing / "face.onnx": DATA / "face.onnx",
-            parsing / "face.md": DATA / "face.md",
+            refined / "face.onnx": DATA / "face.onnx",
+            refined / "face.md": DATA / "face.md",
             self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "light" / "light.onnx": DATA / "light.onnx",

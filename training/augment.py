@@ -36,7 +36,7 @@ from guise.aam.landmarks.schemes import (
 from guise.common.arrays import F32, F64, I32, U8, Bool
 from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps
 from training.data import Labelled
-from training.occluders import occluder, strands_of_hair
+from training.occluders import Cutout, occluder, strands_of_hair
 from training.parsing_labels import BACKGROUND, FACIAL_HAIR, GLASSES, HAIR, OCCLUDER
 
 ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
@@ -69,11 +69,11 @@ class Props:
     """What may appear behind and in front of a face.
 
     backgrounds : (m, s, s, 3) uint8
-    hands : cut-outs (h, w, 4) uint8 RGBA of rendered hands; may be empty
+    hands : cut-outs of rendered hands; may be empty
     """
 
     backgrounds: U8
-    hands: Sequence[U8] = ()
+    hands: Sequence[Cutout] = ()
 
 
 @dataclass(frozen=True, eq=False)

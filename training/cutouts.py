@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.common.arrays import U8
+from guise.common.arrays import F32
 from training.augment import Props
 from training.clutter import clutter
 from training.data import HELD_OUT, Packed
+from training.occluders import Cutout
 
 BACKGROUNDS, BACKGROUND_SIZE = 1500, 192
 
@@ -24,18 +25,23 @@ def make_props(
 
 
 class Cutouts:
-    """Cut-outs (h, w, 4) uint8 RGBA, decoded on access."""
+    """Cut-outs, decoded on access.
 
-    def __init__(self, colours: Packed, alphas: Packed) -> None:
+    scales : (n,) pixels per decimetre; knuckles : (n, 2) pixels
+    """
+
+    def __init__(self, colours: Packed, alphas: Packed, scales: F32, knuckles: F32) -> None:
         self._colours, self._alphas = colours, alphas
+        self._scales, self._knuckles = scales, knuckles
 
     def __len__(self) -> int:
         """Return the number of cut-outs."""
         return len(self._colours)
 
-    def __getitem__(self, index: int) -> U8:
+    def __getitem__(self, index: int) -> Cutout:
         """Return one cut-out."""
-        return np.dstack([self._colours[index], self._alphas[index]])
+        picture = np.dstack([self._colours[index], self._alphas[index]])
+        return Cutout(picture, float(self._scales[index]), self._knuckles[index])
 
 
 def load_hands(file: Path, *, held_out: bool) -> Cutouts:
@@ -48,4 +54,9 @@ def load_hands(file: Path, *, held_out: bool) -> Cutouts:
             data = stored[name]
             return Packed([data[ends[i] - length[i] : ends[i]].copy() for i in wanted], colour)
 
-        return Cutouts(packed("colour", True), packed("alpha", False))
+        return Cutouts(
+            packed("colour", True),
+            packed("alpha", False),
+            stored["scale"][wanted],
+            stored["knuckles"][wanted],
+        )

@@ -194,6 +194,13 @@ def _codes(joined: U8, lengths: I32, wanted: NDArray[Any]) -> list[U8]:
     return [joined[ends[i] - lengths[i] : ends[i]].copy() for i in wanted]
 
 
+def by_hands(pictures: Pictures) -> tuple[Pictures, Pictures]:
+    """The pictures without and with a hand that was rendered before the face."""
+    value = dict(zip(pictures.attribute_names, pictures.attributes.T, strict=True))
+    held = value.get("hand", np.zeros(len(pictures))) > 0.5
+    return pictures.only(~held), pictures.only(held)
+
+
 def load_real(data: Path, *, held_out: bool) -> Pictures:
     """The real pictures that may be trained on, or those of their people that are kept for validation.
 

@@ -1,4 +1,4 @@
-"""Converts the weights of the shipped 8-bit landmarker back to a trainable network.
+"""Converts the weights of a shipped 8-bit network back to a trainable one.
 
 The export folds batch normalisation into the convolutions. `load_shipped` separates them again: each normalisation
 gets the statistics of its input on sample crops, and the scale and shift that undo them, so that the network gives the
@@ -23,18 +23,22 @@ from training.landmark_net import LandmarkNet
 
 
 def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
-    """Give `net` the weights of an 8-bit ONNX file, with normalisation statistics from crops (n, 128, 128, 3)."""
+    """Give `net` the weights of an 8-bit ONNX file, with normalisation statistics from crops (n, 128, 128, 3).
+
+    What the file does not hold, as the points of `face.onnx`, keeps the weights it has.
+    """
     graph = onnx.load(path).graph
     values = _values(graph)
     state = net.state_dict()
     for name in set(values) & set(state):
         state[name].copy_(torch.from_numpy(values[name].copy()))
     modules = dict(net.named_modules())
+    filled = []
     for node in graph.node:
         if node.op_type == "Conv":
             weight, bias = (torch.from_numpy(values[name].copy()) for name in node.input[1:3])
-            _fill(modules, module_name(node.output[0]), weight, bias)
-    _unfold(net, torch.from_numpy(crops))
+            filled.append(_fill(modules, module_name(node.output[0]), weight, bias))
+    _unfold(net, torch.from_numpy(crops), [module for module in filled if module is not None])
 
 
 def module_name(output: str) -> str:
@@ -53,7 +57,7 @@ def module_name(output: str) -> str:
 
 
 def _values(graph: Any) -> dict[str, F32]:
-    """Initialisers as float, by the name they have before quantisation."""
+    """Initialisers as float, by the name they have in the network before quantisation."""
     raw = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
     found = {name: value for name, value in raw.items() if value.dtype == np.float32}
     for node in graph.node:
@@ -62,26 +66,27 @@ def _values(graph: Any) -> dict[str, F32]:
             shape = (-1,) + (1,) * (quantised.ndim - 1)
             value = (quantised.astype(np.float32) - zero.reshape(shape)) * scale.reshape(shape)
             found[node.output[0]] = value.astype(np.float32)
-    return found
+    return {name.removeprefix("net."): value for name, value in found.items()} | found
 
 
-def _fill(modules: dict[str, nn.Module], name: str, weight: Tensor, bias: Tensor) -> None:
-    """Set a convolution; its bias goes to the normalisation behind it if it has none of its own."""
+def _fill(modules: dict[str, nn.Module], name: str, weight: Tensor, bias: Tensor) -> nn.Module | None:
+    """Set a convolution; its bias goes to the normalisation behind it, if it has none of its own, which is returned."""
     with torch.no_grad():
         convolution = modules[name]
         convolution.weight.copy_(weight)
         if convolution.bias is not None:
             convolution.bias.copy_(bias)
-            return
+            return None
         parent, _, index = name.rpartition(".")
         normalisation = modules[f"{parent}.{int(index) + 1}"]
         normalisation.weight.fill_(1)
         normalisation.bias.copy_(bias)
         normalisation.running_mean.fill_(0)
         normalisation.running_var.fill_(1 - normalisation.eps)
+    return normalisation
 
 
-def _unfold(net: LandmarkNet, crops: Tensor) -> None:
+def _unfold(net: LandmarkNet, crops: Tensor, normalisations: list[nn.Module]) -> None:
     """Replace the neutral statistics of the normalisations by those of crops; the output stays the same."""
     sums: dict[nn.Module, list[Tensor]] = {}
 
@@ -89,8 +94,6 @@ def _unfold(net: LandmarkNet, crops: Tensor) -> None:
         x = inputs[0].double()
         sums.setdefault(module, []).append(torch.stack([x.mean((0, 2, 3)), (x**2).mean((0, 2, 3))]))
 
-    landmarker = {name for name, _ in LandmarkNet().named_modules()}
-    normalisations = [m for n, m in net.named_modules() if isinstance(m, nn.BatchNorm2d) and n in landmarker]
     hooks = [m.register_forward_pre_hook(watch) for m in normalisations]
     net.eval()
     with torch.no_grad():

@@ -31,7 +31,7 @@ from guise.common.arrays import F64, U8
 from training.augment import SIZE, Props, Sample, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
-from training.data import Pictures, load_parts, load_real
+from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import read_alignment
 from training.face_net import FaceNet
 from training.measure import Answer, answers_of_file, figures_of, point_errors
@@ -257,7 +257,7 @@ def main() -> None:
     torch.set_num_threads(1)
     run: Path = options.run
     alignment = read_alignment(options.alignment)
-    unseen = alignment.rendered(load_parts(options.parts, held_out=True))
+    unseen, _ = by_hands(alignment.rendered(load_parts(options.parts, held_out=True)))
     real = alignment.real(load_real(options.real, held_out=True))
     props = make_props(99, options.hands, held_out=True, backgrounds=300)
     net = FaceNet()

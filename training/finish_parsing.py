@@ -2,8 +2,9 @@
 
     python -m training.finish_parsing --run OUT --parts PARTS --real DATA [--hands HANDS] [--ship]
 
-OUT is the output of `train_face.py --goal parsing`. Writes `face.onnx` (outputs `iris` and `parsing`; in 8 bits if that
-is faster and no less accurate), `report.json` and `face.md` there. With --ship they go to aam/data.
+OUT is the output of `train_face.py` with --goal parsing or refinement. Writes `face.onnx` (outputs `iris` and
+`parsing`; in 8 bits if that is faster and no less accurate), `report.json` and `face.md` there. With --ship they go to
+aam/data.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from torch import Tensor, nn
 
 from training.crops import plain_samples
 from training.cutouts import make_props
-from training.data import load_parts, load_real
+from training.data import by_hands, load_parts, load_real
 from training.definitions import read_alignment
 from training.face_net import FaceNet
 from training.finish_face import DATA, arguments, eight_bit, export, milliseconds
@@ -54,15 +55,16 @@ CARD = """# Model card: irises and face parsing
 A small convolutional network (`training/face_net.py`) that tells, in an upright crop of 128 x 128 pixels about a face,
 what each of 64 x 64 cells shows, and gives centre, radius and a standard deviation for both irises. The classes are
 {classes}.
-Made by `training/train_face.py --goal parsing` and `training/finish_parsing.py`; the latter writes this page.
+Made by `training/train_face.py --goal {goal}` and `training/finish_parsing.py`; the latter writes this page.
 
 - Licence: that of Guise (Apache-2.0).
 - Size: {bytes:,} bytes; {ms:.1f} ms for one crop on one core of the machine that wrote this.
-- Data: {rendered:,} pictures of {people} rendered fictional people (CC0, `training/render_people.py`), cut-outs of
-  rendered hands (`training/render_hands.py`), procedural objects in front (`training/occluders.py`), and {real}
-  pictures of {real_people} real people under CC BY 4.0: photographs of the Face Research Lab London Set (DeBruine and
-  Jones 2017, doi:10.6084/m9.figshare.5047666), without those kept for evaluation, and frames of clips of the GRID
-  corpus (Cooke et al. 2006). In real pictures it is only known which classes a cell cannot show.
+- Data: {rendered:,} pictures of {people} rendered fictional people (CC0, `training/render_people.py`), {held:,} of them
+  with a hand before the face (`training/hands.py`), cut-outs of rendered hands (`training/render_hands.py`), procedural
+  objects in front (`training/occluders.py`), and {real} pictures of {real_people} real people under CC BY 4.0:
+  photographs of the Face Research Lab London Set (DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666), without
+  those kept for evaluation, and frames of clips of the GRID corpus (Cooke et al. 2006). In real pictures it is only
+  known which classes a cell cannot show.
 - Training: {done} batches of {batch} augmented crops, seed {seed}, {start}.
 - Meant for faces from about 40 pixels up, turned by up to 60 degrees, in a crop made upright by their points.
 - Not meant for recognising people or their emotions; it does neither.
@@ -73,8 +75,9 @@ Errors of irises in per cent of the eye's width and of the radius, on rendered p
 
 {irises}
 
-IoU of the most likely class on rendered people held out, plain and with one object before each face, hands and
-backgrounds held out too; and the percentage of the face's cells called occluder.
+IoU of the most likely class on rendered people held out: plain, with one object before each face, hands and
+backgrounds held out too, and with a hand that was rendered before the face; and the percentage of the face's cells
+called occluder.
 
 {parsing}
 
@@ -88,11 +91,11 @@ def card(facts: dict[str, Any]) -> str:
     for name, row in facts["groups"].items():
         if "iris" in row:
             lines.append(f"| {name} | {row['pictures']} | {row['iris']:.2f} | {row['radius']:.2f} |")
-    table = ["| | plain | occluded |", "|---|---|---|"]
+    kinds = [kind for kind in ("plain", "occluded", "hand") if facts.get(kind)]
+    table = ["| | " + " | ".join(kinds) + " |", "|---" * (len(kinds) + 1) + "|"]
     for name in facts["plain"]:
-        table.append(
-            f"| {name.replace('_', ' ')} | {facts['plain'][name]:.3f} | {facts['occluded'][name]:.3f} |"
-        )
+        figures = " | ".join(f"{facts[kind][name]:.3f}" for kind in kinds)
+        table.append(f"| {name.replace('_', ' ')} | {figures} |")
     row = facts["outlined"]
     outlined = (
         f"On {row['crops']:.0f} crops of real videos, a third of them with hands outlined by hand "
@@ -115,13 +118,14 @@ def main() -> None:
     torch.set_num_threads(1)
     run: Path = options.run
     alignment = read_alignment(options.alignment)
-    unseen = alignment.rendered(load_parts(options.parts, held_out=True))
+    unseen, behind = by_hands(alignment.rendered(load_parts(options.parts, held_out=True)))
     real = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
     props = make_props(99, options.hands, held_out=True, backgrounds=300)
     net = FaceNet()
     net.load_state_dict(torch.load(run / "face.pt", map_location="cpu"))
     plain = plain_samples(unseen, min(options.count, 300))
-    calibration = np.stack([s.crop for s in plain_samples(unseen, 150, props=props) + plain[::3] + real])
+    hidden = plain_samples(unseen, 150, props=props) + plain_samples(behind, 100)
+    calibration = np.stack([s.crop for s in hidden + plain[::3] + real])
     files = run / "face_float32.onnx", run / "face_8bit.onnx"
     export(_Parser(copy.deepcopy(net).float()), files[0], ("iris", "parsing"))
     eight_bit(*files, calibration)
@@ -147,6 +151,7 @@ def main() -> None:
         "groups": by_group(answer, unseen, options.count),
         "plain": by_class(answer, unseen, options.count, None),
         "occluded": by_class(answer, unseen, options.count, props),
+        "hand": by_class(answer, behind, options.count, None) if len(behind) else {},
         "outlined": outlined_figures(parsing, outlined),
         "ms": times[chosen], "bytes": (run / "face.onnx").stat().st_size,
         "training": json.loads((run / "facts.json").read_text()),

@@ -7,6 +7,7 @@ the crop (128 x 128), x right, y down; images RGB uint8.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -30,10 +31,29 @@ Rng = np.random.Generator
 Layer = tuple[Picture, Picture]  # picture (128, 128, 3) and opacity (128, 128)
 
 
-def occluder(rng: Rng, canvas: Canvas, texture: Callable[[], Picture], hands: Sequence[U8]) -> None:
+EXTENT_DECIMETRES = 1.2  # from the root of the nose to the chin
+
+
+@dataclass(frozen=True, eq=False)
+class Cutout:
+    """A hand with its fingers up.
+
+    Parameters
+    ----------
+    picture : (h, w, 4) uint8 RGBA
+    scale : pixels per decimetre
+    knuckles : (2,) pixels, their middle
+    """
+
+    picture: U8
+    scale: float
+    knuckles: Floating
+
+
+def occluder(rng: Rng, canvas: Canvas, texture: Callable[[], Picture], hands: Sequence[Cutout]) -> None:
     """Put one object in front of the face.
 
-    texture : gives random pictures (128, 128, 3); hands : cut-outs (h, w, 4) RGBA.
+    texture : gives random pictures (128, 128, 3); hands : cut-outs.
     """
     makers = [_fingers, _mug, _microphone, _card, _blob, _mask, _cloth]
     weights = np.array([0.14, 0.12, 0.12, 0.12, 0.18, 0.1, 0.08])
@@ -82,7 +102,7 @@ def _extent(canvas: Canvas) -> float:
     return float(np.linalg.norm(canvas.points[CHIN] - canvas.points[NOSE_ROOT])) + 1e-6
 
 
-def _held(rng: Rng, thing: Picture, alpha: Picture, canvas: Canvas, cutout: U8) -> Layer:
+def _held(rng: Rng, thing: Picture, alpha: Picture, canvas: Canvas, cutout: Cutout) -> Layer:
     """The thing with a hand on it."""
     rows, columns = np.nonzero(alpha > 128)
     if not len(rows):
@@ -92,22 +112,22 @@ def _held(rng: Rng, thing: Picture, alpha: Picture, canvas: Canvas, cutout: U8) 
     return blend(thing, hand, cover), np.maximum(alpha, cover)
 
 
-def _hand(rng: Rng, canvas: Canvas, cutout: U8, place: F64 | None = None) -> Layer:
-    """A rendered hand, about as large as the face, at `place` or anywhere on it, in the face's colours for some."""
-    h, w = cutout.shape[:2]
-    scale = _extent(canvas) * rng.uniform(1.1, 2.2) / max(h, w)
+def _hand(rng: Rng, canvas: Canvas, cutout: Cutout, place: F64 | None = None) -> Layer:
+    """A rendered hand, as large as it is before the face, at `place` or anywhere on it, in its colours for most."""
+    scale = _extent(canvas) / EXTENT_DECIMETRES * rng.uniform(0.8, 1.45) / cutout.scale
     angle = np.radians(rng.uniform(-180, 180) if rng.random() < 0.3 else rng.normal(0, 35))
     cos, sin = scale * np.cos(angle), scale * np.sin(angle)
     linear = np.array([[cos, -sin], [sin, cos]])
     if rng.random() < 0.5:
         linear = linear @ np.diag([-1.0, 1.0])
-    anchor = np.array([w * rng.uniform(0.25, 0.75), h * rng.uniform(0.1, 0.6)])  # fingers lie above the wrist
+    along = rng.uniform(-0.3, 0.9) * cutout.scale  # fingers lie above the knuckles
+    anchor = cutout.knuckles - (0, along)
     place = _somewhere(rng, canvas) if place is None else place
     matrix = np.column_stack([linear, place - linear @ anchor])
     flags = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
-    warped = cv2.warpAffine(cutout, matrix, (SIZE, SIZE), flags=flags)
+    warped = cv2.warpAffine(cutout.picture, matrix, (SIZE, SIZE), flags=flags)
     picture, alpha = warped[..., :3], warped[..., 3]
-    if rng.random() < 0.7:
+    if rng.random() < 0.75:
         picture = _in_colours_of(rng, picture, alpha, canvas)
     return np.ascontiguousarray(picture), np.ascontiguousarray(alpha)
 

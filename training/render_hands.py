@@ -2,15 +2,14 @@
 
     python -m training.render_hands --program DIR --first 0 --people 80 --per-person 12 --out HANDS.npz
 
-The left hand and forearm of the renderer's mesh, fingers bent and spread by its rig, seen from anywhere, in the skins
-and lights of `render_people.py`.  HANDS.npz holds `colour` (JPEG bytes, concatenated) and `colour_length`, `alpha`
-(PNG) and `alpha_length`, and `person` (n,). Pictures depend only on the person's number.
+Hands of `hands.py`, seen from anywhere, in the skins and lights of `render_people.py`.  HANDS.npz holds `colour` (JPEG
+bytes, concatenated) and `colour_length`, `alpha` (PNG) and `alpha_length`, `person` (n,), and of each cut-out `scale`
+(n,) pixels per decimetre and `knuckles` (n, 2), x and y of their middle. Pictures depend only on the person's number.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,91 +18,18 @@ import cv2
 import numpy as np
 
 from guise.common.arrays import F64, U8, Bool
+from training.hands import Hand, skin_actor, view
 from training.parsing_labels import OCCLUDER, Labeller
 from training.render_people import harden, load_program, make_renderer, release
 
 SEED = 830_000
-SIZE = 176  # pixels, the side of a picture
-MIN_ARM_DECIMETRES = 2.6  # from the body's middle: what lies farther out is rendered
-_MAX_BEND_RADIANS = np.radians((55, 75, 50))  # of the three joints of a finger
-
-
-class Hand:
-    """The left hand of one person, posed by its rig."""
-
-    def __init__(self, program: dict[str, Any], person: Any) -> None:
-        human, assets = program["human"], program["assets"]
-        base = human.base()
-        chosen = (base.g == "body") & (base.v[base.f][:, :, 0] > MIN_ARM_DECIMETRES).all(1)
-        fine, f, texture, ft = human.catmull_clark(base.f[chosen], base.ft[chosen], human.NB, len(base.vt))
-        self.surface = human.Surface(fine, np.zeros((fine.shape[0], 3)), f, ft, texture @ base.vt)
-        self._rest = person.base
-        rig = json.loads(assets.core("rigs/default.mhskel"))
-        weights = json.loads(assets.core("rigs/default_weights.mhw"))["weights"]
-        self._bones = [[f"finger{k}-{j}.L" for j in (1, 2, 3)] for k in range(1, 6)]
-        self._weights = {b: np.array(weights[b]) for chain in self._bones for b in chain}
-        self._joints = {
-            b: tuple(person.base[rig["joints"][rig["bones"][b][end]]].mean(0) for end in ("head", "tail"))
-            for chain in self._bones
-            for b in chain
-        }
-        roots = np.array([self._joints[chain[0]][0] for chain in self._bones])
-        tips = np.array([self._joints[chain[2]][1] for chain in self._bones])
-        self.middle = roots[1:].mean(0)
-        along = tips[2] - roots[2]
-        self.along = along / np.linalg.norm(along)
-        across = roots[4] - roots[1]
-        palm = np.cross(across, self.along)  # out of the palm: it looks down at rest
-        self.palm = palm / np.linalg.norm(palm) * (-1 if palm[1] > 0 else 1)
-
-    def posed(self, rng: np.random.Generator) -> F64:
-        """Vertices of the base mesh with random bends and spreads of the fingers."""
-        v = self._rest.copy()
-        curl = rng.beta(0.8, 1.6)
-        for k, chain in enumerate(self._bones):
-            bend = np.clip(curl + rng.normal(0, 0.15), 0, 1) * (0.5 if k == 0 else 1)
-            if k and rng.random() < 0.12:
-                bend = float(rng.random())
-            spread = rng.normal(0, 0.12)
-            carried = np.eye(4)
-            moved = np.zeros_like(v)
-            total = np.zeros(len(v))
-            for bone, most in zip(chain, _MAX_BEND_RADIANS, strict=True):
-                head, tail = self._joints[bone]
-                finger = (tail - head) / np.linalg.norm(tail - head)
-                axis = np.cross(finger, self.palm)
-                turn = cv2.Rodrigues(axis / np.linalg.norm(axis) * bend * most)[0]
-                if bone == chain[0]:
-                    turn = cv2.Rodrigues(self.palm * spread)[0] @ turn
-                own = np.eye(4)
-                own[:3, :3], own[:3, 3] = turn, head - turn @ head
-                carried = carried @ own
-                index, weight = self._weights[bone][:, 0].astype(int), self._weights[bone][:, 1]
-                moved[index] += weight[:, None] * (self._rest[index] @ carried[:3, :3].T + carried[:3, 3])
-                total[index] += weight
-            share = np.clip(total, 0, 1)[:, None]
-            v += share * (moved / np.maximum(total, 1e-9)[:, None] - v) * (total > 0)[:, None]
-        return np.asarray(v)
-
-
-class _Owner:
-    def __init__(self, surface: Any) -> None:
-        self.surf = {"prop": surface}
-
-
-def view(rng: np.random.Generator, hand: Hand, euler: Any) -> F64:
-    """Rotation that shows the hand with its fingers roughly upwards, palm or back to the viewer or in between."""
-    facing = hand.palm if rng.random() < 0.5 else -hand.palm
-    side = np.cross(hand.along, facing)
-    upright = np.stack([side / np.linalg.norm(side), hand.along, facing])
-    angles = rng.normal(0, (45, 30, 20))
-    return np.asarray(euler(*map(float, angles)) @ upright)
+SIZE = 208  # pixels, the side of a picture
 
 
 def pictures(
     p: dict[str, Any], renderer: Any, labeller: Labeller, number: int, count: int
-) -> Iterator[tuple[bytes, bytes]]:
-    """Colour and alpha, encoded, of person `number`."""
+) -> Iterator[tuple[bytes, bytes, float, F64]]:
+    """Colour and alpha, encoded, of person `number`, pixels per decimetre, and the middle of the knuckles."""
     rng = np.random.default_rng(SEED + number)
     program, human, looks = p["train_set"], p["human"], p["looks"]
     spec = program.random_person(number, rng)
@@ -114,16 +40,14 @@ def pictures(
         "lipcol": (1.0, 1.0, 1.0), "stub": 0.0,
     }  # fmt: skip
     material = {"kind": "SKIN", "tex": colour, "aux": relief, "u": skin}
-    actor = p["render"].GpuActor(renderer, _Owner(hand.surface), {"prop": material})
-    actor.parsing = {"prop": (OCCLUDER, 0.0)}
+    actor = skin_actor(p, renderer, hand, material)
     plain = renderer.texture(np.full((4, 4, 3), 128, np.uint8))
     for _ in range(count):
-        turn = view(rng, hand, human.euler)
+        turn = view(rng, hand, human.euler, (45, 30, 20))
         v = (hand.posed(rng) - hand.middle) @ turn.T
         distance = rng.uniform(6, 16)
-        camera = p["render"].Camera(
-            SIZE * rng.uniform(0.3, 0.42) * distance, SIZE, SIZE, (0, -0.15, distance)
-        )
+        scale = SIZE * rng.uniform(0.3, 0.42)
+        camera = p["render"].Camera(scale * distance, SIZE, SIZE, (0, -0.15, distance))
         places = hand.surface.positions(v)
         actor.upload({"prop": (places, hand.surface.normals(places))}, camera)
         actor.pos["body"] = actor.pos["prop"]  # the renderer asks where to aim its shadows
@@ -133,7 +57,8 @@ def pictures(
         box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         bgr = np.ascontiguousarray(image[..., ::-1][box])
         jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 92])[1]
-        yield jpeg.tobytes(), cv2.imencode(".png", alpha[box])[1].tobytes()
+        knuckles = camera.project(np.zeros((1, 3)))[0][0] - (columns[0], rows[0])
+        yield jpeg.tobytes(), cv2.imencode(".png", alpha[box])[1].tobytes(), scale, knuckles
     release([actor])
     for texture, _ in renderer._tex.values():
         texture.release()
@@ -164,7 +89,7 @@ def main() -> None:
         made = list(pictures(p, renderer, labeller, number, options.per_person))
         rows += made
         person += [number] * len(made)
-    colour, alpha = zip(*rows, strict=True)
+    colour, alpha, scale, knuckles = zip(*rows, strict=True)
     unfinished = options.out.with_suffix(".partial")
     with unfinished.open("wb") as file:
         np.savez(
@@ -174,6 +99,8 @@ def main() -> None:
             alpha=np.frombuffer(b"".join(alpha), np.uint8),
             alpha_length=np.array([len(b) for b in alpha], np.int32),
             person=np.array(person, np.int32),
+            scale=np.array(scale, np.float32),
+            knuckles=np.array(knuckles, np.float32),
         )
     unfinished.replace(options.out)
 

@@ -4,9 +4,9 @@
 
 DIR holds the renderer (`train_set.py` and what it imports: CC0 assets, EGL). Its people, expressions and lights are
 drawn from; this script turns the heads up to 75 degrees, raises and lowers brows and presses and widens lips more,
-hardens and colours some lights, gives some men beards and some people glasses (`props.py`), and bakes the ambient
-occlusion coarser (a person takes three seconds instead of ten). Pictures depend only on the person's number: run one
-process per core with different --first.
+hardens and colours some lights, gives some men beards and some people glasses (`props.py`), holds a hand before some
+faces (`hands.py`), and bakes the ambient occlusion coarser (a person takes three seconds instead of ten). Pictures
+depend only on the person's number and --hands: run one process per core with different --first.
 
 Points 17 to 26 are moved to the upper edge of the brows' hair (`brows.py`).
 
@@ -33,6 +33,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import BROWS
 from training import parsing_labels
 from training.brows import hair_points
+from training.hands import HandBeforeFace
 from training.parsing_labels import Labeller
 from training.props import STYLES, Beard, Glasses, cast_only
 
@@ -40,6 +41,7 @@ AO_DIRECTIONS, AO_SIZE = 40, 256
 PEOPLE_PER_PART = 10
 DENSE_POINTS = 160  # further points on the face
 SEED = 610_000
+HANDS_SHARE = 0.3  # of the pictures with the person's hand before the face
 MAX_NECK_YAW_DEGREES = 40  # beyond which the shoulders turn as well
 IRIS_RADIUS_DECIMETRES = 0.054  # of the limbus
 IRIS_DEPTH_DECIMETRES = 0.066  # how far the limbus lies in front of the eye's centre
@@ -52,6 +54,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--people", type=int, default=500)
     parser.add_argument("--per-person", type=int, default=30)
     parser.add_argument("--size", type=int, default=176)
+    parser.add_argument(
+        "--hands", type=float, default=HANDS_SHARE, help="share of pictures with a hand in front"
+    )
     parser.add_argument("--out", type=Path, required=True)
     return parser.parse_args()
 
@@ -197,13 +202,14 @@ def irises(who, gaze: np.ndarray, skull: np.ndarray, euler, camera) -> np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What all pictures share: the program's modules, renderer, labeller, dense vertices, side in pixels."""
+    """What all pictures share: the program's modules, renderer, labeller, dense vertices, side in pixels, hands."""
 
     program: dict
     renderer: object
     labeller: Labeller
     dense: np.ndarray
     size: int
+    hands: float
 
 
 class Person:
@@ -216,6 +222,8 @@ class Person:
         self.who = p["actor"].Actor(renderer, self.spec)
         self.beard = random_beard(p, renderer, self.who, self.rng)
         self.glasses = random_glasses(p, renderer, self.who, self.rng)
+        self.hand_rng = np.random.default_rng([SEED, number])  # its own: the rest is the same without hands
+        self.hand = HandBeforeFace.of(p, renderer, self.who, self.hand_rng)
         self.lift = hair_points(self.who.p, p["assets"].image) - p["face81"].points(self.who.p.base)[BROWS]
         seed = int(self.rng.integers(1, 100_000))
         self.background = renderer.texture(p["looks"].background(seed, w=setup.size, h=setup.size))
@@ -233,6 +241,10 @@ class Person:
         points, depth = camera.project(places)
         worn, attributes = self._worn(skull, camera)
         actors = [who.g, *(actor for prop in worn for actor in prop.actors)]
+        held = self.hand_rng.random() < self.setup.hands
+        if held:
+            self.hand.place(self.hand_rng, places, camera)
+            actors.append(self.hand.actor)
         light = harden(p["train_set"].random_light(rng), rng)
         image, z = self.setup.renderer.frame(actors, camera, light, self.background, want_depth=True)
         return {
@@ -247,7 +259,7 @@ class Person:
             "pose": pose.astype(np.float32),
             "expression": weights.astype(np.float16),
             "person": np.int32(self.number),
-            "attributes": np.array(attributes, np.float32),
+            "attributes": np.array([*attributes, float(held)], np.float32),
         }
 
     def _turn(self, pose: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
@@ -285,7 +297,7 @@ class Person:
 
     def leave(self) -> None:
         """Free the GPU's memory."""
-        release([a for prop in [self.beard, *self.glasses] if prop for a in prop.actors])
+        release([self.hand.actor, *(a for prop in [self.beard, *self.glasses] if prop for a in prop.actors)])
         for part in self.who.g.b.values():
             if "label" in part:
                 part["label"].release()
@@ -353,9 +365,9 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     p = load_program(options.program, options.size)
     renderer, start = make_renderer(p["render"]), time.time()
-    setup = Setup(p, renderer, Labeller(renderer, regions(p)), dense_vertices(p), options.size)
+    setup = Setup(p, renderer, Labeller(renderer, regions(p)), dense_vertices(p), options.size, options.hands)
     names = {
-        "attribute_names": ["male", "age", *p["train_set"].RACES, "hair", "beard", "glasses"],
+        "attribute_names": ["male", "age", *p["train_set"].RACES, "hair", "beard", "glasses", "hand"],
         "expression_names": list(p["human"].WEIGHT_NAMES),
     }
     last = options.first + options.people

@@ -19,7 +19,7 @@ from guise.common.arrays import Bool
 from training.augment import Props, turned
 from training.crops import evenly_spaced, plain_samples
 from training.cutouts import make_props
-from training.data import Pictures, load_parts, load_real
+from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import read_alignment
 from training.measure import (
     Answer,
@@ -110,6 +110,7 @@ def by_roll(answer: Answer, pictures: Pictures, count: int) -> dict[int, float]:
 
 def report(answer: Answer, unseen: Pictures, real: Pictures, props: Props, count: int) -> dict[str, Any]:
     """All tables: held-out rendered people by group, real people, parsing plain and occluded, rolls."""
+    unseen, _ = by_hands(unseen)
     real_samples = plain_samples(real, len(real))
     found = answer(np.stack([s.crop for s in real_samples]))
     return {

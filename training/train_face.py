@@ -19,7 +19,7 @@ import json
 import signal
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -33,17 +33,18 @@ from torch.utils.data import DataLoader, IterableDataset
 from training.augment import FOLLOWED, SIZE, Props, Strength, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
-from training.data import Pictures, join, load_part, load_real, part_files
+from training.data import Pictures, by_hands, join, load_part, load_real, part_files
 from training.definitions import Alignment, read_alignment
 from training.dequantise import load_shipped
 from training.face_net import MAPS, FaceNet, Output
 from training.measure import answers_of, figures_of
-from training.parsing_labels import CLASSES
+from training.parsing_labels import CLASSES, OCCLUDER
 
 SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
 CHAPTER_STEPS = 250  # after which newly rendered parts are read
 LOG_STEPS = 250  # from one line of the curves to the next
 NONE, POSSIBLE, EXACT = 0, 1, 2  # what is known of a sample's parsing
+OUTLINE_CELLS, OUTLINE_WEIGHT = 5, 2.0  # cells so near the outline of an occluder count so much more
 # How much a cell of each class counts: small classes would be drowned by skin and background.
 CLASS_WEIGHTS = (0.6, 0.8, 2.0, 3.0, 2.0, 3.0, 1.0, 1.5, 3.0, 2.0)
 
@@ -70,10 +71,14 @@ class Goal:
 
 
 # `points`: one network for everything.  `parsing`: a network of its own for irises and parsing, which runs on crops of
-# a face that is followed; the points then merely steady its trunk.
+# a face that is followed; the points then merely steady its trunk.  `refinement`: the same from weights that have no
+# points any more.
 GOALS = {
     "points": Goal(),
     "parsing": Goal(negative=0.05, real=0.28, strength=FOLLOWED, points=0.2, iris=0.6, parsing=4.0),
+    "refinement": Goal(
+        negative=0.0, real=0.25, strength=replace(FOLLOWED, hidden=0.5), points=0.0, iris=0.6, parsing=4.0
+    ),
 }
 
 
@@ -177,7 +182,8 @@ def parsing_loss(logits: Tensor, maps: Tensor, known: Tensor) -> Tensor:
     if exact.any():
         share, chance = maps[exact].float() / 255, log_chance[exact]
         weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)[None, :, None, None]
-        total = total - (weight * share * chance).sum(1).mean() * exact.float().mean()
+        cost = (weight * share * chance).sum(1) * (1 + OUTLINE_WEIGHT * outlines(share[:, OCCLUDER]))
+        total = total - cost.mean() * exact.float().mean()
         both = (chance.exp() * share).sum((0, 2, 3))
         either = chance.exp().sum((0, 2, 3)) + share.sum((0, 2, 3))
         total = total + 0.5 * (1 - (2 * both + 1) / (either + 1)).mean()
@@ -185,6 +191,13 @@ def parsing_loss(logits: Tensor, maps: Tensor, known: Tensor) -> Tensor:
         allowed = log_chance[possible].masked_fill(maps[possible] < 128, -30.0)
         total = total - torch.logsumexp(allowed, 1).mean() * possible.float().mean()
     return total
+
+
+def outlines(share: Tensor) -> Tensor:
+    """How near the cells (n, 64, 64) are to an occluder's outline, 0..1, given its share of each."""
+    most = F.max_pool2d(share[:, None], OUTLINE_CELLS, 1, OUTLINE_CELLS // 2)
+    least = -F.max_pool2d(-share[:, None], OUTLINE_CELLS, 1, OUTLINE_CELLS // 2)
+    return (most - least)[:, 0]
 
 
 class Trainer:
@@ -274,7 +287,7 @@ class Trainer:
         row |= {k: f"{v:.4f}" for k, v in figures.items()}
         if self.step % (2 * LOG_STEPS) == 0:
             answer = answers_of(copy.deepcopy(self.average).cpu())
-            for name, samples in validation.items():
+            for name, samples in ((name, samples) for name, samples in validation.items() if samples):
                 measured = figures_of(answer, samples)
                 row |= {f"{name}_{k}": f"{v:.3f}" for k, v in measured.items() if isinstance(v, float)}
         print(" ".join(f"{k}={v}" for k, v in row.items()), flush=True)
@@ -310,10 +323,11 @@ class Shelf:
 def write_facts(options: argparse.Namespace, done: int, rendered: Pictures, real: Pictures | None) -> None:
     """Write what the model card says about the training."""
     start = "from the weights shipped before"
-    if options.first_weights or options.scratch:
+    if options.scratch or (options.first_weights and options.first_weights.suffix == ".pt"):
         start = "from random weights"
     facts = {
-        "rendered": len(rendered), "people": len(set(rendered.person)), "real": len(real) if real else 0,
+        "goal": options.goal, "rendered": len(rendered), "held": len(by_hands(rendered)[1]),
+        "people": len(set(rendered.person)), "real": len(real) if real else 0,
         "real_people": len(set(real.person)) if real else 0, "steps": options.steps, "done": done,
         "batch": options.batch, "seed": options.seed,
         "start": start,
@@ -337,7 +351,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--device", default="cpu", help="cpu or cuda")
     parser.add_argument("--resume", action="store_true", help="continue from OUT/state.pt if it exists")
-    parser.add_argument("--first-weights", type=Path, help="face.pt of another run to start from")
+    parser.add_argument(
+        "--first-weights", type=Path, help="face.pt of another run, or face.onnx, to start from"
+    )
     parser.add_argument("--scratch", action="store_true", help="start from random weights")
     parser.add_argument(
         "--alignment", type=Path, help="what align_definitions.py wrote; default: the shipped one"
@@ -363,21 +379,24 @@ def main() -> None:
         GOALS[options.goal],
     )
     props = make_props(options.seed, options.hands)
-    if options.first_weights:
+    if options.first_weights and options.first_weights.suffix == ".pt":
         trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
     elif not options.scratch:
         first = Samples(
             shelf.pictures(held_out=False), real if alignment else None, props, range(8), 64, options.seed + 1,
             GOALS[options.goal],
         )  # fmt: skip
-        load_shipped(trainer.net, SHIPPED, np.concatenate([first.make(k)[0] for k in first.numbers]))
-        trainer.net.start_irises()
+        crops = np.concatenate([first.make(k)[0] for k in first.numbers])
+        load_shipped(trainer.net, options.first_weights or SHIPPED, crops)
+        if not options.first_weights:
+            trainer.net.start_irises()
     trainer.prepare()
     if options.resume and (options.output / "state.pt").exists():
         trainer.resume()
-    unseen = shelf.pictures(held_out=True)
+    unseen, behind = by_hands(shelf.pictures(held_out=True))
     validation = {
         "unseen": plain_samples(unseen, 240),
+        "hand": plain_samples(behind, 120),
         "occluded": plain_samples(
             unseen, 240, props=make_props(options.seed + 1, options.hands, held_out=True)
         ),

@@ -24,7 +24,7 @@ from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.recognition import SIGNATURE_LENGTH, SIGNATURE_RESOLUTION, features
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, F64, Int
-from training.data import load_parts, london_people
+from training.data import by_hands, load_parts, london_people
 
 OUTPUT = Path(__file__).parents[1] / "aam" / "data" / "recognition.npz"
 LANDMARK_ERROR_INTEROCULAR = 0.012  # standard deviation
@@ -36,7 +36,7 @@ RIDGE_SHARE = 0.1  # of the mean within-class variance, added to all directions
 def observed(folder: Path) -> tuple[F32, Int]:
     """Features (n, m) of all pictures of the people trained with, and the person (n,) of each."""
     frame, rng = ReferenceFrame.canonical(SIGNATURE_RESOLUTION), np.random.default_rng(0)
-    pictures = load_parts(folder, held_out=False)
+    pictures, _ = by_hands(load_parts(folder, held_out=False))
     textures, people = [], []
     for image, points, person in zip(pictures.images, pictures.points, pictures.person, strict=True):
         shape = points.astype(np.float64)

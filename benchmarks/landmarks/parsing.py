@@ -107,11 +107,12 @@ def cost(report: Report, parser: FaceParser, rgb: Picture, points: F64) -> None:
 def parts(report: Report, folder: Path, count: int) -> None:
     """Irises and all classes of rendered people whom training never sees."""
     from training.cutouts import make_props
-    from training.data import load_parts
+    from training.data import by_hands, load_parts
     from training.measure import answers_of_file
     from training.report import by_class, by_group
 
-    answer, unseen = answers_of_file(DATA / "face.onnx"), load_parts(folder, held_out=True)
+    answer = answers_of_file(DATA / "face.onnx")
+    unseen, held = by_hands(load_parts(folder, held_out=True))
     hands = folder.parent / "hands.npz"
     props = make_props(99, hands if hands.exists() else None, held_out=True, backgrounds=300)
     irises = by_group(answer, unseen, count)
@@ -128,6 +129,9 @@ def parts(report: Report, folder: Path, count: int) -> None:
         Table("Irises of held-out parts", ("group", "pictures", "centre, % of the eye's width", "radius, %"), rows),
         Table("IoU, held-out parts", ("class", "plain", "behind an object"), [(n, plain[n], behind[n]) for n in plain]),
     ]  # fmt: skip
+    if len(held):
+        iou = by_class(answer, held, count, None)["occluder"]
+        report.criteria.append(Criterion("IoU of rendered hands, held-out parts", iou, ">=", 0.9))
 
 
 def measure(options: argparse.Namespace) -> Report:

@@ -146,12 +146,13 @@ def synthetic_sets(shared: Path, every: int) -> Iterator[tuple[str, Iterator[Kno
 
 
 def held_out(folder: Path, count: int) -> Any:
-    """Pictures of rendered people whom training never sees, about so many (training.data.Pictures)."""
-    from training.data import load_parts, part_files
+    """Plain pictures of rendered people whom training never sees, about so many (training.data.Pictures)."""
+    from training.data import by_hands, load_parts, part_files
 
     files = len(part_files(folder))
     first = load_parts(folder, held_out=True, limit=1)
-    return load_parts(folder, held_out=True, limit=min(files, -(-count // max(len(first), 1))))
+    read = min(files, -(-count // max(len(first), 1)))
+    return by_hands(load_parts(folder, held_out=True, limit=read))[0]
 
 
 def part_pictures(pictures: Any) -> Iterator[Known]:
