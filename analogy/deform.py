@@ -65,11 +65,15 @@ DEFORMATION = DeformationSettings()
 
 @dataclass(frozen=True, eq=False)
 class PointConstraints:
-    """Point constraints: corners (k, 3) and barycentric weights (k, 3) on the surface, and target positions (k, 3)."""
+    """Point constraints: corners (k, 3) and barycentric weights (k, 3) on the surface, and target positions (k, 3).
+
+    trust : (k,) by which each counts.
+    """
 
     corners: Int
     weights: F64
     positions: F64
+    trust: F64
 
     def matrix(self, count: int) -> sp.csr_array:
         """(k, count): from the vertices to the points."""
@@ -131,8 +135,9 @@ class ElasticSystem:
         self._to_points = np.zeros((count, 3))
         if points is not None:
             at = points.matrix(count)
-            self._fixed = self._fixed + DEFORMATION.point_weight * (at.T @ at)
-            self._to_points = DEFORMATION.point_weight * (at.T @ (points.positions - at @ rest))
+            pull = at.T @ sp.diags_array(DEFORMATION.point_weight * points.trust)
+            self._fixed = self._fixed + pull @ at
+            self._to_points = np.asarray(pull @ (points.positions - at @ rest))
 
     @cached_property
     def _factorise(self) -> Callable[[sp.sparray], Solve]:

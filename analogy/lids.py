@@ -54,9 +54,11 @@ class LidSettings:
     max_closing: float = (
         0.25  # mean of the gap at rest by which lids are moved; eyes that need more close less
     )
-    upper_reach_widths: float = 0.18  # of the skin that a margin takes along
+    upper_reach_widths: float = 0.2  # of the skin that a margin takes along
     lower_reach_widths: float = 0.11
     rounds: int = 4  # of moving margins
+    margin_trust: float = 3.0  # of a point of a margin in a registration, of that of other points
+    brow_trust: float = 0.1
     lip_corner_widths: float = 0.5  # of the skin that counts as a corner's; widths here are the mouth's
 
 
@@ -251,6 +253,17 @@ class FacePair:
             for curve in (other.upper, other.lower)
         ]
         return np.concatenate([self.points[0], *first]), np.concatenate([self.points[1], *second])
+
+    @property
+    def trust(self) -> F64:
+        """(k,) by which the points of `with_margins` count in a registration.
+
+        Brows differ between artists and are detected less exactly, and margins say better than corners where eyes are.
+        """
+        corners = 0.0 if len(self.lids) == len(SIDES) else 1.0
+        kinds = {"brow": LIDS.brow_trust, "eye": corners}
+        points = [kinds.get(name.split("_")[0], 1.0) for name in FEATURE_POINT_NAMES]
+        return np.array(points + 2 * LIDS.columns * len(self.lids) * [LIDS.margin_trust])
 
     def slits(self, target: F64) -> list[tuple[F64, float]]:
         """Middle (3,) and width of what opens on the target (N, 3): its eyes, and both corners of its mouth."""

@@ -111,13 +111,16 @@ class Registration:
         return closest_point_correspondence(self.source.with_vertices(self.fitted), self.target)
 
 
-def register(source: Mesh, target: Mesh, points: tuple[F64, F64] | None = None) -> Registration:
+def register(
+    source: Mesh, target: Mesh, points: tuple[F64, F64] | None = None, trust: F64 | None = None
+) -> Registration:
     """Deform the source onto the target.
 
     Parameters
     ----------
     points : corresponding points (k, 3) on or near the source and (k, 3) on or near the target; the meshes may then
         differ by any similarity.  Without points they must be roughly aligned.
+    trust : (k,) by which each counts in the deformation; None: all by 1.
 
     Raises
     ------
@@ -136,7 +139,7 @@ def register(source: Mesh, target: Mesh, points: tuple[F64, F64] | None = None) 
     given = (
         None
         if points is None
-        else _point_constraints(rest[skin], faces, similarity.apply(points[0]), points[1])
+        else _point_constraints(rest[skin], faces, similarity.apply(points[0]), points[1], trust)
     )
     fitted = rest.copy()
     fitted[skin] = deform(rest[skin], faces, surface, given, size)
@@ -307,11 +310,14 @@ def _align_without_points(source: Mesh, surface: Surface, size: float) -> Simila
     return similarity
 
 
-def _point_constraints(vertices: F64, faces: Int, points: F64, positions: F64) -> PointConstraints:
+def _point_constraints(
+    vertices: F64, faces: Int, points: F64, positions: F64, trust: F64 | None
+) -> PointConstraints:
     """Constraints that take points (k, 3) on the skin of the source to their positions (k, 3)."""
     surface = Surface(vertices, faces, 0.0)
     places = surface.closest_points(points, np.zeros_like(points))
-    return PointConstraints(faces[places.faces], places.weights, positions)
+    each = np.ones(len(points)) if trust is None else trust
+    return PointConstraints(faces[places.faces], places.weights, positions, each)
 
 
 def _renumbered(faces: Int, chosen: Int, count: int) -> Int:

@@ -25,7 +25,9 @@ class SlitSkinSettings:
     reach_widths: tuple[float, float] = (0.8, 1.2)  # from a slit's middle, over which the smoothing fades
     smoothing_widths: float = 0.03  # length below which displacements are smoothed
     folded_cosine: float = -0.17  # of a face's turn, below which it is smoothed out
-    folded_rounds: int = 4
+    folded_rounds: int = (
+        8  # in the second half of which faces that stay turned over take their neighbours along
+    )
     beyond_source_cosine: float = 0.3  # farther than the skin of the source there, which both are to turn
     least_weight: float = 1e-9  # that keeps an isolated vertex where it is
 
@@ -70,20 +72,26 @@ class SlitSkin:
         return out
 
     def without_folds(self, made: F64, expressive: F64) -> F64:
-        """Vertices (N, 3), with membranes in place of faces that are turned over.
+        """Vertices (N, 3), with membranes in place of faces that are turned over, and around those that stay so.
 
-        expressive : the source (N_s, 3) with the expression.
+        expressive : the source (N_s, 3) with the expression.  Of all rounds, the one with the fewest such faces counts.
         """
-        least = self._least(expressive)
+        least, best, fewest = self._least(expressive), made, len(self._faces)
         inside, loose = np.zeros(len(made), bool), np.zeros(len(made), bool)
         inside[self._rows] = True
-        for _ in range(SLIT_SKIN.folded_rounds):
-            turned = _cosines(face_normals(made, self._faces), self._normals) < least
-            if not turned.any():
+        for step in range(SLIT_SKIN.folded_rounds):
+            turned = self._faces[_cosines(face_normals(made, self._faces), self._normals) < least]
+            if len(turned) < fewest:
+                best, fewest = made, len(turned)
+            if not fewest:
                 break
-            loose[self._faces[turned]] = True
+            stuck = np.zeros(len(made), bool)
+            if step >= SLIT_SKIN.folded_rounds // 2:
+                stuck[turned[loose[turned].all(1)]] = True
+            loose[turned] = True
+            loose[self._faces[stuck[self._faces].any(1)]] = True
             made = self._with_membrane(made, np.flatnonzero(loose & inside))
-        return made
+        return best
 
     def _least(self, expressive: F64) -> F64:
         """(m,) the cosine from which a face is in order, smaller where the source's skin turns as well."""

@@ -171,14 +171,13 @@ def prepare_transfer(
     FeaturePointsError, RegistrationError, MeshError, SolverError
         When no face is found, or a step fails.
     """
-    face = None
+    face, trust = None, None
     if points is None:
         points = _feature_points(source, "source"), _feature_points(target, "target")
         face = FacePair.of(source, target, points)
-        points = face.with_margins(source, target)
-    return Transfer(
-        source, target, register(source, target, points).correspondence(), method, keep_rigid, face
-    )
+        points, trust = face.with_margins(source, target), face.trust
+    link = register(source, target, points, trust).correspondence()
+    return Transfer(source, target, link, method, keep_rigid, face)
 
 
 def _feature_points(mesh: Mesh, name: str) -> F64:

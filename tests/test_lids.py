@@ -140,6 +140,18 @@ def test_lids_meet_on_other_meshes_and_larger_and_smaller_eyes(
     assert np.abs(together - target[0].vertices)[still].max() < 0.05
 
 
+def test_margins_count_more_than_the_corners_they_stand_for() -> None:
+    mesh, _, _ = face(8, 1.0)
+    pair = FacePair.of(mesh, mesh, (FACE_POINTS, FACE_POINTS))
+    assert len(pair.trust) == len(pair.with_margins(mesh, mesh)[0])
+    corners, others = (
+        [k for k, name in enumerate(FEATURE_POINT_NAMES) if name.startswith(kinds)]
+        for kinds in (("eye",), ("nose", "mouth", "chin"))
+    )
+    assert pair.trust[corners].max() < pair.trust[others].min() < pair.trust[len(FACE_POINTS) :].min()
+    assert FacePair(pair.points, ()).trust[corners].min() == 1
+
+
 def test_margins_take_only_the_lids_along() -> None:
     source, target = face(8, 1.0), face(6, 1.4)
     lids = FacePair.of(source[0], target[0], (FACE_POINTS, FACE_POINTS)).lids[0]

@@ -146,7 +146,7 @@ def _match(source: Mesh, target: Mesh, face: FacePair, kind: str) -> tuple[Corre
         return cylindrical_correspondence(source, target, *face.points), {}
     from guise.analogy.registration import register
 
-    done = register(source, target, face.with_margins(source, target))
+    done = register(source, target, face.with_margins(source, target), face.trust)
     return done.correspondence(), {"quality": asdict(done.quality)}
 
 
