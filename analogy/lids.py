@@ -59,6 +59,7 @@ class LidSettings:
     rounds: int = 4  # of moving margins
     margin_trust: float = 3.0  # of a point of a margin in a registration, of that of other points
     brow_trust: float = 0.1
+    corner_trust: float = 0.3  # of the eyes', where margins are known
     lip_corner_widths: float = 0.5  # of the skin that counts as a corner's; widths here are the mouth's
 
 
@@ -260,7 +261,7 @@ class FacePair:
 
         Brows differ between artists and are detected less exactly, and margins say better than corners where eyes are.
         """
-        corners = 0.0 if len(self.lids) == len(SIDES) else 1.0
+        corners = LIDS.corner_trust if len(self.lids) == len(SIDES) else 1.0
         kinds = {"brow": LIDS.brow_trust, "eye": corners}
         points = [kinds.get(name.split("_")[0], 1.0) for name in FEATURE_POINT_NAMES]
         return np.array(points + 2 * LIDS.columns * len(self.lids) * [LIDS.margin_trust])
