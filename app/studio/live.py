@@ -183,7 +183,7 @@ class _LivePage:
         self._figures = ui.label().classes("tabular-nums opacity-70")
         with ui.expansion("Performance", icon="speed").classes("w-full") as self._performance:
             self._graph = ui.echart(_graph(list(self._latencies))).classes("w-full h-40")
-            self._graph.props('role=img aria-label="Recent latency on the server"')
+            self._graph.props('role=img aria-label="Recent latency from the camera on"')
 
     def _update_state(self) -> None:
         """Update buttons, pictures and texts to the state of the run."""
