@@ -229,18 +229,22 @@ class FacePair:
     Parameters
     ----------
     points : feature points (20, 3) of source and target.   lids : of the eyes that are open on both.
+    placed : whether somebody has placed the points, who is to be believed.
     """
 
     points: tuple[F64, F64]
     lids: tuple[LidPair, ...]
+    placed: bool = False
 
     @classmethod
-    def of(cls, source: Mesh, target: Mesh, points: tuple[F64, F64]) -> FacePair:
+    def of(cls, source: Mesh, target: Mesh, points: tuple[F64, F64], *, placed: bool = False) -> FacePair:
         """From feature points (20, 3) of both."""
         both = (find_lids(mesh, places) for mesh, places in zip((source, target), points, strict=True))
         pairs = zip(*both, strict=True)
         return cls(
-            points, tuple((one, other) for one, other in pairs if one is not None and other is not None)
+            points,
+            tuple((one, other) for one, other in pairs if one is not None and other is not None),
+            placed,
         )
 
     def with_margins(self, source: Mesh, target: Mesh) -> tuple[F64, F64]:
@@ -260,9 +264,10 @@ class FacePair:
         """(k,) by which the points of `with_margins` count in a registration.
 
         Brows differ between artists and are detected less exactly, and margins say better than corners where eyes are.
+        Points that somebody has placed count fully.
         """
         corners = LIDS.corner_trust if len(self.lids) == len(SIDES) else 1.0
-        kinds = {"brow": LIDS.brow_trust, "eye": corners}
+        kinds = {} if self.placed else {"brow": LIDS.brow_trust, "eye": corners}
         points = [kinds.get(name.split("_")[0], 1.0) for name in FEATURE_POINT_NAMES]
         return np.array(points + 2 * LIDS.columns * len(self.lids) * [LIDS.margin_trust])
 

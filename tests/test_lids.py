@@ -152,6 +152,12 @@ def test_margins_count_more_than_the_corners_they_stand_for() -> None:
     assert FacePair(pair.points, ()).trust[corners].min() == 1
 
 
+def test_points_that_somebody_has_placed_count_fully() -> None:
+    mesh, _, _ = face(8, 1.0)
+    pair = FacePair.of(mesh, mesh, (FACE_POINTS, FACE_POINTS), placed=True)
+    assert (pair.trust[: len(FACE_POINTS)] == 1).all()
+
+
 def test_margins_take_only_the_lids_along() -> None:
     source, target = face(8, 1.0), face(6, 1.4)
     lids = FacePair.of(source[0], target[0], (FACE_POINTS, FACE_POINTS)).lids[0]

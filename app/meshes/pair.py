@@ -102,7 +102,8 @@ def match_heads(
     points = feature_points_of_both(source, target, landmarks, context)
     with context.stage(MATCHING):
         positions = points[0].positions, points[1].positions
-        face = FacePair.of(source.mesh, target.mesh, positions)
+        placed = landmarks is not None and set(landmarks) != {AUTO}
+        face = FacePair.of(source.mesh, target.mesh, positions, placed=placed)
         link, quality = _match(source.mesh, target.mesh, face, kind)
     facts = {"kind": kind, "found": round(float(link.found.mean()), 4), **quality}
     return MatchedPair(source, target, points, link, facts, face)
