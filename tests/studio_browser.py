@@ -2,7 +2,8 @@
 
 `from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` is a new browser
 context that was opened at the printed address; its test fails when the browser logs an error or requests anything
-from another host.  Where there is no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
+from another host.  GUISE_TEST_SCREEN="390x844 dark" is the screen of visitors whose test chooses none.  Where there is
+no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
 """
 
 import atexit
@@ -26,6 +27,7 @@ import av
 import pytest
 from made_up import SAMPLES
 
+SCREEN = os.environ.get("GUISE_TEST_SCREEN", "")
 TIMEOUT_MS = 60_000  # after which a browser action has failed
 LIMIT = 50  # MB, largest upload to the servers in tests
 CAMERA = SAMPLES / "p01" / "talk.mp4"
@@ -132,7 +134,7 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
 
     A test that causes errors on purpose clears `page.complaints`.
     """
-    visitor = browser.new_context(**context)
+    visitor = browser.new_context(**(_screen() | context))
     page = visitor.new_page()
     page.set_default_timeout(TIMEOUT_MS)
     complaints: list[str] = []
@@ -144,6 +146,15 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
     yield page
     visitor.close()
     assert complaints == []
+
+
+def _screen() -> dict[str, Any]:
+    """The context of a visitor with SCREEN."""
+    if not SCREEN:
+        return {}
+    size, scheme = SCREEN.split()
+    width, height = map(int, size.split("x"))
+    return {"viewport": {"width": width, "height": height}, "color_scheme": scheme}
 
 
 @cache
