@@ -75,11 +75,11 @@ def tracks(document: dict) -> list[list[int]]:
 
 
 def kinds(value: object) -> object:
-    """The structure of a JSON value: keys and types; numbers are alike, a list is its first element."""
+    """The structure of a JSON value: keys and types; numbers are alike, a list is its first element that isn't null."""
     if isinstance(value, dict):
         return {key: kinds(v) for key, v in value.items()}
     if isinstance(value, list):
-        return [kinds(value[0])] if value else []
+        return [kinds(next((v for v in value if v is not None), None))] if value else []
     return (
         "number" if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value).__name__
     )
