@@ -3,7 +3,9 @@
 Who was enrolled beside a window has one bright and one dark half and a gleaming nose, and drawn into another scene
 these look painted on.  A face is symmetric: smooth differences between its halves are light.  And people in even light
 differ little in how nose, cheeks and forehead are shaded (`training/shading.py`): what is far beyond that is light,
-too.  Dark jaws and upper lips stay, as they may be beards.  Grid pixels; RGB 0..255.
+too, and all the more in a face whose halves differ.  Dark jaws and upper lips stay, as they may be beards.  What gleams
+on a small scale gleams in that light, and the red of a nostril is that of light within; moles and folds are darker than
+the skin around them and stay.  Grid pixels; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -34,10 +36,14 @@ class EvenLightLimits:
     symmetry_face_widths: float = 0.04  # standard deviation, over which both halves are compared
     shading_face_widths: float = 0.03  # over which shading is compared with that of other people
     spread_face_widths: float = 0.02  # over which a change fades around eyes, brows and lips
-    free_deviations: float = 1.5  # of other people's shading, within which all is the person's own
+    glint_spread_face_widths: float = 0.01  # the same for what gleams
+    uneven: tuple[float, float] = (0.25, 0.4)  # logarithm between the halves: ordinary light, hard light
+    free_deviations: tuple[float, float] = (1.5, 0.3)  # of others' shading, within which all is one's own
     soft_deviations: float = 0.75  # by which what is left lies farther out at most
     least_deviation: tuple[float, float, float] = (0.04, 0.01, 0.01)  # of luma, red and blue, logarithms
     gain: tuple[float, float] = (0.4, 2.5)  # of a channel
+    glint_logarithm: float = 0.05  # by which a place gleams more than the skin around it at most
+    chroma_logarithm: float = 0.08  # by which it is of another colour at most, either way
     black_grey_levels: float = 4.0  # added before logarithms and ratios are taken
 
 
@@ -47,22 +53,34 @@ LIMITS = EvenLightLimits()
 def evenly_lit(identity: Identity) -> Identity:
     """The same person with a neutral texture as in even light."""
     reference, appearance = identity.reference, identity.appearance
-    texture = symmetric(reference.scatter(appearance.neutral_texture), reference)
-    texture = texture * _gain(texture, reference)
+    texture = reference.scatter(appearance.neutral_texture)
+    free = float(np.interp(unevenness(texture, reference), LIMITS.uneven, LIMITS.free_deviations))
+    texture = symmetric(texture, reference)
+    texture = without_glints(texture * _gain(texture, reference, free), reference)
     neutral = appearance.neutral.copy()
     neutral[SHAPE_ENTRIES:] = texture[reference.mask].ravel()
     return replace(identity, appearance=replace(appearance, neutral=neutral))
 
 
+def unevenness(texture: F32, reference: ReferenceFrame) -> float:
+    """By how much the halves of a texture (h, w, 3) differ: root mean square of the logarithm between their lumas."""
+    own, other, both = _halves(texture, reference)
+    return float(np.sqrt((np.log((own @ LUMA) / (other @ LUMA))[both > 0] ** 2).mean()))
+
+
 def symmetric(texture: F32, reference: ReferenceFrame) -> F32:
     """A texture (h, w, 3) whose local means are those of both halves of the face together."""
-    image = mirror_image(texture, reference, 1)
-    both = (reference.mask & (image.sum(2) > 0)).astype(np.float32)
-    own, other = (
-        _local_mean(t, both, LIMITS.symmetry_face_widths * reference.resolution) for t in (texture, image)
-    )
+    own, other, both = _halves(texture, reference)
     gain = np.clip(np.sqrt(other / own), *LIMITS.gain)
     return np.asarray(texture * (1 + both[..., None] * (gain - 1)), np.float32)
+
+
+def _halves(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32, F32]:
+    """Local means (h, w, 3) of a texture and of its mirror image, and where both are (h, w)."""
+    image = mirror_image(texture, reference, 1)
+    both = (reference.mask & (image.sum(2) > 0)).astype(np.float32)
+    sigma = LIMITS.symmetry_face_widths * reference.resolution
+    return _local_mean(texture, both, sigma), _local_mean(image, both, sigma), both
 
 
 def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
@@ -78,15 +96,18 @@ def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
     return np.asarray(values * skin[..., None]), local
 
 
-def _gain(texture: F32, reference: ReferenceFrame) -> F32:
-    """(h, w, 3) factors that bring a texture's shading near to what people have in even light."""
+def _gain(texture: F32, reference: ReferenceFrame, free: float) -> F32:
+    """(h, w, 3) factors that bring a texture's shading near to what people have in even light.
+
+    free : deviations of other people's shading within which nothing is changed.
+    """
     mean, deviation = _usual(reference.resolution)
     values, local = shading(texture, reference)
     away = values - mean
     deviation = np.maximum(deviation, np.array(LIMITS.least_deviation, np.float32))
     soft = LIMITS.soft_deviations * deviation
-    beyond = np.maximum(np.abs(away) - LIMITS.free_deviations * deviation, 0)
-    change = np.sign(away) * (soft * np.tanh(beyond / soft) - beyond)
+    beyond = np.maximum(np.abs(away) - free * deviation, 0)
+    change = np.sign(away) * (_softly(beyond, soft) - beyond)
     may_be_beard = np.arange(reference.size[0]) > reference.points[NOSE_BASE, 1]
     change[may_be_beard] *= (change[may_be_beard, :, :1] < 0).astype(np.float32)
     skin = skin_mask(reference).astype(np.float32)
@@ -99,6 +120,26 @@ def _gain(texture: F32, reference: ReferenceFrame) -> F32:
     lit[..., 1] = np.exp(luma) * (local @ LUMA) - lit[..., [0, 2]] @ LUMA[[0, 2]]
     lit[..., 1] /= LUMA[1]
     return np.asarray(np.clip(lit / local, *LIMITS.gain), np.float32)
+
+
+def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) whose skin gleams and is coloured only a little beyond its local means."""
+    skin = skin_mask(reference).astype(np.float32)
+    local = _local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
+    seen = np.maximum(texture, 0) + LIMITS.black_grey_levels
+    luma, local_luma = seen @ LUMA, local @ LUMA
+    gleam = np.log(luma / local_luma)
+    gleam = np.where(gleam > 0, _softly(gleam, LIMITS.glint_logarithm), gleam)
+    chroma = np.log(seen / local * (local_luma / luma)[..., None])
+    dull = local * np.exp(_softly(chroma, LIMITS.chroma_logarithm))
+    dull *= (local_luma / (dull @ LUMA) * np.exp(gleam))[..., None]
+    spread = cv2.GaussianBlur(skin, (0, 0), LIMITS.glint_spread_face_widths * reference.resolution)
+    return np.asarray(texture + (skin * spread)[..., None] * (dull - seen), np.float32)
+
+
+def _softly(values: F32, limit: F32 | float) -> F32:
+    """Values within a limit, those near 0 as they are."""
+    return np.asarray(limit * np.tanh(values / limit), np.float32)
 
 
 def _local_mean(texture: F32, weight: F32, sigma: float) -> F32:

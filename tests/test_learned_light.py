@@ -8,7 +8,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
 from guise.aam.light import grid_places
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
-from guise.app.swapping.learned_light import LIMITS, LearnedLight
+from guise.app.swapping.learned_light import GRID, LIMITS, LearnedLight
 from guise.common.arrays import F32
 
 FRAME = ReferenceFrame.canonical(80)
@@ -114,3 +114,21 @@ def test_a_light_that_changes_as_a_whole_is_followed_at_once() -> None:
     at_once = light_fitted(face(), np.float32(0.5) * face())
     away = (lit(light, face()) / lit(at_once, face()))[SKIN]
     assert np.median(away) == pytest.approx(1, abs=0.03)
+
+
+class OneSided:
+    """A network that finds more light on one side, whatever it sees."""
+
+    def run(self, _outputs: None, _inputs: dict[str, F32]) -> tuple[F32, F32]:
+        change = np.zeros((1, 6, *GRID), np.float32)
+        change[:, :3] = np.linspace(0.5, 1.5, GRID[1])
+        return change, np.ones((1, 2, 3), np.float32)
+
+
+def test_what_the_network_finds_more_on_one_side_is_evened_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guise.app.swapping.learned_light.session", OneSided)
+    texture = np.full_like(face(), 100)
+    light = light_fitted(texture, texture)
+    for _ in range(2 * LIMITS.frames_per_look):
+        assert_allclose(lit(light, texture)[SKIN], 100, atol=1)
+        light.update(texture[TEXELS], texture[TEXELS], None)

@@ -36,6 +36,7 @@ class LearnedLightLimits:
     brow_growth_face_widths: float = 0.02
     min_share: float = 0.01  # of a brow or a part, from which a pixel belongs to it
     frames_per_look: int = 2  # of the network
+    looks_per_mirrored: int = 8  # of which one is also taken at the mirror image
     # Of the light that is a mean over a wider neighbourhood: the rest follows the person's own form as well, and less
     # of the donor's is left.  At the edge of a shadow there is none.
     wide_share: float = 0.5
@@ -63,7 +64,10 @@ def part_masks(reference: ReferenceFrame) -> list[F32]:
 
 
 class LearnedLight:
-    """A `Palette` by a network, smooth in time; the network looks at every second frame.
+    """A `Palette` by a network, smooth in time.
+
+    The network looks at every second frame.  The mean of what it finds in a face and in its mirror image is nearer to
+    the truth than either; half their difference changes slowly and is taken anew at every eighth look.
 
     Parameters
     ----------
@@ -98,6 +102,7 @@ class LearnedLight:
         """Take the next update as it is."""
         self._light = _Light()
         self._aim: _Light | None = None
+        self._unlike: list[F32] = []  # half of what the mirror image gives more than the face
         self._updates = 0
 
     @property
@@ -134,11 +139,20 @@ class LearnedLight:
     def _looked(self, face: F32, seen: F32, weights: F32) -> _Light:
         """What the network finds; weights (t,) are 1 in all of a cell."""
         sums = self._summed(np.concatenate([face, seen], axis=1), weights)
-        found, gains = self._session.run(None, dict(zip(INPUTS, [*sums, *self._enrolled], strict=True)))
+        found, gains = self._found([*sums, *self._enrolled])
         tint = sums[0][0, :3].sum((1, 2))
         seen = sums[0][0, 6] + sums[1][0, 6]
         shown = tint / max(float(sums[0][0, 6].sum()), FLOOR)
-        return _Light(self._widened(found[0], seen, shown), gains[0], tint / max(float(tint @ LUMA), 1.0))
+        return _Light(self._widened(found, seen, shown), gains, tint / max(float(tint @ LUMA), 1.0))
+
+    def _found(self, inputs: list[F32]) -> list[F32]:
+        """The map (6, h, w) and the gains (2, 3) that the network gives for its inputs (1, ..., h, w)."""
+        found, gains = self._session.run(None, dict(zip(INPUTS, inputs, strict=True)))
+        if self._updates // LIMITS.frames_per_look % LIMITS.looks_per_mirrored == 0:
+            image = [np.ascontiguousarray(values[..., ::-1]) for values in inputs]
+            in_image, its_gains = self._session.run(None, dict(zip(INPUTS, image, strict=True)))
+            self._unlike = [(in_image[..., ::-1] - found) / 2, (its_gains - gains) / 2]
+        return [(values + more)[0] for values, more in zip((found, gains), self._unlike, strict=True)]
 
     def _summed(self, colours: F32, weights: F32) -> list[F32]:
         """Sums (1, c + 1, h, w) of skin and of other texels."""
