@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
 from guise.aam.light import grid_places
 from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.onnx_model import ShippedNetwork
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.learned_light import GRID, LIMITS, LearnedLight
 from guise.common.arrays import F32
@@ -109,7 +110,7 @@ def test_the_stored_components_are_those_of_the_matrix() -> None:
 
 def test_a_light_that_changes_as_a_whole_is_followed_at_once() -> None:
     light = light_fitted(face(), face())
-    for _ in range(LIMITS.frames_per_look):
+    for _ in range(LIMITS.frames_per_check):
         light.update(face()[TEXELS], np.float32(0.5) * face()[TEXELS], None)
     at_once = light_fitted(face(), np.float32(0.5) * face())
     away = (lit(light, face()) / lit(at_once, face()))[SKIN]
@@ -129,6 +130,32 @@ def test_what_the_network_finds_more_on_one_side_is_evened_out(monkeypatch: pyte
     monkeypatch.setattr("guise.app.swapping.learned_light.session", OneSided)
     texture = np.full_like(face(), 100)
     light = light_fitted(texture, texture)
-    for _ in range(2 * LIMITS.frames_per_look):
+    for _ in range(2 * LIMITS.frames_per_check):
         assert_allclose(lit(light, texture)[SKIN], 100, atol=1)
         light.update(texture[TEXELS], texture[TEXELS], None)
+
+
+@pytest.mark.parametrize(("gain", "looks"), [(1.01, 1), (1.1, 2)])
+def test_the_network_looks_again_only_at_what_has_changed(
+    gain: float, looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, runs = face(), []
+    run = ShippedNetwork.run
+    monkeypatch.setattr(ShippedNetwork, "run", lambda *given: runs.append(1) or run(*given))
+    light = light_fitted(face(), seen)
+    for _ in range(4 * LIMITS.frames_per_check):
+        light.update(face()[TEXELS], np.float32(gain) * seen[TEXELS], None)
+    assert len(runs) == looks + 1  # the first also at the mirror image
+    for _ in range((LIMITS.still_checks + 1) * LIMITS.frames_per_check):
+        light.update(face()[TEXELS], np.float32(gain) * seen[TEXELS], None)
+    assert len(runs) > looks + 1  # a small change counts in the end
+
+
+def test_skin_that_comes_out_of_hiding_is_looked_at() -> None:
+    half = (PLACES[:, 0] > 0).astype(np.float32)
+    light = light_fitted(face(), face(), half)
+    seen = np.where(half[:, None] > 0, face(), np.float32(0.6) * face())
+    for _ in range(8):
+        light.update(face()[TEXELS], seen[TEXELS], None)
+    at_once = lit(light_fitted(face(), seen), face())
+    assert np.abs(lit(light, face()) - at_once)[SKIN].mean() < 2

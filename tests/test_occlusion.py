@@ -137,32 +137,43 @@ def test_the_share_follows_the_mesh_that_is_drawn(scene: Scene) -> None:
     assert away.mean() < 0.03
 
 
-def test_only_some_frames_are_parsed_while_no_object_is_in_front(
+def test_only_some_frames_are_parsed_while_nothing_in_front_moves(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = []
     real = occlusion.parse_frame
     monkeypatch.setattr(occlusion, "parse_frame", lambda *given: calls.append(1) or real(*given))
-    scene.show(scene.rgb, 2 * (LIMITS.pause_frames + 1))
+    every = LIMITS.pause_frames + 1
+    scene.show(scene.rgb, 2 * every)
     assert len(calls) == 2
-    rgb, _ = scene.with_object()
-    scene.show(rgb, LIMITS.pause_frames + 4)
-    assert len(calls) >= 6
+    rgb, y = scene.with_object()
+    scene.show(rgb, 1 + 2 * every)  # it is new in the first of them, and lies still from then on
+    assert len(calls) == 2 + 1 + 2
+    for rise in range(5, 30, 5):
+        rgb[y - rise : y] = rgb[y : y + rise]
+        scene.show(rgb)
+    scene.show(rgb)
+    assert len(calls) >= 2 + 1 + 2 + 6 - LIMITS.pause_frames
 
 
 @pytest.mark.parametrize(("radius_face_widths", "parsed"), [(0.025, 2), (0.1, 6)])
-def test_only_a_large_object_beside_the_face_has_every_frame_parsed(
+def test_only_a_large_object_that_moves_beside_the_face_has_every_frame_parsed(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, radius_face_widths: float, parsed: int
 ) -> None:
     plain = occlusion.parse_frame(FaceParser(), Frame.from_rgb(scene.rgb), scene.shape)
-    shares = np.zeros_like(plain.shares)
     low, high = scene.shape.min(0), scene.shape.max(0)
     x, y = plain.to_cells @ [low[0], high[1], 1]  # the lower left corner of the face's box
     radius = radius_face_widths * (high - low)[0] * np.hypot(*plain.to_cells[:, 0])
-    cv2.circle(shares[FaceClass.OCCLUDER], (round(x), round(y)), round(radius), 1.0, -1)
-    calls = []
-    parsing = FaceParsing(shares, plain.to_picture, plain.irises)
-    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: calls.append(1) or parsing)
+    calls: list[int] = []
+
+    def parsing(*_: object) -> FaceParsing:
+        shares = np.zeros_like(plain.shares)
+        place = round(x), round(y - 2 * radius * (len(calls) % 2))
+        cv2.circle(shares[FaceClass.OCCLUDER], place, round(radius), 1.0, -1)
+        calls.append(1)
+        return FaceParsing(shares, plain.to_picture, plain.irises)
+
+    monkeypatch.setattr(occlusion, "parse_frame", parsing)
     scene.show(scene.rgb, 2 * (LIMITS.pause_frames + 1))
     assert len(calls) == parsed
 

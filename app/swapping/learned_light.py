@@ -35,7 +35,10 @@ class LearnedLightLimits:
     brow_tint: float = 0.6  # share of a brow's colour that is taken from the skin
     brow_growth_face_widths: float = 0.02
     min_share: float = 0.01  # of a brow or a part, from which a pixel belongs to it
-    frames_per_look: int = 2  # of the network
+    frames_per_check: int = 2  # of whether what the network sees has changed, so that it has to look again
+    still_checks: int = 8  # after which it looks in any case
+    max_change: float = 0.012  # of logs of a colour's local means, or of the share of skin that is seen
+    min_weight: float = 0.2  # of a cell whose means are compared
     looks_per_mirrored: int = 8  # of which one is also taken at the mirror image
     # Of the light that is a mean over a wider neighbourhood: the rest follows the person's own form as well, and less
     # of the donor's is left.  At the edge of a shadow there is none.
@@ -66,8 +69,9 @@ def part_masks(reference: ReferenceFrame) -> list[F32]:
 class LearnedLight:
     """A `Palette` by a network, smooth in time.
 
-    The network looks at every second frame.  The mean of what it finds in a face and in its mirror image is nearer to
-    the truth than either; half their difference changes slowly and is taken anew at every eighth look.
+    The network looks again when local means of skin have changed.  The mean of what it finds in a face and in its
+    mirror image is nearer to the truth than either; half their difference changes slowly and is taken anew at every
+    eighth look.
 
     Parameters
     ----------
@@ -103,7 +107,8 @@ class LearnedLight:
         self._light = _Light()
         self._aim: _Light | None = None
         self._unlike: list[F32] = []  # half of what the mirror image gives more than the face
-        self._updates = 0
+        self._looked_at: F32 | None = None  # sums (7, h, w) of skin
+        self._updates = self._still = self._looks = 0
 
     @property
     def contrast(self) -> float:
@@ -115,9 +120,12 @@ class LearnedLight:
     def update(self, face: F32, seen: F32, visible: F32 | None) -> None:
         """See `Palette.update`."""
         fresh = self._aim is None
-        if self._aim is None or self._updates % LIMITS.frames_per_look == 0:
+        if self._aim is None or self._updates % LIMITS.frames_per_check == 0:
             visible = np.ones(len(face), np.float32) if visible is None else visible
-            self._aim = self._looked(face, seen, visible * self._weight)
+            sums = self._summed(np.concatenate([face, seen], axis=1), visible * self._weight)
+            self._still += 1
+            if self._aim is None or self._still >= LIMITS.still_checks or self._has_changed(sums[0][0]):
+                self._aim, self._looked_at, self._still = self._looked(sums), sums[0][0], 0
         self._updates += 1
         self._light.move(self._aim, 1.0 if fresh else 1.0 - LIMITS.memory)
 
@@ -136,9 +144,22 @@ class LearnedLight:
         out += offset.astype(np.float32)[:, None]
         return np.asarray(out)
 
-    def _looked(self, face: F32, seen: F32, weights: F32) -> _Light:
-        """What the network finds; weights (t,) are 1 in all of a cell."""
-        sums = self._summed(np.concatenate([face, seen], axis=1), weights)
+    def _has_changed(self, skin: F32) -> bool:
+        """Whether sums (7, h, w) of skin differ from those that the network has looked at."""
+        if self._looked_at is None:
+            return True
+        now, last = skin[6], self._looked_at[6]
+        if np.abs(now - last).sum() > LIMITS.max_change * last.sum():
+            return True
+        cells = np.minimum(now, last) > LIMITS.min_weight
+        means = (
+            np.maximum(s[:6, cells] / s[6, cells], 0) + BLACK_GREY_LEVELS for s in (skin, self._looked_at)
+        )
+        logs = np.log(np.divide(*means)).reshape(2, -1)  # of the face, of the frame
+        return bool((np.square(logs).sum(1) > LIMITS.max_change**2 * logs.shape[1]).any())
+
+    def _looked(self, sums: list[F32]) -> _Light:
+        """What the network finds in sums of skin and of other texels; weights are 1 in all of a cell."""
         found, gains = self._found([*sums, *self._enrolled])
         tint = sums[0][0, :3].sum((1, 2))
         seen = sums[0][0, 6] + sums[1][0, 6]
@@ -148,10 +169,11 @@ class LearnedLight:
     def _found(self, inputs: list[F32]) -> list[F32]:
         """The map (6, h, w) and the gains (2, 3) that the network gives for its inputs (1, ..., h, w)."""
         found, gains = self._session.run(None, dict(zip(INPUTS, inputs, strict=True)))
-        if self._updates // LIMITS.frames_per_look % LIMITS.looks_per_mirrored == 0:
+        if self._looks % LIMITS.looks_per_mirrored == 0:
             image = [np.ascontiguousarray(values[..., ::-1]) for values in inputs]
             in_image, its_gains = self._session.run(None, dict(zip(INPUTS, image, strict=True)))
             self._unlike = [(in_image[..., ::-1] - found) / 2, (its_gains - gains) / 2]
+        self._looks += 1
         return [(values + more)[0] for values, more in zip((found, gains), self._unlike, strict=True)]
 
     def _summed(self, colours: F32, weights: F32) -> list[F32]:

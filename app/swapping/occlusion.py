@@ -2,7 +2,7 @@
 
 The frame is parsed (`guise.aam.parsing`), and what is in front of the face is read where the drawn face's mesh lies.
 There the frame's own pixels stay, and neither light nor expression is measured.  While nothing but hair and glasses is
-in front, only some frames are parsed; what was found moves along with the face.
+in front, or nothing in front moves, only some frames are parsed; what was found moves along with the face.
 
 Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
 hands and mugs do: a patch within it that is taken for an object may be skin.
@@ -48,7 +48,11 @@ class OcclusionLimits:
     memory: float = (
         0.7  # share of hair and glasses kept from one parsed frame to the next; objects come and go
     )
-    pause_frames: int = 2  # between two parsed frames while no object is in front
+    pause_frames: int = (
+        2  # between two parsed frames while no object is in front, or none that moves over the face
+    )
+    still_share: float = 0.2  # change of a share up to which it is still
+    still_face_shares: float = 0.005  # of an object's cells that change more while it is still, of the face
     growth_face_widths: float = 0.01  # around brows and eyes, where hair doesn't count
     min_hidden: float = 0.02  # share from which something is in front
 
@@ -108,6 +112,7 @@ class Occlusion:
         self._layers: _Layers | None = None  # of the last parsed frame, until it is drawn
         self._pause_frames = 0
         self._worn: F32 | None = None
+        self._thing: F32 | None = None
         self._uncovered: F32 | None = None
         self._visible: F32 | None = None
         self._clear: F32 | None = None
@@ -157,8 +162,17 @@ class Occlusion:
         glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
         worn = np.maximum(hair * self._hair_weight, glasses)
         self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
-        self._pause_frames = 0 if self._is_object(thing) else LIMITS.pause_frames
+        moving = self._is_object(thing) and self._has_moved(thing)
+        self._pause_frames = 0 if moving else LIMITS.pause_frames
+        self._thing = thing
         return np.maximum(thing, self._worn)
+
+    def _has_moved(self, thing: F32) -> bool:
+        """Whether things that hide shares (n,) of the cells do not lie over the face as in the last parsed frame."""
+        if self._thing is None:
+            return True
+        changed = np.count_nonzero(np.abs(thing - self._thing) > LIMITS.still_share)
+        return bool(changed > LIMITS.still_face_shares * self._face.sum())
 
     def _is_object(self, thing: F32) -> bool:
         """Whether the share (n,) of the cells that things hide is more than specks beside the face."""
