@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 from models import model_file
+from worn_glasses import with_glasses
 
-from guise.aam.landmarks import interocular
 from guise.aam.landmarks.schemes import BROWS, LEFT_EYE, LOWER_LIP_INNER, RIGHT_EYE, UPPER_LIP_INNER
 from guise.aam.model import Identity
 from guise.app.enrolment.quality import longest_rest, weaknesses
@@ -89,13 +89,15 @@ def test_each_fault_of_light_is_named(p01: Identity, points: np.ndarray) -> None
 
 def test_glasses_are_named(p01: Identity, points: np.ndarray) -> None:
     rest = p01.rest_frame
-    picture, size = rest.picture.copy(), float(interocular(rest.shape))
-    for eye in (RIGHT_EYE, LEFT_EYE):
-        x, y = rest.shape[eye].mean(0)
-        cv2.ellipse(
-            picture, (round(x), round(y)), (round(0.27 * size), round(0.2 * size)), 0, 0, 360, (20, 20, 20), 5
-        )
-    worn = replace(p01, rest_frame=replace(rest, picture=picture))
+    worn = replace(p01, rest_frame=replace(rest, picture=with_glasses(rest.picture, rest.shape)))
     assert weaknesses(points, worn) == [
         "the person wears glasses, which leave traces in the face: take them off"
     ]
+
+
+def test_dark_lashes_are_not_taken_for_glasses(p01: Identity, points: np.ndarray) -> None:
+    rest = p01.rest_frame
+    picture = rest.picture.copy()
+    for eye in (RIGHT_EYE, LEFT_EYE):
+        cv2.polylines(picture, [np.round(rest.shape[eye]).astype(np.int32)], True, (20, 15, 15), 4)
+    assert weaknesses(points, replace(p01, rest_frame=replace(rest, picture=picture))) == []

@@ -19,15 +19,14 @@ from guise.aam.landmarks.schemes import (
     EYES,
     INNER51,
     LEFT_BROW,
-    LEFT_EYE,
     LOWER_LIP_INNER,
     NOSE_TIP,
     RIGHT_BROW,
-    RIGHT_EYE,
     UPPER_LIP_INNER,
 )
 from guise.aam.model import Identity, RestFrame
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.aam.without_glasses import wears_glasses
 from guise.common.arrays import F32, F64
 
 
@@ -41,8 +40,6 @@ class QualityLimits:
     min_grey_level: float = 55.0  # of skin
     max_side_ratio: float = 1.9  # of the brightness of the brighter half of the skin to the other
     max_turn_share: float = 0.17  # of the nose's tip from the middle of the face, of its width
-    min_glasses_share: float = 0.015  # about either eye
-    min_glasses_pixels: float = 80.0  # of a face's width, below which glasses cannot be told
     min_fringe_share: float = 0.4  # of hair on and above both brows
     fringe_reach: float = 0.12  # above the brows, inter-ocular distances
     min_rest_frames: int = 5  # in a row: mouth shut, eyes open, still
@@ -54,10 +51,6 @@ class QualityLimits:
 LIMITS = QualityLimits()
 EXTREME_PERCENT = 3  # of frames, that count as the extremes
 USUAL_LIDS = 0.7  # quantile of the opening of the lids that is usual
-# (n, 2) places about the middle of an eye, in inter-ocular distances.
-_AROUND_EYE = np.stack(
-    np.meshgrid(np.linspace(-0.3, 0.3, 16), np.linspace(-0.22, 0.22, 12)), axis=-1
-).reshape(-1, 2)
 
 
 def weaknesses(points: NDArray[np.floating], identity: Identity) -> list[str]:
@@ -128,7 +121,7 @@ def _of_light(rest: RestFrame) -> list[str]:
     luma = cv2.warpAffine(cv2.cvtColor(rest.picture, cv2.COLOR_RGB2GRAY), inverse, size, flags=cv2.INTER_AREA)
     halves = [_mean(luma[:, half], skin[:, half]) for half in (np.s_[: size[0] // 2], np.s_[size[0] // 2 :])]
     told = []
-    if _wears_glasses(parsing, rest.shape):
+    if wears_glasses(parsing, rest.shape):
         told.append("the person wears glasses, which leave traces in the face: take them off")
     if _has_fringe(parsing, rest.shape):
         told.append("hair hangs over the brows, which then cannot be shown moving: pin it back")
@@ -149,18 +142,6 @@ def _has_fringe(parsing: FaceParsing, shape: F64) -> bool:
         for brow in (RIGHT_BROW, LEFT_BROW)
     ]
     return float(min(shares)) > LIMITS.min_fringe_share
-
-
-def _wears_glasses(parsing: FaceParsing, shape: F64) -> bool:
-    """Whether there are glasses about both eyes of a face (81, 2); hair and earrings are on one side or elsewhere."""
-    if np.ptp(shape[:, 0]) < LIMITS.min_glasses_pixels:
-        return False
-    around = _AROUND_EYE * float(interocular(shape))
-    shares = [
-        parsing.at(shape[eye].mean(0) + around, parsing.share(FaceClass.GLASSES)).mean()
-        for eye in (RIGHT_EYE, LEFT_EYE)
-    ]
-    return float(min(shares)) > LIMITS.min_glasses_share
 
 
 def _mean(values: NDArray[Any], weights: F32) -> float:

@@ -26,6 +26,7 @@ from guise.aam.similarity import Failed, align_planar
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
 from guise.aam.tracker import Fit
 from guise.aam.turned_texture import completed
+from guise.aam.without_glasses import without_glasses
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
@@ -86,7 +87,7 @@ class Engine(Closing):
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
         full = options.transfer == "full"
-        target = evenly_lit(completed(target)) if full else target
+        target = evenly_lit(completed(without_glasses(target))) if full else target
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(
             source.appearance,
