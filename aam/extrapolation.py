@@ -44,6 +44,7 @@ class Extrapolator:
     gate : share in [0, 1] of alpha for texture away from eyes and mouth; 1 is the paper's formula.
     max_deviations : of the target's own modes from the anchor, to which their amounts are limited: far beyond what
         the target's clip shows (a head turned farther, say) their sum breaks up into streaks.  None for no limit.
+    moving : (h, w) share in [0, 1] of the texture's movement that is shown; None for all of it.
 
     Raises
     ------
@@ -60,6 +61,7 @@ class Extrapolator:
         anchored: bool = True,
         gate: float = DEFAULT_GATE,
         max_deviations: float | None = None,
+        moving: F32 | None = None,
     ) -> None:
         if source.reference.id != target.reference.id:
             raise ReferenceMismatchError(
@@ -67,10 +69,13 @@ class Extrapolator:
                 f"{target.reference.resolution} pixels across the face); enrol both with the same --resolution"
             )
         ys, yt = source.components.basis, target.components.basis
-        self._basis, self._amounts = yt, yt.T @ ys
+        self._amounts = yt.T @ ys
         self._most = None if max_deviations is None else max_deviations * target.components.deviations
-        self._projected = yt @ self._amounts
-        self._outside = _gate(source.reference, gate)[:, None] * (ys - self._projected)
+        shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
+        projected = yt @ self._amounts
+        soft = gate + (1 - gate) * expressive_mask(source.reference)
+        self._outside = shown * _weights(soft, source.reference) * (ys - projected)
+        self._projected, self._basis = shown * projected, shown * yt
         self._matrix = np.empty_like(self._projected)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
@@ -106,10 +111,10 @@ class Extrapolator:
         return np.asarray(made, np.float32)
 
 
-def _gate(reference: ReferenceFrame, gate: float) -> F32:
-    """(n,) weights of an appearance vector's entries: 1 for shape, eyes and mouth, `gate` elsewhere."""
-    soft = gate + (1 - gate) * expressive_mask(reference)[reference.mask]
-    return np.concatenate([np.ones(SHAPE_ENTRIES, np.float32), np.repeat(soft.astype(np.float32), 3)])
+def _weights(shares: F32, reference: ReferenceFrame) -> F32:
+    """(n, 1) weights of an appearance vector's entries: 1 for the shape, shares (h, w) for the texture."""
+    texture = np.repeat(shares[reference.mask].astype(np.float32), 3)
+    return np.concatenate([np.ones(SHAPE_ENTRIES, np.float32), texture])[:, None]
 
 
 def turned_neutral(target: AppearanceModel, source: AppearanceModel) -> F32:

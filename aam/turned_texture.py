@@ -15,6 +15,7 @@ import numpy as np
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.detail import FINE
 from guise.aam.landmarks.schemes import MIRROR
+from guise.aam.mask import expressive_mask
 from guise.aam.model import Identity
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.solid_shape import SolidPrior, facing
@@ -25,8 +26,12 @@ from guise.common.arrays import F32, F64
 class FillLimits:
     """When and how a half is filled."""
 
-    min_difference: float = 0.14  # of the cosines of mirror image and place, from which it is mixed in
-    full_difference: float = 0.3  # from which it takes the place
+    turned_difference: float = (
+        0.3  # of the cosines of mirror image and place, somewhere on a head that is turned
+    )
+    min_difference: float = 0.06  # from which the mirror image is mixed in there
+    full_difference: float = 0.16  # from which it takes the place
+    skin_movement: float = 0.5  # share of a texture's movement away from eyes and mouth that is shown
     light_face_widths: float = 0.12  # standard deviation, over which the far half's light is taken
     max_gain: float = 2.5  # of that light
 
@@ -53,12 +58,26 @@ def completed(identity: Identity) -> Identity:
     )
 
 
+def moving_share(identity: Identity) -> F32:
+    """(h, w) share in [0, 1] of the movement of a person's texture that is shown.
+
+    Away from eyes and mouth it is light and errors of registration as much as expression, and where a turned head's
+    mirror image is shown it belongs to what is not.
+    """
+    features = expressive_mask(identity.reference)
+    near = 1 - mirrored_share(identity.appearance.neutral_shape, identity.reference)
+    return np.asarray(features + np.float32(LIMITS.skin_movement) * (1 - features) * near, np.float32)
+
+
 def mirrored_share(shape: F64, reference: ReferenceFrame) -> F32:
     """(h, w) share in [0, 1] of its mirror image that each place of a face at a shape (81, 2) gets."""
     fit = SolidPrior.shipped().fit(shape)
     faces = facing(fit.rest, fit.pose.rotation)
+    differences = faces[list(MIRROR)] - faces
+    if differences.max() < LIMITS.turned_difference:
+        return np.zeros(reference.size, np.float32)
     low, high = LIMITS.min_difference, LIMITS.full_difference
-    points = np.clip((faces[list(MIRROR)] - faces - low) / (high - low), 0, 1)
+    points = np.clip((differences - low) / (high - low), 0, 1)
     sampler = reference.sampler
     share = (points[sampler.vertices] * sampler.weights).sum(0)
     return reference.scatter(np.asarray(np.clip(share, 0, 1), np.float32))

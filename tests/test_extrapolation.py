@@ -125,6 +125,21 @@ def test_the_gate_holds_back_texture_away_from_eyes_and_mouth_only() -> None:
     assert on_cheek > 10 * max(at_eye, 1e-3)
 
 
+def test_of_texture_that_does_not_move_nothing_is_shown_and_shapes_stay() -> None:
+    rho = some_parameters(6)
+    moving = np.ones(FRAME.size, np.float32)
+    moving[: FRAME.size[0] // 2] = 0
+    still = np.repeat(moving[FRAME.mask] == 0, 3)
+    for limit in (None, 0.1):
+        made, usual = (
+            Extrapolator(SOURCE, TARGET, 0.5, max_deviations=limit, moving=shown).apply(rho)
+            for shown in (moving, None)
+        )
+        assert_allclose(made[SHAPE_ENTRIES:][still], TARGET.neutral[SHAPE_ENTRIES:][still], atol=1e-3)
+        assert_allclose(made[SHAPE_ENTRIES:][~still], usual[SHAPE_ENTRIES:][~still], atol=1e-3)
+        assert_allclose(made[:SHAPE_ENTRIES], usual[:SHAPE_ENTRIES], atol=1e-3)
+
+
 def test_a_model_transfers_to_itself_unchanged() -> None:
     rho = some_parameters(7)
     moved = Extrapolator(SOURCE, SOURCE, 0.3).apply(rho)

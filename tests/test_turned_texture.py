@@ -8,7 +8,10 @@ from made_up import FRAME, appearance
 
 from guise.aam.appearance import SHAPE_ENTRIES, Components
 from guise.aam.landmarks.schemes import (
+    LEFT_EYE,
     LEFT_EYE_OUTER,
+    LEFT_MOUTH_CORNER,
+    LEFT_TEMPLE,
     NOSE_ROOT,
     RIGHT_EYE_OUTER,
     RIGHT_MOUTH_CORNER,
@@ -17,7 +20,7 @@ from guise.aam.landmarks.schemes import (
 from guise.aam.model import Identity, RestFrame
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.aam.tracker import Quality, Tracker
-from guise.aam.turned_texture import completed, mirrored_share
+from guise.aam.turned_texture import completed, mirrored_share, moving_share
 from guise.common.arrays import F32, F64
 
 PRIOR = SolidPrior.shipped()
@@ -82,3 +85,15 @@ def test_shape_and_size_of_a_model_stay() -> None:
         made.appearance.neutral[:SHAPE_ENTRIES], person.appearance.neutral[:SHAPE_ENTRIES]
     )
     assert made.detail.shape == person.detail.shape
+
+
+def test_eyes_move_in_full_skin_by_half_and_what_was_mirrored_not_at_all() -> None:
+    share = moving_share(enrolled(30, halves(100, 180)))
+    cheeks = 0.5 * (
+        FRAME.points[[RIGHT_TEMPLE, LEFT_TEMPLE]] + FRAME.points[[RIGHT_MOUTH_CORNER, LEFT_MOUTH_CORNER]]
+    )
+    places = np.round([FRAME.points[LEFT_EYE].mean(0), *cheeks]).astype(int)
+    eye, near, far = (share[y, x] for x, y in places)
+    assert eye > 0.9
+    assert near == pytest.approx(0.5, abs=0.05)
+    assert far < 0.05

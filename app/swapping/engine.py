@@ -25,7 +25,7 @@ from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed, align_planar
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
 from guise.aam.tracker import Fit
-from guise.aam.turned_texture import completed
+from guise.aam.turned_texture import completed, moving_share
 from guise.aam.without_glasses import without_glasses
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import Occlusion
@@ -87,6 +87,7 @@ class Engine(Closing):
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
         full = options.transfer == "full"
+        moving = moving_share(target) if full else None
         target = evenly_lit(completed(without_glasses(target))) if full else target
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(
@@ -94,6 +95,7 @@ class Engine(Closing):
             target.appearance,
             options.alpha,
             max_deviations=MAX_TEXTURE_DEVIATIONS if full else None,
+            moving=moving,
         )
         self.estimator = ParameterEstimator(source.appearance)
         self.tracker = PersonTracker(source.tracker, finder, rest=source.rest_frame)
