@@ -7,6 +7,7 @@ identity's colour (`iris.py`).  Pixels, x right, y down.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -36,6 +37,7 @@ class ApertureLimits:
 
 
 LIMITS = ApertureLimits()
+EYES = RIGHT_EYE, LEFT_EYE
 
 
 class Aperture:
@@ -57,7 +59,8 @@ class Aperture:
         irises: tuple[F32, F32] | None = None,
     ) -> None:  # fmt: skip
         self._part = part
-        self._openings = None if at_rest is None else _openings(at_rest, part)
+        self._openings = None if at_rest is None else np.maximum(eye_openings(at_rest), 1e-6)
+        self._eye = int(part is LEFT_EYE)
         grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
         if irises is not None:
             grow = LIMITS.eye_growth_face_widths
@@ -79,12 +82,15 @@ class Aperture:
             eyes = (_enlarged(reference.scatter(texture), factor)[self._place] for texture in irises)
             self.tint = IrisTint(lids, *eyes)
 
-    def fill(self, picture: U8, roi: U8, head: F64, colour: ColourMatrix) -> None:
+    def fill(
+        self, picture: U8, roi: U8, head: F64, colour: ColourMatrix, openings: F64 | None = None
+    ) -> None:
         """Lay what a rectangle shows on the source's shape (81, 2), in its pixels, into a texture in place.
 
-        colour : the matrix of both pictures.
+        colour : the matrix of both pictures.   openings : `eye_openings` of the shape, if they are known.
         """
-        shown = self._shut(head) if self.tint is None else 1.0
+        shut = self._shut(head, openings)
+        shown = shut if self.tint is None else 1.0
         if shown == 0:
             return
         places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
@@ -94,15 +100,13 @@ class Aperture:
         )
         if self.tint is not None:
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
-            eye = cv2.transform(
-                self.tint.apply(np.asarray(eye, np.float32), 1 - self._shut(head)), colour.from_rgb
-            )
+            eye = cv2.transform(self.tint.apply(np.asarray(eye, np.float32), 1 - shut), colour.from_rgb)
             own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(picture[self._place])
         share = self._share * np.float32(shown)
         picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
 
-    def _shut(self, head: F64) -> float:
+    def _shut(self, head: F64, openings: F64 | None) -> float:
         """Share in [0, 1] by which the aperture is shut; 1 where its opening at rest isn't known.
 
         An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
@@ -110,8 +114,9 @@ class Aperture:
         if self._openings is None:
             return 1.0
         first, last = LIMITS.shut
-        ratios = _openings(head, self._part) / np.maximum(self._openings, 1e-6)
-        return float(np.clip((first - min(ratios[0], ratios[1:].mean())) / (first - last), 0, 1))
+        ratios = (eye_openings(head) if openings is None else openings) / self._openings
+        least = min(float(ratios[self._eye]), float(ratios.mean()))
+        return min(max((first - least) / (first - last), 0.0), 1.0)
 
 
 def _enlarged(plane: F32, factor: int) -> F32:
@@ -119,12 +124,13 @@ def _enlarged(plane: F32, factor: int) -> F32:
     return np.asarray(cv2.resize(plane, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def _openings(shape: F64, part: Group) -> F64:
-    """(3,) openings of an eye of a shape (81, 2), and of both."""
-    return np.array([opening(shape[eye]) for eye in (part, RIGHT_EYE, LEFT_EYE)])
+def eye_openings(shape: F64) -> F64:
+    """(2,) openings of the right and the left eye of a shape (81, 2)."""
+    return np.array([opening(shape[eye]) for eye in EYES])
 
 
 def opening(outline: F64) -> float:
     """Area of an aperture's outline (n, 2), of the square of its length."""
     area = cv2.contourArea(outline.astype(np.float32))
-    return float(area / max(float(np.linalg.norm(np.ptp(outline, axis=0))), 1e-6) ** 2)
+    length = math.hypot(*(outline.max(0) - outline.min(0)))
+    return area / max(length, 1e-6) ** 2

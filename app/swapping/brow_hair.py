@@ -18,6 +18,7 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
+from guise.common.quantile import quantile
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class _Brow:
     def adjust(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
         own = texture[self._pixels] @ LUMA
         skin = float(self._skin(texture) @ LUMA)
-        hair = float(np.quantile(texture[self._core] @ LUMA, LIMITS.darkest))
+        hair = quantile(texture[self._core] @ LUMA, LIMITS.darkest)
         of_skin = float(lit_skin.mean()) / max(skin, 1.0)
         other = self._tone * of_skin
         light = max(light, other) if self._tone < 1 else max(min(light, other), of_skin)

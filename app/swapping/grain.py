@@ -15,6 +15,7 @@ import numpy as np
 from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.quantile import quantile
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Grain:
         if inside.mean() < LIMITS.min_inside:
             return
         there, own = (
-            float(np.quantile(energy[y[inside], x[inside]], LIMITS.smooth_quantile))
+            quantile(energy[y[inside], x[inside]], LIMITS.smooth_quantile)
             for energy in (seen, grain_energy(drawn))
         )
         missing = (there - own) / LIMITS.shown_share

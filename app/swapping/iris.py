@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.light import LUMA
-from guise.common.arrays import F32, F64, Bool
+from guise.common.arrays import F32, F64, Int
+from guise.common.quantile import quantile
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,40 @@ class EyeColours:
     iris: F32
 
 
+class DiscMeans:
+    """Means of pictures (h, w) over discs and the rings about them, at a few places; beyond a picture are zeros.
+
+    Sums over the rows of a disc are differences of the picture's sums from the left.
+
+    Parameters
+    ----------
+    size : (height, width) of the pictures.
+    places : (n, 2) y, x of the discs' middles.
+    radii : of a disc and of its ring, pixels.
+    """
+
+    def __init__(self, size: tuple[int, int], places: Int, radii: tuple[float, float]) -> None:
+        reach = int(radii[1])
+        self._sums = np.zeros((size[0] + 2 * reach, size[1] + 2 * reach + 1))
+        self._inner = np.s_[reach : reach + size[0], reach + 1 : reach + 1 + size[1]]
+        self._right = np.s_[reach : reach + size[0], reach + size[1] :]
+        self._ends, counts = [], [0]
+        for radius in radii:
+            rows = np.arange(-int(radius), int(radius) + 1)
+            half = np.sqrt(radius**2 - rows**2).astype(int)
+            row = (places[:, :1] + reach + rows) * self._sums.shape[1] + reach
+            self._ends.append((row + places[:, 1:] + half + 1, row + places[:, 1:] - half))
+            counts.append(int((2 * half + 1).sum()))
+        self._counts = np.diff(counts)[:, None]
+
+    def __call__(self, picture: F32) -> F64:
+        """(2, n) means over the discs and over the rings."""
+        np.cumsum(picture, axis=1, out=self._sums[self._inner])
+        self._sums[self._right] = self._sums[self._right][:, :1]
+        disc, both = ((self._sums.take(end) - self._sums.take(start)).sum(1) for end, start in self._ends)
+        return np.stack([disc, both - disc]) / self._counts
+
+
 class IrisFinder:
     """Finds the iris in pictures (h, w, 3) of an eye.
 
@@ -64,35 +97,34 @@ class IrisFinder:
         columns = np.flatnonzero(inside.any(0))
         self.radius = LIMITS.radius_eye_widths * (columns[-1] - columns[0] + 1)
         self._inside, self._share = inside, share
-        reach = int(np.ceil(LIMITS.ring * self.radius))
-        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-        away = np.hypot(x, y)
-        self._kernels = [
-            np.asarray(kernel / kernel.sum(), np.float32)
-            for kernel in (away <= self.radius, (away > self.radius) & (away <= reach))
-        ]
-        self._weights = [np.maximum(self._mean(share, kernel), 1e-3) for kernel in self._kernels]
+        radii = self.radius, float(np.ceil(LIMITS.ring * self.radius))
         rows = np.flatnonzero(inside.any(1))
-        height = rows[-1] - rows[0] + 1
-        off_middle = np.abs(np.arange(len(share)) - rows.mean()) / height
-        visible = self._weights[0] > LIMITS.min_visible * self._weights[0].max()
-        self._allowed: Bool = visible & inside & (off_middle <= LIMITS.max_off_middle)[:, None]
+        off_middle = np.abs(np.arange(len(share)) - rows.mean()) / (rows[-1] - rows[0] + 1)
+        every = np.argwhere(inside)
+        disc = DiscMeans(share.shape, every, radii)(share)[0]
+        visible = disc > LIMITS.min_visible * disc.max()
+        self._places = every[visible & (off_middle <= LIMITS.max_off_middle)[every[:, 0]]]
+        self._means = DiscMeans(share.shape, self._places, radii)
+        self._weights = np.maximum(self._means(share), 1e-3)
         self._grid = np.mgrid[: share.shape[0], : share.shape[1]].astype(np.float32)
 
     def centre(self, luma: F32) -> F64 | None:
         """(2,) y, x of the disc that is darkest against what is beside it; None if no place is possible."""
-        if not self._allowed.any():
+        if not len(self._places):
             return None
-        disc, ring = (
-            self._mean(luma * self._share, kernel) / weight
-            for kernel, weight in zip(self._kernels, self._weights, strict=True)
-        )
-        score = np.where(self._allowed, ring - disc, -np.inf)
-        return np.array(np.unravel_index(int(score.argmax()), score.shape), np.float64)
+        disc, ring = self._means(luma * self._share) / self._weights
+        return np.asarray(self._places[int((ring - disc).argmax())], np.float64)
 
-    def away(self, centre: F64) -> F32:
-        """(h, w) distance from a centre (2,), radii."""
-        y, x = self._grid
+    def around(self, centre: F64, radii: float) -> tuple[slice, slice]:
+        """The rows and columns in which pixels may be nearer to a centre (2,) than so many radii."""
+        reach = radii * self.radius
+        low = np.maximum(np.floor(centre - reach), 0).astype(int)
+        high = np.ceil(centre + reach).astype(int) + 1
+        return slice(low[0], high[0]), slice(low[1], high[1])
+
+    def away(self, centre: F64, box: tuple[slice, slice] = np.s_[:, :]) -> F32:
+        """Distance of pixels from a centre (2,), radii: of all (h, w), or of those in a box."""
+        y, x = self._grid[:, *box]
         return np.asarray(np.hypot(y - centre[0], x - centre[1]) / self.radius, np.float32)
 
     def colours(self, picture: F32) -> EyeColours | None:
@@ -111,11 +143,7 @@ class IrisFinder:
 
     def white(self, luma: F32) -> float:
         """Grey level of the brightest part of an eye."""
-        return float(np.quantile(luma[self._inside], LIMITS.bright))
-
-    @staticmethod
-    def _mean(plane: NDArray[np.float32], kernel: F32) -> F32:
-        return np.asarray(cv2.filter2D(plane, cv2.CV_32F, kernel, borderType=cv2.BORDER_CONSTANT))
+        return quantile(luma[self._inside], LIMITS.bright)
 
 
 class IrisTint:
@@ -157,9 +185,12 @@ class IrisTint:
         if centre is None:
             return eye
         centre = self._steadied(centre)
-        disc = np.clip((1 - self._finder.away(centre)) / LIMITS.soft + 0.5, 0, 1)
-        share = np.float32(strength) * disc * np.clip(2 * unlike_white, 0, 1)
-        return np.asarray(eye * (1 + share[..., None] * (self.gain - 1)), np.float32)
+        box = self._finder.around(centre, 1 + LIMITS.soft / 2)
+        disc = np.clip((1 - self._finder.away(centre, box)) / LIMITS.soft + 0.5, 0, 1)
+        share = np.float32(strength) * disc * np.clip(2 * unlike_white[box], 0, 1)
+        tinted = eye.copy()
+        tinted[box] *= 1 + share[..., None] * (self.gain - 1)
+        return tinted
 
     def _steadied(self, centre: F64) -> F64:
         last, radius = self._place, self._finder.radius

@@ -18,7 +18,7 @@ from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
-from guise.app.swapping.apertures import Aperture
+from guise.app.swapping.apertures import Aperture, eye_openings
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.iris import of_one_colour
 from guise.app.swapping.learned_light import LearnedLight
@@ -153,8 +153,9 @@ class Painter:
             if finish is not None:
                 finish.before(drawn, picture, frame.index)
             if head is not None:
+                own, openings = head - (x0, y0), eye_openings(head)
                 for aperture in self._apertures(fine):
-                    aperture.fill(picture, drawn, head - (x0, y0), frame.colour)
+                    aperture.fill(picture, drawn, own, frame.colour, openings)
             self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
