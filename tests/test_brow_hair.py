@@ -28,7 +28,7 @@ def lit(texture: F32, gain: float, offset: float, light: float, tone: float = 0.
     )
     plain = gains * texture.T + offsets
     made = plain.copy()
-    hair.adjust(made, texture, hair.lit_skin(texture, gains, offsets), light)
+    hair.adjust(made, texture.T, hair.lit_skin(texture.T, gains, offsets), light)
     return plain, made
 
 

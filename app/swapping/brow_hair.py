@@ -37,7 +37,7 @@ LIMITS = BrowHairLimits()
 
 
 class BrowHair:
-    """The brows of textures (n, 3); each has a skin and hair of its own, as faces are seldom lit alike on both sides.
+    """The brows of textures (3, n); each has a skin and hair of its own, as faces are seldom lit alike on both sides.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class BrowHair:
     def adjust(self, lit: F32, texture: F32, lit_skin: list[F32], light: float) -> None:
         """Darken or lighten the brows of a lit texture (3, n) in place.
 
-        texture : (n, 3) as it was.   lit_skin : see above.   light : change of brightness of what isn't skin.
+        texture : (3, n) as it was.   lit_skin : see above.   light : change of brightness of what isn't skin.
         """
         for brow, skin in zip(self._brows, lit_skin, strict=True):
             brow.adjust(lit, texture, skin, light)
@@ -79,21 +79,23 @@ class _Brow:
 
     def lit_skin(self, texture: F32, gain: F32, offset: F32) -> F32:
         skin = self._skin(texture)[:, None]
-        return np.asarray(LUMA @ (gain[:, self._pixels] * skin + offset[:, self._pixels]), np.float32)
+        lit = gain.take(self._pixels, 1) * skin + offset.take(self._pixels, 1)
+        return np.asarray(LUMA @ lit, np.float32)
 
     def adjust(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
-        own = texture[self._pixels] @ LUMA
+        own = LUMA @ texture.take(self._pixels, 1)
         skin = float(self._skin(texture) @ LUMA)
-        hair = quantile(texture[self._core] @ LUMA, LIMITS.darkest)
+        hair = quantile(LUMA @ texture.take(self._core, 1), LIMITS.darkest)
         of_skin = float(lit_skin.mean()) / max(skin, 1.0)
         other = self._tone * of_skin
         light = max(light, other) if self._tone < 1 else max(min(light, other), of_skin)
         share = np.clip((skin - own) / max(skin - hair, 1.0), 0, 1)
         aim = lit_skin + share * (np.minimum(hair * light, lit_skin) - lit_skin)
-        now = LUMA @ lit[:, self._pixels]
+        brow = lit.take(self._pixels, 1)
+        now = LUMA @ brow
         factor = np.clip(aim / np.maximum(now, 1.0), LIMITS.min_factor, max(self._tone, 1.0))
-        lit[:, self._pixels] *= (1 + self._share * (factor - 1)).astype(np.float32)
+        lit[:, self._pixels] = brow * (1 + self._share * (factor - 1)).astype(np.float32)
 
     def _skin(self, texture: F32) -> F32:
         """(3,) colour of the skin beside the brow."""
-        return np.asarray(texture[self._beside].mean(0), np.float32)
+        return np.asarray(texture.take(self._beside, 1).mean(1), np.float32)

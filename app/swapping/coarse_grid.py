@@ -131,7 +131,8 @@ class CellReader:
         self._map = folded.reshape(rows, FOLDED_COLUMNS, 2)
 
     def __call__(self, cells: F32) -> F32:
-        """Planes (c, n), c at most 4, of planes (c, h, w)."""
-        picture = cv2.merge(list(cells))
-        found = cv2.remap(picture, self._map, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        return np.stack([plane.ravel()[: self._count] for plane in cv2.split(found)])
+        """Planes (c, n) of planes (c, h, w)."""
+        found = np.empty((len(cells), *self._map.shape[:2]), np.float32)
+        for plane, out in zip(cells, found, strict=True):
+            cv2.remap(plane, self._map, None, cv2.INTER_LINEAR, dst=out, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        return found.reshape(len(cells), -1)[:, : self._count]

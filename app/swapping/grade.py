@@ -127,11 +127,12 @@ def grade(engine: Engine) -> Grade | None:
     if not skin.any():
         return None
     shapes = [face.appearance.neutral_shape / face.reference.resolution for face in (source, engine.target)]
-    away = _smooth(after, rest.shape) - _smooth(before, rest.shape)
+    was, made = _lab(before), _lab(after)
+    away = _smooth(made, rest.shape) - _smooth(was, rest.shape)
     return Grade(
         round(float(np.percentile(np.linalg.norm(away[skin][:, 1:], axis=1), FAR_PERCENT)), 3),
         round(float(np.percentile(np.abs(away[skin][:, 0]), FAR_PERCENT)), 3),
-        round(float(np.log2(_energy(after, skin) / _energy(before, skin))), 3),
+        round(float(np.log2(_energy(made, skin) / _energy(was, skin))), 3),
         round(float(np.abs(shapes[0] - shapes[1]).mean()), 4),
     )
 
@@ -162,13 +163,13 @@ def _lab(rgb: U8) -> F32:
     return np.asarray(cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
 
 
-def _smooth(rgb: U8, shape: F64) -> F32:
+def _smooth(lab: F32, shape: F64) -> F32:
     width = SMOOTH_FACE_WIDTHS * float(np.ptp(shape[:, 0]))
-    return np.asarray(cv2.GaussianBlur(_lab(rgb), (0, 0), width), np.float32)
+    return np.asarray(cv2.GaussianBlur(lab, (0, 0), width), np.float32)
 
 
-def _energy(rgb: U8, skin: Bool) -> float:
+def _energy(lab: F32, skin: Bool) -> float:
     """Mean squared gradient of L."""
-    light = np.ascontiguousarray(_lab(rgb)[..., 0])
+    light = np.ascontiguousarray(lab[..., 0])
     across, down = cv2.Sobel(light, -1, 1, 0), cv2.Sobel(light, -1, 0, 1)
     return float((across**2 + down**2)[skin].mean()) + 1e-6

@@ -95,7 +95,7 @@ class LearnedLight:
         self._surface = 1 - self._parts.max(0)
         brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)[reference.mask]
         self._brows = np.flatnonzero(brows > LIMITS.min_share)
-        self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows, None]
+        self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows]
         person, face = (float((texture[texels[self._kinds[0]]] @ LUMA).mean()) for texture in enrolled)
         self._hair = BrowHair(reference, face / max(person, 1.0))
         self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
@@ -131,15 +131,16 @@ class LearnedLight:
 
     def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
         """See `Palette.apply`."""
-        gains, lit = self._at_pixels(self._light.map[:3]), self._at_pixels(self._light.map[3:])
-        part_gains = gains[:, self._in_parts] * self._surface + self._light.parts.T @ self._parts
+        planes, light = np.ascontiguousarray(texture.T), self._at_pixels(self._light.map)
+        gains, lit = light[:3], light[3:]
+        part_gains = gains.take(self._in_parts, 1) * self._surface + self._light.parts.T @ self._parts
         gains[:, self._in_parts] = part_gains
         lit[:, self._in_parts] *= self._surface
-        lit[:, self._brows] += gains[:, self._brows] * self._brow_changes(texture[self._brows]).T
-        skin = self._hair.lit_skin(texture, gains, lit)
-        gains *= texture.T
+        lit[:, self._brows] += gains.take(self._brows, 1) * self._brow_changes(planes.take(self._brows, 1))
+        skin = self._hair.lit_skin(planes, gains, lit)
+        gains *= planes
         gains += lit
-        self._hair.adjust(gains, texture, skin, self._light.of_eyes)
+        self._hair.adjust(gains, planes, skin, self._light.of_eyes)
         out = to_stored.astype(np.float32) @ gains
         out += offset.astype(np.float32)[:, None]
         return np.asarray(out)
@@ -201,8 +202,8 @@ class LearnedLight:
         return np.asarray(found + share.astype(np.float32) * (wide - found))
 
     def _brow_changes(self, brows: F32) -> F32:
-        """What brings brows (b, 3) nearer to the colour of the face's skin: the little colour of dark hair is noise."""
-        return np.asarray(self._brow_share * ((brows @ LUMA)[:, None] * self._light.tint - brows))
+        """What brings brows (3, b) nearer to the colour of the face's skin: the little colour of dark hair is noise."""
+        return np.asarray(self._brow_share * ((LUMA @ brows) * self._light.tint[:, None] - brows))
 
 
 def _same_map() -> F32:
