@@ -72,18 +72,18 @@ class Extrapolator:
         self._amounts = yt.T @ ys
         self._most = None if max_deviations is None else max_deviations * target.components.deviations
         shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
-        projected = yt @ self._amounts
         soft = gate + (1 - gate) * expressive_mask(source.reference)
-        self._outside = shown * _weights(soft, source.reference) * (ys - projected)
-        self._projected, self._basis = shown * projected, shown * yt
-        self._matrix = np.empty_like(self._projected)
+        outside = shown * _weights(soft, source.reference) * (ys - yt @ self._amounts)
+        # A product with few columns is fastest where each of them lies in one piece.
+        self._outside, self._basis = np.asfortranarray(outside), np.asfortranarray(shown * yt)
+        self._matrix = np.empty_like(self._outside)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
         self.alpha = alpha
 
     @property
     def alpha(self) -> float:
-        """The share let through; setting it blends two fixed products, nothing is rebuilt."""
+        """The share let through; setting it blends two products."""
         return self._alpha
 
     @alpha.setter
@@ -92,7 +92,7 @@ class Extrapolator:
             raise GuiseError(f"alpha must be in [0, 1], got {value}")
         self._alpha = float(value)
         np.multiply(self._outside, np.float32(value), out=self._matrix)
-        self._matrix += self._projected
+        self._matrix += self._basis @ self._amounts
 
     @property
     def matrix(self) -> F32:
@@ -102,12 +102,14 @@ class Extrapolator:
     def apply(self, parameters: F32, share: float = 1.0) -> F32:
         """Target appearance (n,) of source parameters rho_s (k,), of whose way from rest a share is taken."""
         away = np.float32(share) * (parameters - self._rest)
-        made = self._matrix @ away + self._base
+        made = self._matrix @ away
+        made += self._base
         if self._most is not None:
             amounts = self._amounts @ away
             excess = amounts - np.clip(amounts, -self._most, self._most)
-            if excess.any():
-                made -= self._basis @ excess
+            beyond = np.flatnonzero(excess)
+            if len(beyond):
+                made -= self._basis[:, beyond] @ excess[beyond]
         return np.asarray(made, np.float32)
 
 
