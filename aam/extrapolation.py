@@ -71,19 +71,16 @@ class Extrapolator:
         ys, yt = source.components.basis, target.components.basis
         self._amounts = yt.T @ ys
         self._most = None if max_deviations is None else max_deviations * target.components.deviations
-        shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
-        soft = gate + (1 - gate) * expressive_mask(source.reference)
-        outside = shown * _weights(soft, source.reference) * (ys - yt @ self._amounts)
-        # A product with few columns is fastest where each of them lies in one piece.
-        self._outside, self._basis = np.asfortranarray(outside), np.asfortranarray(shown * yt)
-        self._matrix = np.empty_like(self._outside)
+        self._bases = ys, yt
+        self._shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
+        self._soft = _weights(gate + (1 - gate) * expressive_mask(source.reference), source.reference)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
         self._rest = source.neutral_parameters if anchored else np.zeros_like(source.neutral_parameters)
         self.alpha = alpha
 
     @property
     def alpha(self) -> float:
-        """The share let through; setting it blends two products."""
+        """The share let through; setting it makes M anew."""
         return self._alpha
 
     @alpha.setter
@@ -91,12 +88,15 @@ class Extrapolator:
         if not 0 <= value <= 1:
             raise GuiseError(f"alpha must be in [0, 1], got {value}")
         self._alpha = float(value)
-        np.multiply(self._outside, np.float32(value), out=self._matrix)
-        self._matrix += self._basis @ self._amounts
+        source, target = self._bases
+        matrix = target @ self._amounts
+        matrix += np.float32(value) * self._soft * (source - matrix)
+        # A product with few columns is fastest where each of them lies in one piece.
+        self._matrix = np.asfortranarray(self._shown * matrix)
 
     @property
     def matrix(self) -> F32:
-        """M (n, k), a view that changes with alpha."""
+        """M (n, k)."""
         return self._matrix
 
     def apply(self, parameters: F32, share: float = 1.0) -> F32:
@@ -109,7 +109,7 @@ class Extrapolator:
             excess = amounts - np.clip(amounts, -self._most, self._most)
             beyond = np.flatnonzero(excess)
             if len(beyond):
-                made -= self._basis[:, beyond] @ excess[beyond]
+                made -= self._shown[:, 0] * (self._bases[1][:, beyond] @ excess[beyond])
         return np.asarray(made, np.float32)
 
 

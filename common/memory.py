@@ -17,17 +17,27 @@ _RETURNED_BYTES = 1 << 20  # size from which freed memory is returned to the sys
 _MAX_HEAPS = 2
 
 
-@cache
-def _glibc() -> ctypes.CDLL | None:
-    """The C library, configured to return large blocks; None if it is not glibc."""
+def one_heap() -> None:
+    """Let the threads that are made from now on share one heap: what one of them frees serves the others."""
+    _set(_ARENA_MAX, 1)
+
+
+def _set(parameter: int, value: int) -> ctypes.CDLL | None:
+    """The C library, whose allocator has been given a parameter; None if it is not glibc."""
     if sys.platform != "linux":
         return None
     with contextlib.suppress(OSError, AttributeError):
         library = ctypes.CDLL("libc.so.6")
-        library.mallopt(_MMAP_THRESHOLD, _RETURNED_BYTES)
-        library.mallopt(_ARENA_MAX, _MAX_HEAPS)
+        library.mallopt(parameter, value)
         return library
     return None
+
+
+@cache
+def _glibc() -> ctypes.CDLL | None:
+    """The C library, configured to return large blocks; None if it is not glibc."""
+    _set(_ARENA_MAX, _MAX_HEAPS)
+    return _set(_MMAP_THRESHOLD, _RETURNED_BYTES)
 
 
 @contextlib.contextmanager

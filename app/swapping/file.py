@@ -16,6 +16,7 @@ from guise.app.swapping.report import SwapReport, Tally
 from guise.app.swapping.settings import DEFAULTS, SwapSettings
 from guise.app.swapping.source_person import source_person
 from guise.app.swapping.unsure import LostFaceCover
+from guise.common.memory import one_heap
 from guise.common.threads import one_thread
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def swap_file(
     GuiseError
         For a user's mistake: MediaError, EnrolError, ReferenceMismatchError, RendererError.
     """
+    one_heap()
     for sentence in identity.facts.get("weaknesses", ()):
         settings.say(f"{identity.name} was enrolled from a clip that can be better: {sentence}")
     with open_input(video, settings.hwaccel) as media:
