@@ -192,11 +192,12 @@ class SolidPrior:
         weight = 1 / (sigma * np.sqrt(1 + far))
         x, y, z = turned.T
         none, one = np.zeros(POINTS), np.ones(POINTS)
-        turns = pose.scale * np.array([[none, z, -y], [-z, none, x]])  # of a small rotation about x, y, z
-        placed = np.array([[x, one, none], [y, none, one]])
-        modes = np.einsum("kpc,dc->dkp", self._modes, pose.scale * pose.rotation[:2])
-        design = np.concatenate([turns, placed, modes], axis=1) * weight
-        flat = design.transpose(1, 0, 2).reshape(design.shape[1], -1)
+        turns = pose.scale * np.array([[none, -z], [z, none], [-y, x]])  # of a small rotation about x, y, z
+        placed = np.array([[x, y], [one, none], [none, one]])
+        modes = (pose.scale * pose.rotation[:2]) @ self._modes.transpose(0, 2, 1)
+        design = np.concatenate([turns, placed, modes])
+        design *= weight
+        flat = design.reshape(len(design), -1)
         normal, right = flat @ flat.T, flat @ (away.T * weight).ravel()
         size = len(right) - len(amounts)
         normal[np.arange(size, len(right)), np.arange(size, len(right))] += precision

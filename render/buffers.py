@@ -47,7 +47,7 @@ class Texels:
         check_alpha(alpha)
         if alpha.shape != self._shape:
             raise RendererError(f"alpha must be {self._shape}, got {alpha.shape}")
-        cv2.insertChannel(np.rint(alpha * 255.0).astype(np.uint8), self.rgba, 3)
+        cv2.insertChannel(cv2.convertScaleAbs(alpha, alpha=255.0), self.rgba, 3)  # rounded to nearest
 
     def load(self, texture: Texture) -> U8:
         """Load a (th, tw, 3) uint8 or float32 texture in 0..255, rounded to nearest; returns the RGBA picture."""
