@@ -53,6 +53,15 @@ def test_a_blurred_donor_is_sharpened_no_more_than_the_limit() -> None:
     assert settled(face(20.0), face(4.0)).gain == LIMITS.gain[1]
 
 
+def test_the_frames_own_skin_is_shown_only_where_sharpening_is_not_enough() -> None:
+    assert settled(face(8.0), face(20.0)).own_share == 0
+    assert settled(face(8.0), face(8.0)).own_share == 0
+    blurred = settled(face(20.0), face(4.0))
+    assert blurred.own_share == 1
+    blurred.reset()
+    assert blurred.own_share == 0
+
+
 def test_the_mean_colour_stays() -> None:
     drawn = face(20.0)
     flatter = settled(face(5.0), drawn).apply(drawn)

@@ -26,6 +26,7 @@ from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.outline import warp_outline
+from guise.app.swapping.own_skin import OwnSkin
 from guise.app.swapping.palette import Palette
 from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
 from guise.app.swapping.silhouette import Silhouette, View, front_last
@@ -82,6 +83,7 @@ class Painter:
         # Cubic makes up for what the bilinear warp blurs; "paper" stays what the privacy figures are measured with.
         self._enlarging = cv2.INTER_LINEAR if options.light == "paper" else cv2.INTER_CUBIC
         self._finish = None if options.light == "paper" else Finish(self.reference, mask)
+        self._own_skin = None if options.disguise else OwnSkin(self.relief)
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
@@ -152,6 +154,10 @@ class Painter:
             picture = self._stored(texture, frame.colour, zoom, fine)
             if finish is not None:
                 finish.before(drawn, picture, frame.index)
+                if self._own_skin is not None and finish.sharpness.own_share > 0:
+                    self._own_skin.add(
+                        picture, drawn, drawn_mesh - (x0, y0), zoom, finish.sharpness.own_share
+                    )
             if head is not None:
                 own, openings = head - (x0, y0), eye_openings(head)
                 for aperture in self._apertures(fine):

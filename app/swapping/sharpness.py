@@ -3,7 +3,8 @@
 A donor filmed sharper than the picture, or in harder light, looks cut out and pasted on; a small or blurred one looks
 painted.  So the gradients of the frame's skin before drawing are compared with those of the same pixels after it, and
 the fine contrast of the texture is scaled until both are alike, within limits: a texture holds no more detail than its
-donor's clip, and wrinkles are the donor's own.  Pixels, x right, y down; grey levels 0..255.
+donor's clip, and wrinkles are the donor's own.  What is still missing is taken from the frame (`own_skin.py`).
+Pixels, x right, y down; grey levels 0..255.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ class SharpnessLimits:
     max_excess: float = 4.0  # gradient energy of a place, of the mean, above which it's an edge
     min_energy: float = 4.0  # of gradients, grey levels squared, below which both are smooth
     slack_octaves: tuple[float, float] = (-0.1, 0.3)  # of gradient energy, by which the frame may be sharper
+    own_slack_octaves: float = 0.4  # the same, above which the frame's own structure is shown
     rate: float = 0.35  # share of a difference made up for at once
     first_frames: int = 12  # of a face, each measured and made up for twice as fast
     every_frames: int = 4  # between later measurements
@@ -53,6 +55,7 @@ class Sharpness:
     Attributes
     ----------
     gain : by which fine contrast of skin is multiplied.
+    own_share : in [0, 1], of the fine structure of the frame's own skin that is shown.
     """
 
     def __init__(self, reference: ReferenceFrame, mask: Bool) -> None:
@@ -69,6 +72,7 @@ class Sharpness:
     def reset(self) -> None:
         """Start with the texture as it is, at the next face."""
         self._frames = 0
+        self.own_share = 0.0
         self._set(1.0)
 
     def apply(self, picture: U8) -> U8:
@@ -95,6 +99,7 @@ class Sharpness:
         octaves = float(np.log2(there / own))
         beyond = octaves - float(np.clip(octaves, *LIMITS.slack_octaves))
         rate = LIMITS.rate * (2 if self._early else 1)
+        self.own_share = float(np.clip(self.own_share + rate * (octaves - LIMITS.own_slack_octaves), 0, 1))
         self._set(float(np.clip(self.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)))
 
     def _set(self, gain: float) -> None:
