@@ -86,7 +86,7 @@ _IDENTITY = typer.Option(
     "--identity",
     metavar="FACE",
     help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
-    "Mei, Walter, Kofi, Elena, Kenji.",
+    "Mei, Walter, Kofi, Elena, Kenji, Asha, Omar.",
 )
 FaceSpec = Annotated[str, _IDENTITY]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]

@@ -41,6 +41,7 @@ COMMON_FACES = (
 )  # faces that a recogniser finds similar to many others, so they hide a person less well
 FIRST_NAMES = {  # of the people of the gallery, for users
     "p01": "Luca", "p02": "Amara", "p03": "Mei", "p04": "Walter", "p05": "Kofi", "p06": "Elena", "p07": "Kenji",
+    "p08": "Asha", "p09": "Omar",
 }  # fmt: skip
 KEY_FILE_FORMAT, KEY_FILE_VERSION = "guise-key", 1
 

@@ -40,6 +40,7 @@ class LocalLightLimits:
 
 
 LIMITS = LocalLightLimits()
+DISGUISE_SIGMA_FACE_WIDTHS = 0.2  # of both means in a disguise: narrow ones follow the person's own features
 
 
 class LocalLight:
@@ -50,17 +51,20 @@ class LocalLight:
     reference : ReferenceFrame.
     texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
     mask : (h, w) bool, where the face is shown.
+    disguise : average so widely that nothing of the person's features is copied as light.
     """
 
-    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool) -> None:
+    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, *, disguise: bool = False) -> None:
         grid = CoarseGrid(reference, LIMITS.cell_face_widths)
         self._cells = grid.size
         self._skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask][texels])
         places = grid.places(texels[self._skin])
         self._sums = TexelSums(grid.size, places)
         self._at_pixels = CellReader(grid.places())
-        self._narrow = grid.smoother(LIMITS.brightness_sigma_face_widths)
-        self._wide = grid.smoother(LIMITS.colour_sigma_face_widths)
+        sigmas = LIMITS.brightness_sigma_face_widths, LIMITS.colour_sigma_face_widths
+        if disguise:
+            sigmas = DISGUISE_SIGMA_FACE_WIDTHS, DISGUISE_SIGMA_FACE_WIDTHS
+        self._narrow, self._wide = map(grid.smoother, sigmas)
         self._parts = [
             soft_parts(reference, part, 0.0)[reference.mask]
             for part in ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))

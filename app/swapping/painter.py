@@ -35,7 +35,9 @@ from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render import Compositor, feather, make_compositor
 
 FEATHER_FACE_WIDTHS = 0.02  # standard deviation of the soft border
-NARROW_FEATHER_FACE_WIDTHS = 0.01  # the same with the light "paper", which shows less of the person's own rim
+NARROW_FEATHER_FACE_WIDTHS = (
+    0.01  # in a disguise and with the light "paper": less of the person's own rim shows
+)
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ class Painter:
     ) -> None:
         self.options, self.reference = options, target.reference
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
-        width = NARROW_FEATHER_FACE_WIDTHS if options.light == "paper" else FEATHER_FACE_WIDTHS
+        narrow = options.disguise or options.light == "paper"
+        width = NARROW_FEATHER_FACE_WIDTHS if narrow else FEATHER_FACE_WIDTHS
         self._alpha = feather(mask, width * self.reference.resolution)
         self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
         self._palette = make_palette(self.reference, estimator.texels, mask, self._textures, options)
@@ -80,7 +83,7 @@ class Painter:
         self._silhouette = Silhouette(self.relief, _places(self.reference, estimator.texels))
         self._texels = estimator.texels
         self._detail = target.detail
-        # Cubic makes up for what the bilinear warp blurs; "paper" stays what the privacy figures are measured with.
+        # Cubic makes up for what the bilinear warp blurs; "paper" stays as it is in the paper.
         self._enlarging = cv2.INTER_LINEAR if options.light == "paper" else cv2.INTER_CUBIC
         self._finish = None if options.light == "paper" else Finish(self.reference, mask)
         self._own_skin = None if options.disguise else OwnSkin(self.relief)
@@ -114,7 +117,9 @@ class Painter:
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh, across)
         if self.options.follows_outline:
             warp_outline(frame, head, mesh, zoom * self.reference.resolution)
-        if view is not None:
+        if (
+            view is not None and not self.options.disguise
+        ):  # which also covers what is seen at a grazing angle
             uncovered = _product(uncovered, self._silhouette.share(view.cosines))
         self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across)
         return mesh
@@ -296,5 +301,5 @@ def make_palette(
     if options.light == "learned":
         return LearnedLight(reference, texels, mask, textures)
     if options.light == "classical":
-        return LocalLight(reference, texels, mask)
+        return LocalLight(reference, texels, mask, disguise=options.disguise)
     return SimilarityPalette(reference, texels, mask, options.palette)

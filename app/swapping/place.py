@@ -41,8 +41,8 @@ OUTLINE_SHARE = 0.7  # by which the outline follows that of the head
 class DisguiseProportions:
     """By which a disguise moves the features, as shares of distances in the face itself."""
 
-    eyes_apart: float = 0.14  # of the way from the nose's root to the temple: each eye and its brow
-    brows_raised: float = 0.08  # of the way from the nose's root to the hairline
+    eyes_apart: float = 0.10  # of the way from the nose's root to the temple: each eye and its brow
+    brows_raised: float = 0.05  # of the way from the nose's root to the hairline
     mouth_enlarged: float = 0.12  # of the lips' way from the mouth's middle
 
 

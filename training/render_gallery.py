@@ -1,0 +1,303 @@
+"""Renders the clips from which the donors that ship with Guise are enrolled: fictional people, seen close.
+
+    python -m training.render_gallery --program DIR --out PEOPLE [--only p01 p08]
+
+DIR holds the renderer (see `render_people`), whose skin textures have some 130 texels across a face.  So that faces
+hold up close, this script adds what is finer: pores, mottling and tiny spots of the skin by a tiled map in the
+renderer's shader, stray hairs about brows that would end as if drawn, lashes as thin as lashes; and a face at rest that
+neither frowns nor parts its lips.  Each PEOPLE/NAME/talk.mp4 holds visemes, expressions, blinks and turns of the
+head, of 880 x 960 pixels, under soft light from the front, so that a donor brings no shadows along.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+
+from guise.common.arrays import F32, U8, Bool
+from training.gallery_people import gallery_people
+from training.render_people import load_program
+
+SIZE = 880, 960  # pixels
+JAW_PIXELS = 410.0  # width of the jaw
+FRAMES, FPS = 110, 30
+AO_DIRECTIONS = 160
+TILE_PIXELS, TILE_MILLIMETRES = 1024, 70.0  # of the map of fine skin; 16 tiles lie across the skin's texture
+TILES = 16
+MILLIMETRE = TILE_PIXELS / TILE_MILLIMETRES
+PORES = 7000  # of a tile
+SPOTS = 90
+SEED = 810_000
+LIGHT = {
+    "dir": [(-0.25, 0.55, 1.0), (0.6, 0.25, 0.8), (-0.5, 0.5, -0.6)],
+    "col": [(1.05, 1.04, 1.02), (0.55, 0.55, 0.55), (0.4, 0.4, 0.4)],
+    "amb": [(0.60, 0.60, 0.61), (0.0, 0.0, 0.0), (0.10, 0.10, 0.10), (0.08, 0.08, 0.08)],
+    "exposure": 0.92,
+}
+FINE_SKIN = """
+  vec4 Q=texture(det,uv*TILES); float fl=1.-.7*X.b;
+  g+=(Q.rg-vec2(.5))*fl*relief;
+  alb*=1.+(Q.b-.5)*vec3(.9,1.,1.05)*fl*spots;
+  alb*=1.+(Q.a-.5)*vec3(-.10,-.34,-.30)*fl*mottle;
+"""
+
+
+def add_fine_skin(render) -> None:
+    """Let the renderer's shader of skin look at a tiled map beside the skin's own textures."""
+    after = "g=sign(g)*g*g;"
+    assert after in render.FS
+    fine = FINE_SKIN.replace("TILES", f"{TILES}.")
+    render.FS = render.FS.replace(after, after + fine).replace(
+        "uniform sampler2D tex;",
+        "uniform sampler2D tex; uniform sampler2D det; uniform float relief, spots, mottle;",
+        1,
+    )
+
+
+def fine_skin(rng: np.random.Generator) -> U8:
+    """A tile (n, n, 4): gradient of the height, brightness of pores and spots, and mottling; it repeats seamlessly."""
+    height = 0.55 * band(rng, 0.25, 0.6) + 0.35 * band(rng, 0.6, 1.6) - 1.6 * dots(rng, PORES, (0.10, 0.22))
+    across = np.roll(height, -1, 1) - np.roll(height, 1, 1)
+    along = np.roll(height, 1, 0) - np.roll(height, -1, 0)
+    spots = dots(rng, SPOTS, (0.25, 0.6))
+    bright = (
+        0.5 * band(rng, 0.3, 0.8)
+        + 0.5 * band(rng, 0.8, 2.5)
+        - 1.4 * dots(rng, PORES, (0.12, 0.25))
+        - 2.2 * spots
+    )
+    mottle = 0.6 * band(rng, 0.7, 2.0) + 0.8 * band(rng, 2.0, 7.0) + 1.5 * spots
+    planes = [across / across.std() * 0.12, along / along.std() * 0.12, bright * 0.045, mottle * 0.055]
+    return np.asarray(np.clip(np.dstack(planes) + 0.5, 0, 1) * 255 + 0.5, np.uint8)
+
+
+def band(rng: np.random.Generator, fine: float, coarse: float) -> F32:
+    """Noise (n, n) of unit deviation between two widths in millimetres."""
+    noise = rng.standard_normal((TILE_PIXELS, TILE_PIXELS)).astype(np.float32)
+    found = blurred(noise, fine * MILLIMETRE) - blurred(noise, coarse * MILLIMETRE)
+    return np.asarray(found / found.std(), np.float32)
+
+
+def dots(rng: np.random.Generator, count: int, radii: tuple[float, float]) -> F32:
+    """Random soft dots (n, n), 1 in their middles, radii in millimetres."""
+    groups = 4
+    found = np.zeros((TILE_PIXELS, TILE_PIXELS), np.float32)
+    for radius in np.linspace(*radii, groups):
+        sparse = np.zeros_like(found)
+        x, y = rng.integers(0, TILE_PIXELS, (2, count // groups))
+        sparse[y, x] = rng.uniform(0.3, 1.0, len(x))
+        sigma = radius * MILLIMETRE
+        found = np.maximum(found, blurred(sparse, sigma) * np.float32(2 * np.pi * sigma**2))
+    return np.minimum(found, 1)
+
+
+def blurred(picture: F32, sigma: float) -> F32:
+    """Gaussian blur of a tile, across its edges."""
+    edge = int(4 * sigma) + 1
+    wide = cv2.GaussianBlur(np.pad(picture, edge, mode="wrap"), (0, 0), sigma)
+    return np.asarray(wide[edge:-edge, edge:-edge], np.float32)
+
+
+def grown_brows(card: U8, rng: np.random.Generator, hairs: int, inner_ends: float) -> U8:
+    """A texture of two brows (h, w, 4) with thinner hairs, and stray ones about them along the way they grow.
+
+    inner_ends : share of the hair at the brows' inner ends, which grows to all of it within a third of their length.
+    """
+    alpha = card[..., 3].astype(np.float32) / 255
+    gx, gy = (cv2.Sobel(cv2.GaussianBlur(alpha, (0, 0), 0.8), cv2.CV_32F, *d) for d in ((1, 0), (0, 1)))
+    xx, yy, xy = (cv2.GaussianBlur(a * b, (0, 0), 9.0) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
+    way = 0.5 * np.arctan2(2 * xy, xx - yy) + np.pi / 2
+    near = cv2.GaussianBlur(alpha, (0, 0), 4.0)
+    likely = np.clip(near / near.max(), 0, 1) ** 0.5 * (near > 0.02)
+    strays = np.zeros_like(alpha)
+    places = rng.choice(likely.size, hairs, p=(likely / likely.sum()).ravel())
+    for place in places:
+        y, x = divmod(int(place), likely.shape[1])
+        turn = way[y, x] + rng.normal(0, 0.22)
+        points = [np.array([x, y], float)]
+        for _ in range(int(rng.integers(5, 11))):
+            points.append(points[-1] + 2.4 * np.array([np.cos(turn), np.sin(turn)]))
+            turn += rng.normal(0, 0.05)
+        line = np.round(np.array(points) * 16).astype(np.int32)
+        cv2.polylines(strays, [line], False, float(rng.uniform(0.25, 0.75)), 1, cv2.LINE_AA, 4)
+    gaps = cv2.GaussianBlur(rng.standard_normal(alpha.shape).astype(np.float32), (0, 0), 3.0)
+    gaps = np.clip(0.8 + 0.25 * gaps / gaps.std(), 0.25, 1)
+    soft = cv2.GaussianBlur(alpha, (0, 0), 0.7) * gaps
+    grown = card.copy()
+    ends = inner_density(card[..., 3] > 12, inner_ends)
+    grown[..., 3] = np.clip(np.maximum(soft, 0.8 * strays) * ends * 255, 0, 255)
+    grown[..., :3] = np.where(alpha[..., None] > 0.05, card[..., :3], 60)
+    return grown
+
+
+def inner_density(hair: Bool, least: float) -> F32:
+    """(h, w) share of hair that is left: of the upper brow less at the left, of the lower one at the right."""
+    rows, columns = (np.flatnonzero(hair.any(axis)) for axis in (1, 0))
+    along = (np.arange(hair.shape[1]) - columns[0]) / (columns[-1] - columns[0])
+    left, right = (least + (1 - least) * np.clip(way / 0.35, 0, 1) for way in (along, 1 - along))
+    upper = np.arange(len(hair))[:, None] < rows.mean()
+    return np.asarray(np.where(upper, left, right), np.float32)
+
+
+def thin_lashes(card: U8) -> U8:
+    """The texture of the lashes (h, w, 4), each of them thinner, and those of the lower lids fainter."""
+    _, labels, _, centres = cv2.connectedComponentsWithStats((card[..., 3] > 40).astype(np.uint8))
+    lower = centres[:, 1] > 0.57 * len(card)
+    alpha = cv2.erode(card[..., 3], np.ones((2, 2), np.uint8)).astype(np.float32) * 0.8
+    grown = cv2.dilate(lower[labels].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    thin = card.copy()
+    thin[..., 3] = np.where(grown, 0.4 * alpha, alpha)
+    return thin
+
+
+def dress(program, spec: dict, rng: np.random.Generator) -> None:
+    """Change the renderer's textures before a person is made."""
+
+    def image(path: str) -> U8:
+        picture = program["image"](path)
+        if path.startswith("eyebrows/"):
+            return grown_brows(picture, rng, spec.get("strays", 260), spec.get("inner_ends", 1.0))
+        return thin_lashes(picture) if path.startswith("eyelashes/") else picture
+
+    program["assets"].image = image
+
+
+def performance(program, rng: np.random.Generator) -> dict:
+    """The renderer's curves of a person who speaks, raises and lowers the brows, smiles and looks about."""
+    anim = program["anim"]
+    length = FRAMES / FPS
+    phonemes = [
+        "m",
+        "aI",
+        "n",
+        "oU",
+        "t",
+        "i",
+        "f",
+        "A",
+        "S",
+        "u",
+        "l",
+        "E",
+        "v",
+        "w",
+        "a",
+        "s",
+        "k",
+        "@",
+        "b",
+        "O",
+    ]
+    times = np.arange(0.5, length - 2.2, 0.1)
+    spoken = [(float(t), phonemes[int(rng.integers(len(phonemes)))]) for t in times]
+    loud = np.full(int(anim.SR * (times[-1] + 0.1)), 9000, np.int16)
+    plan = [
+        (0.7, "surprise", 0.45, 0.2, 0.1, 0.2), (1.4, "frown", 0.5, 0.2, 0.1, 0.2),
+        (length - 2.2, "smile", 0.9, 0.3, 0.3, 0.3), (length - 1.1, "surprise", 0.8, 0.25, 0.2, 0.3),
+    ]  # fmt: skip
+    return anim.performance(FRAMES, rng, spoken, loud, 0.0, plan, yaw=9.0, pitch=5.0, roll=3.0)
+
+
+def at_rest(program, spec: dict, weights: F32) -> F32:
+    """A frame's weights of the expression, on top of a face at rest that neither frowns nor parts its lips."""
+    at, weights = program["human"].UIX, weights.copy()
+    lift, raised = spec.get("inner_brows", 0.8), spec.get("brows_raised", 0.0)
+    for side in ("left", "right"):
+        weights[at[f"eyebrows-{side}-inner-up"]] += lift
+        weights[at[f"eyebrows-{side}-up"]] += raised
+    weights[at["mouth-open"]] -= spec.get("mouth_shut", 0.03)
+    return weights
+
+
+class Studio:
+    """The renderer with the map of fine skin."""
+
+    def __init__(self, program) -> None:
+        self.program = program
+        self.renderer = program["render"].Renderer()
+        self.fine = self.renderer.texture(fine_skin(np.random.default_rng(SEED)))
+        self.fine.filter = (9987, 9729)  # trilinear
+        self.fine.repeat_x = self.fine.repeat_y = True
+
+    def person(self, spec: dict):
+        """The renderer's actor of a specification."""
+        actor = self.program["actor"]
+        dress(self.program, spec, np.random.default_rng(SEED + spec["seed"]))
+        who = actor.Actor(self.renderer, spec)
+        who.mats["body"]["u"].update(
+            det=3, relief=spec.get("relief", 1.0), spots=spec.get("spots", 1.0), mottle=spec.get("mottle", 1.0),
+        )  # fmt: skip
+        return who
+
+    def frame(self, who, camera, background, weights, turn, sway) -> U8:
+        """One frame (h, w, 3)."""
+        human = self.program["human"]
+        pivot = who.p.J["neck01"] - [0, 3.0, 0]
+        rotation = human.rotvec(np.radians(sway[:3]))
+        who.place(
+            at_rest(self.program, who.spec, weights),
+            human.euler(*turn),
+            (rotation, pivot - rotation @ pivot + sway[3:]),
+            camera,
+        )
+        self.fine.use(3)
+        return np.asarray(self.renderer.frame([who.g], camera, LIGHT, background), np.uint8)
+
+
+def render(studio: Studio, spec: dict, folder: Path, stills: bool) -> None:
+    """Write a person's clip, or the frame at rest only."""
+    program, rng = studio.program, np.random.default_rng(SEED + spec["seed"])
+    who = studio.person(spec)
+    camera = who.camera(face_px=JAW_PIXELS, up=0.25)
+    background = studio.renderer.texture(program["looks"].background(100 + spec["seed"]))
+    if stills:
+        picture = studio.frame(who, camera, background, who.zero, (0, 0, 0), np.zeros(6))
+        cv2.imwrite(str(folder / f"{spec['name']}.png"), picture[..., ::-1])
+        return
+    acted = performance(program, rng)
+    path = folder / spec["name"] / "talk.mp4"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("libx264", FPS, {"crf": "12", "preset": "veryfast"})
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv444p"
+        stream.thread_count = 1
+        for k in range(FRAMES):
+            turn = acted["yaw"][k], acted["pitch"][k], acted["roll"][k]
+            picture = studio.frame(who, camera, background, acted["weights"][k], turn, acted["sway"][k])
+            soft = cv2.GaussianBlur(picture, (0, 0), 0.5)
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(soft, "rgb24")))
+        out.mux(stream.encode(None))
+
+
+def main() -> None:
+    """Render everybody, or those named."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--program", type=Path, required=True, help="folder of the renderer")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", nargs="*", help="names of some of the people")
+    parser.add_argument("--stills", action="store_true", help="only a picture of each at rest")
+    options = parser.parse_args()
+    program = load_program(options.program, SIZE[0], AO_DIRECTIONS)
+    import anim
+    import people
+
+    program["anim"], program["image"] = anim, program["assets"].image
+    program["render"].W, program["render"].H = SIZE
+    program["render"].Camera.__init__.__defaults__ = (1290.0, *SIZE, (0, 0, 0))
+    add_fine_skin(program["render"])
+    options.out.mkdir(parents=True, exist_ok=True)
+    studio = Studio(program)
+    for spec in gallery_people(people.PEOPLE):
+        if not options.only or spec["name"] in options.only:
+            started = time.monotonic()
+            render(studio, spec, options.out, options.stills)
+            print(f"{spec['name']}  {time.monotonic() - started:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
