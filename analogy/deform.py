@@ -52,6 +52,7 @@ class DeformationSettings:
     rounds: int = 4  # one factorisation each
     steps_per_round: int = 6  # closest points are sought in each
     momentum: float = 0.7
+    max_sought: int = 50_000  # vertices of the target, of which more than this many are sampled
     max_distance_medians: float = 4.0  # a match is at most this many median distances away
     distance_margin_sizes: float = 0.001  # plus this
     point_weight: float = 0.017  # of a given point, as a share of the area
@@ -166,7 +167,8 @@ class MatchSearch:
         self.faces, self.target, self.size = faces, target, size
         self.border = border_mask(faces, len(rest))
         self.areas = _area_shares(vertex_areas(rest, faces))
-        self._other_areas = _area_shares(vertex_areas(target.vertices, target.faces))
+        self._sought = np.arange(0, len(target.vertices), 1 + len(target.vertices) // DEFORMATION.max_sought)
+        self._other_areas = _area_shares(vertex_areas(target.vertices, target.faces)[self._sought])
         self._other_border = target.vertices[target.border]
 
     def __call__(self, fitted: F64) -> Matches:
@@ -187,7 +189,8 @@ class MatchSearch:
 
     def _back(self, fitted: F64, normals: F64) -> Matches:
         """Weighted sums of the target vertices whose nearest vertex is each vertex."""
-        turn, wanted, facing = self.target.normal_weight, self.target.vertices, self.target.vertex_normals
+        turn, wanted = self.target.normal_weight, self.target.vertices[self._sought]
+        facing = self.target.vertex_normals[self._sought]
         tree = cKDTree(np.concatenate([fitted, turn * normals], axis=1), balanced_tree=False)
         near = tree.query(np.concatenate([wanted, turn * facing], axis=1))[1]
         good = self._good(wanted - fitted[near], facing, normals[near]) & ~self.border[near]

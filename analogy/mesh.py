@@ -74,6 +74,11 @@ class Mesh:
         return Rings.of(len(self.vertices), self.triangles, self.quads)
 
     @cached_property
+    def extent(self) -> float:
+        """The longest side of the box around the vertices."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
     def components(self) -> Int:
         """(N,) label of the connected component of each vertex; that of vertex 0 is 0."""
         rings = self.rings
@@ -100,8 +105,9 @@ class Mesh:
 def _require_vertices(vertices: F64, count: int) -> None:
     if vertices.shape != (count, 3):
         raise MeshError(f"vertices must be ({count}, 3), got {vertices.shape}")
-    bad = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
-    if bad:
+    finite = np.isfinite(vertices)
+    if not finite.all():
+        bad = int(np.count_nonzero(~finite.all(axis=1)))
         raise MeshError(f"{bad} of {count} vertices are not finite (NaN or infinite)")
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from guise.analogy.formats.polygons import Polygons
-from guise.common.arrays import F64, Int
+from guise.common.arrays import F64, Bool, Int
 
 MAX_MAGNITUDE = 1e30  # of a number that can be meant; float32 holds it
 STEPS_PER_UNIT = 1000  # of a normal's coordinate: normals in one step are equal
@@ -39,7 +39,7 @@ class StoredNormals:
         """The normals (k, 3) for other vertices (n, 3)."""
         change = np.asarray(self._means @ (self._of_fans(vertices) - self._before))
         turned = unit_vectors(self._normals + change * self._sizes) * self._sizes
-        return np.where(change.any(axis=1, keepdims=True), turned, self._normals)
+        return np.where(any_coordinate(change != 0)[:, None], turned, self._normals)
 
     def _of_fans(self, vertices: F64) -> F64:
         return unit_vectors(np.asarray(self._fans @ self._polygons.area_vectors(vertices)))
@@ -54,6 +54,11 @@ def polygon_vertex_normals(vertices: F64, polygons: Polygons) -> F64:
 def finite_or_zero(values: F64) -> F64:
     """Values (n, d) of a file, with rows set to 0 that are NaN or exceed `MAX_MAGNITUDE`."""
     return np.where((np.abs(values) < MAX_MAGNITUDE).all(axis=1, keepdims=True), values, 0.0)
+
+
+def any_coordinate(chosen: Bool) -> Bool:
+    """(n,) whether any of three is chosen, (n, 3); several times faster than numpy's any."""
+    return np.asarray(chosen[:, 0] | chosen[:, 1] | chosen[:, 2])
 
 
 def unit_vectors(vectors: F64) -> F64:

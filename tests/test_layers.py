@@ -45,7 +45,7 @@ OWNERS = {
     "onnxruntime": {"aam/onnx_model.py"},
     "skimage": {"aam/landmarks/boxes.py"},
     "safetensors": {"aam/model.py"},
-    "sksparse": {"analogy/solver.py"},
+    "pymetis": {"analogy/solver.py"},
     "moderngl": {"render"},
     "av": {"app/media"},
     "PIL": {"app/media/profiles.py"},

@@ -30,7 +30,6 @@ DISTRIBUTIONS = {
     "cv2": "opencv-contrib-python-headless",
     "moderngl_window": "moderngl-window",
     "skimage": "scikit-image",
-    "sksparse": "scikit-sparse",
 }
 OWN_PROJECT = """
 import sys

@@ -6,7 +6,7 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 from guise.analogy.baselines import ExpressionCloning, GradientTransfer
-from guise.analogy.solver import SolverError, _by_superlu, factorise
+from guise.analogy.solver import SolverError, _by_superlu, _nested_dissection, factorise
 from guise.analogy.tents import Rings, TentTransfer, VertexTents, tips, vertex_error
 from guise.common.arrays import F64, Int
 
@@ -116,15 +116,30 @@ def test_a_face_without_area_gives_numbers() -> None:
     assert np.isfinite(TentTransfer(SOURCE, broken, RINGS)(smiling(SOURCE))).all()
 
 
-def test_both_solvers_agree_and_refuse_what_is_singular() -> None:
+def positive_definite(size: int) -> sp.csc_matrix:
     rng = np.random.default_rng(3)
-    root = sp.random_array((60, 40), density=0.2, rng=rng) + sp.eye_array(60, 40)
-    matrix, right = sp.csc_matrix(root.T @ root), rng.normal(size=(40, 3))
-    for solve in (factorise(matrix), _by_superlu(matrix)):
+    root = sp.random_array((3 * size // 2, size), density=8 / size, rng=rng) + sp.eye_array(
+        3 * size // 2, size
+    )
+    return sp.csc_matrix(root.T @ root)
+
+
+def test_every_order_of_the_unknowns_solves_alike_and_refuses_what_is_singular() -> None:
+    matrix, right = positive_definite(40), np.random.default_rng(4).normal(size=(40, 3))
+    for solve in (factorise(matrix), _by_superlu(matrix, np.random.default_rng(5).permutation(40))):
         assert_allclose(matrix @ solve(right), right, atol=1e-9)
-    for make in (factorise, _by_superlu):
+    for order in (None, np.arange(4)):
         with pytest.raises(SolverError, match="no unique solution"):
-            make(sp.csc_matrix((4, 4)))
+            _by_superlu(sp.csc_matrix((4, 4)), order)
+
+
+def test_nested_dissection_orders_every_unknown_once_and_solves_alike() -> None:
+    pytest.importorskip("pymetis")
+    matrix, right = positive_definite(100), np.random.default_rng(4).normal(size=(100, 3))
+    order = _nested_dissection(matrix)
+    assert order is not None
+    assert sorted(order.tolist()) == list(range(100))
+    assert_allclose(_by_superlu(matrix, order)(right), factorise(matrix)(right), atol=1e-9)
 
 
 @pytest.mark.parametrize("method", [GradientTransfer, ExpressionCloning])

@@ -29,7 +29,7 @@ from guise.analogy.formats.gltf_build import build_glb
 from guise.analogy.formats.gltf_rig import animation_frames, build_rig_glb
 from guise.analogy.formats.polygons import Polygons
 from guise.analogy.mesh import Mesh, MeshError
-from guise.analogy.normals import StoredNormals
+from guise.analogy.normals import StoredNormals, any_coordinate
 from guise.common.arrays import F64, Int
 from guise.common.files import natural_key, write_whole
 
@@ -168,10 +168,10 @@ def write_rig(path: Path, target: MeshFile, names: Sequence[str], shapes: Sequen
         raise MeshError("shapes must be finite, but some contain NaN or infinity")
     document, origin = _as_glb(target)
     normals = _stored_normals(document, target.cleaned.ids[origin])
-    size = float(np.ptp(rest, axis=0).max())
+    size = target.mesh.extent
     moving = np.zeros(len(rest), bool)
     for shape in shapes:  # one by one, as all together may take a gigabyte
-        moving |= (np.abs(shape - rest) > MIN_MOTION_SIZES * size).any(axis=1)
+        moving |= any_coordinate(np.abs(shape - rest) > MIN_MOTION_SIZES * size)
     moves = moving[target.cleaned.ids[origin]]
     placed = (
         (name, target.to_file_vertices(shape)[origin]) for name, shape in zip(names, shapes, strict=True)

@@ -18,7 +18,7 @@ from guise.analogy.mesh import MeshError, printable_excerpt
 from guise.analogy.normals import finite_or_zero
 from guise.common.arrays import F64, Int
 
-LINE_KEYWORDS = (b"v", b"vn", b"vt", b"f")
+LINE_KEYWORDS = (b"v", b"vn", b"vt", b"f", b"us", b"mt")  # the last two by their beginnings
 MAX_INDEX = 1 << 40  # larger than any vertex id
 SPACES = (ord(" "), ord("\t"))
 _NO_KEYWORD = bytes.maketrans(b"vntf", b"    ")
@@ -75,7 +75,7 @@ class ObjDocument:
 
     def material_ids(self) -> tuple[list[str], Int]:
         """The names of `usemtl` lines ("" before the first), and (p,) the index for each polygon."""
-        changes = [i for i, line in enumerate(self.lines) if line.lstrip().startswith(b"usemtl")]
+        changes = self._lines_of(b"usemtl")
         called = [_rest(self.lines[i]) for i in changes]
         names = list(dict.fromkeys(["", *called]))
         ids = np.array([0, *(names.index(name) for name in called)], np.intp)
@@ -83,7 +83,11 @@ class ObjDocument:
 
     def libraries(self) -> list[str]:
         """The names in its `mtllib` lines."""
-        return [_rest(line) for line in self.lines if line.lstrip().startswith(b"mtllib")]
+        return [_rest(self.lines[i]) for i in self._lines_of(b"mtllib")]
+
+    def _lines_of(self, keyword: bytes) -> list[int]:
+        """The indices of the lines with a longer keyword."""
+        return [i for i in self._where[keyword[:2]] if self.lines[i].lstrip().startswith(keyword)]
 
     def encode(self, vertices: F64, normals: F64 | None) -> bytes:
         """The bytes of the file with other vertices (n, 3) and normals (k, 3)."""

@@ -318,9 +318,10 @@ def _run(
     """Run a command, and print and write its report."""
     from guise.app.meshes.context import RunContext
     from guise.common.files import write_json
+    from guise.common.threads import one_thread
 
     console = Console(quiet=quiet, json=json)
-    with Stages(console) as stages:
+    with Stages(console) as stages, one_thread():
         done = do(RunContext(force, stages, console.note, picture, report))
     if report is not None:
         write_json(report, done.as_json())

@@ -92,7 +92,7 @@ def summarise(
     """The report entry of one expression."""
     neutral = pair.heads.target.mesh.vertices
     way = np.linalg.norm(made - neutral, axis=1)
-    if way.max() <= MIN_MOTION_SIZES * float(np.ptp(neutral, axis=0).max()):
+    if way.max() <= MIN_MOTION_SIZES * pair.heads.target.mesh.extent:
         return TransferredExpression(name, output, 0.0, None, seconds)
     return TransferredExpression(
         name, output, float(f"{way.max():.6g}"), MotionError.of(pair.motion_error(expressive, made)), seconds

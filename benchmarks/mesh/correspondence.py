@@ -27,7 +27,7 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.mesh.marked_heads import people
-from benchmarks.mesh.speed import Reference, seconds, without_cholmod
+from benchmarks.mesh.speed import Reference, seconds, without_metis
 from guise.aam.similarity import Failed
 from guise.analogy.feature_points import find_feature_points
 from guise.analogy.mesh import Mesh
@@ -146,7 +146,7 @@ def measure(options: argparse.Namespace) -> Report:
         given = row(case, "markers", case.points, scale, TIMING_RUNS)
         automatic = row(case, "found", detected_points(case), scale)
         rows += [given, automatic, row(case, "none", None, scale)]
-        with without_cholmod():
+        with without_metis():
             rows.append(row(case, "markers; SuperLU", case.points, scale))
         report.criteria += [
             Criterion(f"{name}, markers: mean error", given[2], "<=", MAX_ERROR_CM, "cm"),

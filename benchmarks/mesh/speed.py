@@ -89,12 +89,12 @@ class Reference:
 
 
 @contextmanager
-def without_cholmod() -> Iterator[None]:
+def without_metis() -> Iterator[None]:
     """As on a machine where it is not installed."""
-    kept = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("sksparse")}
-    sys.modules["sksparse"] = None  # type: ignore[assignment]
+    kept = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("pymetis")}
+    sys.modules["pymetis"] = None  # type: ignore[assignment]
     yield
-    del sys.modules["sksparse"]
+    del sys.modules["pymetis"]
     sys.modules.update(kept)
 
 
@@ -154,7 +154,7 @@ def measure(options: argparse.Namespace) -> Report:
     reference = Reference(options.shared)
     pair = load_pair(options.shared, "P")
     rows = time_expressions(pair, options.shared, reference)
-    with without_cholmod():
+    with without_metis():
         rows += time_expressions(pair, options.shared, reference)
     frames, frames_there = time_sequence(pair, reference, 20 if options.quick else SEQUENCE_FRAMES)
     rig, rig_there = time_rig(options.shared, reference, 3 if options.quick else RIG_SHAPES)
