@@ -95,7 +95,7 @@ def test_the_face_is_swapped_in_every_frame_and_the_rest_stays(
         change = np.abs(after.astype(int) - before.astype(int))
         assert change[y0:y1, x0:x1].mean() > 5
         far = np.ones(change.shape, bool)
-        far[max(0, y0 - 90) : y1 + 60, max(0, x0 - 60) : x1 + 60] = False
+        far[max(0, y0 - 100) : y1 + 60, max(0, x0 - 60) : x1 + 60] = False
         assert change[far].max() == 0
 
 
