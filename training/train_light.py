@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 from torch import Tensor, nn
 
@@ -28,6 +27,7 @@ from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, places
 from guise.app.swapping.local_light import LocalLight
 from guise.common.arrays import F32, U8
 from training import swap_data
+from training.half_precision import halve
 from training.light_net import LightNet, weights
 from training.swap_data import Cells, Samples
 
@@ -36,7 +36,6 @@ WARM_UP, FALLING, KEPT_OF_MEAN = 200, 0.3, 0.999  # steps, last share of the ste
 REPORT_STEPS = 200
 PEOPLE_HELD_BACK = 8  # of those on photographs
 OWN_SHARE, RENDERED_LIGHT_SHARE = 0.3, 0.6  # of the photographs
-MIN_HALVED = 4096  # weights of a layer that are stored in half precision
 MAX_OTHER = 0.05  # share of texels that are not skin in a cell of skin
 
 
@@ -452,25 +451,6 @@ def export(net: LightNet, path: Path) -> None:
         input_names=["skin", "other", "own", "rest"], output_names=["map", "parts"], opset_version=17, dynamo=False,
     )  # fmt: skip
     halve(path)
-
-
-def halve(path: Path) -> None:
-    """Store the large float32 weights of an ONNX file as float16, cast back when it is loaded."""
-    model = onnx.load(path)
-    stored, casts = [], []
-    for weights_ in model.graph.initializer:
-        values = onnx.numpy_helper.to_array(weights_)
-        if values.dtype == np.float32 and values.size > MIN_HALVED:
-            half = f"{weights_.name}.half"
-            casts.append(onnx.helper.make_node("Cast", [half], [weights_.name], to=onnx.TensorProto.FLOAT))
-            weights_ = onnx.numpy_helper.from_array(values.astype(np.float16), half)
-        stored.append(weights_)
-    del model.graph.initializer[:]
-    model.graph.initializer.extend(stored)
-    nodes = [*casts, *model.graph.node]
-    del model.graph.node[:]
-    model.graph.node.extend(nodes)
-    onnx.save(model, path)
 
 
 def main() -> None:
