@@ -62,16 +62,19 @@ def core_mask(reference: ReferenceFrame) -> Bool:
     return (_disc(canvas, grow, cv2.MORPH_DILATE) > 0) & reference.mask
 
 
-def skin_mask(reference: ReferenceFrame) -> Bool:
-    """(h, w) bool: cheeks, nose and forehead, where a palette is compared; no eyes, brows, lips or rim."""
+def skin_mask(reference: ReferenceFrame, growth: float | None = None) -> Bool:
+    """(h, w) bool: cheeks, nose and forehead, where a palette is compared; no eyes, brows, lips or rim.
+
+    growth : face widths around eyes, brows and lips that are left out, too.
+    """
     canvas = (reference.mask * 255).astype(np.uint8)
     rim = max(1, round(LIMITS.rim_face_widths * reference.resolution))
     skin = _disc(np.pad(canvas, 1), rim, cv2.MORPH_ERODE)[1:-1, 1:-1] > 0
     features = np.zeros(reference.size, np.uint8)
     for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS):
         cv2.fillConvexPoly(features, cv2.convexHull(np.round(reference.points[part]).astype(np.int32)), 1)
-    grow = max(1, round(LIMITS.feature_growth_face_widths * reference.resolution))
-    near = _disc(features, grow, cv2.MORPH_DILATE)
+    growth = LIMITS.feature_growth_face_widths if growth is None else growth
+    near = _disc(features, max(1, round(growth * reference.resolution)), cv2.MORPH_DILATE)
     return np.asarray(skin & (near == 0))
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.detail import FINE
-from guise.aam.landmarks.schemes import MIRROR
-from guise.aam.mask import expressive_mask
+from guise.aam.landmarks.schemes import MIRROR, NOSE_BASE
+from guise.aam.mask import expressive_mask, skin_mask
 from guise.aam.model import Identity
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.solid_shape import SolidPrior, facing
@@ -29,11 +29,14 @@ class FillLimits:
     turned_difference: float = (
         0.3  # of the cosines of mirror image and place, somewhere on a head that is turned
     )
-    min_difference: float = 0.06  # from which the mirror image is mixed in there
-    full_difference: float = 0.16  # from which it takes the place
+    min_difference: float = -0.05  # from which the mirror image is mixed in there
+    full_difference: float = 0.05  # from which it takes the place
     skin_movement: float = 0.5  # share of a texture's movement away from eyes and mouth that is shown
     light_face_widths: float = 0.12  # standard deviation, over which the far half's light is taken
     max_gain: float = 2.5  # of that light
+    beside_face_widths: float = 0.12  # from the middle, where a shadow's edge that lay near it is compared
+    edge_face_widths: float = 0.03  # standard deviation, over which that is done
+    strip_face_widths: float = 0.06  # standard deviation of the strip that is lifted
 
 
 LIMITS = FillLimits()
@@ -89,7 +92,28 @@ def _filled(texture: F32, share: F32, reference: ReferenceFrame) -> F32:
     sigma = LIMITS.light_face_widths * reference.resolution
     own, other = (cv2.GaussianBlur(picture, (0, 0), sigma) for picture in (texture, image))
     gain = np.clip((own + 1) / (other + 1), 1 / LIMITS.max_gain, LIMITS.max_gain)
-    return np.asarray(texture + share[..., None] * (gain * image - texture), np.float32)
+    return _even_middle(
+        np.asarray(texture + share[..., None] * (gain * image - texture), np.float32), reference
+    )
+
+
+def _even_middle(texture: F32, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) whose skin along the middle is not darker than beside it.
+
+    The near half ends where light fades, and its mirror image begins there: a shadow's edge would become a dark line.
+    """
+    skin = skin_mask(reference, growth=0).astype(np.float32)  # down to the lip
+    sigma = LIMITS.edge_face_widths * reference.resolution
+    weight = cv2.GaussianBlur(skin, (0, 0), sigma)[..., None]
+    local = (cv2.GaussianBlur(texture * skin[..., None], (0, 0), sigma) + 1) / (weight + 1e-3)
+    away = np.arange(reference.size[1]) - reference.points[NOSE_BASE, 0]
+    beside = np.abs(np.abs(away) - LIMITS.beside_face_widths * reference.resolution).argsort(kind="stable")[
+        :2
+    ]
+    lifted = np.clip(local[:, beside].mean(1, keepdims=True) / local, 1, LIMITS.max_gain)
+    strip = np.exp(-0.5 * (away / (LIMITS.strip_face_widths * reference.resolution)) ** 2)
+    share = strip[None, :, None] * cv2.GaussianBlur(skin, (0, 0), sigma / 2)[..., None] * skin[..., None]
+    return np.asarray(texture * (1 + share * (lifted - 1)), np.float32)
 
 
 def mirror_image(picture: F32, reference: ReferenceFrame, factor: int) -> F32:

@@ -8,10 +8,12 @@ from made_up import FRAME, appearance
 
 from guise.aam.appearance import SHAPE_ENTRIES, Components
 from guise.aam.landmarks.schemes import (
+    CHIN,
     LEFT_EYE,
     LEFT_EYE_OUTER,
     LEFT_MOUTH_CORNER,
     LEFT_TEMPLE,
+    NOSE_BASE,
     NOSE_ROOT,
     RIGHT_EYE_OUTER,
     RIGHT_MOUTH_CORNER,
@@ -75,7 +77,7 @@ def test_a_mole_on_the_near_cheek_appears_on_the_far_one_in_its_light() -> None:
     mirrored = round(2 * FRAME.points[NOSE_ROOT, 0] - x)
     assert made[y, mirrored].mean() < 0.6 * made[y + 6, mirrored].mean()
     assert made[y + 6, mirrored].mean() == pytest.approx(80, rel=0.35)
-    np.testing.assert_array_equal(made[:, : x + 2], texture[:, : x + 2])
+    np.testing.assert_allclose(made[:, : x + 2], texture[:, : x + 2], atol=0.01)
 
 
 def test_shape_and_size_of_a_model_stay() -> None:
@@ -97,3 +99,15 @@ def test_eyes_move_in_full_skin_by_half_and_what_was_mirrored_not_at_all() -> No
     assert eye > 0.9
     assert near == pytest.approx(0.5, abs=0.05)
     assert far < 0.05
+
+
+def test_a_shadow_that_ends_at_the_middle_leaves_no_dark_line() -> None:
+    """On the chin the near half darkens towards the middle."""
+    x, y = np.round(FRAME.points[CHIN] - np.array([0, 0.12 * FRAME.resolution])).astype(int)
+    away = np.abs(np.arange(FRAME.size[1]) - FRAME.points[NOSE_BASE, 0]) / FRAME.resolution
+    across = np.interp(away, [0, 0.1], [90, 160])
+    texture = np.repeat(np.broadcast_to(across, FRAME.size)[..., None], 3, axis=2).astype(np.float32)
+    person = enrolled(30, texture[FRAME.mask])
+    made = FRAME.scatter(completed(person).appearance.neutral_texture)
+    beside = x + round(0.12 * FRAME.resolution)
+    assert made[y, x, 0] > 0.8 * made[y, beside, 0] > 1.2 * texture[y, x, 0]
