@@ -78,9 +78,11 @@ class StudioServer:
 
 
 @contextmanager
-def studio(folder: Path, *, limit: int = LIMIT) -> Iterator[StudioServer]:
+def studio(
+    folder: Path, *, limit: int = LIMIT, program: tuple[str, ...] = ("-m", "guise")
+) -> Iterator[StudioServer]:
     """A studio on a free port."""
-    command = [sys.executable, "-m", "guise", "studio", "--folder", str(folder), "--port", "0", "--no-open"]
+    command = [sys.executable, *program, "studio", "--folder", str(folder), "--port", "0", "--no-open"]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     with TemporaryFile("w+") as errors, subprocess.Popen(
         [*command, "--limit", str(limit), "--json"], stdout=subprocess.PIPE, stderr=errors, text=True,

@@ -32,6 +32,11 @@ def wait(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     return {}
 
 
+def leave(about: dict[str, Any], folder: Path) -> None:
+    """Put what `write` has made where it was told to."""
+    Path(about["at"]).write_text((folder / "out.txt").read_text())
+
+
 def mistake(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """What the user got wrong."""
     (folder / "part").write_text("")

@@ -9,24 +9,26 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import studio_work
 
-from guise.app.studio.jobs import JobQueue
+from guise.app.studio.jobs import Finish, JobQueue
 from guise.app.studio.store import JobRow, Store, StudioError
+from guise.common.processes import ChildProcess
 
 KINDS = ("write", "wait", "mistake", "fault", "crash")
 TIMEOUT_SECONDS = 60.0  # on a busy machine
 
 
 @contextmanager
-def running(folder: Path) -> Iterator[JobQueue]:
-    """A queue at work."""
+def running(folder: Path, finish: Finish | None = None) -> Iterator[JobQueue]:
+    """A queue at work; `finish` is for what "write" has made."""
     store = Store(folder)
     jobs = JobQueue(store)
     for kind in KINDS:
-        jobs.register(kind, getattr(studio_work, kind))
+        jobs.register(kind, getattr(studio_work, kind), finish if kind == "write" else None)
     jobs.open()
     try:
         yield jobs
@@ -98,6 +100,36 @@ def test_a_cancelled_job_ends_and_leaves_no_file(tmp_path: Path) -> None:
         assert not jobs.store.folder_of(first).exists()
         jobs.cancel(last)
         assert jobs.store.job(last).state == "done"
+
+
+def test_files_are_put_in_place_when_a_job_is_done(tmp_path: Path) -> None:
+    place = tmp_path / "place"
+    with running(tmp_path / "studio", studio_work.leave) as jobs:
+        assert ended(jobs, jobs.start("write", {"text": "hello", "at": str(place)})).state == "done"
+        assert place.read_text() == "hello"
+        nowhere = str(tmp_path / "nowhere" / "place")
+        assert ended(jobs, jobs.start("write", {"text": "hello", "at": nowhere})).state == "failed"
+
+
+def test_a_job_that_is_cancelled_after_its_work_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The process has said that it is done; before the queue acts on that, the user cancels."""
+    place = tmp_path / "place"
+    receive = ChildProcess.receive
+    with running(tmp_path / "studio", studio_work.leave) as jobs:
+
+        def late(process: ChildProcess) -> Any:
+            change = receive(process)
+            if change["state"] == "done":
+                jobs.cancel(jobs.store.jobs()[0].id)
+            return change
+
+        monkeypatch.setattr(ChildProcess, "receive", late)
+        job = ended(jobs, jobs.start("write", {"text": "hello", "at": str(place)}))
+        until(lambda: not jobs.store.folder_of(job.id).exists())
+    assert job.state == "cancelled"
+    assert not place.exists()
 
 
 def test_a_job_that_the_studio_left_runs_again(tmp_path: Path) -> None:

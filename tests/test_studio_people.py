@@ -3,6 +3,7 @@
 
 import socket
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,14 @@ import numpy as np
 import pytest
 from clips import cut, empty_scene
 from made_up import SAMPLES
-from studio_browser import LIMIT, StudioServer, browser, page, studio, studio_server, visit  # noqa: F401
+from studio_browser import LIMIT, StudioServer, browser, page, studio, visit  # noqa: F401
+from studio_held import HOLD
 
 from guise.aam.model import Identity
 from guise.app.media import open_input
 from guise.app.media.pictures import save_picture
 
-LONG = SAMPLES / "p01" / "talk.mp4"  # what takes so long to learn that it can be cancelled
+PROGRAM = (str(Path(__file__).with_name("studio_held.py")),)
 ENROL = 120_000  # milliseconds, on a busy machine
 AMBER = "rgb(245, 158, 11)"
 TRICK = "../../../evil <b>x<.mp4"
@@ -32,13 +34,52 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cut("p01", tmp_path_factory.mktemp("clip") / "anna.mp4", 24)
 
 
-@pytest.fixture(autouse=True)
-def empty(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Each test leaves the module's studio as it was."""
-    yield
-    if "page" in request.fixturenames:
-        server: StudioServer = request.getfixturevalue("studio_server")
-        assert kept(server) == set()
+class Studios:
+    """A studio after the other: one that a test has left with files in it is not used again."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._count = folder, 0
+        self._open: AbstractContextManager[StudioServer] | None = None
+
+    def current(self) -> StudioServer:
+        if self._open is None:
+            self._count += 1
+            self._open = studio(self._folder / str(self._count), program=PROGRAM)
+            self._server = self._open.__enter__()
+        return self._server
+
+    def close(self) -> None:
+        if self._open is not None:
+            self._open.__exit__(None, None, None)
+            self._open = None
+
+
+@pytest.fixture(scope="module")
+def studios(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studios]:
+    studios = Studios(tmp_path_factory.mktemp("studios"))
+    yield studios
+    studios.close()
+
+
+@pytest.fixture
+def studio_server(studios: Studios) -> Iterator[StudioServer]:
+    """An empty studio, which each test leaves as it was."""
+    server = studios.current()
+    yield server
+    if left := kept(server):
+        studios.close()
+    assert left == set()
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Nobody is learned meanwhile, so that a test comes in time however busy the machine is."""
+    folder.mkdir(exist_ok=True)
+    (folder / HOLD).touch()
+    try:
+        yield
+    finally:
+        (folder / HOLD).unlink()
 
 
 def kept(server: StudioServer) -> set[str]:
@@ -61,9 +102,10 @@ def test_a_person_is_uploaded_learned_downloaded_and_deleted(
     page: Any, browser: Any, studio_server: StudioServer, clip: Path, tmp_path: Path
 ) -> None:  # fmt: skip
     """The tab is closed while the job runs, and another one sees the person and deletes them."""
-    page.get_by_label("Name", exact=True).fill("Anna")
-    upload(page, clip)
-    page.get_by_role("progressbar", name="Progress").wait_for()
+    with held(studio_server.folder):
+        page.get_by_label("Name", exact=True).fill("Anna")
+        upload(page, clip)
+        page.get_by_role("progressbar", name="Progress").wait_for()
     with visit(browser, studio_server) as other:
         page.close()
         other.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
@@ -94,9 +136,10 @@ def test_a_clip_is_recorded_with_the_camera(page: Any, studio_server: StudioServ
     page.get_by_label("Name", exact=True).fill("Camera")
     page.get_by_role("button", name="Record with the camera").click()
     use = page.get_by_role("button", name="Use it")
-    use.and_(page.locator(":enabled")).click()
-    page.get_by_role("button", name="Cancel").click()
-    page.get_by_text("Cancelled.").wait_for()
+    with held(studio_server.folder):
+        use.and_(page.locator(":enabled")).click()
+        page.get_by_role("button", name="Cancel").click()
+        page.get_by_text("Cancelled.").wait_for()
     (file,) = (studio_server.folder / "clips").iterdir()
     with av.open(str(file)) as video:
         frames = [frame.to_ndarray(format="gray") for frame in video.decode(video=0)]
@@ -134,10 +177,11 @@ def test_a_failure_is_reported_with_the_clips_own_name(page: Any, tmp_path: Path
     remove(page, "Delete the clip wall")
 
 
-def test_a_name_is_text_and_not_a_path(page: Any, studio_server: StudioServer) -> None:
-    upload(page, {"name": TRICK, "mimeType": "video/mp4", "buffer": LONG.read_bytes()})
-    page.get_by_role("button", name="Cancel").click()
-    page.get_by_role("button", name="Remove").click()
+def test_a_name_is_text_and_not_a_path(page: Any, studio_server: StudioServer, clip: Path) -> None:
+    with held(studio_server.folder):
+        upload(page, {"name": TRICK, "mimeType": "video/mp4", "buffer": clip.read_bytes()})
+        page.get_by_role("button", name="Cancel").click()
+        page.get_by_role("button", name="Remove").click()
     (file,) = (studio_server.folder / "clips").iterdir()
     assert file.stem.isalnum()
     assert not list(studio_server.folder.parent.rglob("*evil*"))
@@ -183,15 +227,15 @@ def too_much(server: StudioServer, path: str) -> int:
     return status
 
 
-def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: StudioServer) -> None:
-    with visit(browser, studio_server) as other:
-        upload(page, LONG)
+def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: StudioServer, clip: Path) -> None:
+    with held(studio_server.folder), visit(browser, studio_server) as other:
+        upload(page, clip)
         other.get_by_role("button", name="Cancel").click()
         for visitor in (page, other):
             visitor.get_by_text("Cancelled.").wait_for()
         page.get_by_role("button", name="Remove").click()
         other.get_by_text("Cancelled.").wait_for(state="detached")
-        remove(other, "Delete the clip talk")
+        remove(other, "Delete the clip anna")
         page.get_by_text("Your clips").wait_for(state="hidden")
 
 
@@ -200,13 +244,13 @@ def test_built_in_faces_are_shown(page: Any) -> None:
 
 
 def test_a_restart_keeps_what_was_begun(browser: Any, clip: Path, tmp_path: Path) -> None:
-    with studio(tmp_path) as server:
+    with held(tmp_path), studio(tmp_path, program=PROGRAM) as server:
         with visit(browser, server) as page:
             page.get_by_label("Name", exact=True).fill("Anna")
             upload(page, clip)
             page.get_by_role("progressbar", name="Progress").wait_for()
         assert server.stop() == 0
-    with studio(tmp_path) as server, visit(browser, server) as page:
+    with studio(tmp_path, program=PROGRAM) as server, visit(browser, server) as page:
         page.get_by_role("button", name="Delete Anna", exact=True).wait_for(timeout=ENROL)
 
 
@@ -235,6 +279,7 @@ def test_the_keyboard_reaches_everything_visibly(page: Any) -> None:
     assert words[4:8] == ["People", "Landmarks", "De-identify", "Analogy"]
     assert {"upload", "videocam"} <= {word.split("Upload")[0].split("Record")[0] for word in words}
     assert [word for word, style in seen if word and AMBER not in style] == []
+    assert page.locator("main").count() == 1
 
 
 def test_a_photo_is_learned_after_consent_and_then_deleted(

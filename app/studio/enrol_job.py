@@ -17,15 +17,16 @@ from guise.app.swapping.grade import enrolment_grade
 from guise.common.progress import Progress
 
 ENROL_JOB = "enrol"
+_MODEL, _MONTAGE = "model.guise", "montage.png"  # in the job's folder
 
 
 def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
-    """Train on a clip, with the landmarks beside it if there are any, or on photos, which are deleted afterwards.
+    """Train on a clip, with the landmarks beside it if there are any, or on photos.
 
     about : "clip" and "model", paths, or instead of the clip "photos", by path their names; "called", the clip's name;
     "name", the person's.
     """
-    model, done = Path(about["model"]), folder / "model.guise"
+    done = folder / _MODEL
     photos = {Path(path): name for path, name in about.get("photos", {}).items()}
     if photos:
         with user_names(photos):
@@ -35,13 +36,19 @@ def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[s
         with user_names({clip: about["called"]}):
             report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
     identity = Identity.load(done)
-    save_picture(model.with_suffix(".png"), montage(identity))
+    save_picture(folder / _MONTAGE, montage(identity))
     graded = enrolment_grade(identity)
-    done.replace(model)  # last, because a person is listed as soon as their model exists
-    for photo in photos:
-        photo.unlink(missing_ok=True)
-        preview_of(photo).unlink(missing_ok=True)
     return {
         "held_out_error": report.held_out_error, "seconds": report.seconds, "weaknesses": list(report.weaknesses),
         "quality": str(graded or ""),
     }  # fmt: skip
+
+
+def keep_person(about: dict[str, Any], folder: Path) -> None:
+    """Put the model that a job has made among the people, and delete the photos that it was learned from."""
+    model = Path(about["model"])
+    (folder / _MONTAGE).replace(model.with_suffix(".png"))
+    (folder / _MODEL).replace(model)  # last, because a person is listed as soon as their model exists
+    for photo in map(Path, about.get("photos", ())):
+        photo.unlink(missing_ok=True)
+        preview_of(photo).unlink(missing_ok=True)

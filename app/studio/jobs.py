@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from guise.app.studio.store import JobRow, Store, StudioError
+from guise.common.failures import explain, trace
 from guise.common.processes import ChildProcess
 from guise.common.progress import Progress
 
 JobFunction = Callable[[dict[str, Any], Path, Progress], dict[str, Any]]
+Finish = Callable[[dict[str, Any], Path], None]
 
 REPORT_SECONDS = 0.1  # between two reports of progress within a stage
 TERMINATE_SECONDS = 2.0  # that a process gets to end before it is killed
@@ -30,20 +32,24 @@ class JobQueue:
 
     Kinds are registered first.  A job's function is at the top level of a module; it is called in a new process as
     function(about, folder, progress) and returns the result; `about` and the result are JSON objects.  An exception
-    becomes a sentence.
+    becomes a sentence.  What a job leaves outside its folder is put there by `finish`, which a cancelled job never
+    comes to, however late it was cancelled.
     """
 
     def __init__(self, store: Store) -> None:
         self.store = store
         self._functions: dict[str, JobFunction] = {}
+        self._finish: dict[str, Finish] = {}
         self._change = threading.Condition()
         self._closed = False
         self._current: tuple[str, ChildProcess] | None = None
         self._thread = threading.Thread(target=self._work, name="studio jobs", daemon=True)
 
-    def register(self, kind: str, function: JobFunction) -> None:
-        """Set the function that runs a kind of jobs."""
+    def register(self, kind: str, function: JobFunction, finish: Finish | None = None) -> None:
+        """Set the function that runs a kind of jobs, and what is called here as finish(about, folder) afterwards."""
         self._functions[kind] = function
+        if finish is not None:
+            self._finish[kind] = finish
 
     def open(self) -> None:
         """Start working, beginning with what was left undone."""
@@ -112,7 +118,7 @@ class JobQueue:
             )
             self._current = job.id, process
         try:
-            self._listen(job.id, process)
+            self._listen(job, folder, process)
         finally:
             process.close()  # the process of a removed job ends at its next report
             with self._change:
@@ -120,7 +126,7 @@ class JobQueue:
         with self._change:
             self._conclude(job.id, folder, process.exit_code)
 
-    def _listen(self, id: str, process: ChildProcess) -> None:
+    def _listen(self, job: JobRow, folder: Path, process: ChildProcess) -> None:
         """Store what the process reports until it ends."""
         while True:
             try:
@@ -128,8 +134,17 @@ class JobQueue:
             except (EOFError, OSError):
                 return
             with self._change:
-                if self.store.job(id).state == "running":
-                    self.store.change_job(id, **change)
+                if self.store.job(job.id).state == "running":
+                    self.store.change_job(job.id, **self._finished(job, folder, change))
+
+    def _finished(self, job: JobRow, folder: Path, change: dict[str, Any]) -> dict[str, Any]:
+        """What a process reports, after its files are put where they belong if it is done."""
+        if change["state"] == "done" and job.kind in self._finish:
+            try:
+                self._finish[job.kind](job.about, folder)
+            except OSError as error:
+                return {"state": "failed", "sentence": explain(error)[0]}
+        return change
 
     def _conclude(self, id: str, folder: Path, code: int | None) -> None:
         """Mark a job as failed whose process ended without a result, unless the studio ended it."""
@@ -143,8 +158,6 @@ class JobQueue:
 
 def _run_job(pipe: Connection, function: JobFunction | None, about: dict[str, Any], folder: Path) -> None:
     """What the process of a job does: it reports progress and, at the end, the result or the error."""
-    from guise.common.failures import explain, trace
-
     try:
         if function is None:
             raise StudioError("this version has no jobs of this kind: remove it")

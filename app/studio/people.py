@@ -16,7 +16,7 @@ from guise.app.people.montage import draw
 from guise.app.photos.enrol_photos import MAX_PHOTOS
 from guise.app.studio.clip_recorder import ClipRecorder
 from guise.app.studio.dialogs import asked, confirm
-from guise.app.studio.enrol_job import ENROL_JOB, enrol_job
+from guise.app.studio.enrol_job import ENROL_JOB, enrol_job, keep_person
 from guise.app.studio.live import FACE as LIVE_FACE
 from guise.app.studio.site import Studio, heading, local_time, page, show_job
 from guise.app.studio.store import Clip, JobRow, Person, StudioError, Upload
@@ -30,7 +30,7 @@ POLL_SECONDS = 1.0  # between two checks for changes made in other tabs
 
 def register(studio: Studio) -> None:
     """Add the page /people, and pictures of the gallery's people."""
-    studio.jobs.register(ENROL_JOB, enrol_job)
+    studio.jobs.register(ENROL_JOB, enrol_job, keep_person)
     page(studio, "/people", "People", lambda: _PeoplePage(studio).build())
     nicegui_app.get("/gallery/{name}.png")(_portrait)
 

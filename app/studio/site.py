@@ -179,7 +179,8 @@ def _layout(studio: Studio, title: str, path: str) -> Iterator[None]:
                 here = 'aria-current="page"' if target == "/" + path.split("/")[1] else ""
                 ui.link(name, target).props(here)
         _colour_choice(studio)
-    with ui.element("main").props('id="content" tabindex="-1"').classes("w-full max-w-5xl mx-auto"):
+    # within the layout's own <main>
+    with ui.element("div").props('id="content" tabindex="-1"').classes("w-full max-w-5xl mx-auto"):
         heading(title, 1)
         yield
 
