@@ -8,7 +8,8 @@ Furthest: the largest motion of a vertex, of the source's largest, scaled.  Lid 
 blink, seen from the front, of that at rest.  Torn: edges at the eyes three times as long as in the truth, or, where
 nobody knows it, at rest.  Inverted: faces there turned by more than 100 degrees from rest and, if it is known, from the
 truth: some of the true lids fold themselves, on an identity not made for the blink up to 20 faces.  The same at the
-corners of the mouth, in eight shapes that move them.
+corners of the mouth, in eight shapes that move them.  Units: how far an opened jaw lies from the same one when the
+target is a million times as large or as small, of the head's extent.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ MOUTH_SHAPES = (
 )  # fmt: skip
 MAX_FURTHEST, MAX_GAP_PERCENT, MAX_BLINK_ERROR = 1.5, 5.0, 0.2
 MAX_UPPER_TEETH_CM, MAX_JAW_ERROR = 0.1, 0.1
+UNITS, MAX_UNIT_DIFFERENCE = (1e6, 1e-6), 1e-6
 LIP_CORNER_WIDTHS = 0.35  # of the mouth, around its corners
 EYE_PICTURE_PX, HOLE_DEPTH_WIDTHS = 300, 0.25  # two eye widths; behind the margins' middle
 TORN_RATIO, INVERTED_COSINE = 3.0, -0.17
@@ -177,6 +179,18 @@ def furthest(source: FullHead, transfer: Transfer, made: dict[str, F64]) -> tupl
     return float(ratio.max()), list(made)[int(ratio.argmax())]
 
 
+def unit_difference(source: FullHead, model: IctHeads) -> float:
+    """The largest difference that the target's unit makes to an opened jaw, of the head's extent."""
+    assert source.shapes is not None
+    target, opened = model.remeshed(6, 7678).mesh, source.shapes[model.names.index("jawOpen")]
+    usual = prepare_transfer(source.mesh, target)(opened)
+    made = (
+        prepare_transfer(source.mesh, target.with_vertices(target.vertices * unit))(opened) / unit
+        for unit in UNITS
+    )
+    return max(float(np.abs(other - usual).max()) for other in made) / target.extent
+
+
 def parts_figures(target: FullHead, made: dict[str, F64], names: tuple[str, ...]) -> dict[str, float]:
     """Furthest of the upper teeth in any shape, cm; error of each lower part in jawOpen, of its true motion."""
     assert target.shapes is not None
@@ -232,6 +246,14 @@ def measure(options: argparse.Namespace) -> Report:
             0,
         ),
     ]
+    report.criteria.append(
+        Criterion(
+            "units 1e6 apart, both ways: difference, of the head",
+            unit_difference(source, model),
+            "<=",
+            MAX_UNIT_DIFFERENCE,
+        )
+    )
     if not options.quick:
         _measure_parts(model, source, full, report)
     return report
