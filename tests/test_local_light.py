@@ -30,8 +30,8 @@ def lit(light: LocalLight, texture: F32) -> F32:
     return np.asarray(light.apply(texture, RGB, ZERO).T)
 
 
-def light_fitted(own: F32, seen: F32, visible: F32 | None = None) -> LocalLight:
-    light = LocalLight(FRAME, TEXELS, FRAME.mask)
+def light_fitted(own: F32, seen: F32, visible: F32 | None = None, *, disguise: bool = False) -> LocalLight:
+    light = LocalLight(FRAME, TEXELS, FRAME.mask, disguise=disguise)
     light.update(own[TEXELS], seen[TEXELS], None if visible is None else visible[TEXELS])
     return light
 
@@ -51,6 +51,17 @@ def test_a_hard_shadow_keeps_its_place() -> None:
         assert (ratio[side].mean() < 0.7) == (edge > 0)
     assert_allclose(ratio[SKIN & (PLACES[:, 0] > 0.25)].mean(), 0.4, atol=0.08)
     assert_allclose(ratio[SKIN & (PLACES[:, 0] < -0.05)].mean(), 1.0, atol=0.05)
+
+
+def test_a_disguise_takes_over_the_level_of_the_light_and_less_of_what_is_narrow() -> None:
+    nose = np.exp(-(((PLACES[:, :1] - PLACES[SKIN, 0].mean()) / 0.06) ** 2))
+    seen = np.float32(face() * 0.6 * (1 + 0.4 * nose))
+    kept = []
+    for disguise in (False, True):
+        ratio = lit(light_fitted(face(), seen, disguise=disguise), face()).mean(1) / face().mean(1)
+        assert_allclose(ratio[SKIN].mean(), 0.68, atol=0.1)
+        kept.append(float(np.cov(ratio[SKIN], nose[SKIN, 0])[0, 1]))
+    assert 0 < kept[1] < 0.5 * kept[0]
 
 
 def test_what_is_hidden_does_not_change_the_light_elsewhere() -> None:

@@ -13,7 +13,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "p01": {"brows": "eyebrow001", "inner_brows": 0.6, "brows_raised": 0.2, "mouth_shut": 0.06, "moles": 1},
     "p02": {"brows": "eyebrow004", "spots": 0.8, "mottle": 0.5},
     "p03": {"brows": "eyebrow001", "inner_brows": 0.3, "brows_raised": 0.1, "spots": 1.2, "mottle": 1.15},
-    "p04": {"spots": 2.3, "mottle": 2.2, "moles": 6},
+    "p04": {"spots": 1.2, "mottle": 1.4, "moles": 5},
     "p05": {"spots": 1.3, "mottle": 0.7, "moles": 1},
     "p06": {
         "brows": "eyebrow001",
@@ -48,8 +48,8 @@ MORE: tuple[dict[str, Any], ...] = (
         "name": "p09", "desc": "man, about 38, Middle Eastern", "race": {"caucasian": 0.85, "african": 0.15},
         "male": 1.0, "age": 0.22, "weight": 0.2, "muscle": 0.1, "seed": 9, "tone": (0.72, 0.72, 0.73), "sat": 0.88,
         "skin": {"middleage_lightskinned_male_diffuse": 0.72, "young_darkskinned_male_diffuse": 0.28}, "redness": 0.4,
-        "hair": "short04", "hairc": BLACK, "brows": "eyebrow010", "browc": BLACK, "eye": "brownlight_eye", "stub": 0.8,
-        "clothes": "male_casualsuit05", "mouth_shut": 0.06, "moles": 2, "spots": 1.1,
+        "hair": "short04", "hairc": BLACK, "brows": "eyebrow010", "browc": BLACK, "eye": "brownlight_eye", "stub": 0.4,
+        "clothes": "male_casualsuit05", "mouth_shut": 0.06, "moles": 2, "spots": 0.9,
         "shape": {
             "head/head-diamond": 0.3, "nose/nose-hump-incr": 0.35, "nose/nose-scale-vert-incr": 0.2,
             "chin/chin-width-incr": 0.2, "chin/chin-height-incr": 0.15, "lr:eyes/eye-bag-incr": 0.2,
