@@ -40,6 +40,9 @@ class RestLimits:
 
     mouth_quantile: float = 0.05  # of the mouth's opening: shut
     lid_quantile: float = 0.75  # of the lids' opening: open, not wide open
+    yaw_quantiles: tuple[float, float] = (0.1, 0.9)  # between which the yaw nearest to the front is taken ..
+    near_yaw_degrees: float = 4.0  # .. if so near to it ..
+    frontal_share: float = 0.1  # .. lies this share of the frames
     bandwidth_deviations: float = 1.8  # of openings, width and yaw, over which frames count
     ridge: float = 0.05  # damping of the regression
 
@@ -218,7 +221,7 @@ def openness(shapes: F64) -> F64:
 def neutral_frames(
     shapes: F64, reference: ReferenceFrame, count: int = 7, rest: F64 | None = None
 ) -> Sequence[int]:
-    """Indices of the frames nearest to a face at rest: mouth shut, lids, brows and head as they usually are.
+    """Indices of the frames nearest to a face at rest: mouth shut, lids and brows as usual, seen from the front.
 
     shapes : (m, 81, 2) pixels.
     rest : (81, 2) the face where it's known to be at rest; the frames nearest to it are taken.
@@ -234,13 +237,11 @@ def neutral_frames(
         [np.quantile(mouth, REST.mouth_quantile), np.quantile(lids, REST.lid_quantile), np.median(brows)]
     )
     spread = np.maximum(openings.std(0), 0.01)
+    states = _states(shapes, reference)
+    width, yaws = states[:, 3] * reference.resolution, states[:, 4]
+    in_front = np.abs(yaws - _rest_yaw(yaws)) <= REST.near_yaw_degrees
     aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1)
-    from_usual = np.linalg.norm(aligned - np.median(aligned, 0), axis=1)
-    width = np.linalg.norm(
-        aligned.reshape(-1, POINTS, 2)[:, LEFT_MOUTH_CORNER]
-        - aligned.reshape(-1, POINTS, 2)[:, RIGHT_MOUTH_CORNER],
-        axis=1,
-    )
+    from_usual = np.linalg.norm(aligned - np.median(aligned[in_front], 0), axis=1)
     score = (
         2.0 * np.abs(openings[:, 0] - usual[0]) / spread[0]
         + np.abs(openings[:, 1] - usual[1]) / spread[1]
@@ -255,13 +256,15 @@ def rest_weights(shapes: F64, reference: ReferenceFrame, chosen: F64 | None = No
     """Weights (m,) summing to 1 that make the face at rest out of frames with shapes (m, 81, 2).
 
     Local linear regression on the openings, the mouth's width and the yaw, read at rest: mouth shut, lids open, the
-    others at their median.  Many frames contribute, so the errors and the noise of single ones cancel.
+    head as frontal as the clip has it, the others at their median.  Many frames contribute, so the errors and the noise
+    of single ones cancel.
 
     chosen : (81, 2) the face where it's known to be at rest, at which the regression is read instead.
     """
     state = _states(shapes, reference)
     rest = np.median(state, axis=0)
     rest[:2] = np.quantile(state[:, 0], REST.mouth_quantile), np.quantile(state[:, 1], REST.lid_quantile)
+    rest[4] = _rest_yaw(state[:, 4])
     if chosen is not None:
         rest = _states(chosen[None], reference)[0]
     away = (state - rest) / np.maximum(state.std(0), _LEAST_SPREAD)
@@ -270,6 +273,13 @@ def rest_weights(shapes: F64, reference: ReferenceFrame, chosen: F64 | None = No
     ridge = REST.ridge * near.sum() * np.diag([0.0, 1, 1, 1, 1, 1])
     weights = np.linalg.solve((design * near[:, None]).T @ design + ridge, (design * near[:, None]).T)[0]
     return np.asarray(weights / weights.sum())
+
+
+def _rest_yaw(yaws: F64) -> float:
+    """Degrees nearest to the front that many of a clip's frames (m,) show; their median where few are so near."""
+    frontal = float(np.clip(0.0, *np.quantile(yaws, REST.yaw_quantiles)))
+    near = np.abs(yaws - frontal) <= REST.near_yaw_degrees
+    return frontal if near.mean() >= REST.frontal_share else float(np.quantile(yaws, 0.5, method="nearest"))
 
 
 def _states(shapes: F64, reference: ReferenceFrame) -> F64:

@@ -66,6 +66,19 @@ def test_frames_like_the_chosen_one_make_the_neutral_face() -> None:
     assert lowered < usual - 0.02
 
 
+@pytest.mark.parametrize(("frontal", "expected"), [(10, 0.0), (1, 20.0)])
+def test_a_face_turned_aside_in_most_frames_rests_in_the_many_frontal_ones(
+    frontal: int, expected: float
+) -> None:
+    """Of 40 frames; a single frontal one is not enough."""
+    yaws = np.where(np.arange(40) < frontal, 0.0, 20.0) + np.random.default_rng(1).normal(0, 0.5, 40)
+    shapes = 100 + FRAME.points + yaws[:, None, None] * FRAME.yaw_mode
+    at_rest = FRAME.align(np.tensordot(rest_weights(shapes, FRAME), shapes, 1))
+    assert FRAME.yaw(at_rest) == pytest.approx(expected, abs=2.5)
+    near = [FRAME.yaw(FRAME.align(shapes[i])) for i in neutral_frames(shapes, FRAME)]
+    assert np.median(near) == pytest.approx(expected, abs=2.5)
+
+
 def test_a_frame_without_a_face_cannot_be_at_rest() -> None:
     shapes = moving()
     shapes[5] = np.nan
