@@ -26,6 +26,7 @@ from training.render_people import load_program
 SIZE = 880, 960  # pixels
 JAW_PIXELS = 410.0  # width of the jaw
 FRAMES, FPS = 110, 30
+TURN_DEGREES = 9.0
 AO_DIRECTIONS = 160
 TILE_PIXELS, TILE_MILLIMETRES = 1024, 70.0  # of the map of fine skin; 16 tiles lie across the skin's texture
 TILES = 16
@@ -200,7 +201,10 @@ def performance(program, rng: np.random.Generator) -> dict:
         (0.7, "surprise", 0.45, 0.2, 0.1, 0.2), (1.4, "frown", 0.5, 0.2, 0.1, 0.2),
         (length - 2.2, "smile", 0.9, 0.3, 0.3, 0.3), (length - 1.1, "surprise", 0.8, 0.25, 0.2, 0.3),
     ]  # fmt: skip
-    return anim.performance(FRAMES, rng, spoken, loud, 0.0, plan, yaw=9.0, pitch=5.0, roll=3.0)
+    acted = anim.performance(FRAMES, rng, spoken, loud, 0.0, plan, yaw=TURN_DEGREES, pitch=5.0, roll=3.0)
+    acted["yaw"] = TURN_DEGREES * np.sin(2 * np.pi * np.arange(FRAMES) / FRAMES)  # to both sides alike
+    acted["weights"][:, -2:] -= np.median(acted["weights"][:, -2:], axis=0)  # of the gaze
+    return dict(acted)
 
 
 def at_rest(program, spec: dict, weights: F32) -> F32:
