@@ -10,7 +10,7 @@ from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import ColourMatrix, Frame, open_input
-from guise.app.swapping.apertures import Aperture
+from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 
@@ -58,6 +58,23 @@ def test_an_eye_may_be_the_sources_only_while_it_is_shut(lids: float, beside: fl
     Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points).fill(picture, np.zeros_like(picture), head, SAME)
     x, y = FRAME.points[LEFT_EYE].mean(0).round().astype(int)
     assert float(picture[y, x, 0]) == pytest.approx(expected, abs=3)
+
+
+@pytest.mark.parametrize("factor", [1, 2])
+def test_a_disguises_lid_is_drawn_over_a_shut_eye_and_only_there(factor: int) -> None:
+    h, w = FRAME.size
+    eye = soft_parts(FRAME, (LEFT_EYE,), 0.0).repeat(factor, 0).repeat(factor, 1)
+    picture = np.full((factor * h, factor * w, 3), 150, np.uint8)
+    picture[eye > 0.5] = 40
+    lid, openings = DrawnLid(FRAME, LEFT_EYE, factor, FRAME.points), eye_openings(FRAME.points)
+    opened, shut = picture.copy(), picture.copy()
+    lid.fill(opened, openings)
+    lid.fill(shut, 0.2 * openings)
+    assert (opened == picture).all()
+    assert shut[eye > 0.8, 1].mean() > 130  # skin
+    assert (shut[eye > 0.3, 1].astype(int) - shut[eye > 0.3, 0]).max() > 30  # lashes
+    around = soft_parts(FRAME, (LEFT_EYE,), 0.05).repeat(factor, 0).repeat(factor, 1) == 0
+    assert (shut[around] == picture[around]).all()
 
 
 def test_a_disguise_never_shows_the_source() -> None:

@@ -43,10 +43,10 @@ class DetectionLimits:
     min_score: float = 0.15  # of a box that supports a tracked face
     min_candidate_score: float = 0.2
     certain_score: float = 0.75  # from which a box is a face whatever it looks like
-    high_score: float = 0.4  # from which it needs little likeness:
+    high_score: float = 0.45  # from which it needs little likeness:
     min_likeness_high_score: float = -1.0
     min_likeness_small: float = 1.0  # below that score; smaller faces have lower scores
-    min_likeness_large: float = 3.0
+    min_likeness_large: float = 4.0
     small_face_pixels: int = 64
     side_interval_frames: int = 3  # from one search for parts of faces at the sides to the next
     min_likeness_at_side: float = 3.0

@@ -30,10 +30,13 @@ class ApertureLimits:
     brow_growth_face_widths: float = 0.02  # within which no brow of the source's shows
     sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
     eye_growth_face_widths: float = 0.01  # of an eye otherwise, so that no sliver of the identity's shows
-    shut: tuple[float, float] = (
-        0.55,
-        0.3,
-    )  # openings, of that at rest, from which and at which lids count as shut
+    lid_growth_face_widths: float = 0.015  # of an eye over which a lid is drawn
+    lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
+    lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
+    lashes: tuple[float, float] = (0.45, 0.12)  # their darkness, and how wide they are, of the eye's height
+    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so.
+    shut: tuple[float, float] = (0.55, 0.3)
+    drawn_shut: tuple[float, float] = (0.65, 0.4)
 
 
 LIMITS = ApertureLimits()
@@ -59,8 +62,7 @@ class Aperture:
         irises: tuple[F32, F32] | None = None,
     ) -> None:  # fmt: skip
         self._part = part
-        self._openings = None if at_rest is None else np.maximum(eye_openings(at_rest), 1e-6)
-        self._eye = int(part is LEFT_EYE)
+        self._shut = None if at_rest is None else ShutShare(part, at_rest)
         grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
         if irises is not None:
             grow = LIMITS.eye_growth_face_widths
@@ -89,7 +91,7 @@ class Aperture:
 
         colour : the matrix of both pictures.   openings : `eye_openings` of the shape, if they are known.
         """
-        shut = self._shut(head, openings)
+        shut = 1.0 if self._shut is None else self._shut(eye_openings(head) if openings is None else openings)
         shown = shut if self.tint is None else 1.0
         if shown == 0:
             return
@@ -106,17 +108,69 @@ class Aperture:
         share = self._share * np.float32(shown)
         picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
 
-    def _shut(self, head: F64, openings: F64 | None) -> float:
-        """Share in [0, 1] by which the aperture is shut; 1 where its opening at rest isn't known.
+
+class ShutShare:
+    """How far an eye of the source is shut.
+
+    part : landmark group of the eye.   at_rest : shape (81, 2).
+    limits : openings, of that at rest, from which and at which it counts as shut.
+    """
+
+    def __init__(self, part: Group, at_rest: F64, limits: tuple[float, float] = LIMITS.shut) -> None:
+        self._limits = limits
+        self._openings = np.maximum(eye_openings(at_rest), 1e-6)
+        self._eye = int(part is LEFT_EYE)
+
+    def __call__(self, openings: F64) -> float:
+        """Share in [0, 1] for the `eye_openings` of a shape.
 
         An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
         """
-        if self._openings is None:
-            return 1.0
-        first, last = LIMITS.shut
-        ratios = (eye_openings(head) if openings is None else openings) / self._openings
+        first, last = self._limits
+        ratios = openings / self._openings
         least = min(float(ratios[self._eye]), float(ratios.mean()))
         return min(max((first - least) / (first - last), 0.0), 1.0)
+
+
+class DrawnLid:
+    """The identity's own upper lid, drawn down over an eye while the source's is shut.
+
+    For a disguise, which shows nothing of the source: the skin above the eye is mirrored down about the upper margin,
+    with a line of lashes along the lower one.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.   part : landmark group of the eye.   factor : as for `Aperture`.
+    at_rest : the source's shape (81, 2) at rest.
+    """
+
+    def __init__(self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64) -> None:
+        self._shut = ShutShare(part, at_rest, LIMITS.drawn_shut)
+        share = _enlarged(soft_parts(reference, (part,), LIMITS.lid_growth_face_widths), factor)
+        ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
+        self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
+        self._share = share[self._place]
+        rows, columns = (grid.astype(np.float32) for grid in np.mgrid[self._place])
+        inside = share[self._place] >= 0.5 * share[self._place].max(0)
+        upper, lower = inside.argmax(0), len(inside) - 1 - inside[::-1].argmax(0)
+        upper, lower = (margin + np.float32(ys[0]) for margin in (upper, lower))
+        into = np.maximum(rows - upper, 0) / np.maximum(lower - upper, 1)
+        reach = LIMITS.lid_reach_face_widths * reference.resolution * factor
+        skin = np.minimum(rows, upper - LIMITS.lid_margin_share * reach)
+        self._from = np.dstack([columns, skin - into * reach]).astype(np.float32)
+        lashes = np.exp(-0.5 * ((into - 1) / LIMITS.lashes[1]) ** 2)
+        self._dark = np.asarray(1 - LIMITS.lashes[0] * lashes, np.float32)
+
+    def fill(self, picture: U8, openings: F64) -> None:
+        """Draw the lid into a texture (h, w, 3), brightness first, as far as an eye with `eye_openings` is shut."""
+        shut = self._shut(openings)
+        if shut == 0:
+            return
+        lid = cv2.remap(picture, self._from, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        lid[..., 0] = (lid[..., 0] * self._dark).astype(np.uint8)
+        share = self._share * np.float32(shut)
+        here = np.ascontiguousarray(picture[self._place])
+        picture[self._place] = cv2.blendLinear(np.ascontiguousarray(lid), here, share, 1 - share)
 
 
 def _enlarged(plane: F32, factor: int) -> F32:

@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
-from guise.aam.landmarks.schemes import INNER_LIPS, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
-from guise.app.swapping.apertures import Aperture, eye_openings
+from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.iris import of_one_colour
 from guise.app.swapping.learned_light import LearnedLight
@@ -93,6 +93,7 @@ class Painter:
         self._compositors: dict[bool, Compositor] = {}
         self._source_at_rest = source.appearance.neutral_shape
         self._kept: dict[bool, list[Aperture]] = {}
+        self._drawn_lids: dict[bool, list[DrawnLid]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
         self._beside, self._nearest = beyond_mask(self.reference.mask)
@@ -167,6 +168,8 @@ class Painter:
                 own, openings = head - (x0, y0), eye_openings(head)
                 for aperture in self._apertures(fine):
                     aperture.fill(picture, drawn, own, frame.colour, openings)
+                for lid in self._lids(fine):
+                    lid.fill(picture, openings)
             self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
@@ -249,6 +252,15 @@ class Painter:
             shut = [Aperture(self.reference, p, factor, at_rest) for p in self.options.shut_parts]
             self._kept[fine] = own + shut
         return self._kept[fine]
+
+    def _lids(self, fine: bool) -> list[DrawnLid]:
+        """The lids of a disguise."""
+        if fine not in self._drawn_lids:
+            eyes = (RIGHT_EYE, LEFT_EYE) if self.options.disguise else ()
+            self._drawn_lids[fine] = [
+                DrawnLid(self.reference, eye, 2 if fine else 1, self._source_at_rest) for eye in eyes
+            ]
+        return self._drawn_lids[fine]
 
     def _set_occlusion(self, fine: bool, uncovered: F32 | None) -> None:
         """Draw only what nothing hides; the alpha is touched only when that changes."""
