@@ -166,11 +166,11 @@ class DrawnLid:
         shut = self._shut(openings)
         if shut == 0:
             return
-        lid = cv2.remap(picture, self._from, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        lid = cv2.remap(picture, self._from, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         lid[..., 0] = (lid[..., 0] * self._dark).astype(np.uint8)
         share = self._share * np.float32(shut)
         here = np.ascontiguousarray(picture[self._place])
-        picture[self._place] = cv2.blendLinear(np.ascontiguousarray(lid), here, share, 1 - share)
+        picture[self._place] = cv2.blendLinear(lid, here, share, 1 - share)
 
 
 def _enlarged(plane: F32, factor: int) -> F32:
