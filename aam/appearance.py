@@ -231,24 +231,16 @@ def neutral_frames(
         spread = np.maximum(states.std(0), _LEAST_SPREAD)
         away = np.linalg.norm((states[1:] - states[0]) / spread, axis=1)
         return [int(i) for i in np.argsort(away, kind="stable")[:count]]
-    openings = openness(shapes)
-    mouth, lids, brows = openings.T
-    usual = np.array(
-        [np.quantile(mouth, REST.mouth_quantile), np.quantile(lids, REST.lid_quantile), np.median(brows)]
-    )
-    spread = np.maximum(openings.std(0), 0.01)
     states = _states(shapes, reference)
-    width, yaws = states[:, 3] * reference.resolution, states[:, 4]
+    yaws = states[:, 4]
     in_front = np.abs(yaws - _rest_yaw(yaws)) <= REST.near_yaw_degrees
+    usual = np.median(states[in_front], axis=0)
+    usual[:2] = np.quantile(states[:, 0], REST.mouth_quantile), np.quantile(states[:, 1], REST.lid_quantile)
+    least = np.array([0.01, 0.01, 0.01, 0.1 / reference.resolution])
+    away = np.abs(states - usual)[:, :4] / np.maximum(states[:, :4].std(0), least)
     aligned = np.stack([reference.align(s) for s in shapes]).reshape(len(shapes), -1)
     from_usual = np.linalg.norm(aligned - np.median(aligned[in_front], 0), axis=1)
-    score = (
-        2.0 * np.abs(openings[:, 0] - usual[0]) / spread[0]
-        + np.abs(openings[:, 1] - usual[1]) / spread[1]
-        + np.abs(openings[:, 2] - usual[2]) / spread[2]
-        + np.abs(width - np.median(width)) / max(float(width.std()), 0.1)
-        + from_usual / max(float(np.median(from_usual)), 0.1)
-    )
+    score = away @ [2.0, 1.0, 1.0, 1.0] + from_usual / max(float(np.median(from_usual)), 0.1)
     return [int(i) for i in np.argsort(score)[:count]]
 
 
