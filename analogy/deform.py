@@ -45,7 +45,7 @@ class DeformationSettings:
     """Settings of the annealed deformation; sizes are the target's (the root of its area)."""
 
     max_normal_angle_deg: float = 60.0  # between surfaces that may match
-    normal_weight_sizes: float = 0.025  # distance that a difference of unit normals of 1 counts as
+    normal_weight_sizes: float = 0.012  # distance that a difference of unit normals of 1 counts as
     first_length_sizes: float = 0.11  # lengths below which the surface gives way, in the first round
     last_length_sizes: float = 0.012  # and in the last
     stretch_length_ratio: float = 0.8  # of that length, against stretching

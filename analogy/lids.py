@@ -2,8 +2,8 @@
 
 Seen along the eye, the skin has a hole, be it an open border, a socket or a bag behind the lids.  Its upper and lower
 edge, column by column from one corner to the other, are the margins.  Points of one column belong together on all
-heads, which guides the registration; and the gap between them, relative to that at rest, is what a transfer keeps.
-Any unit.
+heads, which guides the registration, as do the creases of the upper lids; and the gap between the margins, relative to
+that at rest, is what a transfer keeps.  Any unit.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.geometry import vertex_normals
+from guise.analogy.lid_crease import find_crease
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit_vectors
 from guise.analogy.registration import skin_mask
@@ -46,6 +47,9 @@ class LidSettings:
     max_hole_widths: float = 1.5
     max_offset_widths: float = 0.35  # of the hole from the middle between the feature points
     columns: int = 11  # in which margins are compared, corners left out
+    max_crease_difference_widths: float = (
+        0.065  # between heights of creases, beyond which they are other folds
+    )
     margin_quantile: float = 0.25  # of the columns' openness, which is that of the margins
     max_fold_openness: float = 0.3  # beyond it, from which a column shows a fold over the lid
     closing_openness: tuple[float, float] = (0.6, 0.3)  # of the source, from which lids are moved, and fully
@@ -57,7 +61,11 @@ class LidSettings:
     upper_reach_widths: float = 0.2  # of the skin that a margin takes along
     lower_reach_widths: float = 0.11
     rounds: int = 4  # of moving margins
+    larger_eyes_power: float = 0.63  # of the ratio of gaps, by which motion on larger eyes is scaled
+    larger_eyes_reach_widths: tuple[float, float] = (0.7, 1.3)  # from an eye's middle, over which that fades
+    max_larger_ratio: float = 1.25
     margin_trust: float = 3.0  # of a point of a margin in a registration, of that of other points
+    crease_trust: float = 3.0
     brow_trust: float = 0.1
     corner_trust: float = 0.3  # of the eyes', where margins are known
     lip_corner_widths: float = 0.5  # of the skin that counts as a corner's; widths here are the mouth's
@@ -84,12 +92,24 @@ class Lids:
 
     Parameters
     ----------
-    upper, lower : on the mesh.   width : of the eye.
+    upper, lower : on the mesh.   width : of the eye.   crease : of the upper lid, None where it has none.
     """
 
     upper: SurfaceCurve
     lower: SurfaceCurve
     width: float
+    crease: SurfaceCurve | None = None
+
+    @property
+    def margins(self) -> tuple[SurfaceCurve, SurfaceCurve]:
+        """Upper and lower."""
+        return self.upper, self.lower
+
+    def crease_height(self, vertices: F64) -> float:
+        """Mean height of the crease above the upper margin on the mesh with vertices (N, 3), in widths."""
+        assert self.crease is not None
+        away = np.linalg.norm(self.crease.at(vertices) - self.upper.at(vertices), axis=1)
+        return float(away.mean()) / self.width
 
     def place(self, vertices: F64) -> tuple[F64, float]:
         """The middle (3,) of the eye on the mesh with vertices (N, 3), and its width."""
@@ -134,12 +154,13 @@ def _find(
     if hole is None:
         return None
     high, low = _edges(hole)
-    weights = seen.weights
-    upper, lower = (
-        SurfaceCurve(drawn[seen.triangle[row, column]], weights[row, column].astype(np.float64))
-        for row, column in (high, low)
-    )
-    return Lids(upper, lower, width)
+    crease = find_crease(depth / width, high, view.pixels / (2 * view.half) * width)
+    curves = [
+        SurfaceCurve(drawn[seen.triangle[at]], seen.weights[at].astype(np.float64))
+        for at in (high, low, crease)
+        if at is not None
+    ]
+    return Lids(*curves[:2], width, *curves[2:])
 
 
 def _eye_view(vertices: F64, normals: F64, middle: F64, width: float, forward: F64, across: F64) -> View:
@@ -230,34 +251,33 @@ class FacePair:
     ----------
     points : feature points (20, 3) of source and target.   lids : of the eyes that are open on both.
     placed : whether somebody has placed the points, who is to be believed.
+    creases : of the upper lids, of source and target, where they are the same fold.
     """
 
     points: tuple[F64, F64]
     lids: tuple[LidPair, ...]
     placed: bool = False
+    creases: tuple[tuple[SurfaceCurve, SurfaceCurve], ...] = ()
 
     @classmethod
     def of(cls, source: Mesh, target: Mesh, points: tuple[F64, F64], *, placed: bool = False) -> FacePair:
         """From feature points (20, 3) of both."""
         both = (find_lids(mesh, places) for mesh, places in zip((source, target), points, strict=True))
         pairs = zip(*both, strict=True)
-        return cls(
-            points,
-            tuple((one, other) for one, other in pairs if one is not None and other is not None),
-            placed,
-        )
+        lids = tuple((one, other) for one, other in pairs if one is not None and other is not None)
+        return cls(points, lids, placed, _same_creases(lids, source.vertices, target.vertices))
 
     def with_margins(self, source: Mesh, target: Mesh) -> tuple[F64, F64]:
-        """Corresponding points (k, 3) of both: the feature points and the margins of the lids."""
-        first = [
-            _smooth(curve.at(source.vertices)) for own, _ in self.lids for curve in (own.upper, own.lower)
-        ]
-        second = [
-            _smooth(curve.at(target.vertices))
-            for _, other in self.lids
-            for curve in (other.upper, other.lower)
-        ]
-        return np.concatenate([self.points[0], *first]), np.concatenate([self.points[1], *second])
+        """Corresponding points (k, 3) of both: feature points, the margins of the lids and their creases."""
+        pairs = [pair for own, other in self.lids for pair in zip(own.margins, other.margins, strict=True)]
+        pairs += self.creases
+        first, second = (
+            np.concatenate([points, *(_smooth(curve.at(mesh.vertices)) for curve in curves)])
+            for points, mesh, curves in zip(
+                self.points, (source, target), zip(*pairs, strict=True) if pairs else ((), ()), strict=True
+            )
+        )
+        return first, second
 
     @property
     def trust(self) -> F64:
@@ -269,7 +289,8 @@ class FacePair:
         corners = LIDS.corner_trust if len(self.lids) == len(SIDES) else 1.0
         kinds = {} if self.placed else {"brow": LIDS.brow_trust, "eye": corners}
         points = [kinds.get(name.split("_")[0], 1.0) for name in FEATURE_POINT_NAMES]
-        return np.array(points + 2 * LIDS.columns * len(self.lids) * [LIDS.margin_trust])
+        margins = 2 * LIDS.columns * len(self.lids) * [LIDS.margin_trust]
+        return np.array(points + margins + LIDS.columns * len(self.creases) * [LIDS.crease_trust])
 
     def slits(self, target: F64) -> list[tuple[F64, float]]:
         """Middle (3,) and width of what opens on the target (N, 3): its eyes, and both corners of its mouth."""
@@ -279,10 +300,40 @@ class FacePair:
         return [eye.place(target) for _, eye in self.lids] + [(corner, width) for corner in corners]
 
 
+def _same_creases(
+    lids: tuple[LidPair, ...], source: F64, target: F64
+) -> tuple[tuple[SurfaceCurve, SurfaceCurve], ...]:
+    """Creases of all upper lids, if those of both heads lie at about one height; else they may be other folds."""
+    pairs = tuple((own.crease, other.crease) for own, other in lids if own.crease and other.crease)
+    if not pairs or len(pairs) < len(lids):
+        return ()
+    apart = [abs(own.crease_height(source) - other.crease_height(target)) for own, other in lids]
+    return pairs if np.mean(apart) < LIDS.max_crease_difference_widths else ()
+
+
 def _smooth(curve: F64) -> F64:
     """A curve (k, 3) as cubic polynomials, without the steps of pixels and of the lid's thickness."""
     powers = np.vander(np.linspace(-1, 1, len(curve)), 4)
     return np.asarray(powers @ np.linalg.lstsq(powers, curve, rcond=None)[0])
+
+
+def motion_ratios(lids: tuple[LidPair, ...], source: F64, target: F64, scale: float) -> F64:
+    """(N_t,) by how much farther the skin of larger eyes moves than that of the source, scaled; 1 away from eyes.
+
+    source, target : neutral vertices (N, 3).   scale : of the target, of the source.
+    """
+    full, none = LIDS.larger_eyes_reach_widths
+    out = np.ones(len(target))
+    for own, other in lids:
+        gap, wide = (
+            float(np.linalg.norm(_ways(eye, at), axis=1).mean())
+            for eye, at in ((own, source), (other, target))
+        )
+        ratio = np.clip(wide / max(scale * gap, 1e-300), 1, LIDS.max_larger_ratio)
+        middle, width = other.place(target)
+        share = np.clip((none - np.linalg.norm(target - middle, axis=1) / width) / (none - full), 0, 1)
+        out *= ratio ** (LIDS.larger_eyes_power * share**2 * (3 - 2 * share))
+    return out
 
 
 class LidMotion:

@@ -20,7 +20,7 @@ from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FeaturePointsError, find_feature_points
 from guise.analogy.filling import TensionFill
 from guise.analogy.geometry import vertex_areas
-from guise.analogy.lids import FacePair, LidMotion
+from guise.analogy.lids import FacePair, LidMotion, motion_ratios
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.parts import FaceFrame, PartMotion, submesh
 from guise.analogy.registration import register, skin_mask
@@ -99,7 +99,9 @@ class Transfer:
         self._neutral = skin.vertices + self._fill(apart)
         self._core = _make_method(method, self._neutral, skin, TRANSFER.tent_reach_radii * radius)
         self._skin = on_skin
-        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in (face.lids if face else ())]
+        lids = face.lids if face else ()
+        self._ratios = motion_ratios(lids, source.vertices, target.vertices, self.pose.scale)[on_skin, None]
+        self._lids = [LidMotion(source.vertices, target.vertices, eye) for eye in lids]
         same = bool((correspondence.weights.max(1) == 1).all())  # vertex to vertex, which slips nowhere
         self._slit_skin = (
             SlitSkin(target, on_skin, face.slits(target.vertices), source.vertices, correspondence.corners)
@@ -123,7 +125,7 @@ class Transfer:
         motion = self._motion(expressive)
         still = motion.inverse().apply(expressive)
         way = (still - self.source.vertices) @ self.pose.linear.T
-        skin = self._bounded(self._core(self._neutral + self._fill(self._carry @ way)), way)
+        skin = self._bounded(self._core(self._neutral + self._fill(self._ratios * (self._carry @ way))), way)
         made = self._parts(self._in_order(still, skin), self._all @ way)
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 from guise.analogy.geometry import Surface
-from guise.analogy.lids import FacePair, LidMotion, Lids, find_lids
+from guise.analogy.lids import FacePair, LidMotion, Lids, find_lids, motion_ratios
 from guise.analogy.mesh import Mesh
 from guise.analogy.parts import FaceFrame
 from guise.analogy.transfer import Method, Transfer
@@ -138,6 +138,54 @@ def test_lids_meet_on_other_meshes_and_larger_and_smaller_eyes(
         assert left.max() < max(0.15, 0.6 * (gaps(eye, alone) / rest)[2:-2].max())
     still = np.abs(target[0].vertices[:, 1]) > 3
     assert np.abs(together - target[0].vertices)[still].max() < 0.05
+
+
+def creased(mesh: Mesh, height: float, depth: float = 0.15) -> Mesh:
+    """The face with a fold above each upper lid."""
+    x, y, z = mesh.vertices.T
+    lens = np.max([np.clip(1 - ((x - middle) / HALF) ** 2, 0, None) for middle in EYES], axis=0)
+    fold = depth * (lens > 0) * np.exp(-(((y - lens / 2 - height) / 0.15) ** 2))
+    return mesh.with_vertices(np.column_stack([x, y, z - fold]))
+
+
+@pytest.mark.parametrize("height", [0.3, 0.55])
+def test_creases_of_upper_lids_are_found_where_they_are(height: float) -> None:
+    mesh = creased(face(20, 1.0)[0], height)
+    for eye, middle in zip(find_lids(mesh, FACE_POINTS), EYES, strict=True):
+        assert eye is not None
+        assert eye.crease is not None
+        x, y, _ = eye.crease.at(mesh.vertices)[2:-2].T
+        assert_allclose(y, 0.5 * (1 - ((x - middle) / HALF) ** 2) + height, atol=0.1)
+
+
+def test_smooth_lids_have_no_crease() -> None:
+    for eye in find_lids(face(20, 1.0)[0], FACE_POINTS):
+        assert eye is not None
+        assert eye.crease is None
+
+
+def test_creases_guide_the_match_where_they_are_the_same_fold() -> None:
+    plain = face(20, 1.0)[0]
+    meshes = plain, creased(plain, 0.3), creased(plain, 0.4), creased(plain, 0.75)
+    smooth, *others = (FacePair.of(meshes[1], mesh, (FACE_POINTS, FACE_POINTS)) for mesh in meshes)
+    assert [len(pair.creases) for pair in (smooth, *others)] == [0, 2, 2, 0]
+    first, second = others[1].with_margins(meshes[1], meshes[2])
+    assert len(first) == len(second) == len(others[1].trust) > len(smooth.trust)
+    assert_allclose((second - first)[-20:, 1], 0.1, atol=0.08)
+
+
+def test_larger_eyes_move_farther_and_smaller_ones_as_the_source() -> None:
+    small, large = face(8, 1.0)[0], face(8, 1.2)[0]
+    away = np.abs(large.vertices[:, 1]) > 3.5
+    for scale in (1.0, 3.0):
+        target = large.with_vertices(scale * large.vertices)
+        points = FACE_POINTS, scale * FACE_POINTS
+        lids = FacePair.of(small, target, points).lids
+        ratios = motion_ratios(lids, small.vertices, target.vertices, scale)
+        assert 1.05 < ratios.max() < 1.2
+        assert (ratios[away] == 1).all()
+    lids = FacePair.of(large, small, (FACE_POINTS, FACE_POINTS)).lids
+    assert (motion_ratios(lids, large.vertices, small.vertices, 1.0) == 1).all()
 
 
 def test_margins_count_more_than_the_corners_they_stand_for() -> None:
