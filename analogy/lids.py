@@ -155,12 +155,11 @@ def _find(
         return None
     high, low = _edges(hole)
     crease = find_crease(depth / width, high, view.pixels / (2 * view.half) * width)
-    curves = [
+    upper, lower, fold = (
         SurfaceCurve(drawn[seen.triangle[at]], seen.weights[at].astype(np.float64))
-        for at in (high, low, crease)
-        if at is not None
-    ]
-    return Lids(*curves[:2], width, *curves[2:])
+        for at in (high, low, crease or high)
+    )
+    return Lids(upper, lower, width, fold if crease else None)
 
 
 def _eye_view(vertices: F64, normals: F64, middle: F64, width: float, forward: F64, across: F64) -> View:

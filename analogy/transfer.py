@@ -8,7 +8,7 @@ the end, so that a nod stays a nod.  Any unit; results are in that of the target
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -30,7 +30,7 @@ from guise.analogy.tents import TentTransfer, VertexTents
 from guise.common.arrays import F64, Bool, Int
 
 Method = Literal["tents", "gradients", "cloning"]
-TransferMethod = Callable[[F64], F64]
+TransferMethod = Callable[[list[F64]], list[F64]]
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,11 @@ class Transfer:
         apart = self.pose.apply(self._carry @ source.vertices) - skin.vertices
         radius = _rms_radius(skin.vertices, size)
         continued = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)(apart)
-        found &= _keeps_ring_shape(skin.vertices + continued, skin)
+        own = VertexTents(skin.vertices, skin.rings)
+        found &= _keeps_ring_shape(own.transformations(skin.vertices + continued))
         self._fill = TensionFill(skin.vertices, skin.rings, found, TRANSFER.fade_length_radii * radius)
         self._neutral = skin.vertices + self._fill(apart)
-        self._core = _make_method(method, self._neutral, skin, TRANSFER.tent_reach_radii * radius)
+        self._core = _make_method(method, self._neutral, own, TRANSFER.tent_reach_radii * radius)
         self._skin = on_skin
         lids = face.lids if face else ()
         self._ratios = motion_ratios(lids, source.vertices, target.vertices, self.pose.scale)[on_skin, None]
@@ -109,8 +110,8 @@ class Transfer:
             else None
         )
         matched = correspondence.found & ~skin_mask(source)[correspondence.corners].any(1)
-        own = FaceFrame.of(face.points[1]) if face else None
-        self._parts = PartMotion(target, on_skin, keep_rigid, matched, own)
+        frame = FaceFrame.of(face.points[1]) if face else None
+        self._parts = PartMotion(target, on_skin, keep_rigid, matched, frame)
         self._sample = _subsample(np.flatnonzero(skin_mask(source)))
 
     def __call__(self, expressive: F64) -> F64:
@@ -121,12 +122,27 @@ class Transfer:
         MeshError
             When the number of vertices differs from the source, or a vertex is not finite.
         """
-        _require_expression(expressive, self.source)
-        motion = self._motion(expressive)
-        still = motion.inverse().apply(expressive)
-        way = (still - self.source.vertices) @ self.pose.linear.T
-        skin = self._bounded(self._core(self._neutral + self._fill(self._ratios * (self._carry @ way))), way)
-        made = self._parts(self._in_order(still, skin), self._all @ way)
+        return self.each([expressive])[0]
+
+    def each(self, expressions: Sequence[F64]) -> list[F64]:
+        """The same for several expressions (N_s, 3), which takes less time than one by one.
+
+        Raises
+        ------
+        MeshError
+            As for one.
+        """
+        for expressive in expressions:
+            _require_expression(expressive, self.source)
+        motions = [self._motion(expressive) for expressive in expressions]
+        stills = [motion.inverse().apply(x) for motion, x in zip(motions, expressions, strict=True)]
+        ways = [(still - self.source.vertices) @ self.pose.linear.T for still in stills]
+        skins = self._core([self._neutral + self._fill(self._ratios * (self._carry @ way)) for way in ways])
+        return [self._whole(*parts) for parts in zip(motions, stills, ways, skins, strict=True)]
+
+    def _whole(self, motion: Similarity, still: F64, way: F64, skin: F64) -> F64:
+        """The target (N_t, 3) by its skin (n, 3), for a source (N_s, 3) moved by ways (N_s, 3) and then as a whole."""
+        made = self._parts(self._in_order(still, self._bounded(skin, way)), self._all @ way)
         return (self.pose @ motion @ self.pose.inverse()).apply(made)
 
     def _bounded(self, skin: F64, way: F64) -> F64:
@@ -189,13 +205,16 @@ def _feature_points(mesh: Mesh, name: str) -> F64:
     return found.positions
 
 
-def _make_method(method: Method, source: F64, target: Mesh, reach: float) -> TransferMethod:
+def _make_method(method: Method, source: F64, target: VertexTents, reach: float) -> TransferMethod:
     if method == "tents":
-        return TentTransfer(source, target.vertices, target.rings, reach)
-    if method == "gradients":
-        return GradientTransfer(source, target.vertices, target.rings)
-    if method == "cloning":
-        return ExpressionCloning(source, target.vertices, target.rings)
+        return TentTransfer(source, target.neutral, target.rings, reach, target).each
+    by_one: dict[str, type[GradientTransfer | ExpressionCloning]] = {
+        "gradients": GradientTransfer,
+        "cloning": ExpressionCloning,
+    }
+    if method in by_one:
+        transfer = by_one[method](source, target.neutral, target.rings)
+        return lambda expressions: [transfer(expressive) for expressive in expressions]
     raise MeshError(f"the method must be tents, gradients or cloning, got {method}")
 
 
@@ -226,9 +245,11 @@ def _align(source: F64, target: F64, weights: F64) -> Similarity:
     return pose
 
 
-def _keeps_ring_shape(carried: F64, target: Mesh) -> Bool:
-    """Whether the ring of each vertex keeps its shape on the source; a match on the other lip tears it."""
-    change = VertexTents(target.vertices, target.rings).transformations(carried)
+def _keeps_ring_shape(change: F64) -> Bool:
+    """Whether the ring of each vertex keeps its shape on the source, to which it is transformed by (n, 3, 3).
+
+    A match on the other lip tears it.
+    """
     stretch = np.linalg.svd(change, compute_uv=False)
     flipped = np.linalg.det(change) <= 0
     return np.asarray(

@@ -102,6 +102,13 @@ def test_turning_the_whole_source_turns_the_whole_result() -> None:
     assert_allclose(*centred, atol=1e-3)
 
 
+def test_several_expressions_at_once_are_what_each_is_alone() -> None:
+    transfer = TentTransfer(SOURCE, TARGET, RINGS)
+    expressions = [smiling(SOURCE), SOURCE, smiling(SOURCE) @ turned(25).T]
+    for made, expressive in zip(transfer.each(expressions), expressions, strict=True):
+        assert_allclose(made, transfer(expressive), atol=1e-12)
+
+
 def test_quads_and_their_triangulation_agree() -> None:
     by_quads = TentTransfer(SOURCE, TARGET, RINGS)(smiling(SOURCE))
     by_triangles = TentTransfer(SOURCE, TARGET, Rings.of(SIDE * SIDE, TRIANGLES))(smiling(SOURCE))

@@ -89,6 +89,14 @@ def test_the_neutral_face_gives_the_neutral_face(transfer: Transfer) -> None:
     assert_allclose(transfer(SOURCE.vertices), TARGET.vertices, atol=1e-12)
 
 
+def test_several_expressions_at_once_are_what_each_is_alone(transfer: Transfer) -> None:
+    by = motion((0, 20, 0), (1, 2, 3))
+    expressions = [smiling(SOURCE.vertices), SOURCE.vertices, by.apply(smiling(SOURCE.vertices))]
+    for made, expressive in zip(transfer.each(expressions), expressions, strict=True):
+        assert_allclose(made, transfer(expressive), atol=1e-10)
+    assert transfer.each([]) == []
+
+
 @given(turn=angles, shift=shifts)
 def test_a_rigid_motion_of_the_expression_changes_the_pose_alone(
     transfer: Transfer, turn: tuple[float, ...], shift: tuple[float, ...]
