@@ -95,6 +95,7 @@ PICTURE = (
     "picture.turned",
     "picture.pairs",
     "picture.grade",
+    "picture.ideal",
 )
 PEOPLE = (
     "people.photo",
@@ -105,7 +106,7 @@ ALL = (*NAMES, *LANDMARKS, *PICTURE, *PEOPLE, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
 WITH_PEERS = (
     "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
     "deidentify.leaks", "deidentify.expression", "deidentify.speed", "picture.pairs",
-    "picture.grade", "people.photo",
+    "picture.grade", "picture.ideal", "people.photo",
 )  # fmt: skip
 WITH_PARTS = ("landmarks.rendered", "landmarks.head_pose", "landmarks.parsing", "landmarks.calibration")
 
