@@ -39,8 +39,8 @@ class TransferSettings:
 
     tent_reach_radii: float = 0.04  # length over which tents rule
     fade_length_radii: float = 0.3  # over which an expression fades where the source has nothing
-    max_ring_stretch: float = 3.0  # of a ring on the source, beyond which its correspondence is rejected
-    min_ring_stretch: float = 0.2
+    max_ring_stretch: float = 2.2  # of a ring on the source, beyond which its correspondence is rejected
+    min_ring_stretch: float = 0.28
     max_motion_ratio: float = 1.4  # of any vertex to the source's furthest, scaled
     pose_samples: int = 400  # vertices that give the motion of the whole head
 
