@@ -63,7 +63,7 @@ class LidSettings:
     rounds: int = 4  # of moving margins
     larger_eyes_power: float = 0.63  # of the ratio of gaps, by which motion on larger eyes is scaled
     larger_eyes_reach_widths: tuple[float, float] = (0.7, 1.3)  # from an eye's middle, over which that fades
-    max_larger_ratio: float = 1.25
+    max_larger_ratio: float = 1.15
     margin_trust: float = 3.0  # of a point of a margin in a registration, of that of other points
     crease_trust: float = 3.0
     brow_trust: float = 0.1
