@@ -86,6 +86,33 @@ def test_a_doubtful_candidate_counts_when_it_is_seen_twice_more() -> None:
     assert len(confirmed([Candidate(1, box, 0.9, confirmed=True)])) == 1
 
 
+@pytest.mark.parametrize(("turn", "likeness", "kept"), [(0, -2.3, 6), (np.pi, -2.3, 0), (np.pi, 2.0, 6)])
+def test_a_certain_box_upside_down_must_also_look_like_a_face(
+    turn: float, likeness: float, kept: int
+) -> None:
+    """A fold of clothes was covered with a score of 0.78."""
+    tracker = SegmentTracker(_Unsure(likeness))  # type: ignore[arg-type]
+    box = np.array([[10, 10, 90, 90]], np.float32)
+    found = RolledBoxes(box, np.array([0.78], np.float32), np.array([turn], np.float32))
+    for index in range(6):
+        frame = DetectedFrame(index, np.zeros((100, 100, 3), np.uint8), found, np.zeros((18, 32), np.uint8))
+        tracker.update(frame)
+    assert len(tracker.faces().bystander_frame) == kept
+
+
+class _Unsure:
+    """A landmarker that finds no points."""
+
+    def __init__(self, likeness: float) -> None:
+        self._likeness = likeness
+
+    def points_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> None:
+        return None
+
+    def likeness(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> float:
+        return self._likeness
+
+
 def test_of_two_trackers_of_one_face_one_stays() -> None:
     tracker = SegmentTracker(_Same())  # type: ignore[arg-type]
     rgb = np.zeros((100, 100, 3), np.uint8)

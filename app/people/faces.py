@@ -42,7 +42,7 @@ class DetectionLimits:
 
     min_score: float = 0.15  # of a box that supports a tracked face
     min_candidate_score: float = 0.2
-    certain_score: float = 0.75  # from which a box is a face whatever it looks like
+    certain_score: float = 0.75  # from which an upright box is a face whatever it looks like
     high_score: float = 0.45  # from which it needs little likeness:
     min_likeness_high_score: float = -1.0
     min_likeness_small: float = 1.0  # below that score; smaller faces have lower scores
@@ -58,6 +58,7 @@ class DetectionLimits:
     ear_reach_face_sizes: float = 0.2  # beside a face, where something small of a lower score than
     ear_score: float = 0.5  # this is its ear
     ear_face_sizes: float = 0.5  # and smaller than this
+    upright_radians: float = np.pi / 4
     wrong_roll_radians: float = 1.0  # from which a box on a tracked head is no face, unless it is certain
     cut_correlation: float = 0.6  # of small pictures, below which a new shot begins
     cut_grey_levels: float = 8.0  # of mean change, from which it can
@@ -316,7 +317,8 @@ class SegmentTracker:
         if score >= LIMITS.high_score:
             least = LIMITS.min_likeness_high_score
         beyond = self._landmarker.likeness(frame.rgb, box, turn) - least
-        if score < LIMITS.certain_score and beyond < 0:
+        # Folds of clothes are found upside down with high scores.
+        if beyond < 0 and (score < LIMITS.certain_score or abs(turn) > LIMITS.upright_radians):
             return []
         is_confirmed = score >= LIMITS.certain_score or beyond >= LIMITS.confirmed_likeness
         return [Candidate(frame.index, box, score, is_confirmed, turn)]
