@@ -48,8 +48,8 @@ MORE: tuple[dict[str, Any], ...] = (
         "name": "p09", "desc": "man, about 38, Middle Eastern", "race": {"caucasian": 0.85, "african": 0.15},
         "male": 1.0, "age": 0.22, "weight": 0.2, "muscle": 0.1, "seed": 9, "tone": (0.72, 0.72, 0.73), "sat": 0.88,
         "skin": {"middleage_lightskinned_male_diffuse": 0.72, "young_darkskinned_male_diffuse": 0.28}, "redness": 0.4,
-        "hair": "short04", "hairc": BLACK, "brows": "eyebrow010", "browc": BLACK, "eye": "brownlight_eye", "stub": 0.4,
-        "clothes": "male_casualsuit05", "mouth_shut": 0.06, "moles": 2, "spots": 0.9,
+        "hair": "short04", "hairc": BLACK, "brows": "eyebrow012", "browc": BLACK, "eye": "brownlight_eye", "stub": 0.4,
+        "clothes": "male_casualsuit05", "inner_ends": 0.4, "mouth_shut": 0.06, "moles": 2, "spots": 0.9,
         "shape": {
             "head/head-diamond": 0.3, "nose/nose-hump-incr": 0.35, "nose/nose-scale-vert-incr": 0.2,
             "chin/chin-width-incr": 0.2, "chin/chin-height-incr": 0.15, "lr:eyes/eye-bag-incr": 0.2,
