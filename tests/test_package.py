@@ -1,6 +1,7 @@
 """The wheel has one name, holds what the program needs, needs what it declares, and works beside a foreign app."""
 
 import ast
+import json
 import os
 import re
 import shutil
@@ -9,9 +10,12 @@ import sys
 import sysconfig
 import tomllib
 import zipfile
+from functools import partial
 from pathlib import Path
 
+import cv2
 import pytest
+from clips import pictures, tags
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -146,12 +150,26 @@ def test_the_readme_says_how_large_the_wheel_is(wheel: Path) -> None:
     assert abs(int(told) - wheel.stat().st_size / 1e6) < 1.0
 
 
-def test_the_demo_runs_from_the_wheel(project: tuple[Path, dict[str, str]]) -> None:
+@pytest.mark.timeout(300)
+def test_the_demo_runs_from_the_wheel_and_makes_what_it_names(project: tuple[Path, dict[str, str]]) -> None:
     folder, environment = project
-    command = [folder / "env" / "bin" / "guise", "demo", "-o", "out", "--force", "--quiet"]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    command = [folder / "env" / "bin" / "guise", "demo", "-o", "out"]
+    run = partial(subprocess.run, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    done = run([*command, "--json"])
     assert done.returncode == 0, done.stderr
-    assert (folder / "out" / "swapped.mp4").stat().st_size > 10_000
+    report = json.loads(done.stdout)
+    names = ["contact_sheet.png", "p01.guise", "p06.guise", "side_by_side.mp4", "swapped.mp4"]
+    assert sorted(file.name for file in (folder / "out").iterdir()) == names
+    assert report["swap"]["swapped"] == report["swap"]["frames"] == 180
+    beside, swapped = pictures(folder / report["side_by_side"]), pictures(folder / report["video"])
+    assert len(beside) == len(swapped) == 180
+    assert beside[0].shape[1] == 2 * swapped[0].shape[1]
+    assert cv2.imread(folder / report["contact_sheet"]).shape[1] > 1500
+    for video in ("side_by_side.mp4", "swapped.mp4"):
+        assert tags(folder / "out" / video)["comment"].startswith("Synthetic face")
+    again = run([*command, "-q"])
+    assert again.returncode == 2
+    assert "exists: use --force to replace it" in again.stderr
 
 
 def test_the_api_works_beside_a_foreign_app_and_render(project: tuple[Path, dict[str, str]]) -> None:

@@ -122,7 +122,7 @@ def test_lips_are_smoothed_around_the_corners_of_the_mouth_alone() -> None:
 
     from guise.analogy.lids import FacePair
 
-    mesh = face(12, 1.0)[0]
+    mesh = face(6, 1.0)[0]
     corners = mesh.faces[
         np.array([np.flatnonzero((mesh.faces == k).any(1))[0] for k in range(len(mesh.vertices))])
     ]
