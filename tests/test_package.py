@@ -195,6 +195,18 @@ def test_every_third_party_import_is_declared() -> None:
     assert {DISTRIBUTIONS.get(name, name) for name in foreign} <= declared
 
 
+def test_every_library_that_a_test_waits_for_is_declared() -> None:
+    """A test of a library that nothing declares would be skipped everywhere, and nobody would see it."""
+    declared = {
+        requirement(d) for extra in PROJECT["project"]["optional-dependencies"].values() for d in extra
+    }
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "tests").glob("*.py")]
+    awaited = {name for text in texts for name in re.findall(r'importorskip\("(\w+)', text)}
+    names = {DISTRIBUTIONS.get(name, name).replace("_", "-").lower() for name in awaited}
+    assert names
+    assert names <= declared | {"aiohttp"}  # comes with fsspec[http]
+
+
 def test_every_dependency_has_a_range() -> None:
     extras = PROJECT["project"]["optional-dependencies"].values()
     everything = [*PROJECT["project"]["dependencies"], *(d for extra in extras for d in extra)]
