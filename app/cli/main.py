@@ -6,11 +6,14 @@ needs none of them.
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
+from typing import NoReturn
 
 _ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # read when NumPy is imported; see guise.common.threads
@@ -30,7 +33,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(name, value)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminate)
-    return _run(arguments)
+    code = _run(arguments)
+    from guise.common.failures import INTERRUPTED
+
+    if argv is None and code == INTERRUPTED:
+        _end(code)
+    return code
 
 
 def _run(arguments: list[str]) -> int:
@@ -53,6 +61,18 @@ def _call(arguments: list[str]) -> int:
         return int(run(arguments or ["--help"], standalone_mode=False, prog_name="guise") or 0)
     except Abort:
         raise KeyboardInterrupt from None
+
+
+def _end(code: int) -> NoReturn:
+    """End the program without waiting for threads of native libraries.
+
+    An interrupt may leave them at work, and C++ aborts a program that ends before its threads do.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    os._exit(code)
 
 
 def _terminate(number: int, frame: object) -> None:
