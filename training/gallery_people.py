@@ -25,7 +25,7 @@ CHANGES: dict[str, dict[str, Any]] = {
         "inner_brows": 0.35,
         "brows_raised": 0.15,
     },
-    "p07": {"brows": "eyebrow008", "moles": 1, "inner_ends": 0.25, "strays": 340},
+    "p07": {"brows": "eyebrow009", "moles": 1, "inner_brows": 0.3, "inner_ends": 0.5, "strays": 300},
 }
 
 BLACK = (0.030, 0.026, 0.024), (0.008, 0.007, 0.006)

@@ -20,6 +20,7 @@ from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
 from guise.app.swapping.finish import Finish
+from guise.app.swapping.folds import Folds
 from guise.app.swapping.iris import of_one_colour
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
@@ -87,6 +88,7 @@ class Painter:
         self._enlarging = cv2.INTER_LINEAR if options.light == "paper" else cv2.INTER_CUBIC
         self._finish = None if options.light == "paper" else Finish(self.reference, mask)
         self._own_skin = None if options.disguise else OwnSkin(self.relief)
+        self._folds = Folds(self.relief)
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
@@ -170,6 +172,8 @@ class Painter:
                     aperture.fill(picture, drawn, own, frame.colour, openings)
                 for lid in self._lids(fine):
                     lid.fill(picture, openings)
+            if across.any():
+                self._folds.smooth(picture, drawn_mesh, zoom)
             self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
