@@ -48,7 +48,8 @@ const guiseLive = {
     }
     const next = async (now) => {
       if (this.session !== session) return;
-      await this.offer(session, new VideoFrame(session.own, { timestamp: Math.round(1000 * now) }));
+      const frame = shown(session.own, now);
+      if (frame) await this.offer(session, frame);
       session.own.requestVideoFrameCallback(next);
     };
     session.own.requestVideoFrameCallback(next);
@@ -138,6 +139,15 @@ function connected(address) {
     socket.onopen = () => resolve(socket);
     socket.onerror = () => reject(new DOMException("", "NetworkError"));
   });
+}
+
+// What a video shows, or nothing: the first picture may be announced before there is one.
+function shown(video, now) {
+  try {
+    return new VideoFrame(video, { timestamp: Math.round(1000 * now) });
+  } catch {
+    return undefined;
+  }
 }
 
 // What shows pictures in a video element.
