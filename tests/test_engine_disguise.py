@@ -13,6 +13,7 @@ from guise.aam.landmarks.schemes import (
     BROWS,
     EYES,
     HAIRLINE,
+    JAW,
     LEFT_EYE,
     LIPS,
     MIRROR,
@@ -23,10 +24,12 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.app.media import open_input
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.place import DISGUISE, proportions
+from guise.app.swapping.silhouette import View
 
 FRAME = ReferenceFrame.canonical(160)
 
@@ -111,3 +114,20 @@ def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, 
     changes, mesh = _swapped(fringed, EngineOptions(renderer="cpu", disguise=disguise))
     x, y = np.round((mesh[HAIRLINE] + mesh[NOSE_ROOT]) / 2).astype(int)  # between brows and hair
     assert np.abs(changes[y - 4 : y, x - 3 : x + 4]).any() == disguise
+
+
+@pytest.mark.parametrize("yaw", [-45.0, 45.0])
+def test_the_far_side_of_a_turned_head_is_not_enlarged(yaw: float) -> None:
+    person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
+    y = np.radians(yaw)
+    rotation = np.array([[np.cos(y), 0, -np.sin(y)], [0, 1, 0], [np.sin(y), 0, np.cos(y)]])
+    face, pose = SolidPrior.shipped().mean, HeadPose(rotation, 170.0, np.array([320.0, 240.0]))
+    options = EngineOptions(renderer="cpu", disguise=True, jaw=0.1)
+    with Engine(person, other, None, options) as engine:
+        painter, rest, head = engine.painter, other.appearance.neutral_shape, pose.apply(face)
+        plain, _ = painter.place(rest, head)
+        turned, _ = painter.place(rest, head, View.of(face, pose, painter.relief))
+    right, left = (np.linalg.norm(turned[part] - plain[part], axis=1) for part in (JAW[2:6], JAW[11:15]))
+    near, far = sorted((right, left), key=np.mean)
+    np.testing.assert_allclose(near, 0, atol=1e-9)
+    assert far.min() > 0.08 * 170  # of the tenth of a face's width that it is enlarged by

@@ -110,7 +110,7 @@ class Painter:
         view : how the drawn face is seen; None is as from the front.
         """
         shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / self.reference.shape_weight
-        mesh, zoom = self.place(shape, head)
+        mesh, zoom = self.place(shape, head, view)
         across = STRAIGHT if view is None else view.across
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         if texels is not None:
@@ -131,14 +131,20 @@ class Painter:
         """Of texels on the relief's mesh."""
         return MeshSampler.build(self.relief.mesh, _places(self.reference, texels))
 
-    def place(self, shape: F64, head: F64) -> tuple[F64, float]:
-        """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom."""
+    def place(self, shape: F64, head: F64, view: View | None = None) -> tuple[F64, float]:
+        """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom.
+
+        What a disguise adds at the outline ends where the head turns away, with background behind it.
+        """
         full = self.options.transfer == "full"
         fit = align_planar(self.reference.align(head) if full else shape, head, RIGID_WEIGHTS)
         mesh = self._features @ fit.apply(shape)
         if not full:
             mesh = mesh + self._pull @ (head - mesh)
-        return mesh + self._beyond @ fit.linear, fit.scale
+        beyond = self._beyond @ fit.linear
+        if view is not None:
+            beyond *= self._silhouette.points(view.cosines)[:POINTS, None]
+        return mesh + beyond, fit.scale
 
     def blend(
         self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,

@@ -89,7 +89,7 @@ class Silhouette:
 
     def share(self, cosines: F64) -> F32 | None:
         """(h, w) share in [0, 1] that is drawn of a face with cosines (81 + k,) at its points; None is all of it."""
-        points = np.maximum(self._share(cosines), self._nose)
+        points = np.maximum(self.points(cosines), self._nose)
         if points.min() >= 1:
             return None
         cells = np.clip(_interpolated(points, self._sampler), 0, 1).reshape(self._cells)
@@ -97,9 +97,10 @@ class Silhouette:
 
     def visible(self, cosines: F64) -> F32:
         """(t,) the same at the texels."""
-        return np.clip(_interpolated(self._share(cosines), self._texels), 0, 1)
+        return np.clip(_interpolated(self.points(cosines), self._texels), 0, 1)
 
-    def _share(self, cosines: F64) -> F32:
+    def points(self, cosines: F64) -> F32:
+        """(81 + k,) share in [0, 1] of what is seen of a face from the front that is seen at its points."""
         ramp = (cosines - LIMITS.hidden_cosine) / (self._whole - LIMITS.hidden_cosine)
         return np.asarray(np.clip(ramp, 0, 1), np.float32)
 
