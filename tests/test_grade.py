@@ -47,12 +47,16 @@ def test_each_figure_lowers_the_score_and_the_largest_is_advised_about() -> None
     worse = [replace(fine, **{name: value}) for name, value in large.items()]
     assert all(one.predicted > fine.predicted + 0.1 for one in worse)
     assert all(one.score < fine.score for one in worse)
-    words = ["colours differ", "light differs", "sharper", "differ in shape"]
-    bad = Grade(9.0, 12.0, 0.9, 0.06)
+    words = ["colours differ", "light differs", "softer", "differ in shape"]
+    bad = Grade(9.0, 12.0, -0.9, 0.06)
     for keep, word in zip(("colour", "light", "sharpness", "shape"), words, strict=True):
-        weak = {"colour": 3.0, "light": 4.0, "sharpness": 0.3, "shape": 0.02}
+        weak = {"colour": 3.0, "light": 4.0, "sharpness": -0.3, "shape": 0.02}
         one = replace(bad, **{name: value for name, value in weak.items() if name != keep})
         assert word in one.advice
+
+
+def test_too_sharp_a_face_costs_nothing_as_a_swap_softens_it() -> None:
+    assert Grade(1, 1, 2.0, 0.01).predicted == Grade(1, 1, 0, 0.01).predicted
 
 
 def test_a_figure_beyond_its_limit_counts_no_further() -> None:

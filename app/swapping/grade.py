@@ -41,11 +41,11 @@ class GradeWeights:
 
     colour: float = 3.0  # Lab
     light: float = 4.0  # Lab
-    sharpness: float = 0.3  # octaves of gradient energy
+    softness: float = 0.3  # octaves of gradient energy; what is too sharp is softened in a whole swap
     most: float = 3.0
-    constant: float = 0.43
-    trial: float = 0.40  # of the mean multiple of the three in the trial
-    shape: float = 10.9  # of the distance of the shapes, face widths
+    constant: float = 0.77
+    trial: float = 0.35  # of the mean multiple of the three in the trial
+    shape: float = 4.9  # of the distance of the shapes, face widths
     points: float = 40.0  # that the score loses by each multiple
     good: int = 60  # all targets met
     fair: int = 45
@@ -73,8 +73,12 @@ class Grade:
     @property
     def predicted(self) -> float:
         """The mean multiple of their targets that the figures of the whole swap are expected to reach."""
-        trial = float(np.mean(list(self._multiples().values())))
-        return WEIGHTS.constant + WEIGHTS.trial * trial + WEIGHTS.shape * self.shape
+        return WEIGHTS.constant + WEIGHTS.trial * self.trial + WEIGHTS.shape * self.shape
+
+    @property
+    def trial(self) -> float:
+        """The mean multiple of their targets that the figures of the trial reach."""
+        return float(np.mean(list(self._multiples().values())))
 
     @property
     def score(self) -> int:
@@ -100,16 +104,14 @@ class Grade:
         return f"{self.word}, {self.score} of 100" + (f"; {self.advice}" if self.advice else "")
 
     def _multiples(self) -> dict[str, float]:
-        return {
-            name: min(WEIGHTS.most, abs(getattr(self, name)) / getattr(WEIGHTS, name))
-            for name in ("colour", "light", "sharpness")
-        }
+        figures = {"colour": self.colour, "light": self.light, "softness": max(0.0, -self.sharpness)}
+        return {name: min(WEIGHTS.most, value / getattr(WEIGHTS, name)) for name, value in figures.items()}
 
 
 _ADVICE = {
     "colour": "the colours differ: enrol the two in light of the same colour",
     "light": "the light differs: enrol the two in even light from the front",
-    "sharpness": "one picture is sharper than the other: enrol the face from a clip of the same sharpness",
+    "softness": "the face's picture is softer than the video: enrol the face from a sharper or nearer clip",
     "shape": "the faces differ in shape, or are turned: a face of a more similar shape will look better",
 }
 

@@ -27,7 +27,7 @@ from benchmarks.picture.program import arguments
 from guise.aam.model import Identity
 from guise.app.measure.figures import mean_of
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.grade import WEIGHTS, grade
+from guise.app.swapping.grade import grade
 from guise.app.swapping.settings import SwapSettings
 from guise.common.arrays import F64
 
@@ -72,18 +72,15 @@ def of_pair(source: str, donor: str, options: argparse.Namespace) -> dict[str, A
     assert found is not None
     return {
         "source <- donor": f"{source} <- {donor}", "score": found.score, "predicted": found.predicted,
-        "result": result(json.loads(judged.read_text())), **vars(found),
+        "trial": found.trial, "result": result(json.loads(judged.read_text())), **vars(found),
     }  # fmt: skip
 
 
 def design(rows: list[dict[str, Any]]) -> F64:
     """(n, 3) what the prediction is a weighted sum of."""
-    parts = ("colour", "light", "sharpness")
-    trial = [
-        mean_of([min(WEIGHTS.most, abs(row[part]) / getattr(WEIGHTS, part)) for part in parts])
-        for row in rows
-    ]
-    return np.column_stack([np.ones(len(rows)), trial, [row["shape"] for row in rows]])
+    return np.column_stack(
+        [np.ones(len(rows)), *([row[name] for row in rows] for name in ("trial", "shape"))]
+    )
 
 
 def fitted(rows: list[dict[str, Any]]) -> F64:
