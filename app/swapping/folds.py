@@ -15,7 +15,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import EYES, LIPS
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import Relief
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Floating
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class FoldLimits:
 
     squeezed: tuple[float, float] = (0.35, 0.15)  # widths of a triangle over its own, from which and at which
     reach_pixels: float = (
-        4.0  # of the picture, if the texture were not squeezed: of what is averaged, and beside
+        4.0  # in the picture, were the texture not squeezed: of what is averaged, and beside
     )
 
 
@@ -58,14 +58,14 @@ class Folds:
             return
         factor = picture.shape[0] // share.shape[0]
         part = picture[y * factor : (y + h) * factor, x * factor : (x + w) * factor]
-        share = cv2.resize(share[y : y + h, x : x + w], part.shape[1::-1])
+        weights = cv2.resize(share[y : y + h, x : x + w], part.shape[1::-1])
         box = 2 * round(LIMITS.reach_pixels / zoom * factor / 2) + 1
         soft = cv2.blur(cv2.blur(part, (box, box)), (box, box))
-        cv2.blendLinear(part, soft, 1 - share, share, dst=part)
+        cv2.blendLinear(part, soft, 1 - weights, weights, dst=part)
 
     def _share(self, mesh: F64, zoom: float) -> F32:
         """(h, w) in [0, 1] by which a texture is smoothed."""
-        narrow = _narrowest(self._to_edges, _edges(mesh, self._triangles)) / zoom
+        narrow = _narrowest(_edges(mesh, self._triangles) @ self._to_edges) / zoom
         first, last = LIMITS.squeezed
         share = np.clip((first - narrow) / (first - last), 0, 1).astype(np.float32)
         share[self._closing] = 0
@@ -80,9 +80,8 @@ def _edges(points: F64, triangles: np.ndarray) -> F64:
     return np.stack([b - a, c - a], axis=2)
 
 
-def _narrowest(to_edges: F64, drawn: F64) -> F64:
-    """(t,) the lesser singular value of each triangle's affine map, negative where it is turned over."""
-    linear = drawn @ to_edges
-    squares, area = np.square(linear).sum((1, 2)), np.linalg.det(linear)
+def _narrowest(maps: Floating) -> F64:
+    """(t,) the lesser singular value of each of (t, 2, 2) linear maps, negative where it turns over."""
+    squares, area = np.square(maps).sum((1, 2)), np.linalg.det(maps)
     total, difference = (np.sqrt(np.maximum(squares + sign * 2 * area, 0)) for sign in (1, -1))
-    return np.asarray((total - difference) / 2)
+    return np.asarray((total - difference) / 2, np.float64)
