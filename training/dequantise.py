@@ -61,6 +61,8 @@ def _values(graph: Any) -> dict[str, F32]:
     raw = {tensor.name: numpy_helper.to_array(tensor) for tensor in graph.initializer}
     found = {name: value for name, value in raw.items() if value.dtype == np.float32}
     for node in graph.node:
+        if node.op_type == "Cast" and node.input[0] in raw:
+            found[node.output[0]] = raw[node.input[0]].astype(np.float32)
         if node.op_type == "DequantizeLinear" and node.input[0] in raw:
             quantised, scale, zero = (raw[name] for name in node.input)
             shape = (-1,) + (1,) * (quantised.ndim - 1)
