@@ -24,9 +24,17 @@ from guise.aam.appearance import (
     sample_texture,
 )
 from guise.aam.detail import FineGrid, with_detail
-from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+from guise.aam.landmarks.schemes import (
+    LEFT_BROW,
+    LEFT_EYE,
+    LEFT_EYE_OUTER,
+    LIPS,
+    RIGHT_BROW,
+    RIGHT_EYE,
+    RIGHT_EYE_OUTER,
+)
 from guise.aam.light import equalised_light, skin_colours
-from guise.aam.mask import core_band, learn_mask, skin_mask
+from guise.aam.mask import core_band, learn_mask, skin_mask, soft_parts
 from guise.aam.model import KNOWN_REST, Identity, RestFrame
 from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
@@ -54,6 +62,9 @@ class TrainingLimits:
     lid_weight: float = 3.0  # of the lids' opening among the features by which frames differ
     mask_blur_face_widths: float = 0.02  # standard deviation, for the weights of texture variation
     hair_blur_face_widths: float = 0.012  # standard deviation, where smooth skin replaces hair
+    shade_reach_face_widths: float = 0.04  # standard deviation, by which shade goes on there
+    full_shade: float = 0.2  # share of the surroundings that must be plain skin for all of their shade
+    feature_growth_face_widths: float = 0.03  # around brows, eyes and lips, which are no shade
     # Cosines of normal and camera, from which a place is seen and from which it is seen well; the mean of that over the
     # frames, up to which turned frames don't count and from which all do.
     faced_cosines: tuple[float, float] = (0.15, 0.5)
@@ -62,6 +73,7 @@ class TrainingLimits:
 
 
 LIMITS = TrainingLimits()
+FEATURES = RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS
 
 
 class TrainingError(GuiseError):
@@ -349,7 +361,7 @@ def detailed(appearance: AppearanceModel, at_rest: Sequence[Observation]) -> tup
     frames = [sample(o.picture, o.shape) for o in at_rest if o.picture is not None]
     texture, detail = with_detail(appearance.neutral_texture, frames, appearance.mask, appearance.reference)
     neutral = appearance.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = _without_hair(texture, appearance.mask, appearance.reference).ravel()
+    neutral[SHAPE_ENTRIES:] = without_hair(texture, appearance.mask, appearance.reference).ravel()
     return replace(appearance, neutral=neutral), detail
 
 
@@ -376,14 +388,22 @@ def with_what_faced(texture: F32, textures: F32, shapes: F64, reference: Referen
     return np.asarray(texture + share * (faced - texture), np.float32)
 
 
-def _without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:
-    """A texture (n, 3) with smooth skin in place of hair and background, so that it can be drawn there too."""
-    known = skin_mask(reference) & core_band(reference) & mask
-    skin = skin_colours(reference.scatter(texture), known, reference)[reference.mask]
+def without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:
+    """A texture (n, 3) with smooth skin in place of hair and background, so that it can be drawn there too.
+
+    What the face beside it differs by from the smooth field, such as the shade at its sides, goes on there and fades.
+    """
+    picture = reference.scatter(texture)
+    skin = skin_colours(picture, skin_mask(reference) & core_band(reference) & mask, reference)
     hair = cv2.dilate((reference.mask & ~mask).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)
-    soft = cv2.GaussianBlur(hair, (0, 0), LIMITS.hair_blur_face_widths * reference.resolution)
-    share = 1 - soft[reference.mask][:, None]
-    return np.asarray(share * texture + (1 - share) * skin, np.float32)
+    sigma = LIMITS.shade_reach_face_widths * reference.resolution
+    plain = (1 - hair) * (1 - soft_parts(reference, FEATURES, LIMITS.feature_growth_face_widths))
+    plain[~reference.mask] = 0
+    near = cv2.GaussianBlur(plain, (0, 0), sigma)[..., None]
+    beside = cv2.GaussianBlur(plain[..., None] * (picture - skin), (0, 0), sigma)
+    skin += beside / np.maximum(near, LIMITS.full_shade)  # in full up to the edge of what is plain
+    share = 1 - cv2.GaussianBlur(hair, (0, 0), LIMITS.hair_blur_face_widths * reference.resolution)[..., None]
+    return np.asarray((share * picture + (1 - share) * skin)[reference.mask], np.float32)
 
 
 def _feature_mask(mask: Bool) -> Bool:

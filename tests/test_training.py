@@ -29,6 +29,7 @@ from guise.aam.training import (
     observe,
     train_identity,
     with_what_faced,
+    without_hair,
 )
 
 Talk = tuple[list[np.ndarray], np.ndarray]
@@ -251,3 +252,15 @@ def test_hair_in_the_frames_does_not_bend_the_face_beside_it(p01: Identity) -> N
     plain, made = neutral(rest.picture), neutral(hairy)
     assert np.abs(made - plain)[face & (columns > 0.36)].mean() < 1
     assert made[p01.appearance.mask & ~face].mean() > 0.7 * plain[face].mean()
+
+
+def test_shade_beside_hair_goes_on_where_the_hair_was() -> None:
+    reference = ReferenceFrame.canonical(160)
+    columns = np.arange(reference.size[1]) / reference.size[1]
+    shade = np.interp(columns, (0.1, 0.3), (0.6, 1.0)).astype(np.float32)  # of the side of a face
+    skin = np.float32([200, 160, 140]) * np.tile(shade[:, None], (reference.size[0], 1, 1))
+    face = reference.mask & (columns > 0.15)
+    hairy = np.where(face[..., None], skin, np.float32(20))
+    made = reference.scatter(without_hair(hairy[reference.mask], face, reference))[..., 0]
+    beside = reference.mask & (columns > 0.1) & (columns < 0.14)
+    assert 120 < made[beside].mean() < 170  # the shade at its edge is 140, the skin 200
