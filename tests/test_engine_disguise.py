@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from made_up import SAMPLES
@@ -24,6 +25,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
+from guise.aam.relief import STRAIGHT
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.app.media import open_input
 from guise.app.swapping.engine import Engine
@@ -117,17 +119,36 @@ def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, 
 
 
 @pytest.mark.parametrize("yaw", [-45.0, 45.0])
-def test_the_far_side_of_a_turned_head_is_not_enlarged(yaw: float) -> None:
+def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: float) -> None:
     person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
     y = np.radians(yaw)
     rotation = np.array([[np.cos(y), 0, -np.sin(y)], [0, 1, 0], [np.sin(y), 0, np.cos(y)]])
     face, pose = SolidPrior.shipped().mean, HeadPose(rotation, 170.0, np.array([320.0, 240.0]))
+    rest, head = other.appearance.neutral_shape, pose.apply(face)
+    placed = []
+    for reach in (0.0, 0.1):
+        options = EngineOptions(renderer="cpu", disguise=True, jaw=reach, forehead=2 * reach)
+        with Engine(person, other, None, options) as engine:
+            view = View.of(face, pose, engine.painter.relief)
+            placed.append(engine.painter.place(rest, head, view)[0])
+    added = (placed[1] - placed[0]) / 170
+    far, near = sorted((np.linalg.norm(added[part], axis=1) for part in (JAW[2:6], JAW[11:15])), key=np.mean)
+    assert far.max() < 0.02
+    assert near.min() > 0.08
+    assert added[HAIRLINE, 1] < -0.15
+    assert added[HAIRLINE] @ view.across / np.linalg.norm(view.across) > 0.1
+
+
+def test_the_border_of_a_disguise_is_as_soft_everywhere_as_it_is_drawn() -> None:
+    person = Identity.load(model_file("p01"))
     options = EngineOptions(renderer="cpu", disguise=True, jaw=0.1)
-    with Engine(person, other, None, options) as engine:
-        painter, rest, head = engine.painter, other.appearance.neutral_shape, pose.apply(face)
-        plain, _ = painter.place(rest, head)
-        turned, _ = painter.place(rest, head, View.of(face, pose, painter.relief))
-    right, left = (np.linalg.norm(turned[part] - plain[part], axis=1) for part in (JAW[2:6], JAW[11:15]))
-    near, far = sorted((right, left), key=np.mean)
-    np.testing.assert_allclose(near, 0, atol=1e-9)
-    assert far.min() > 0.08 * 170  # of the tenth of a face's width that it is enlarged by
+    with Engine(person, person, None, options) as engine:
+        painter, reference = engine.painter, person.reference
+        alpha, within = painter._alpha, reference.mask
+        mesh, _ = painter.place(person.appearance.neutral_shape, reference.points)
+        places = painter.sampler(np.arange(within.sum())).positions(painter.relief.seen(mesh, STRAIGHT))
+    hull = cv2.convexHull(mesh.astype(np.float32))
+    depth = np.array([cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in places])
+    assert alpha[within][depth > 6].min() > 0.95
+    assert np.median(alpha[within][depth < 1]) < 0.05
+    assert (alpha[~within] == 0).all()

@@ -14,7 +14,7 @@ from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
-from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
+from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
@@ -76,7 +76,8 @@ class Painter:
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
         narrow = options.disguise or options.light == "paper"
         width = NARROW_FEATHER_FACE_WIDTHS if narrow else FEATHER_FACE_WIDTHS
-        self._alpha = feather(mask, width * self.reference.resolution)
+        sigma = width * self.reference.resolution
+        self._alpha = feather(mask, sigma)
         self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
         self._palette = make_palette(self.reference, estimator.texels, mask, self._textures, options)
         self._occlusion = occlusion
@@ -92,6 +93,8 @@ class Painter:
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
+        if options.disguise:
+            self._alpha = self._feathered(target.appearance.neutral_shape, sigma)
         self._compositors: dict[bool, Compositor] = {}
         self._source_at_rest = source.appearance.neutral_shape
         self._kept: dict[bool, list[Aperture]] = {}
@@ -134,7 +137,8 @@ class Painter:
     def place(self, shape: F64, head: F64, view: View | None = None) -> tuple[F64, float]:
         """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom.
 
-        What a disguise adds at the outline ends where the head turns away, with background behind it.
+        What a disguise adds at the outline recedes as a skull does, by as much as it grows, and ends where the head
+        turns away, with background behind it.
         """
         full = self.options.transfer == "full"
         fit = align_planar(self.reference.align(head) if full else shape, head, RIGID_WEIGHTS)
@@ -143,6 +147,8 @@ class Painter:
             mesh = mesh + self._pull @ (head - mesh)
         beyond = self._beyond @ fit.linear
         if view is not None:
+            back = np.linalg.norm(self._beyond, axis=1, keepdims=True) / self.reference.resolution
+            beyond += back * view.across
             beyond *= self._silhouette.points(view.cosines)[:POINTS, None]
         return mesh + beyond, fit.scale
 
@@ -184,6 +190,19 @@ class Painter:
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
+
+    def _feathered(self, shape: F64, sigma: float) -> F32:
+        """(h, w) alpha with a border as soft as `sigma` grid pixels on the shape (81, 2) as it is drawn.
+
+        A disguise stretches the grid's border, most at the temples: a border of the grid would show much hair there.
+        """
+        mesh = self.relief.seen(self._features @ shape + self._beyond, STRAIGHT)
+        mesh = mesh - np.floor(mesh.min(0))
+        drawn = np.zeros(np.ceil(mesh.max(0)[::-1]).astype(int) + 1, np.uint8)
+        for triangle in np.round(16 * mesh).astype(np.int32)[self.relief.triangles]:
+            cv2.fillConvexPoly(drawn, triangle, 1, shift=4)
+        places = self.sampler(np.arange(len(self.reference.pixels))).positions(mesh)
+        return self.reference.scatter(remap_points(feather(drawn > 0, sigma), places))
 
     def reset(self) -> None:
         """Fit palette and occlusion afresh to the next face."""
