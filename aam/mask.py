@@ -50,6 +50,7 @@ class MaskLimits:
 
 
 LIMITS = MaskLimits()
+FEATURE_PARTS = RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS
 
 
 def core_mask(reference: ReferenceFrame) -> Bool:
@@ -71,7 +72,7 @@ def skin_mask(reference: ReferenceFrame, growth: float | None = None) -> Bool:
     rim = max(1, round(LIMITS.rim_face_widths * reference.resolution))
     skin = _disc(np.pad(canvas, 1), rim, cv2.MORPH_ERODE)[1:-1, 1:-1] > 0
     features = np.zeros(reference.size, np.uint8)
-    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS):
+    for part in FEATURE_PARTS:
         cv2.fillConvexPoly(features, cv2.convexHull(np.round(reference.points[part]).astype(np.int32)), 1)
     growth = LIMITS.feature_growth_face_widths if growth is None else growth
     near = _disc(features, max(1, round(growth * reference.resolution)), cv2.MORPH_DILATE)
@@ -80,10 +81,12 @@ def skin_mask(reference: ReferenceFrame, growth: float | None = None) -> Bool:
 
 def expressive_mask(reference: ReferenceFrame) -> F32:
     """(h, w) float32 in [0, 1]: 1 at eyes and mouth, where expression changes the texture itself, soft-edged."""
-    return soft_parts(reference, (RIGHT_EYE, LEFT_EYE, LIPS), LIMITS.feature_growth_face_widths)
+    return soft_parts(reference, (RIGHT_EYE, LEFT_EYE, LIPS))
 
 
-def soft_parts(reference: ReferenceFrame, parts: Sequence[Group], grow: float) -> F32:
+def soft_parts(
+    reference: ReferenceFrame, parts: Sequence[Group], grow: float = LIMITS.feature_growth_face_widths
+) -> F32:
     """(h, w) float32: 1 in the hulls of landmark groups, grown by a share of the face's width, soft-edged."""
     canvas = np.zeros(reference.size, np.float32)
     for part in parts:

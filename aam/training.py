@@ -24,17 +24,9 @@ from guise.aam.appearance import (
     sample_texture,
 )
 from guise.aam.detail import FineGrid, with_detail
-from guise.aam.landmarks.schemes import (
-    LEFT_BROW,
-    LEFT_EYE,
-    LEFT_EYE_OUTER,
-    LIPS,
-    RIGHT_BROW,
-    RIGHT_EYE,
-    RIGHT_EYE_OUTER,
-)
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.light import equalised_light, skin_colours
-from guise.aam.mask import core_band, learn_mask, skin_mask, soft_parts
+from guise.aam.mask import FEATURE_PARTS, core_band, learn_mask, skin_mask, soft_parts
 from guise.aam.model import KNOWN_REST, Identity, RestFrame
 from guise.aam.parsing import FACE_CLASSES, FaceParser
 from guise.aam.reference import DEFAULT_RESOLUTION, ReferenceFrame
@@ -64,7 +56,6 @@ class TrainingLimits:
     hair_blur_face_widths: float = 0.012  # standard deviation, where smooth skin replaces hair
     shade_reach_face_widths: float = 0.04  # standard deviation, by which shade goes on there
     full_shade: float = 0.2  # share of the surroundings that must be plain skin for all of their shade
-    feature_growth_face_widths: float = 0.03  # around brows, eyes and lips, which are no shade
     # Cosines of normal and camera, from which a place is seen and from which it is seen well; the mean of that over the
     # frames, up to which turned frames don't count and from which all do.
     faced_cosines: tuple[float, float] = (0.15, 0.5)
@@ -73,7 +64,6 @@ class TrainingLimits:
 
 
 LIMITS = TrainingLimits()
-FEATURES = RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS
 
 
 class TrainingError(GuiseError):
@@ -274,6 +264,7 @@ def train_identity(
             f"only {len(training)} of the chosen frames show the whole face, {LIMITS.min_frames} are needed; "
             "use another clip"
         )
+    at_rest, rest_frame = _at_rest(observations, choice)
     textures = np.stack([o.texture for o in training])
     if options.equalise_light:
         textures = equalised_light(textures, skin_mask(reference)[reference.mask], reference)
@@ -291,20 +282,14 @@ def train_identity(
     error = held_out_error(tracker, [observations[i] for i in choice.held_out if i in observations])
     if np.isfinite(error):
         tracker = replace(tracker, quality=replace(tracker.quality, error=error))
-    at_rest = [
-        observations[i] for i in choice.neutral if i in observations and observations[i].picture is not None
-    ]
-    if not at_rest:
-        raise TrainingError("no frame shows the face at rest; use a clip with a closed mouth in it")
     progress(1.0)
-    assert at_rest[0].picture is not None
     appearance, detail = detailed(appearance, at_rest)
     return Identity(
         name,
         appearance,
         tracker,
         detail,
-        RestFrame(at_rest[0].picture, at_rest[0].shape),
+        rest_frame,
         {
             "frames": len(training),
             "held_out_error": tracker.quality.error,
@@ -313,6 +298,15 @@ def train_identity(
             **(facts or {}),
         },
     )
+
+
+def _at_rest(observations: dict[int, Observation], choice: Choice) -> tuple[list[Observation], RestFrame]:
+    """The observed frames at rest whose pictures are known, and the first of them as it is kept with a model."""
+    seen = [observations[i] for i in choice.neutral if i in observations]
+    kept = [(o, RestFrame(o.picture, o.shape)) for o in seen if o.picture is not None]
+    if not kept:
+        raise TrainingError("no frame shows the face at rest; use a clip with a closed mouth in it")
+    return [o for o, _ in kept], kept[0][1]
 
 
 def _parsed_face(training: Sequence[Observation], reference: ReferenceFrame) -> F32 | None:
@@ -397,7 +391,7 @@ def without_hair(texture: F32, mask: Bool, reference: ReferenceFrame) -> F32:
     skin = skin_colours(picture, skin_mask(reference) & core_band(reference) & mask, reference)
     hair = cv2.dilate((reference.mask & ~mask).astype(np.float32), np.ones((3, 3), np.uint8), iterations=2)
     sigma = LIMITS.shade_reach_face_widths * reference.resolution
-    plain = (1 - hair) * (1 - soft_parts(reference, FEATURES, LIMITS.feature_growth_face_widths))
+    plain = (1 - hair) * (1 - soft_parts(reference, FEATURE_PARTS))
     plain[~reference.mask] = 0
     near = cv2.GaussianBlur(plain, (0, 0), sigma)[..., None]
     beside = cv2.GaussianBlur(plain[..., None] * (picture - skin), (0, 0), sigma)

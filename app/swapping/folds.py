@@ -23,9 +23,7 @@ class FoldLimits:
     """What is squeezed and how it is smoothed."""
 
     squeezed: tuple[float, float] = (0.35, 0.15)  # widths of a triangle over its own, from which and at which
-    reach_pixels: float = (
-        4.0  # in the picture, were the texture not squeezed: of what is averaged, and beside
-    )
+    reach_pixels: float = 4.0  # in the picture, were it not squeezed: of what is averaged, and beside
 
 
 LIMITS = FoldLimits()

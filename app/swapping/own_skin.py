@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, LIPS, NOSE_WINGS, RIGHT_BROW, RIGHT_EYE
-from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.landmarks.schemes import NOSE_WINGS
+from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import Relief
 from guise.common.arrays import F64, U8
@@ -45,7 +45,7 @@ class OwnSkin:
     def __init__(self, relief: Relief) -> None:
         reference = relief.reference
         self._width = reference.resolution
-        features = (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS, NOSE_WINGS)
+        features = (*FEATURE_PARTS, NOSE_WINGS)
         skin = cv2.GaussianBlur(
             skin_mask(reference).astype(np.float32), (0, 0), LIMITS.rim_face_widths * self._width
         )

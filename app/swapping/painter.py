@@ -36,9 +36,7 @@ from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.render import Compositor, feather, make_compositor
 
 FEATHER_FACE_WIDTHS = 0.02  # standard deviation of the soft border
-NARROW_FEATHER_FACE_WIDTHS = (
-    0.01  # in a disguise and with the light "paper": less of the person's own rim shows
-)
+NARROW_FEATHER_FACE_WIDTHS = 0.01  # in a disguise and with the light "paper": less of the own rim shows
 
 
 @dataclass(frozen=True)
@@ -76,8 +74,6 @@ class Painter:
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
         narrow = options.disguise or options.light == "paper"
         width = NARROW_FEATHER_FACE_WIDTHS if narrow else FEATHER_FACE_WIDTHS
-        sigma = width * self.reference.resolution
-        self._alpha = feather(mask, sigma)
         self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
         self._palette = make_palette(self.reference, estimator.texels, mask, self._textures, options)
         self._occlusion = occlusion
@@ -93,8 +89,9 @@ class Painter:
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
-        if options.disguise:
-            self._alpha = self._feathered(target.appearance.neutral_shape, sigma)
+        self._back = np.linalg.norm(self._beyond, axis=1, keepdims=True) / self.reference.resolution
+        sigma, at_rest = width * self.reference.resolution, target.appearance.neutral_shape
+        self._alpha = self._feathered(at_rest, sigma) if options.disguise else feather(mask, sigma)
         self._compositors: dict[bool, Compositor] = {}
         self._source_at_rest = source.appearance.neutral_shape
         self._kept: dict[bool, list[Aperture]] = {}
@@ -123,9 +120,7 @@ class Painter:
         uncovered = None if self._occlusion is None else self._occlusion.uncovered(mesh, across)
         if self.options.follows_outline:
             warp_outline(frame, head, mesh, zoom * self.reference.resolution)
-        if (
-            view is not None and not self.options.disguise
-        ):  # which also covers what is seen at a grazing angle
+        if view is not None and not self.options.disguise:  # it covers what is seen at a grazing angle, too
             uncovered = _product(uncovered, self._silhouette.share(view.cosines))
         self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across)
         return mesh
@@ -147,8 +142,7 @@ class Painter:
             mesh = mesh + self._pull @ (head - mesh)
         beyond = self._beyond @ fit.linear
         if view is not None:
-            back = np.linalg.norm(self._beyond, axis=1, keepdims=True) / self.reference.resolution
-            beyond += back * view.across
+            beyond += self._back * view.across
             beyond *= self._silhouette.points(view.cosines)[:POINTS, None]
         return mesh + beyond, fit.scale
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, LIPS, RIGHT_BROW, RIGHT_EYE
-from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, F64, U8, Bool
 
@@ -62,9 +61,8 @@ class Sharpness:
         rng = np.random.default_rng(0)
         skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask])
         self._sampler = reference.sampler[np.sort(rng.permutation(skin)[: LIMITS.places])]
-        features = (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE, LIPS)
-        self._lowered = 1 - np.float32(1 - LIMITS.feature_share) * soft_parts(reference, features, 0.0)
-        self._raised = 1 - soft_parts(reference, features, LIMITS.feature_growth_face_widths)
+        self._lowered = 1 - np.float32(1 - LIMITS.feature_share) * soft_parts(reference, FEATURE_PARTS, 0.0)
+        self._raised = 1 - soft_parts(reference, FEATURE_PARTS, LIMITS.feature_growth_face_widths)
         side = round(np.sqrt(6 * (LIMITS.band_face_widths * reference.resolution) ** 2 + 1))
         self._box = (side | 1, side | 1)  # two such means are nearly a Gaussian
         self.reset()
