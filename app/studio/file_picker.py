@@ -69,9 +69,9 @@ class FilePicker:
                     video = ui.video(self._studio.url(row.path)).classes("h-32")
                     video.props["aria-label"] = f"The clip {row.name}"
                 else:
-                    small = "h-20 w-20" if self._several else "h-40 w-full"
+                    classes = "h-20 w-20" if self._several else "h-40 w-full"
                     picture = ui.image(self._studio.url(row.preview)).props("fit=contain no-transition")
-                    picture.classes(small).props["alt"] = row.name
+                    picture.classes(classes).props["alt"] = row.name
 
     async def _remove(self) -> None:
         rows = self.chosen
