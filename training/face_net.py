@@ -10,8 +10,6 @@ It adds to the landmarker's trunk and point heads (`landmark_net.py`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -23,26 +21,6 @@ from training.parsing_labels import CLASSES
 
 MAPS = CELLS  # the side of the parsing maps
 TYPICAL_IRIS_RADIUS_PIXELS = 4.0  # of the crop
-
-
-@dataclass(frozen=True, eq=False)
-class Output:
-    """Output for n crops, in pixels of the crop.
-
-    points, local, guess : (n, 81, 2) mixed, under the heat maps, from the whole face
-    log_sigma : (n, 81); face : (n,) logit
-    iris : (n, 2, 3) centre and radius; iris_log_sigma : (n, 2)
-    parsing : (n, classes, 64, 64) logits
-    """
-
-    points: Tensor
-    local: Tensor
-    guess: Tensor
-    log_sigma: Tensor
-    face: Tensor
-    iris: Tensor
-    iris_log_sigma: Tensor
-    parsing: Tensor
 
 
 class FaceNet(LandmarkNet):
@@ -70,15 +48,8 @@ class FaceNet(LandmarkNet):
             self.iris_heat[k] = self.heat[eye.tolist()].mean(0)
         self.iris_offset[:, 3] = 1.0
 
-    def predict(self, images: Tensor) -> Output:
-        """All outputs, in the form that the losses need."""
-        stem, pyramid, coarse = self.features(images)
-        points, local, guess, log_sigma, face = self.points_of(pyramid, coarse)
-        iris, iris_log_sigma = self._irises(pyramid)
-        parsing = self.parsing_of(stem, pyramid)
-        return Output(points, local, guess, log_sigma, face, iris, iris_log_sigma, parsing)
-
-    def _irises(self, pyramid: Tensor) -> tuple[Tensor, Tensor]:
+    def found_irises(self, pyramid: Tensor) -> tuple[Tensor, Tensor]:
+        """Irises (n, 2, 3), centre and radius, and the logarithms of their deviations (n, 2), from features."""
         under, centre = self._under_heat(self.iris_heat, pyramid.flatten(2))
         rest = torch.matmul(under.transpose(0, 1), self.iris_local).transpose(0, 1) + self.iris_offset
         radius = TYPICAL_IRIS_RADIUS_PIXELS * torch.exp(rest[..., 2:3].clamp(-2, 2))
@@ -86,7 +57,7 @@ class FaceNet(LandmarkNet):
 
     def irises_of(self, pyramid: Tensor) -> Tensor:
         """Irises (n, 2, 4): centre, radius and standard deviation, from features."""
-        iris, log_sigma = self._irises(pyramid)
+        iris, log_sigma = self.found_irises(pyramid)
         return torch.cat([iris, torch.exp(log_sigma)[..., None]], -1)
 
     def parsing_of(self, stem: Tensor, pyramid: Tensor) -> Tensor:
@@ -96,6 +67,7 @@ class FaceNet(LandmarkNet):
         return logits
 
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
-        seen = self.predict(images)
-        iris = torch.cat([seen.iris, torch.exp(seen.iris_log_sigma)[..., None]], -1)
-        return seen.points, torch.exp(seen.log_sigma), seen.face, iris, torch.softmax(seen.parsing, 1)
+        stem, pyramid, coarse = self.features(images)
+        points, _, _, log_sigma, face = self.points_of(pyramid, coarse)
+        chance = torch.softmax(self.parsing_of(stem, pyramid), 1)
+        return points, torch.exp(log_sigma), face, self.irises_of(pyramid), chance
