@@ -80,7 +80,7 @@ def _halves(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32, F32]:
     image = mirror_image(texture, reference, 1)
     both = (reference.mask & (image.sum(2) > 0)).astype(np.float32)
     sigma = LIMITS.symmetry_face_widths * reference.resolution
-    return _local_mean(texture, both, sigma), _local_mean(image, both, sigma), both
+    return local_mean(texture, both, sigma), local_mean(image, both, sigma), both
 
 
 def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
@@ -89,7 +89,7 @@ def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
     Logarithms of luma, red over luma and blue over luma on skin, less their means over the face; 0 elsewhere.
     """
     skin = skin_mask(reference).astype(np.float32)
-    local = _local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
+    local = local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
     luma = np.log(local @ LUMA)
     values = np.stack([luma, np.log(local[..., 0]) - luma, np.log(local[..., 2]) - luma], axis=-1)
     values -= (values * skin[..., None]).sum((0, 1)) / skin.sum()
@@ -125,7 +125,7 @@ def _gain(texture: F32, reference: ReferenceFrame, free: float) -> F32:
 def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
     """A texture (h, w, 3) whose skin gleams and is coloured only a little beyond its local means."""
     skin = skin_mask(reference).astype(np.float32)
-    local = _local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
+    local = local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
     seen = np.maximum(texture, 0) + LIMITS.black_grey_levels
     luma, local_luma = seen @ LUMA, local @ LUMA
     gleam = np.log(luma / local_luma)
@@ -142,7 +142,7 @@ def _softly(values: F32, limit: F32 | float) -> F32:
     return np.asarray(limit * np.tanh(values / limit), np.float32)
 
 
-def _local_mean(texture: F32, weight: F32, sigma: float) -> F32:
+def local_mean(texture: F32, weight: F32, sigma: float) -> F32:
     """Means (h, w, 3) over black of a texture around each place, with weights (h, w)."""
     sums = cv2.GaussianBlur(texture * weight[..., None], (0, 0), sigma)
     weights = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]

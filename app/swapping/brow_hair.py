@@ -2,9 +2,10 @@
 
 A light that is measured on skin holds the two skin tones as well, and hair has no part in these: black brows of a dark
 face would be grey on a light one, and brown ones of a light face black on a dark one.  So a brow's pixel is taken for a
-mixture of skin and hair, by its brightness between that of the skin beside the brow and that of the brow's darkest
-hair; the skin gets the light, the hair the change of light alone, which is seen at the eyes and bounded by the two
-skins as enrolled.  A brow is brought to that mixture, which is never lighter than the skin.  RGB 0..255.
+mixture of skin and hair, by its brightness between that of the skin beside the brow and that of hair, which is darker
+than the brow's darkest pixels, as these are mixtures, too; the skin gets the light, the hair the change of light alone,
+which is seen at the eyes and bounded by the two skins as enrolled.  A brow is brought to that mixture, which is never
+lighter than the skin.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class BrowHairLimits:
 
     growth: float = 0.02  # of the brows
     beside: tuple[float, float] = (0.03, 0.06)  # from the brows, between which their skin lies
-    darkest: float = 0.05  # quantile of the brows' brightness that is hair
+    darkest: float = 0.05  # quantile of the brows' brightness that is mostly hair
+    hair: float = 0.55  # brightness of hair alone, of that quantile
     min_share: float = 0.01  # of a brow, from which a pixel belongs to it
     strength: float = 0.8
     min_factor: float = 0.2
@@ -85,7 +87,7 @@ class _Brow:
     def adjust(self, lit: F32, texture: F32, lit_skin: F32, light: float) -> None:
         own = LUMA @ texture.take(self._pixels, 1)
         skin = float(self._skin(texture) @ LUMA)
-        hair = quantile(LUMA @ texture.take(self._core, 1), LIMITS.darkest)
+        hair = LIMITS.hair * quantile(LUMA @ texture.take(self._core, 1), LIMITS.darkest)
         of_skin = float(lit_skin.mean()) / max(skin, 1.0)
         other = self._tone * of_skin
         light = max(light, other) if self._tone < 1 else max(min(light, other), of_skin)

@@ -23,6 +23,7 @@ from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.relief import STRAIGHT
 from guise.aam.shape_transfer import ShapeTransfer
 from guise.aam.similarity import Failed, align_planar
+from guise.aam.skin_tone import toned
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
 from guise.aam.tracker import Fit
 from guise.aam.turned_texture import completed, moving_share
@@ -88,7 +89,9 @@ class Engine(Closing):
         source = source.at_resolution(target.reference.resolution)
         full = options.transfer == "full"
         moving = moving_share(target) if full else None
-        target = evenly_lit(completed(without_glasses(target))) if full else target
+        if full:
+            target = evenly_lit(completed(without_glasses(target)))
+            target = toned(target, source, own_lips=not options.disguise)
         self.source, self.target, self.options = source, target, options
         self.extrapolator = Extrapolator(
             source.appearance,

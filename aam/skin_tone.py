@@ -1,0 +1,80 @@
+"""A face whose skin takes another tone: what would be exaggerated by that is eased.
+
+Light that is measured on skin holds the two skin tones as well, and dark skin on a fair face gets several times its
+brightness: the tints of its cheeks and eye sockets become blotches, and dark lips grey or mauve.  The farther the tones
+are apart, the less of the tints is kept, and the more the lips lean to the person's own, as the ideal swaps of
+`training/render_swaps.py` have it.  Both faces as they were enrolled; grid pixels, RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.even_light import local_mean
+from guise.aam.landmarks.schemes import LIPS
+from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
+from guise.common.arrays import F32
+
+
+@dataclass(frozen=True)
+class SkinToneLimits:
+    """By how much two tones differ, and what follows from it."""
+
+    alike: float = 0.11  # logarithm of brightness over brightness, up to which tones are alike
+    easing: float = 3.3  # of tints, for each logarithm beyond
+    apart: float = 0.36  # logarithm beyond, from which lips lean fully
+    lips: float = 0.4  # share of the person's own lips then
+    tint_face_widths: float = 0.15  # standard deviation of the means that tints differ from
+    lip_growth_face_widths: float = 0.01
+    spread_face_widths: float = 0.01  # over which a change fades
+    black_grey_levels: float = 4.0  # added before logarithms are taken
+
+
+LIMITS = SkinToneLimits()
+
+
+def toned(target: Identity, source: Identity, *, own_lips: bool = True) -> Identity:
+    """The target with a neutral texture fit for the source's skin tone.
+
+    own_lips : whether the lips lean to the source's.
+    """
+    reference, appearance = target.reference, target.appearance
+    texture, other = (
+        reference.scatter(one.appearance.neutral_texture) + np.float32(LIMITS.black_grey_levels)
+        for one in (target, source)
+    )
+    skin = skin_mask(reference)
+    tone, other_tone = (np.exp(np.log(np.maximum(t[skin], 1)).mean(0)) for t in (texture, other))
+    apart = max(abs(float(np.log((other_tone @ LUMA) / (tone @ LUMA)))) - LIMITS.alike, 0.0)
+    if not apart:
+        return target
+    lips = soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths)[..., None]
+    texture = eased_tints(texture, 1 / (1 + LIMITS.easing * apart), reference)
+    if own_lips:
+        lean = np.float32(LIMITS.lips * min(apart / LIMITS.apart, 1.0))
+        texture = texture + lean * lips * (other * (tone / other_tone) - texture)
+    neutral = appearance.neutral.copy()
+    neutral[SHAPE_ENTRIES:] = (texture - LIMITS.black_grey_levels)[reference.mask].ravel()
+    return replace(target, appearance=replace(appearance, neutral=neutral))
+
+
+def eased_tints(texture: F32, share: float, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) over black whose skin and lips keep a share of their tints against the skin around."""
+    skin = skin_mask(reference)
+    local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution)
+    seen = np.maximum(texture, 1)
+    luma = (seen @ LUMA)[..., None]
+    tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
+    eased = local * np.exp(np.float32(share) * tints)
+    eased *= luma / (eased @ LUMA)[..., None]
+    surface = skin | (soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths) > 0.5)
+    spread = LIMITS.spread_face_widths * reference.resolution
+    weight = cv2.GaussianBlur(surface.astype(np.float32), (0, 0), spread)[..., None]
+    return np.asarray(texture + weight * (eased - texture), np.float32)

@@ -1,0 +1,67 @@
+"""A face whose skin takes a tone far from its own keeps fewer of its tints, and its lips lean to the person's."""
+
+import numpy as np
+from made_up import FRAME
+from test_turned_texture import enrolled
+
+from guise.aam.landmarks.schemes import LIPS
+from guise.aam.light import LUMA
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.model import Identity
+from guise.aam.skin_tone import toned
+from guise.common.arrays import F32
+
+SKIN = skin_mask(FRAME)[FRAME.mask]
+LIP = soft_parts(FRAME, (LIPS,), 0.0)[FRAME.mask] > 0.9
+SPOTS = SKIN & (FRAME.pixels % 8 < 2)
+FAIR, DARK = (210, 165, 140), (80, 52, 40)
+PINK, MAUVE = (200, 110, 110), (62, 44, 42)
+
+
+def person(skin: tuple[int, int, int], lips: tuple[int, int, int], redness: float = 1.0) -> Identity:
+    """Somebody with spots so much redder than their skin."""
+    texture = np.tile(np.array(skin, np.float32), (len(FRAME.pixels), 1))
+    texture[SPOTS] *= (redness, 1, 1)
+    texture[LIP] = lips
+    return enrolled(0, texture)
+
+
+def texture_of(identity: Identity) -> F32:
+    return np.asarray(identity.appearance.neutral_texture)
+
+
+def redness(texture: F32) -> float:
+    """Logarithm of the spots' red over green, over that of the other skin."""
+    red, other = (np.log(texture[part, 0] / texture[part, 1]).mean() for part in (SPOTS, SKIN & ~SPOTS))
+    return float(red - other)
+
+
+def test_a_face_of_the_same_tone_is_left_alone() -> None:
+    donor = person(FAIR, PINK, 1.3)
+    assert toned(donor, person((200, 160, 140), MAUVE)) is donor
+
+
+def test_tints_are_eased_and_brightness_stays() -> None:
+    donor = person(DARK, MAUVE, 1.3)
+    before, after = texture_of(donor), texture_of(toned(donor, person(FAIR, PINK)))
+    assert 0 < redness(after) < 0.5 * redness(before)
+    assert np.abs((after @ LUMA / (before @ LUMA))[SKIN] - 1).max() < 0.02
+
+
+def test_the_farther_the_tones_the_less_of_the_tints() -> None:
+    donor = person(DARK, MAUVE, 1.3)
+    left = [redness(texture_of(toned(donor, person(skin, PINK)))) for skin in ((110, 75, 60), FAIR)]
+    assert left[0] > left[1]
+
+
+def test_lips_lean_to_the_persons_unless_nothing_of_them_may_show() -> None:
+    donor, source = person(DARK, MAUVE), person(FAIR, PINK)
+    lips, hidden = (
+        texture_of(toned(donor, source, own_lips=own))[LIP].mean(0) / np.array(DARK) for own in (True, False)
+    )
+    theirs, other = np.array(MAUVE) / np.array(DARK), np.array(PINK) / np.array(FAIR)
+    away = [np.abs(one - other).max() for one in (lips, theirs)]
+    assert away[0] < 0.75 * away[1]
+    assert np.array_equal(
+        hidden, texture_of(toned(donor, person(FAIR, MAUVE), own_lips=False))[LIP].mean(0) / DARK
+    )
