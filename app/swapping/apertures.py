@@ -29,7 +29,7 @@ class ApertureLimits:
     shut_growth_face_widths: float = 0.05  # of the source's part while it is shut
     brow_growth_face_widths: float = 0.02  # within which no brow of the source's shows
     sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
-    eye_growth_face_widths: float = 0.01  # of an eye otherwise, so that no sliver of the identity's shows
+    growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
     lid_growth_face_widths: float = 0.015  # of an eye over which a lid is drawn
     lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
     lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
@@ -63,9 +63,8 @@ class Aperture:
     ) -> None:  # fmt: skip
         self._part = part
         self._shut = None if at_rest is None else ShutShare(part, at_rest)
-        grow = 0.0 if at_rest is None else LIMITS.shut_growth_face_widths
-        if irises is not None:
-            grow = LIMITS.eye_growth_face_widths
+        always = at_rest is None or irises is not None
+        grow = LIMITS.growth_face_widths if always else LIMITS.shut_growth_face_widths
         shown = soft_parts(reference, (part,), grow)
         if at_rest is not None:
             shown = shown * (
