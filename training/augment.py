@@ -60,6 +60,8 @@ class Strength:
     hidden: float = 0.42  # share of samples with an object in front of the face
 
 
+# Crops of faces that are mostly upright and in sight.
+NEARLY_PLAIN = Strength(turn=9.0, size=0.09, shift=0.04, wild=0.08, hidden=0.2)
 # What the crops of a face that is being followed are like, where parsing is asked for.
 FOLLOWED = Strength(turn=9.0, size=0.1, shift=0.045, wild=0.06, hidden=0.62)
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training.augment import FOLLOWED, SIZE, Props, Strength, negative, sample
+from training.augment import FOLLOWED, NEARLY_PLAIN, SIZE, Props, Strength, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, join, load_part, load_real, part_files
@@ -75,7 +75,7 @@ class Goal:
 # `refinement`: the same from weights that have no points any more.
 GOALS = {
     "points": Goal(),
-    "landmarks": Goal(iris=0.0, parsing=0.0),
+    "landmarks": Goal(strength=NEARLY_PLAIN, iris=0.0, parsing=0.0),
     "parsing": Goal(negative=0.05, real=0.28, strength=FOLLOWED, points=0.2, iris=0.6, parsing=4.0),
     "refinement": Goal(
         negative=0.0, real=0.25, strength=replace(FOLLOWED, hidden=0.5), points=0.0, iris=0.6, parsing=4.0
