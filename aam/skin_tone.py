@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.even_light import LIMITS as EVEN_LIGHT
 from guise.aam.even_light import local_mean
 from guise.aam.landmarks.schemes import LIPS
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
-from guise.aam.reference import ReferenceFrame
-from guise.common.arrays import F32
+from guise.common.arrays import F32, Bool
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class SkinToneLimits:
     tint_face_widths: float = 0.15  # standard deviation of the means that tints differ from
     lip_growth_face_widths: float = 0.01
     spread_face_widths: float = 0.01  # over which a change fades
-    black_grey_levels: float = 4.0  # added before logarithms are taken
 
 
 LIMITS = SkinToneLimits()
+BLACK = np.float32(EVEN_LIGHT.black_grey_levels)  # added before logarithms are taken
 
 
 def toned(target: Identity, source: Identity, *, own_lips: bool = True) -> Identity:
@@ -46,35 +46,35 @@ def toned(target: Identity, source: Identity, *, own_lips: bool = True) -> Ident
     own_lips : whether the lips lean to the source's.
     """
     reference, appearance = target.reference, target.appearance
-    texture, other = (
-        reference.scatter(one.appearance.neutral_texture) + np.float32(LIMITS.black_grey_levels)
-        for one in (target, source)
-    )
+    texture, other = (reference.scatter(one.appearance.neutral_texture) for one in (target, source))
     skin = skin_mask(reference)
-    tone, other_tone = (np.exp(np.log(np.maximum(t[skin], 1)).mean(0)) for t in (texture, other))
+    tone, other_tone = (np.exp(np.log(_over_black(t)[skin]).mean(0)) for t in (texture, other))
     apart = max(abs(float(np.log((other_tone @ LUMA) / (tone @ LUMA)))) - LIMITS.alike, 0.0)
     if not apart:
         return target
-    lips = soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths)[..., None]
-    texture = eased_tints(texture, 1 / (1 + LIMITS.easing * apart), reference)
+    lips = soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths)
+    seen = _eased(texture, 1 / (1 + LIMITS.easing * apart), skin, lips, reference.resolution)
     if own_lips:
-        lean = np.float32(LIMITS.lips * min(apart / LIMITS.apart, 1.0))
-        texture = texture + lean * lips * (other * (tone / other_tone) - texture)
+        lean = np.float32(LIMITS.lips * min(apart / LIMITS.apart, 1.0)) * lips[..., None]
+        seen += lean * (_over_black(other) * (tone / other_tone) - seen)
     neutral = appearance.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = (texture - LIMITS.black_grey_levels)[reference.mask].ravel()
+    neutral[SHAPE_ENTRIES:] = (seen - BLACK)[reference.mask].ravel()
     return replace(target, appearance=replace(appearance, neutral=neutral))
 
 
-def eased_tints(texture: F32, share: float, reference: ReferenceFrame) -> F32:
-    """A texture (h, w, 3) over black whose skin and lips keep a share of their tints against the skin around."""
-    skin = skin_mask(reference)
-    local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution)
-    seen = np.maximum(texture, 1)
+def _eased(texture: F32, share: float, skin: Bool, lips: F32, resolution: int) -> F32:
+    """A texture (h, w, 3), over black, whose skin and lips keep a share of their tints against the skin around."""
+    seen = _over_black(texture)
+    local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * resolution)
     luma = (seen @ LUMA)[..., None]
     tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
     eased = local * np.exp(np.float32(share) * tints)
     eased *= luma / (eased @ LUMA)[..., None]
-    surface = skin | (soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths) > 0.5)
-    spread = LIMITS.spread_face_widths * reference.resolution
-    weight = cv2.GaussianBlur(surface.astype(np.float32), (0, 0), spread)[..., None]
-    return np.asarray(texture + weight * (eased - texture), np.float32)
+    surface = (skin | (lips > 0.5)).astype(np.float32)
+    weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * resolution)[..., None]
+    return np.asarray(seen + weight * (eased - seen), np.float32)
+
+
+def _over_black(texture: F32) -> F32:
+    """A texture as `local_mean` counts it."""
+    return np.asarray(np.maximum(texture, 0) + BLACK, np.float32)
