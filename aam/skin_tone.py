@@ -20,6 +20,7 @@ from guise.aam.landmarks.schemes import LIPS
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
+from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, Bool
 
 
@@ -47,19 +48,27 @@ def toned(target: Identity, source: Identity, *, own_lips: bool = True) -> Ident
     """
     reference, appearance = target.reference, target.appearance
     texture, other = (reference.scatter(one.appearance.neutral_texture) for one in (target, source))
+    neutral = appearance.neutral.copy()
+    neutral[SHAPE_ENTRIES:] = in_tone_of(texture, other, reference, own_lips=own_lips)[reference.mask].ravel()
+    return replace(target, appearance=replace(appearance, neutral=neutral))
+
+
+def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame, *, own_lips: bool = True) -> F32:
+    """A neutral texture (h, w, 3) fit for the skin tone of another; itself where tones are alike.
+
+    own_lips : whether the lips lean to the other's.
+    """
     skin = skin_mask(reference)
     tone, other_tone = (np.exp(np.log(_over_black(t)[skin]).mean(0)) for t in (texture, other))
     apart = max(abs(float(np.log((other_tone @ LUMA) / (tone @ LUMA)))) - LIMITS.alike, 0.0)
     if not apart:
-        return target
+        return texture
     lips = soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths)
     seen = _eased(texture, 1 / (1 + LIMITS.easing * apart), skin, lips, reference.resolution)
     if own_lips:
         lean = np.float32(LIMITS.lips * min(apart / LIMITS.apart, 1.0)) * lips[..., None]
         seen += lean * (_over_black(other) * (tone / other_tone) - seen)
-    neutral = appearance.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = (seen - BLACK)[reference.mask].ravel()
-    return replace(target, appearance=replace(appearance, neutral=neutral))
+    return np.asarray(seen - BLACK)
 
 
 def _eased(texture: F32, share: float, skin: Bool, lips: F32, resolution: int) -> F32:

@@ -31,6 +31,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> swap_data.Samples:
     pictures += [picture // 2 for picture in pictures] + [
         colours[i] // 2 * np.ones((SIZE, SIZE, 1)) for i in (0, 0, 1, 1)
     ]
+    pictures += pictures[: PEOPLE * SCENES]
     jpegs = [
         cv2.imencode(".jpg", np.uint8(p[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
         for p in pictures

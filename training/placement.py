@@ -51,21 +51,23 @@ class Group:
 
 
 def read_group(path: Path) -> Group:
-    """A group of `render_swaps.py`, with the points that the landmarker finds."""
+    """A group of `render_swaps.py`, with the points that the landmarker finds; donors' in the pictures with hair."""
     landmarker = open_landmarker("builtin")
     with np.load(path) as file:
         data = {name: file[name] for name in file.files}
     people, k = int(data["people"]), int(data["scenes"])
     exact, ends = data["face81"].astype(np.float64), np.cumsum(data["length"])
     found = np.full((2 * people * k, *exact.shape[1:]), np.nan)
-    for i in range(len(found)):
+    with_hair = len(exact) - people * k
+    seen = [*range(with_hair, len(exact)), *range(people * k, 2 * people * k)]
+    for at, i in enumerate(seen):
         coded = data["jpeg"][ends[i] - data["length"][i] : ends[i]]
         picture = cv2.cvtColor(cv2.imdecode(coded, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
         face = landmarker.refine(picture, Face.around(exact[i], 1.0))
         if face is not None and _miss(face.points, exact[i]) < MAX_MISS_FACE_WIDTHS:
-            found[i] = face.points
+            found[at] = face.points
     truths = np.full((people, people, k, *exact.shape[1:]), np.nan)
-    truths[~np.eye(people, dtype=bool)] = exact[2 * people * k :].reshape(-1, k, *exact.shape[1:])
+    truths[~np.eye(people, dtype=bool)] = exact[2 * people * k : with_hair].reshape(-1, k, *exact.shape[1:])
     both = 2, people, k, *exact.shape[1:]
     return Group(*found.reshape(both), *exact[: len(found)].reshape(both), truths)
 

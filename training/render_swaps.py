@@ -5,12 +5,14 @@
 DIR holds the renderer (`make_swap_truth.py` and what it imports). A group is four random people who do not exist,
 drawn as for `render_people.py`. Every one of them is rendered in scenes of their own (hard, warm and coloured lights,
 turned up to 45 degrees); in each scene again with the face of each of the others, in the skin tone of the head; and
-as a donor, near the front in a mild light, with the scenes' expressions. Groups depend only on their number.
+as a donor, near the front in a mild light, with the scenes' expressions, without hair, as the mask of a model leaves it
+out, and with it, as the landmarker sees them. Groups depend only on their number.
 
-Each group_NNNNN.npz holds pictures as JPEG in `jpeg` (bytes, concatenated) and `length`, in the order donors (4, k),
-scenes (4, k), truths (4, 4, k) by head and donor without those of a head with its own face; their points `face81`
-(pictures, 81, 2) float32 pixels, points 17 to 26 on the brows' hair; `hair` (4, k, size, size / 8) packed bits, what
-the hair of the head covers; and `people`, `scenes`. The first scene is without expression. Donors have no hair.
+Each group_NNNNN.npz holds pictures as JPEG in `jpeg` (bytes, concatenated) and `length`, in the order donors without
+hair (4, k), scenes (4, k), truths (4, 4, k) by head and donor without those of a head with its own face, donors with
+hair (4, k); their points `face81` (pictures, 81, 2) float32 pixels, points 17 to 26 on the brows' hair; `hair` (4, k,
+size, size / 8) packed bits, what the hair of the head covers; and `people`, `scenes`. The first scene is without
+expression.
 """
 
 from __future__ import annotations
@@ -172,9 +174,11 @@ def group(setup: Setup, number: int) -> dict:
         )
         points.append(found[1])
 
+    with_hair = []
     for one in cast:
-        for found in donor_pictures(setup, one, weights, backgrounds[0], rng):
-            add(found)
+        for without, found in donor_pictures(setup, one, weights, backgrounds[0], rng):
+            add(without)
+            with_hair.append(found)
     scenes = [[random_scene(setup, one.actor, w, rng) for w in weights] for one in cast]
     truths, hair = {}, np.zeros((len(cast), k, setup.size, -(-setup.size // 8)), np.uint8)
     heads = []
@@ -190,6 +194,8 @@ def group(setup: Setup, number: int) -> dict:
         for b in range(len(cast)):
             for found in truths.get((a, b), []):
                 add(found)
+    for found in with_hair:
+        add(found)
     release(setup, cast)
     return {
         "jpeg": np.frombuffer(b"".join(pictures), np.uint8),
@@ -204,10 +210,13 @@ def group(setup: Setup, number: int) -> dict:
 def donor_pictures(
     setup: Setup, donor: Cast, weights: np.ndarray, background, rng: np.random.Generator
 ) -> list:
-    """A donor with each expression; without hair, as the mask of a model leaves it out."""
+    """A donor with each expression, without and with hair."""
     light = mild_light(setup.program, rng)
     scenes = [donor_scene(setup, donor.actor, w, light, rng) for w in weights]
-    return [draw(setup, donor.actor, donor.lift, scene, background, bald=True) for scene in scenes]
+    return [
+        [draw(setup, donor.actor, donor.lift, scene, background, bald=bald) for bald in (True, False)]
+        for scene in scenes
+    ]
 
 
 def own_pictures(setup: Setup, head: Cast, scenes: list[Scene], backgrounds, hair: np.ndarray) -> list:

@@ -2,7 +2,8 @@
 
 The pictures of `render_swaps.py` are sampled on the reference frame as the engine samples them, the donor's and the
 scene's under the points that the shipped landmarker finds, the truth where the engine would draw the donor's face, and
-averaged in the cells of the learned light: what is misplaced in a swap is misplaced here. RGB 0..255.
+averaged in the cells of the learned light: what is misplaced in a swap is misplaced here. Donors' faces are made even
+and fit for the tone of the head, as in the engine. RGB 0..255.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import cv2
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from guise.aam.even_light import symmetric, without_glints
 from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
+from guise.aam.skin_tone import in_tone_of
 from guise.app.swapping.coarse_grid import gaussian_kernel
 from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, part_masks, places
-from guise.common.arrays import F32, F64, U8, Int
+from guise.common.arrays import F32, F64, U8, Bool, Int
 from training.data import london_people
 from training.placement import Group, mirrored, read_group, transferred
 
@@ -36,12 +39,13 @@ class Samples:
     Attributes
     ----------
     pictures : (m, 2, 3, h, w) uint8 means of skin and of other texels, to which the next ones are indices.
-    donor, neutral : (n,) the face that is shown, with the scene's expression and at rest.
+    donor, neutral : (n,) the face that is shown, with the scene's expression and at rest, fit for the head.
     scene : (n,) the person in the scene.
     own, own_now : (n,) that person in their own mild light, at rest and with the scene's expression.
     truth, untouched : (n, 3, h, w) uint8 means of all: the scene with the donor's face, and as it is, in the same
         places.
     shown : (n, h, w) uint8, weight of what no hair covers, 255 for a whole cell.
+    keeps_face : (n,) bool, whether the face that is shown is the person's own.
     group : (n,)
     """
 
@@ -54,6 +58,7 @@ class Samples:
     truth: U8
     untouched: U8
     shown: U8
+    keeps_face: Bool
     group: Int
 
     def __getitem__(self, rows: np.ndarray) -> Samples:
@@ -92,7 +97,17 @@ class Cells:
 
     def kinds(self, texture: F32) -> U8:
         """(2, 3, h, w) means of skin and of other texels."""
+        texture = np.clip(texture, 0, 255)
         return np.stack([self.means(texture, kind) for kind in self._kinds])
+
+    def fitted(self, texture: F32, person: F32) -> F32:
+        """A texture (t, 3) at rest as the engine makes it fit for a person's (t, 3).
+
+        But for shading: few rendered people are shaded as `evenly_lit` knows it from real ones.
+        """
+        face, own = (self.reference.scatter(t) for t in (texture, person))
+        even = without_glints(symmetric(face, self.reference), self.reference)
+        return np.asarray(in_tone_of(even, own, self.reference)[self.reference.mask], np.float32)
 
     def means(self, texture: F32, weight: F32) -> U8:
         """(3, h, w) means, 0 where nothing is."""
@@ -124,7 +139,7 @@ def load(files: list[Path], cells: Cells, seed: int = 0) -> Samples:
 
 def light_fields(samples: Samples, cells: Cells) -> F32:
     """(m, 3, h, w) factors between the skin of those who have their own face, in the scene and in mild light."""
-    own = samples[samples.donor == samples.own_now]
+    own = samples[samples.keeps_face]
     weight = (own.shown / np.float32(255) * cells.weight[0])[:, None]
     return field_between(samples.pictures[own.own_now][:, 0], samples.pictures[own.scene][:, 0], weight)
 
@@ -170,7 +185,7 @@ def _swaps(path: Path, cells: Cells, rng: np.random.Generator):
 
 
 def _sampled(pictures, points: Group, hair, cells: Cells, rng: np.random.Generator):
-    """Pictures of donors, then scenes, and the swaps of everyone's face on everyone's head, their own as well."""
+    """Pictures of donors, of scenes and of faces fit for heads, and the swaps of everyone's face on everyone's head."""
     (people, k), sampler = points.donors.shape[:2], cells.reference.sampler
     hair = np.ascontiguousarray(hair, np.float32)
     # Who is turned away so far that nothing is found is sampled by the true points.
@@ -178,24 +193,29 @@ def _sampled(pictures, points: Group, hair, cells: Cells, rng: np.random.Generat
         np.where(np.isfinite(found), found, true).reshape(people * k, *found.shape[2:])
         for found, true in ((points.donors, points.true_donors), (points.scenes, points.true_scenes))
     )
-    found = [
-        cells.kinds(sampler.sample(picture, shape))
+    textures = [
+        sampler.sample(picture, shape)
         for picture, shape in zip(pictures, np.concatenate([donors, scenes]), strict=False)
     ]
+    at_rest = textures[: people * k : k]
+    found = [cells.kinds(texture) for texture in textures]
+    for head, donor in np.ndindex(people, people):
+        change = cells.fitted(at_rest[donor], at_rest[head]) - at_rest[donor]
+        found += [cells.kinds(texture + change) for texture in textures[donor * k : (donor + 1) * k]]
     drawn = np.repeat(scenes.reshape(1, people, k, -1, 2), people, 0).swapaxes(0, 1)
     drawn = np.where(np.eye(people, dtype=bool)[..., None, None, None], drawn, points.truths)
     for place in transferred(points, rng):
         drawn[place.head, place.donor, place.scene] = _shifted(place.drawn(), rng)
     truth, swaps = 2 * people * k, []
     for head, donor, j in np.ndindex(people, people, k):
-        scene = head * k + j
+        scene, face = head * k + j, (2 + head) * people * k + donor * k
         own, shape = people * k + scene if donor == head else truth, drawn[head, donor, j]
         shown = (sampler.sample(hair[scene], shape) < MAX_HAIR_SHARE).astype(np.float32)
         ideal, untouched = (
             cells.means(sampler.sample(pictures[i], shape), shown) for i in (own, people * k + scene)
         )
-        at = donor * k + j, donor * k, people * k + scene, head * k, scene
-        swaps.append((at, (ideal, untouched, cells.share(shown))))
+        at = face + j, face, people * k + scene, head * k, scene
+        swaps.append((at, (ideal, untouched, cells.share(shown), donor == head)))
         truth += donor != head
     return found, swaps
 

@@ -350,7 +350,7 @@ def train(
     torch.manual_seed(options.seed)
     is_held = np.isin(samples.group, held_back)
     batches, lit, errors = Batches(samples[~is_held], cells), Lit(net, cells), Errors()
-    held = samples[is_held & (samples.truth != samples.untouched).any((1, 2, 3))]
+    held = samples[is_held & ~samples.keeps_face]
     check, rows = Batches(held, cells), np.arange(0, len(held.group), 3)
     print(
         f"{len(samples.group)} samples, {weights(net)} weights; nothing {_said(measure(None, check, rows))}",
