@@ -42,7 +42,7 @@ class LearnedLightLimits:
     looks_per_mirrored: int = 8  # of which one is also taken at the mirror image
     # Of the light that is a mean over a wider neighbourhood: the rest follows the person's own form as well, and less
     # of the donor's is left.  At the edge of a shadow there is none.
-    wide_share: float = 0.5
+    wide_share: float = 0.2
     shadow_edge: float = 0.12  # log of light over its mean, by which the share falls by a standard deviation
     wide_face_widths: float = 0.1
 
