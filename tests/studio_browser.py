@@ -147,7 +147,7 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
     page.goto(server.url(f"{path}?token={server.token}"))
     yield page
     visitor.close()
-    assert complaints == []
+    assert not complaints, "; ".join(complaints)
 
 
 def _screen() -> dict[str, Any]:
