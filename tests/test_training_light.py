@@ -52,6 +52,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> swap_data.Samples:
 def test_every_donor_is_sampled_on_every_head_and_mirrored(samples: swap_data.Samples) -> None:
     assert len(samples.group) == 2 * PEOPLE * PEOPLE * SCENES
     assert (samples.group == 3).all()
+    assert np.flatnonzero(samples.keeps_face).tolist() == OWN.tolist()
     face = samples.shown[0] > 200
     assert 500 < face.sum() < GRID[0] * GRID[1]
     assert_allclose(samples.truth[0][:, face].T, [[100, 75, 60]] * face.sum(), atol=2)

@@ -337,6 +337,13 @@ def compared(lit: Callable[[Batch], Tensor] | None, some: Iterable[Batch]) -> di
     return {"error": error, "colour": colour, "gain": 1 - error / nothing}
 
 
+def loss_of(lit: Lit, batch: Batch, errors: Errors) -> Tensor:
+    """Mean error of a batch relative to doing nothing, plain and smooth together."""
+    plain, smooth = errors(lit(batch), batch.truth, batch.shown)
+    nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
+    return ((plain + smooth) / (nothing + 2)).mean()
+
+
 def train(
     net: LightNet,
     samples: Samples,
@@ -371,15 +378,9 @@ def train(
     mean = {name: value.clone() for name, value in net.state_dict().items()}
     start = time.time()
     for step in range(1, options.steps + 1):
-        batch = batches.random(options.batch, rng)
-        plain, smooth = errors(lit(batch), batch.truth, batch.shown)
-        nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
-        loss = ((plain + smooth) / (nothing + 2)).mean()
+        loss = loss_of(lit, batches.random(options.batch, rng), errors)
         if real is not None:
-            batch = real[0].random(options.batch // 2, rng)
-            plain, smooth = errors(lit(batch), batch.truth, batch.shown)
-            nothing = errors(batch.untouched, batch.truth, batch.shown)[0]
-            loss = loss + options.real_weight * ((plain + smooth) / (nothing + 2)).mean()
+            loss = loss + options.real_weight * loss_of(lit, real[0].random(options.batch // 2, rng), errors)
         optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(net.parameters(), 1.0)
@@ -413,8 +414,9 @@ affine map of colours for each cell; it cannot add what the face does not have.
 
 - Licence: that of Guise (Apache-2.0).
 - Data: {samples:,} swaps of {groups} groups of four rendered people who do not exist (CC0,
-  `training/render_swaps.py`), each on the heads of the others where the engine draws it, under the points that the
-  shipped landmarker finds, mirrored as well; and {photographs} of
+  `training/render_swaps.py`), each on the heads of the others where the engine draws it, made even and fit
+  for the head's tone as the engine does, under the points that the shipped landmarker finds, mirrored as well; and
+  {photographs} of
   the Face Research Lab London Set (CC BY 4.0; DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666), all taken in
   the same light, in random smooth lights and those of the rendered scenes: each to become the same person's other
   photograph in that light, or another's in that light and the skin tone of the first.
