@@ -2,7 +2,7 @@
 
 The frame is sampled between the source's own lids and lips and laid into the texture, so that it moves with the drawn
 mesh: whatever the two faces' proportions, an eye is whole and looks where the source looks.  Its iris takes the
-identity's colour (`iris.py`).  Pixels, x right, y down.
+identity's colours (`iris.py`).  Pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, RIGHT_EYE, Group
+from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, Group
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.media import ColourMatrix
-from guise.app.swapping.iris import IrisTint
+from guise.app.swapping.iris import EYES, IrisChange, IrisTint, in_eye
 from guise.common.arrays import F32, F64, U8
 
 
@@ -34,13 +34,14 @@ class ApertureLimits:
     lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
     lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
     lashes: tuple[float, float] = (0.45, 0.12)  # their darkness, and how wide they are, of the eye's height
-    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so.
+    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so,
+    # and from and at which no iris is darkened.
     shut: tuple[float, float] = (0.55, 0.3)
     drawn_shut: tuple[float, float] = (0.65, 0.4)
+    no_iris: tuple[float, float] = (0.35, 0.15)
 
 
 LIMITS = ApertureLimits()
-EYES = RIGHT_EYE, LEFT_EYE
 
 
 class Aperture:
@@ -53,18 +54,16 @@ class Aperture:
     factor : pixels of the texture per grid pixel, along each axis.
     at_rest : the source's shape (81, 2) at rest, if the source is to show only while the aperture is shut: then there
         are only lashes and lids to see, where the texture's modes leave slivers of the identity's open eye.
-    irises : textures (n, 3) RGB at rest of the source and of the identity, if the part is an eye that always shows and
-        whose iris is to have the identity's colour; needs `at_rest`, as a shut eye shows none.
+    irises : if the part is an eye whose iris is to be the identity's.
     """
 
     def __init__(
         self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64 | None = None,
-        irises: tuple[F32, F32] | None = None,
+        irises: IrisChange | None = None,
     ) -> None:  # fmt: skip
         self._part = part
         self._shut = None if at_rest is None else ShutShare(part, at_rest)
-        always = at_rest is None or irises is not None
-        grow = LIMITS.growth_face_widths if always else LIMITS.shut_growth_face_widths
+        grow = LIMITS.growth_face_widths if at_rest is None else LIMITS.shut_growth_face_widths
         shown = soft_parts(reference, (part,), grow)
         if at_rest is not None:
             shown = shown * (
@@ -77,11 +76,12 @@ class Aperture:
         rows, columns = np.mgrid[self._place]
         places = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / factor - 0.5
         self._sampler = MeshSampler.build(reference, places)
-        self.tint: IrisTint | None = None
+        self._tint: IrisTint | None = None
         if irises is not None:
-            lids = _enlarged(soft_parts(reference, (part,), 0.0), factor)[self._place]
-            eyes = (_enlarged(reference.scatter(texture), factor)[self._place] for texture in irises)
-            self.tint = IrisTint(lids, *eyes)
+            lids = soft_parts(reference, (part,), LIMITS.growth_face_widths)
+            lids = _enlarged(lids, factor)[self._place]
+            self._tint = IrisTint(lids, irises, int(part is EYES[1]))
+            self._hidden = ShutShare(part, irises.at_rest, LIMITS.shut if irises.lightens else LIMITS.no_iris)
 
     def fill(
         self, picture: U8, roi: U8, head: F64, colour: ColourMatrix, openings: F64 | None = None
@@ -90,8 +90,8 @@ class Aperture:
 
         colour : the matrix of both pictures.   openings : `eye_openings` of the shape, if they are known.
         """
-        shut = 1.0 if self._shut is None else self._shut(eye_openings(head) if openings is None else openings)
-        shown = shut if self.tint is None else 1.0
+        openings = eye_openings(head) if openings is None else openings
+        shown = 1.0 if self._shut is None else self._shut(openings)
         if shown == 0:
             return
         places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
@@ -99,9 +99,11 @@ class Aperture:
         own = cv2.addWeighted(
             own, 1 + LIMITS.sharpening, cv2.GaussianBlur(own, (3, 3), 0), -LIMITS.sharpening, 0
         )
-        if self.tint is not None:
+        if self._tint is not None:
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
-            eye = cv2.transform(self.tint.apply(np.asarray(eye, np.float32), 1 - shut), colour.from_rgb)
+            within = in_eye(places, head[self._part])
+            eye = self._tint.apply(np.asarray(eye, np.float32), within, 1 - self._hidden(openings))
+            eye = cv2.transform(eye, colour.from_rgb)
             own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(picture[self._place])
         share = self._share * np.float32(shown)

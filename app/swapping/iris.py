@@ -1,210 +1,361 @@
-"""The identity's iris colour on the source's own eyeballs.
+"""The identity's irises on the source's own eyeballs.
 
 The source's eyeballs show through the drawn lids, so that the gaze, the light and its reflections are the scene's
-(`apertures.py`).  Their irises take the identity's colour: what is an iris is scaled, channel by channel, by how the
-two people's irises differ from their own whites; so neither light counts.  RGB 0..255.
+(`apertures.py`).  A dark iris is scaled, channel by channel, by how the two people's irises at rest differ from their
+own whites; so neither light counts, and every pixel tells itself whether it is iris.  A light one can't be told from
+its white; it is painted over: each ring takes what the same ring of the identity's iris is of its white.  Where irises
+are, the parsing tells (`aam/parsing.py`).  Places in an eye are in its widths, corner to corner, from the
+middle of its corners, x along them.  RGB 0..255.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
+from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE, Group
 from guise.aam.light import LUMA
-from guise.common.arrays import F32, F64, Int
-from guise.common.quantile import quantile
+from guise.aam.mask import soft_parts
+from guise.aam.model import Identity
+from guise.aam.parsing import FaceParser
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.common.arrays import F32, F64, Floating
+
+EYES = RIGHT_EYE, LEFT_EYE
+CORNERS = 0, 3  # of an eye's points
 
 
 @dataclass(frozen=True)
 class IrisLimits:
-    """Sizes, and what counts as iris."""
+    """Lengths are eye widths, or radii of the iris where they say so."""
 
-    radius_eye_widths: float = 0.25
-    ring: float = 1.6  # radii, up to which an iris is compared with what is beside it
-    soft: float = 0.3  # radii, of its border
-    min_visible: float = 0.75  # of an iris within the aperture, of the most there can be
-    max_off_middle: float = 0.2  # of an iris, in heights of the aperture
-    colour_ring: tuple[float, float] = (
+    # At rest: the radius that sets the iris off from what lies beside it, near that of most people.
+    radii: tuple[float, float, float] = (0.20, 0.28, 0.01)  # least, most, step
+    usual_radius: float = 0.235
+    unusual: float = 100.0  # cost of a squared distance from it
+    off_place: float = 1.0  # cost of a distance from where the parsing found it
+    place_reach: tuple[float, float] = (0.06, 0.02)  # of that distance, and step
+    edges: tuple[float, ...] = (0.7, 0.98, 1.02, 1.3)  # radii, of the rings within and beyond its edge
+    chroma: float = 2.0  # by which colour counts more than brightness there
+    pupil: tuple[float, float, float] = (
         0.35,
-        0.9,
-    )  # radii, between which the colour is taken: no pupil, no rim
-    white_share: float = 0.3  # of what lies beside the iris, the brightest, taken for white
-    bright: float = 0.9  # quantile of an eye's brightness that its white has
-    min_contrast: float = 0.25  # of the white, by which an iris is darker at least
-    gain: tuple[float, float] = (0.15, 2.5)
-    black_grey_levels: float = 4.0
-    memory: float = 0.5  # share of the place kept from frame to frame
-    max_step_radii: float = 0.6  # beyond which the place is taken as it is found
+        0.5,
+        0.85,
+    )  # radii, of the pupil and of the ring that is brighter
+    max_pupil: float = 0.4  # contrast of them that counts
+    # Of a profile: means of rings, as far out, and by how much rings overlap, radii.
+    rings: int = 12
+    reach: float = 1.5
+    overlap: float = 0.06
+    min_pixels: int = 3  # of a ring
+    lid_shadow: float = -0.6  # radii below the middle, above which nothing counts
+    typical: float = 0.4  # quantile: catch-lights are brighter
+    # In a frame, near where the parsing found the iris: the disc that is least like white against the ring about it, or
+    # of a light iris what looks most as at rest.
+    many_pixels: int = 500  # of an eye, from which a fourth of them is enough
+    ring: float = 1.5  # radii
+    steps: tuple[float, ...] = (0.04, 0.02, 0.01)
+    first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
+    moved: tuple[float, float] = (2.0, 0.6)  # cost of a distance, and of a light iris's
+    max_difference: float = (
+        1.0  # of a pixel from what is there at rest, sum over the channels, shares of the white
+    )
+    memory: float = 0.5  # share of a place kept from frame to frame
+    max_step: float = 0.08  # beyond which it is taken as it is found
+    # Drawing.
+    # For an iris that becomes darker, and for one that becomes lighter, where what is no iris would shine: radii at
+    # which nothing and all of it is changed, and how unlike white nothing and all of a pixel is changed.
+    border: tuple[tuple[float, float], tuple[float, float]] = ((1.2, 0.96), (1.08, 0.85))
+    unlike: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.5), (0.35, 0.85))
+    iris: tuple[float, float] = (0.4, 0.85)  # radii, of the ring that has its colour: no pupil, no rim
+    light: tuple[float, float] = (
+        0.55,
+        0.66,
+    )  # brightness of a source's iris, from which and at which it's light
+    gain: tuple[float, float] = (0.15, 2.5)  # limits of a dark iris's factors
+    black_share: float = 0.02  # of the white, added before colours are divided
+    white_quantile: float = 0.8  # of an eye's brightness, above which it's its white
+    catch_light: float = 0.15  # of the white, by which a pixel is brighter than a light iris at least
+    shade: tuple[float, float] = (0.55, 1.1)  # limits of the frame's iris over that at rest
+    shade_eye_widths: float = 0.04  # standard deviation
 
 
 LIMITS = IrisLimits()
 
 
+def in_eye(points: Floating, outline: F64) -> F32:
+    """Points (..., 2) of a picture in widths of the eye with an outline (6, 2) there."""
+    first, last = outline[list(CORNERS)]
+    (x, y), middle = last - first, (first + last) / 2
+    axes = np.array([[x, -y], [y, x]], np.float32) / np.float32(max(x * x + y * y, 1e-6))
+    return np.asarray((np.asarray(points, np.float32) - middle.astype(np.float32)) @ axes, np.float32)
+
+
 @dataclass(frozen=True, eq=False)
-class EyeColours:
-    """RGB (3,) of an eye's white and iris."""
-
-    white: F32
-    iris: F32
-
-
-class DiscMeans:
-    """Means of pictures (h, w) over discs and the rings about them, at a few places; beyond a picture are zeros.
-
-    Sums over the rows of a disc are differences of the picture's sums from the left.
-
-    Parameters
-    ----------
-    size : (height, width) of the pictures.
-    places : (n, 2) y, x of the discs' middles.
-    radii : of a disc and of its ring, pixels.
-    """
-
-    def __init__(self, size: tuple[int, int], places: Int, radii: tuple[float, float]) -> None:
-        reach = int(radii[1])
-        self._sums = np.zeros((size[0] + 2 * reach, size[1] + 2 * reach + 1))
-        self._inner = np.s_[reach : reach + size[0], reach + 1 : reach + 1 + size[1]]
-        self._right = np.s_[reach : reach + size[0], reach + size[1] :]
-        self._ends, counts = [], [0]
-        for radius in radii:
-            rows = np.arange(-int(radius), int(radius) + 1)
-            half = np.sqrt(radius**2 - rows**2).astype(int)
-            row = (places[:, :1] + reach + rows) * self._sums.shape[1] + reach
-            self._ends.append((row + places[:, 1:] + half + 1, row + places[:, 1:] - half))
-            counts.append(int((2 * half + 1).sum()))
-        self._counts = np.diff(counts)[:, None]
-
-    def __call__(self, picture: F32) -> F64:
-        """(2, n) means over the discs and over the rings."""
-        np.cumsum(picture, axis=1, out=self._sums[self._inner])
-        self._sums[self._right] = self._sums[self._right][:, :1]
-        disc, both = ((self._sums.take(end) - self._sums.take(start)).sum(1) for end, start in self._ends)
-        return np.stack([disc, both - disc]) / self._counts
-
-
-class IrisFinder:
-    """Finds the iris in pictures (h, w, 3) of an eye.
-
-    Parameters
-    ----------
-    share : (h, w) share in [0, 1] by which pixels are within the lids.
-    """
-
-    def __init__(self, share: F32) -> None:
-        inside = share > 0.5
-        columns = np.flatnonzero(inside.any(0))
-        self.radius = LIMITS.radius_eye_widths * (columns[-1] - columns[0] + 1)
-        self._inside, self._share = inside, share
-        radii = self.radius, float(np.ceil(LIMITS.ring * self.radius))
-        rows = np.flatnonzero(inside.any(1))
-        off_middle = np.abs(np.arange(len(share)) - rows.mean()) / (rows[-1] - rows[0] + 1)
-        every = np.argwhere(inside)
-        disc = DiscMeans(share.shape, every, radii)(share)[0]
-        visible = disc > LIMITS.min_visible * disc.max()
-        self._places = every[visible & (off_middle <= LIMITS.max_off_middle)[every[:, 0]]]
-        self._means = DiscMeans(share.shape, self._places, radii)
-        self._weights = np.maximum(self._means(share), 1e-3)
-        self._grid = np.mgrid[: share.shape[0], : share.shape[1]].astype(np.float32)
-
-    def centre(self, luma: F32) -> F64 | None:
-        """(2,) y, x of the disc that is darkest against what is beside it; None if no place is possible."""
-        if not len(self._places):
-            return None
-        disc, ring = self._means(luma * self._share) / self._weights
-        return np.asarray(self._places[int((ring - disc).argmax())], np.float64)
-
-    def around(self, centre: F64, radii: float) -> tuple[slice, slice]:
-        """The rows and columns in which pixels may be nearer to a centre (2,) than so many radii."""
-        reach = radii * self.radius
-        low = np.maximum(np.floor(centre - reach), 0).astype(int)
-        high = np.ceil(centre + reach).astype(int) + 1
-        return slice(low[0], high[0]), slice(low[1], high[1])
-
-    def away(self, centre: F64, box: tuple[slice, slice] = np.s_[:, :]) -> F32:
-        """Distance of pixels from a centre (2,), radii: of all (h, w), or of those in a box."""
-        y, x = self._grid[:, *box]
-        return np.asarray(np.hypot(y - centre[0], x - centre[1]) / self.radius, np.float32)
-
-    def colours(self, picture: F32) -> EyeColours | None:
-        """The colours of an eye (h, w, 3); None where no iris or no white is seen."""
-        luma = picture @ LUMA
-        centre = self.centre(luma)
-        if centre is None:
-            return None
-        away = self.away(centre)
-        iris = self._inside & (away > LIMITS.colour_ring[0]) & (away < LIMITS.colour_ring[1])
-        beside = self._inside & (away > 1 + LIMITS.soft)
-        if not iris.any() or not beside.any():
-            return None
-        white = beside & (luma >= np.quantile(luma[beside], 1 - LIMITS.white_share))
-        return EyeColours(*(picture[where].mean(0) for where in (white, iris)))
-
-    def white(self, luma: F32) -> float:
-        """Grey level of the brightest part of an eye."""
-        return quantile(luma[self._inside], LIMITS.bright)
-
-
-class IrisTint:
-    """Gives the irises of one eye another's colour, frame by frame.
-
-    Parameters
-    ----------
-    share : (h, w) share in [0, 1] by which pixels are within the lids.
-    source, target : (h, w, 3) the two people's eyes at rest, in the same places.
+class Irises:
+    """How a person's irises look at rest.
 
     Attributes
     ----------
-    gain : (3,) factor of an iris's channels; None where one of the two shows no iris or no white.
+    radius : eye widths.
+    profile : (rings, 3) RGB from the middle outwards, shares of the white, up to `LIMITS.reach` radii.
+    places : (2, 2) of the right and the left one.
     """
 
-    def __init__(self, share: F32, source: F32, target: F32) -> None:
-        self._finder = IrisFinder(share)
-        self.gain: F32 | None = None
-        own, other = self._finder.colours(source), self._finder.colours(target)
-        if own is None or other is None:
-            return
-        black = np.float32(LIMITS.black_grey_levels)
-        gain = (other.iris + black) / (other.white + black) * (own.white + black) / (own.iris + black)
-        self.gain = np.clip(gain, *LIMITS.gain).astype(np.float32)
-        level = max(float(own.white @ LUMA), 1.0)
-        difference = (own.white - own.iris) / level
-        squared = max(float(difference @ difference), LIMITS.min_contrast**2)
-        self._direction = np.asarray(difference / squared, np.float32)
-        self._offset = float(own.white @ self._direction) / level
-        self._place: F64 | None = None
+    radius: float
+    profile: F32
+    places: F64
 
-    def apply(self, eye: F32, strength: float = 1.0) -> F32:
-        """An eye (h, w, 3) with the other's iris, by a share in [0, 1]: a shut eye has none."""
-        if self.gain is None or strength == 0:
-            return eye
-        level = max(self._finder.white(eye @ LUMA), 1.0)
-        unlike_white = np.clip(self._offset - eye @ (self._direction / level), -0.5, 1).astype(np.float32)
-        centre = self._finder.centre(-unlike_white)
-        if centre is None:
-            return eye
-        centre = self._steadied(centre)
-        box = self._finder.around(centre, 1 + LIMITS.soft / 2)
-        disc = np.clip((1 - self._finder.away(centre, box)) / LIMITS.soft + 0.5, 0, 1)
-        share = np.float32(strength) * disc * np.clip(2 * unlike_white[box], 0, 1)
-        tinted = eye.copy()
-        tinted[box] *= 1 + share[..., None] * (self.gain - 1)
-        return tinted
+    @classmethod
+    def at_rest(cls, person: Identity, parser: FaceParser) -> Irises:
+        """Of a person's neutral face."""
+        reference, shape = person.reference, person.appearance.neutral_shape
+        picture = reference.scatter(person.appearance.neutral_texture)
+        margin = reference.resolution // 3  # the parser sees the face's surroundings
+        around = cv2.copyMakeBorder(picture, *(margin,) * 4, cv2.BORDER_REPLICATE)
+        rgb = np.asarray(np.clip(around + 0.5, 0, 255), np.uint8)
+        found = parser.parse(rgb, reference.points + margin).irises[:, :2] - margin
+        eyes = [_EyeAtRest.of(reference, picture, shape, *pair) for pair in zip(EYES, found, strict=True)]
+        radii = np.arange(LIMITS.radii[0], LIMITS.radii[1] + LIMITS.radii[2] / 2, LIMITS.radii[2])
+        fits = [[eye.fit(radius) for radius in radii] for eye in eyes]
+        unusual = LIMITS.unusual * (radii - LIMITS.usual_radius) ** 2
+        best = int(np.argmax(np.mean([[score for score, _ in fit] for fit in fits], axis=0) - unusual))
+        places = np.array([fit[best][1] for fit in fits])
+        profiles = [eye.profile(float(radii[best]), place) for eye, place in zip(eyes, places, strict=True)]
+        return cls(float(radii[best]), np.asarray(np.mean(profiles, axis=0), np.float32), places)
 
-    def _steadied(self, centre: F64) -> F64:
-        last, radius = self._place, self._finder.radius
-        if last is not None and np.hypot(*(centre - last)) < LIMITS.max_step_radii * radius:
-            centre = centre + LIMITS.memory * (last - centre)
-        self._place = centre
-        return centre
+    @property
+    def colour(self) -> F32:
+        """(3,) RGB of the iris, shares of the white."""
+        return np.asarray(self.at(np.linspace(*LIMITS.iris, LIMITS.rings, dtype=np.float32)).mean(0))
+
+    def at(self, away: F32) -> F32:
+        """(..., 3) shares of the white at distances from the middle, radii."""
+        rings = LIMITS.rings / LIMITS.reach * away - np.float32(0.5)
+        ring = np.clip(rings, 0, LIMITS.rings - 1.001)
+        low = ring.astype(np.intp)
+        share = (ring - low)[..., None].astype(np.float32)
+        return np.asarray(self.profile[low] * (1 - share) + self.profile[low + 1] * share)
 
 
-def of_one_colour(tints: Sequence[IrisTint]) -> None:
-    """Give both eyes the same change of colour: light and reflections make single eyes differ."""
-    gains = [tint.gain for tint in tints if tint.gain is not None]
-    if gains:
-        mean = np.exp(np.mean(np.log(gains), axis=0)).astype(np.float32)
-        for tint in tints:
-            if tint.gain is not None:
-                tint.gain = mean
+@dataclass(frozen=True, eq=False)
+class _EyeAtRest:
+    """Pixels (n,) of an eye: RGB as shares of the white, place, and where the parsing found the iris."""
+
+    colours: F32
+    places: F32
+    found: F32
+
+    @classmethod
+    def of(cls, reference: ReferenceFrame, picture: F32, shape: F64, eye: Group, found: F64) -> _EyeAtRest:
+        ys, xs = np.nonzero(soft_parts(reference, (eye,), 0.0) > 0.5)
+        grid = np.vstack([np.column_stack([xs, ys]), found[None]]).astype(np.float64)
+        places = in_eye(MeshSampler.build(reference, grid).positions(shape), shape[eye])
+        colours = picture[ys, xs]
+        return cls(colours / white(colours), places[:-1], places[-1])
+
+    def fit(self, radius: float) -> tuple[float, F32]:
+        """How well the best iris of a radius is set off at its sides, and its place (2,)."""
+        reach, step = LIMITS.place_reach
+        offsets = np.arange(-reach, reach + step / 2, step, dtype=np.float32)
+        moves = np.array([(x, y) for x in offsets for y in offsets])
+        from_middle = self.places - (self.found + moves)[:, None]
+        away = np.hypot(*np.moveaxis(from_middle, -1, 0)) / radius
+        sides = np.abs(from_middle[..., 0]) > np.abs(from_middle[..., 1])
+        grey = self.colours @ LUMA
+        tint = np.linalg.norm(self.colours - grey[:, None], axis=1)
+        unlike = np.minimum(np.abs(1 - grey) + LIMITS.chroma * tint, 1.2)
+        inner, outer = (
+            ((away > low) & (away < high) & sides).astype(np.float32)
+            for low, high in (LIMITS.edges[:2], LIMITS.edges[2:])
+        )
+        pupil, beside = (
+            ((away > low) & (away < high)).astype(np.float32)
+            for low, high in ((-1, LIMITS.pupil[0]), LIMITS.pupil[1:])
+        )
+        within, beyond, dark, bright = (
+            ring @ values / np.maximum(ring.sum(1), 1)
+            for ring, values in ((inner, unlike), (outer, unlike), (pupil, grey), (beside, grey))
+        )
+        scores = within - beyond - LIMITS.off_place * np.hypot(*moves.T)
+        scores += np.clip(bright - dark, 0, LIMITS.max_pupil)
+        scores[np.minimum(inner.sum(1), outer.sum(1)) < LIMITS.min_pixels] = -1
+        best = int(np.argmax(scores))
+        return float(scores[best]), self.found + moves[best]
+
+    def profile(self, radius: float, place: F64) -> F32:
+        """(rings, 3) typical colours of the rings about a place; where a ring isn't seen, that within it."""
+        from_middle = (self.places - place) / radius
+        away = np.hypot(*from_middle.T)
+        away[from_middle[:, 1] < LIMITS.lid_shadow] = np.inf
+        edges = np.linspace(0, LIMITS.reach, LIMITS.rings + 1)
+        rings: list[F32] = []
+        for low, high in zip(edges[:-1] - LIMITS.overlap, edges[1:] + LIMITS.overlap, strict=True):
+            ring = self.colours[(away >= low) & (away < high)]
+            if len(ring) >= LIMITS.min_pixels:
+                rings.append(np.quantile(ring, LIMITS.typical, axis=0))
+            else:
+                rings.append(rings[-1] if rings else np.ones(3, np.float32))
+        return np.asarray(rings, np.float32)
+
+
+def white(colours: F32) -> F32:
+    """(3,) RGB of the white among an eye's pixels (n, 3)."""
+    grey = colours @ LUMA
+    count = max(1, round(len(grey) * (1 - LIMITS.white_quantile)))
+    brightest = np.argpartition(grey, -count)[-count:]
+    return np.asarray(np.maximum(colours[brightest].mean(0), 8), np.float32)
+
+
+class Gaze:
+    """Where the source's irises are, from frame to frame.
+
+    at_rest : (2, 2) places of the right and the left one.
+
+    Attributes
+    ----------
+    parsed, places : (2, 2), by the last parsing, and as they are found near by.
+    """
+
+    def __init__(self, at_rest: F64) -> None:
+        self._at_rest = at_rest
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last frame."""
+        self.parsed, self.places = self._at_rest.copy(), self._at_rest.copy()
+
+    def see(self, irises: F64, head: F64) -> None:
+        """Follow irises (2, 2), pixels, that the parsing of a frame finds in a head (81, 2)."""
+        for place, iris, outline in zip(self.parsed, irises, EYES, strict=True):
+            place[:] = _steadied(place, in_eye(iris, head[outline]))
+
+    def settle(self, eye: int, place: F64) -> F32:
+        """Follow an iris that is found in a frame; returns its place (2,)."""
+        self.places[eye] = _steadied(self.places[eye], place)
+        return np.asarray(self.places[eye], np.float32)
+
+
+def _steadied(last: F64, found: Floating) -> F64:
+    step = last - found
+    return np.asarray(found + (LIMITS.memory if np.hypot(*step) < LIMITS.max_step else 0) * step)
+
+
+@dataclass(frozen=True, eq=False)
+class IrisChange:
+    """What both eyes share: the two people's irises, the source's shape (81, 2) at rest, and its gaze."""
+
+    source: Irises
+    target: Irises
+    at_rest: F64
+    gaze: Gaze
+
+    @classmethod
+    def of(cls, source: Identity, target: Identity) -> IrisChange:
+        """From one person's irises to another's; both share a reference frame."""
+        parser = FaceParser()
+        own, other = (Irises.at_rest(person, parser) for person in (source, target))
+        return cls(own, other, source.appearance.neutral_shape, Gaze(own.places))
+
+    @property
+    def lightens(self) -> bool:
+        """Whether the target's iris is the lighter one."""
+        return bool(self.target.colour @ LUMA > self.source.colour @ LUMA)
+
+    @property
+    def lightness(self) -> float:
+        """Share in [0, 1] by which the source's iris is too light to be told from its white pixel by pixel."""
+        return float(np.clip(np.interp(self.source.colour @ LUMA, LIMITS.light, (0, 1)), 0, 1))
+
+
+class IrisTint:
+    """Gives one eye of the source the identity's iris, frame by frame.
+
+    Parameters
+    ----------
+    lids : (h, w) share in [0, 1] by which pixels are within the lids.
+    change : shared by both eyes.
+    eye : 0 for the right one, 1 for the left one.
+    """
+
+    def __init__(self, lids: F32, change: IrisChange, eye: int) -> None:
+        self._lids, self._inside = lids, lids > 0.5
+        thinned = np.zeros_like(self._inside)
+        thinned[::2, ::2] = True
+        self._looked_at = self._inside & (thinned | (self._inside.sum() < LIMITS.many_pixels))
+        self._change, self._eye, self._lightness = change, eye, np.float32(change.lightness)
+        self._blur = max(LIMITS.shade_eye_widths * self._inside.any(0).sum(), 0.5)
+        own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
+        self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
+        self._direction = (1 - own) / max(float((1 - own) @ (1 - own)), 1e-3)
+
+    def apply(self, picture: F32, places: F32, strength: float = 1.0) -> F32:
+        """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by a share in [0, 1]: a shut eye has none."""
+        if strength == 0 or not self._inside.any():
+            return picture
+        bright = white(picture[self._inside])
+        shares = picture / bright
+        unlike_white = (1 - shares) @ self._direction
+        seen = unlike_white if self._lightness < 0.5 else shares
+        found = self._found(seen[self._looked_at], places[self._looked_at])
+        x, y = np.moveaxis(places - self._change.gaze.settle(self._eye, found), -1, 0)
+        away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
+        begin, whole = LIMITS.border[self._change.lightens]
+        cover = np.clip((begin - away) / np.float32(begin - whole), 0, 1)
+        cover *= np.float32(strength) * self._lids
+        none, every = LIMITS.unlike[self._change.lightens]
+        share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1)
+        change = share[..., None] * (self._gain - 1) * picture
+        if self._lightness > 0:
+            change += self._lightness * (self._painted(picture, away, bright) - change)
+        return np.asarray(picture + cover[..., None] * change, np.float32)
+
+    def _found(self, seen: F32, places: F32) -> F64:
+        """(2,) where the iris is most likely, by pixels at places (n, 2).
+
+        seen : (n,) how unlike white they are; of a light iris (n, 3) their colours, shares of the white.
+        """
+        light = seen.ndim == 2
+        start = self._change.gaze.parsed[self._eye]
+        best = start
+        for i, step in enumerate(LIMITS.steps):
+            across, down = LIMITS.first_steps if i == 0 else (1, 1)
+            moves = step * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
+            middles = (best + moves).astype(np.float32)
+            x, y = (places[:, k] - middles[:, k : k + 1] for k in (0, 1))
+            away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
+            scores = -self._differences(seen, away) if light else _set_off(seen, away)
+            scores -= LIMITS.moved[light] * np.hypot(*(middles - start).T)
+            best = best + moves[int(np.argmax(scores))]
+        return np.asarray(best)
+
+    def _differences(self, seen: F32, away: F32) -> F32:
+        """(k,) mean difference of colours (n, 3) from the iris at rest, at distances (k, n) from its middle, radii."""
+        near = away < LIMITS.ring
+        unlike = np.minimum(np.abs(seen - self._change.source.at(away)).sum(-1), LIMITS.max_difference)
+        return np.asarray((unlike * near).sum(1) / np.maximum(near.sum(1), 1))
+
+    def _painted(self, picture: F32, away: F32, bright: F32) -> F32:
+        """What painting the other's iris ring by ring would change (h, w, 3); shading and catch-lights stay."""
+        own, other = self._change.source.at(away), self._change.target.at(away)
+        usual = own * bright
+        inner = np.clip((1 - away) / np.float32(1 - LIMITS.edges[0]), 0, 1)[..., None]
+        brighter = picture - usual
+        gleams = np.clip((brighter @ LUMA / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2, 0, 1)[..., None]
+        catch_light = np.maximum(brighter, 0) * gleams * inner
+        above, below = (
+            cv2.GaussianBlur(p @ LUMA, (0, 0), self._blur) for p in (picture - catch_light, usual)
+        )
+        shade = np.clip(above / np.maximum(below, 4), *LIMITS.shade)[..., None]
+        structure = picture - catch_light - usual * shade
+        structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
+        return np.asarray(other * bright * shade + catch_light + structure - picture)
+
+
+def _set_off(unlike_white: F32, away: F32) -> F32:
+    """(k,) how much less white pixels (n,) are on discs than beside them, by distances (k, n) from their middles."""
+    disc, ring = away < 1, (away >= 1) & (away < LIMITS.ring)
+    within, beside = (some @ unlike_white / np.maximum(some.sum(1), 1) for some in (disc, ring))
+    return np.asarray(within - beside)

@@ -78,6 +78,10 @@ class Occlusion:
     reference : ReferenceFrame.
     texels : sampler of the places at which light and expression are measured.
     only_objects : hair, glasses and whatever lies wholly within the face don't stay in front.
+
+    Attributes
+    ----------
+    irises : (2, 2) pixels, middles of the right and the left one in the last frame; None if it wasn't parsed.
     """
 
     def __init__(self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False) -> None:
@@ -110,6 +114,7 @@ class Occlusion:
     def reset(self) -> None:
         """Measure the next frame without memory."""
         self._layers: _Layers | None = None  # of the last parsed frame, until it is drawn
+        self.irises: F64 | None = None
         self._pause_frames = 0
         self._worn: F32 | None = None
         self._thing: F32 | None = None
@@ -127,10 +132,13 @@ class Occlusion:
 
         By default the texels lie on the shape's triangles.
         """
+        self.irises = None
         if self._pause_frames:
             self._pause_frames -= 1
             return
-        self._layers = _Layers.of(parse_frame(self._parser, frame, shape), self._kinds)
+        parsing = parse_frame(self._parser, frame, shape)
+        self.irises = parsing.irises[:, :2]
+        self._layers = _Layers.of(parsing, self._kinds)
         places = self._texels.positions(shape) if places is None else places
         self._visible = 1 - np.max(self._layers.at(places), axis=1)
 

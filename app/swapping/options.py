@@ -65,11 +65,16 @@ class EngineOptions:
         return self.outline > 0 and self.transfer == "full" and not self.disguise
 
     @property
+    def eyes_of_source(self) -> bool:
+        """Whether the source's eyeballs show between the drawn lids."""
+        return self.eyes == "source" and not self.disguise
+
+    @property
     def source_parts(self) -> tuple[Group, ...]:
         """Landmark groups inside which the source's own face shows; in a disguise nowhere."""
         if self.disguise:
             return ()
-        eyes = (RIGHT_EYE, LEFT_EYE) if self.eyes == "source" else ()
+        eyes = (RIGHT_EYE, LEFT_EYE) if self.eyes_of_source else ()
         return (*eyes, INNER_LIPS) if self.mouth == "source" else eyes
 
     @property

@@ -21,7 +21,7 @@ from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.folds import Folds
-from guise.app.swapping.iris import of_one_colour
+from guise.app.swapping.iris import IrisChange
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
 from guise.app.swapping.occlusion import Occlusion
@@ -74,8 +74,8 @@ class Painter:
         mask = self.reference.mask if options.disguise else shown_mask(source.appearance.mask, self.reference)
         narrow = options.disguise or options.light == "paper"
         width = NARROW_FEATHER_FACE_WIDTHS if narrow else FEATHER_FACE_WIDTHS
-        self._textures = source.appearance.neutral_texture, target.appearance.neutral_texture
-        self._palette = make_palette(self.reference, estimator.texels, mask, self._textures, options)
+        textures = source.appearance.neutral_texture, target.appearance.neutral_texture
+        self._palette = make_palette(self.reference, estimator.texels, mask, textures, options)
         self._occlusion = occlusion
         self.relief = (Relief.shipped if options.transfer == "full" else Relief.flat)(self.reference)
         self._silhouette = Silhouette(self.relief, _places(self.reference, estimator.texels))
@@ -94,6 +94,7 @@ class Painter:
         self._alpha = self._feathered(at_rest, sigma) if options.disguise else feather(mask, sigma)
         self._compositors: dict[bool, Compositor] = {}
         self._source_at_rest = source.appearance.neutral_shape
+        self._irises = IrisChange.of(source, target) if options.eyes_of_source else None
         self._kept: dict[bool, list[Aperture]] = {}
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -174,6 +175,7 @@ class Painter:
                     )
             if head is not None:
                 own, openings = head - (x0, y0), eye_openings(head)
+                self._look(head)
                 for aperture in self._apertures(fine):
                     aperture.fill(picture, drawn, own, frame.colour, openings)
                 for lid in self._lids(fine):
@@ -184,6 +186,12 @@ class Painter:
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
+
+    def _look(self, head: F64) -> None:
+        """See where the head (81, 2) looks, if the frame was parsed."""
+        irises = None if self._occlusion is None else self._occlusion.irises
+        if self._irises is not None and irises is not None:
+            self._irises.gaze.see(irises, head)
 
     def _feathered(self, shape: F64, sigma: float) -> F32:
         """(h, w) alpha with a border as soft as `sigma` grid pixels on the shape (81, 2) as it is drawn.
@@ -201,6 +209,8 @@ class Painter:
     def reset(self) -> None:
         """Fit palette and occlusion afresh to the next face."""
         self._palette.reset()
+        if self._irises is not None:
+            self._irises.gaze.reset()
         if self._finish is not None:
             self._finish.reset()
         if self._occlusion is not None:
@@ -265,15 +275,14 @@ class Painter:
         """Where the source's own eyes and mouth show."""
         if fine not in self._kept:
             factor, at_rest = 2 if fine else 1, self._source_at_rest
-            own = [
-                Aperture(self.reference, p, factor)
-                if p is INNER_LIPS
-                else Aperture(self.reference, p, factor, at_rest, self._textures)
-                for p in self.options.source_parts
-            ]
-            of_one_colour([aperture.tint for aperture in own if aperture.tint is not None])
-            shut = [Aperture(self.reference, p, factor, at_rest) for p in self.options.shut_parts]
-            self._kept[fine] = own + shut
+            always, shut = (
+                [
+                    Aperture(self.reference, p, factor, shape, None if p is INNER_LIPS else self._irises)
+                    for p in parts
+                ]
+                for parts, shape in ((self.options.source_parts, None), (self.options.shut_parts, at_rest))
+            )
+            self._kept[fine] = always + shut
         return self._kept[fine]
 
     def _lids(self, fine: bool) -> list[DrawnLid]:
