@@ -27,7 +27,7 @@ Command = Sequence[str | Path]
 def commands(video: Path, models: tuple[Path, Path], folder: Path) -> dict[str, Command]:
     """What alternates."""
     source, donor = models
-    given = ("--source", source, "--identity", donor, "--quiet", "--force")
+    given = ("--source", source, "--identity", donor, "--crf", "20", "--quiet", "--force")
     encode = ("-c:v", "libx264", "-preset", "veryfast", "-crf", "20")
     return {
         "ffmpeg": ffmpeg("-i", video, *encode, "-c:a", "copy", folder / "ffmpeg.mp4"),

@@ -86,7 +86,7 @@ def one_round(video: Path, models: tuple[Path, Path], folder: Path) -> Round:
     transcode = ran(ffmpeg("-i", video, *ENCODE, folder / "ffmpeg.mp4"))
     first, printed = folder / "first", folder / "report.json"
     first.unlink(missing_ok=True)
-    given = ("--source", models[0], "--identity", models[1], "--json", "--force")
+    given = ("--source", models[0], "--identity", models[1], "--crf", "20", "--json", "--force")
     start = time.monotonic()
     swap = ran(
         (sys.executable, "-c", TIMED, "swap", video, *given, "-o", folder / "guise.mp4"),

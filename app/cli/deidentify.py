@@ -186,7 +186,7 @@ def deidentify(
     audit: AuditOption = AuditName.sampled,
     detector: AuditDetector = None,
     encoder: Encoder = "libx264",
-    crf: Crf = 20,
+    crf: Crf = None,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
     renderer: RendererChoice = RendererName.auto,

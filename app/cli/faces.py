@@ -158,7 +158,7 @@ def landmarks(
     min_confidence: MinConfidence = 0.5,
     no_smooth: NoSmooth = False,
     encoder: Encoder = "libx264",
-    crf: Crf = 20,
+    crf: Crf = None,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,

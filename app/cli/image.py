@@ -114,7 +114,7 @@ def animate(
     strength: Strength = 1.0,
     mouth: Mouth = MouthName.fill,
     encoder: Encoder = "libx264",
-    crf: Crf = 20,
+    crf: Crf = None,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
     force: Force = False,

@@ -12,7 +12,6 @@ from guise.app.cli.console import Console, Stages
 from guise.app.cli.deidentify import CoverName
 from guise.app.cli.options import (
     Alpha,
-    Crf,
     Encoder,
     EyesChoice,
     Force,
@@ -23,6 +22,7 @@ from guise.app.cli.options import (
     OwnerName,
     Preset,
     Quiet,
+    RecordingCrf,
     RendererChoice,
     RendererName,
     TransferChoice,
@@ -129,7 +129,7 @@ def live(
     mouth: MouthChoice = OwnerName.source,
     renderer: RendererChoice = RendererName.auto,
     encoder: Encoder = "libx264",
-    crf: Crf = 20,
+    crf: RecordingCrf = 20,
     preset: Preset = "veryfast",
     force: Force = False,
     quiet: Quiet = False,

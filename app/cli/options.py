@@ -210,7 +210,17 @@ HardwareDecoding = Annotated[
         "--hwaccel", help="The device that decodes the video; what does not work is left to the processor."
     ),
 ]
-Crf = Annotated[int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")]
+RecordingCrf = Annotated[
+    int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")
+]
+Crf = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        max=63,
+        help="Constant rate factor; lower is better and larger. Default: as fine as the input, from 15 to 20.",
+    ),
+]
 Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]
 Lossless = Annotated[bool, typer.Option("--lossless", help="Encode losslessly.")]
 

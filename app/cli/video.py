@@ -78,7 +78,7 @@ def swap(
     unsure: UnsureOption = UnsureName.cover,
     hwaccel: HardwareDecoding = HwaccelName.none,
     encoder: Encoder = "libx264",
-    crf: Crf = 20,
+    crf: Crf = None,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
     no_keep: NoKeep = False,
@@ -163,7 +163,7 @@ def puppet(
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     encoder: Encoder = "libx264",
-    crf: Crf = 20,
+    crf: Crf = None,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
     no_keep: NoKeep = False,
@@ -187,7 +187,7 @@ def puppet(
 
 def _settings(
     console: Console, stages: Stages, alpha: float, light: LightName, transfer: TransferName, renderer: RendererName,
-    detector: str, encoder: str, crf: int, preset: str, lossless: bool, force: bool,
+    detector: str, encoder: str, crf: int | None, preset: str, lossless: bool, force: bool,
 ) -> SwapSettings:  # fmt: skip
     from guise.app.media import EncodeOptions
     from guise.app.swapping.options import EngineOptions

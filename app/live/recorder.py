@@ -29,7 +29,7 @@ from guise.common.progress import Say
 TIME_BASE = Fraction(1, 90_000)  # seconds, of a recording
 RESERVE_BYTES = 64_000_000  # of disk space that a live recording leaves free, for completing the file
 STEM = "guise"  # of the names of recordings and snapshots
-_DEFAULTS = EncodeOptions()
+_DEFAULTS = EncodeOptions(crf=20)
 
 
 class VideoRecorder(Output):

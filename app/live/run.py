@@ -69,7 +69,7 @@ class LiveOptions:
     options: EngineOptions = field(
         default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, eyes="donor")
     )
-    encode: EncodeOptions = field(default_factory=EncodeOptions)
+    encode: EncodeOptions = field(default_factory=lambda: EncodeOptions(crf=20))
     force: bool = False
     cast: Mapping[str, str] = field(default_factory=dict)
 

@@ -25,7 +25,7 @@ _EVEN_ONLY = frozenset({"libx264", "libx265", "libopenh264", "libsvtav1"})
 _HARDWARE = frozenset({"nvenc", "qsv", "vaapi", "amf", "videotoolbox"})  # ends of names
 # The rate control of x264 165 differs from run to run with AVX-512, and between machines by their instruction sets.
 _COMMON_INSTRUCTIONS = "asm=sse2fast,sse4.2"
-_DEFAULT_PRESET = "veryfast"
+_DEFAULT_PRESET, _USUAL_CRF = "veryfast", 20
 # After the picture's own format, by how much chroma they keep.
 _FALLBACKS = {
     (0, 0): ("yuv444p", "yuv422p", "yuv420p"),
@@ -37,16 +37,30 @@ _DEEP_FALLBACKS = ("yuv422p10le", "yuv420p10le", "yuv444p10le")
 
 @dataclass(frozen=True)
 class EncodeOptions:
-    """How to encode: encoder name, constant rate factor 0..63 (lower is better), preset, or lossless."""
+    """How to encode: encoder name, constant rate factor 0..63 (lower is better), preset, or lossless.
+
+    crf : None is about as finely as the input is coded, see `coded_quality.py`.
+    """
 
     encoder: str = "libx264"
-    crf: int = 20
+    crf: int | None = None
     preset: str = _DEFAULT_PRESET
     lossless: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 <= self.crf <= 63:
+        if self.crf is not None and not 0 <= self.crf <= 63:
             raise MediaError(f"The crf must be from 0 (best) to 63, got {self.crf}: 18 to 28 is usual.")
+
+    @property
+    def rate_factor(self) -> int:
+        """The crf, or the usual one."""
+        return _USUAL_CRF if self.crf is None else self.crf
+
+    @property
+    def follows_input(self) -> bool:
+        """Whether the crf is to be like the input's, which can be told on the scale of x264."""
+        kind = self.encoder.rpartition("_")[2]
+        return self.crf is None and not self.lossless and (self.encoder in _X26X or kind in _HARDWARE)
 
 
 def find_encoder(name: str) -> av.Codec:
@@ -83,44 +97,49 @@ def encoder_settings(options: EncodeOptions, threads: int = 0) -> dict[str, str]
     if name in _ALWAYS_LOSSLESS:
         return {}
     if name == "libvpx-vp9":
-        return {"crf": str(options.crf), "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
+        return {"crf": str(options.rate_factor), "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
     if name == "libsvtav1":
         os.environ.setdefault("SVT_LOG", "1")  # otherwise it prints its settings
         return {
-            "crf": str(options.crf),
+            "crf": str(options.rate_factor),
             "preset": "10" if options.preset == _DEFAULT_PRESET else options.preset,
         }
     if name in _QSCALE:
-        quality = min(max(options.crf // 4, 1), 31)
+        quality = min(max(options.rate_factor // 4, 1), 31)
         return {"flags": "+qscale", "global_quality": str(quality * 118)}  # FF_QP2LAMBDA
     own = {} if options.preset == _DEFAULT_PRESET else {"preset": options.preset}
-    return {"crf": str(options.crf), **own}
+    return {"crf": str(options.rate_factor), **own}
 
 
 def _x26x_settings(options: EncodeOptions, threads: int) -> dict[str, str]:
     if options.preset not in _X26X_PRESETS:
         raise MediaError(f"Preset {options.preset!r} is unknown: use one of {', '.join(_X26X_PRESETS)}.")
-    if options.crf > 51 and not options.lossless:
-        raise MediaError(f"The crf of {options.encoder} must be from 0 (best) to 51, got {options.crf}.")
+    if options.rate_factor > 51 and not options.lossless:
+        raise MediaError(
+            f"The crf of {options.encoder} must be from 0 (best) to 51, got {options.rate_factor}."
+        )
     settings = {"preset": options.preset}
     if options.encoder == "libx265":
         pools = f":pools={threads}" if threads else ""
         settings["x265-params"] = "log-level=none" + pools + (":lossless=1" if options.lossless else "")
-        return settings if options.lossless else settings | {"crf": str(options.crf)}
+        return settings if options.lossless else settings | {"crf": str(options.rate_factor)}
     if threads and platform.machine().lower() in ("x86_64", "amd64"):
         settings["x264-params"] = _COMMON_INSTRUCTIONS
-    return settings | ({"qp": "0"} if options.lossless else {"crf": str(options.crf)})
+    return settings | ({"qp": "0"} if options.lossless else {"crf": str(options.rate_factor)})
 
 
 def _hardware_settings(kind: str, options: EncodeOptions) -> dict[str, str]:
     """Constant quality, as near to the crf as the kind of encoder has it."""
-    crf = str(options.crf)
+    crf = str(options.rate_factor)
     settings = {
         "nvenc": {"rc": "vbr", "cq": crf, "b": "0"},
         "qsv": {"global_quality": crf},
         "vaapi": {"rc_mode": "CQP", "qp": crf},
         "amf": {"rc": "cqp", "qp_i": crf, "qp_p": crf},
-        "videotoolbox": {"flags": "+qscale", "global_quality": str(118 * max(100 - 2 * options.crf, 1))},
+        "videotoolbox": {
+            "flags": "+qscale",
+            "global_quality": str(118 * max(100 - 2 * options.rate_factor, 1)),
+        },
     }[kind]
     return settings if options.preset == _DEFAULT_PRESET else settings | {"preset": options.preset}
 

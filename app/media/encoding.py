@@ -10,6 +10,7 @@ from av.codec.context import Flags
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType
 
+from guise.app.media.coded_quality import crf_like
 from guise.app.media.encoder import EncodeOptions, encoder_settings, find_encoder
 from guise.app.media.frame import Frame
 from guise.app.media.hardware import working_encoder
@@ -75,6 +76,8 @@ def encoding_for(
     options = working_encoder(options, media.problems.note)
     codec = find_encoder(options.encoder)
     options = replace(options, encoder=codec.name)  # "h264" finds libx264
+    if options.follows_input:
+        options = replace(options, crf=crf_like(media.quantiser if isinstance(media, VideoInput) else None))
     form = picture_format_for(media, codec, options, size)
     settings = encoder_settings(options, threads)
     if not captions and codec.name in _CAPTIONING:

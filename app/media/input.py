@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import av
 
+from guise.app.media.coded_quality import quantiser
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import Frame
 from guise.app.media.hardware import HardwareDecoder, working_decoder
@@ -89,7 +90,10 @@ class MediaInput:
 
 
 class VideoInput(MediaInput):
-    """A video file.  On the next pass, the other streams' packets go to the sink that asked for them."""
+    """A video file.  On the next pass, the other streams' packets go to the sink that asked for them.
+
+    quantiser : mean (0..51) of the first picture, where its decoder tells.
+    """
 
     kind = "video"
 
@@ -103,8 +107,10 @@ class VideoInput(MediaInput):
         self._others: list[VideoReader] = []
         try:
             self._template.on_packet = self._early_packets.append
+            self._template.tell_quantiser()
             self.first_picture = self._prime()
             self.interlaced = bool(self.first_picture.interlaced_frame)
+            self.quantiser = quantiser(self.first_picture)
             self._read_properties()
         except BaseException:
             self.close()

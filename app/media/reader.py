@@ -20,6 +20,7 @@ from av.packet import Packet
 from av.video.stream import VideoStream
 
 from guise.app.media import colour
+from guise.app.media.coded_quality import TELL_QUANTISER
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS
 
@@ -145,6 +146,10 @@ class VideoReader:
     def use_one_thread(self) -> None:
         """Decode with one thread: slower, but with the same result each time, even from a damaged file."""
         self.stream.codec_context.thread_count = 1
+
+    def tell_quantiser(self) -> None:
+        """Have the decoder tell how finely its pictures were coded, see `coded_quality.py`."""
+        self.stream.codec_context.options = {**self.stream.codec_context.options, **TELL_QUANTISER}
 
     def only_others(self) -> None:
         """Read no packets of the video stream."""

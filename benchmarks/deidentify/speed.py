@@ -49,7 +49,7 @@ def measure(options: argparse.Namespace) -> Report:
                     )
                 )
             )
-            ours.append(done(guise_command(video, folder / f"ours{turn}.mp4")))
+            ours.append(done(guise_command(video, folder / f"ours{turn}.mp4", "--crf", "20")))
             common.say(f"transcode {transcodes[-1].seconds:.1f} s, guise {ours[-1].seconds:.1f} s")
         peers = {}
         if options.peers_python:
