@@ -34,11 +34,9 @@ class ApertureLimits:
     lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
     lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
     lashes: tuple[float, float] = (0.45, 0.12)  # their darkness, and how wide they are, of the eye's height
-    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so,
-    # and from and at which no iris is darkened.
+    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so.
     shut: tuple[float, float] = (0.55, 0.3)
     drawn_shut: tuple[float, float] = (0.65, 0.4)
-    no_iris: tuple[float, float] = (0.35, 0.15)
 
 
 LIMITS = ApertureLimits()
@@ -81,7 +79,7 @@ class Aperture:
             lids = soft_parts(reference, (part,), LIMITS.growth_face_widths)
             lids = _enlarged(lids, factor)[self._place]
             self._tint = IrisTint(lids, irises, int(part is EYES[1]))
-            self._hidden = ShutShare(part, irises.at_rest, LIMITS.shut if irises.lightens else LIMITS.no_iris)
+            self._hidden = ShutShare(part, irises.at_rest)
 
     def fill(
         self, picture: U8, roi: U8, head: F64, colour: ColourMatrix, openings: F64 | None = None

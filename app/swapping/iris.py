@@ -65,19 +65,18 @@ class IrisLimits:
     memory: float = 0.5  # share of a place kept from frame to frame
     max_step: float = 0.08  # beyond which it is taken as it is found
     # Drawing.
-    # For an iris that becomes darker, and for one that becomes lighter, where what is no iris would shine: radii at
-    # which nothing and all of it is changed, and how unlike white nothing and all of a pixel is changed.
-    border: tuple[tuple[float, float], tuple[float, float]] = ((1.2, 0.96), (1.08, 0.85))
+    border: tuple[float, float] = (1.15, 0.85)  # radii, at which nothing and all of a dark iris is changed,
+    painted_border: tuple[float, float] = (1.2, 0.96)  # and of a light one
+    # How unlike white nothing and all of a pixel is changed, of an iris that becomes darker, and of one that becomes
+    # lighter, where what is no iris would shine; and how far its colour may be from those between white and iris.
     unlike: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.5), (0.35, 0.85))
+    other_colour: tuple[float, float] = (0.15, 0.3)  # at which all and none of a pixel is changed
     iris: tuple[float, float] = (0.4, 0.85)  # radii, of the ring that has its colour: no pupil, no rim
-    light: tuple[float, float] = (
-        0.55,
-        0.66,
-    )  # brightness of a source's iris, from which and at which it's light
+    light: tuple[float, float] = (0.6, 0.66)  # brightness of a light iris: of none below, of all above
     gain: tuple[float, float] = (0.15, 2.5)  # limits of a dark iris's factors
     black_share: float = 0.02  # of the white, added before colours are divided
     white_quantile: float = 0.8  # of an eye's brightness, above which it's its white
-    catch_light: float = 0.15  # of the white, by which a pixel is brighter than a light iris at least
+    catch_light: float = 0.25  # of the white, by which a pixel is brighter than a light iris at least
     shade: tuple[float, float] = (0.55, 1.1)  # limits of the frame's iris over that at rest
     shade_eye_widths: float = 0.04  # standard deviation
 
@@ -289,7 +288,8 @@ class IrisTint:
         self._blur = max(LIMITS.shade_eye_widths * self._inside.any(0).sum(), 0.5)
         own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
         self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
-        self._direction = (1 - own) / max(float((1 - own) @ (1 - own)), 1e-3)
+        self._contrast = 1 - own
+        self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
 
     def apply(self, picture: F32, places: F32, strength: float = 1.0) -> F32:
         """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by a share in [0, 1]: a shut eye has none."""
@@ -302,15 +302,13 @@ class IrisTint:
         found = self._found(seen[self._looked_at], places[self._looked_at])
         x, y = np.moveaxis(places - self._change.gaze.settle(self._eye, found), -1, 0)
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
-        begin, whole = LIMITS.border[self._change.lightens]
-        cover = np.clip((begin - away) / np.float32(begin - whole), 0, 1)
-        cover *= np.float32(strength) * self._lids
-        none, every = LIMITS.unlike[self._change.lightens]
-        share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1)
-        change = share[..., None] * (self._gain - 1) * picture
-        if self._lightness > 0:
-            change += self._lightness * (self._painted(picture, away, bright) - change)
-        return np.asarray(picture + cover[..., None] * change, np.float32)
+        light, change = self._lightness, np.zeros_like(picture)
+        if light < 1:
+            change += (1 - light) * self._tinted(picture, shares, unlike_white, away)
+        if light > 0:
+            change += light * self._painted(picture, bright, away)
+        change *= (np.float32(strength) * self._lids)[..., None]
+        return picture + change
 
     def _found(self, seen: F32, places: F32) -> F64:
         """(2,) where the iris is most likely, by pixels at places (n, 2).
@@ -337,8 +335,16 @@ class IrisTint:
         unlike = np.minimum(np.abs(seen - self._change.source.at(away)).sum(-1), LIMITS.max_difference)
         return np.asarray((unlike * near).sum(1) / np.maximum(near.sum(1), 1))
 
-    def _painted(self, picture: F32, away: F32, bright: F32) -> F32:
-        """What painting the other's iris ring by ring would change (h, w, 3); shading and catch-lights stay."""
+    def _tinted(self, picture: F32, shares: F32, unlike_white: F32, away: F32) -> F32:
+        """What scaling changes (h, w, 3), of pixels with the colours of an iris."""
+        none, every = LIMITS.unlike[self._change.lightens]
+        share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1) * _within(away, LIMITS.border)
+        off = np.linalg.norm(1 - shares - unlike_white[..., None] * self._contrast, axis=-1)
+        share *= np.interp(off, LIMITS.other_colour, (1, 0))
+        return np.asarray(share[..., None] * (self._gain - 1) * picture, np.float32)
+
+    def _painted(self, picture: F32, bright: F32, away: F32) -> F32:
+        """What painting the other's iris ring by ring changes (h, w, 3); shading and catch-lights stay."""
         own, other = self._change.source.at(away), self._change.target.at(away)
         usual = own * bright
         inner = np.clip((1 - away) / np.float32(1 - LIMITS.edges[0]), 0, 1)[..., None]
@@ -351,7 +357,14 @@ class IrisTint:
         shade = np.clip(above / np.maximum(below, 4), *LIMITS.shade)[..., None]
         structure = picture - catch_light - usual * shade
         structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
-        return np.asarray(other * bright * shade + catch_light + structure - picture)
+        painted = other * bright * shade + catch_light + structure
+        return np.asarray(_within(away, LIMITS.painted_border)[..., None] * (painted - picture), np.float32)
+
+
+def _within(away: F32, border: tuple[float, float]) -> F32:
+    """1 inside a border, at distances (h, w), 0 outside."""
+    outer, inner = border
+    return np.asarray(np.clip((outer - away) / np.float32(outer - inner), 0, 1))
 
 
 def _set_off(unlike_white: F32, away: F32) -> F32:
