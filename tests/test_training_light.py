@@ -14,7 +14,7 @@ from training import swap_data  # noqa: E402
 from training.light_net import LightNet  # noqa: E402
 from training.placement import Group, transferred  # noqa: E402
 from training.swap_data import Cells  # noqa: E402
-from training.train_light import Batches, Classical, Errors, Lit, Portraits, measure  # noqa: E402
+from training.train_light import Batches, Classical, Errors, Lights, Lit, Portraits, measure  # noqa: E402
 
 CELLS = Cells()
 PEOPLE, SCENES, SIZE = 2, 2, 96
@@ -100,11 +100,21 @@ def test_errors_are_lab_distances_of_what_is_shown() -> None:
 
 
 def test_disturbed_batches_keep_the_truth_consistent_with_the_scene(samples: swap_data.Samples) -> None:
-    batch = Batches(samples, CELLS).random(8, np.random.default_rng(0))
+    lights = Lights(swap_data.light_fields(samples, CELLS))
+    batch = Batches(samples, CELLS, lights).random(8, np.random.default_rng(0))
     own = (batch.truth - batch.untouched).abs().amax((1, 2, 3))
     assert (own < 1e-3).any()  # somebody with their own face, under the same camera
     assert batch.shown.min() == 0
     assert torch.isfinite(batch.skin).all()
+
+
+def test_some_scenes_are_lit_otherwise_and_the_others_as_they_are(samples: swap_data.Samples) -> None:
+    lights, rng = Lights(swap_data.light_fields(samples, CELLS)), np.random.default_rng(0)
+    for factors, share in ((lights.on_top(400, rng), 0.45), (lights.of_enrolment(400, rng), 0.4)):
+        assert factors.shape == (400, 1, 3, *GRID)
+        assert factors.min() > 0
+        lit = ((factors - 1).abs().amax((1, 2, 3, 4)) > 1e-6).float().mean()
+        assert float(lit) == pytest.approx(share, abs=0.15)  # the lights of these scenes are even
 
 
 def test_the_light_of_a_rendered_scene_is_what_it_does_to_skin(samples: swap_data.Samples) -> None:
@@ -118,8 +128,8 @@ def test_on_photographs_another_face_is_known_in_the_tone_and_light_of_the_scene
 ) -> None:
     """These faces are of one colour each, so that in the other's tone they are the other's."""
     rows = samples.donor[[0, 1, SCENES, SCENES + 1]]
-    faces, light = samples.pictures[rows], swap_data.light_fields(samples[OWN], CELLS)
-    batch = Portraits(faces, ["a", "a", "b", "b"], light, CELLS).random(40, np.random.default_rng(1))
+    faces, lights = samples.pictures[rows], Lights(swap_data.light_fields(samples[OWN], CELLS))
+    batch = Portraits(faces, ["a", "a", "b", "b"], lights, CELLS).random(40, np.random.default_rng(1))
     skin_alone = batch.shown.sum((1, 2)) < 0.99 * batch.shown.sum((1, 2)).max()
     assert 10 < skin_alone.sum() < 40
     away = (batch.truth - batch.untouched).abs() * (batch.shown > 0.9)[:, None]

@@ -52,6 +52,11 @@ class Disturbance:
     enrolled_here: float = 0.4  # share of scenes in whose light the person was enrolled
     occluded: float = 0.25  # share of faces with something in front
     occluder_radius_face_widths: tuple[float, float] = (0.08, 0.3)
+    # Of rendered scenes: the share in another smooth light, on top of their own, and its strength; the share in part of
+    # that of another scene, and the power of what is taken of it. Of donors and people as enrolled: the first two.
+    relit: tuple[float, float] = (0.3, 0.3)
+    lit_as_another: tuple[float, float] = (0.15, 0.8)
+    enrolled_otherwise: tuple[float, float] = (0.4, 0.15)
 
 
 DISTURBANCE = Disturbance()
@@ -106,11 +111,70 @@ class Batch:
     shown: Tensor
 
 
-class Batches:
-    """Samples as tensors, disturbed or as they are."""
+class Lights:
+    """Random factors of light (n, 1, 3, h, w).
 
-    def __init__(self, samples: Samples, cells: Cells) -> None:
+    fields : (f, 3, h, w) of rendered people.
+    """
+
+    def __init__(self, fields: F32) -> None:
+        self._fields = torch.tensor(fields)
+        ys, xs = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32) * CELL_FACE_WIDTHS
+        self.places = torch.tensor(np.stack([xs - xs.mean(), ys - ys.mean()]))  # face widths from the middle
+
+    def rendered(self, count: int, rng: np.random.Generator) -> Tensor:
+        """Of rendered people."""
+        return self._fields[rng.integers(len(self._fields), size=count)][:, None]
+
+    def of_scenes(self, count: int, rng: np.random.Generator) -> Tensor:
+        """Of rendered people, or smooth."""
+        return _chosen(rng, RENDERED_LIGHT_SHARE, self.rendered(count, rng), self.smooth(count, 1.0, rng))
+
+    def smooth(self, count: int, strength: float, rng: np.random.Generator) -> Tensor:
+        """Slopes, curvature, some colour, and for one in three a soft shadow's edge."""
+        x, y = self.places
+        fields = torch.stack([x, y, x * x, x * y, y * y])
+        grey = torch.einsum("nk,khw->nhw", _tensor(rng.normal(0, strength * 0.7, (count, 5))), fields)[
+            :, None
+        ]
+        tint = torch.einsum("nck,khw->nchw", _tensor(rng.normal(0, strength * 0.12, (count, 3, 5))), fields)
+        angle = rng.uniform(0, 2 * np.pi, count)
+        normal = _tensor(np.stack([np.cos(angle), np.sin(angle)], 1))
+        edge = torch.einsum("nk,khw->nhw", normal, self.places) - _tensor(rng.normal(0, 0.15, (count, 1, 1)))
+        depth = _tensor(np.where(rng.random(count) < 0.35 * strength, rng.uniform(0.2, 0.7, count), 0))
+        width = _tensor(rng.uniform(0.02, 0.15, count))
+        shade = 1 - depth[:, None, None] * torch.sigmoid(edge / width[:, None, None])
+        return ((grey + tint).exp() * shade[:, None])[:, None]
+
+    def on_top(self, count: int, rng: np.random.Generator) -> Tensor:
+        """What changes the light of some rendered scenes."""
+        d = DISTURBANCE
+        fields = self.rendered(count, rng)
+        fields = (fields / fields.mean((3, 4), keepdim=True).clamp(min=0.05)).clamp(0.2, 3)
+        fields = fields ** _tensor(rng.uniform(0, d.lit_as_another[1], (count, 1, 1, 1, 1)))
+        none = torch.ones_like(fields)
+        rest = _chosen(rng, d.lit_as_another[0] / (1 - d.relit[0]), fields, none)
+        return _chosen(rng, d.relit[0], self.smooth(count, d.relit[1], rng), rest)
+
+    def of_enrolment(self, count: int, rng: np.random.Generator) -> Tensor:
+        """What changes the light in which some people were enrolled."""
+        share, strength = DISTURBANCE.enrolled_otherwise
+        smooth = self.smooth(count, strength, rng)
+        return _chosen(rng, share, smooth, torch.ones_like(smooth))
+
+
+def _chosen(rng: np.random.Generator, share: float, first: Tensor, second: Tensor) -> Tensor:
+    """A share of the rows of the first, the others of the second, both (n, ...)."""
+    chosen = torch.tensor(rng.random(len(first)) < share)
+    return torch.where(chosen.view(-1, *[1] * (first.dim() - 1)), first, second)
+
+
+class Batches:
+    """Samples as tensors, as they are or, with random lights, disturbed."""
+
+    def __init__(self, samples: Samples, cells: Cells, lights: Lights | None = None) -> None:
         self._samples, self._weight = samples, torch.tensor(cells.weight)
+        self._lights = lights
         ys, xs = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32) * CELL_FACE_WIDTHS
         self._places = torch.tensor(xs), torch.tensor(ys)
 
@@ -124,16 +188,20 @@ class Batches:
         )
 
     def random(self, count: int, rng: np.random.Generator) -> Batch:
-        """Random ones under the disturbances of three cameras."""
-        d = DISTURBANCE
+        """Random ones in other lights and under the disturbances of three cameras."""
+        d, lights = DISTURBANCE, self._lights
+        assert lights is not None
         s = self._samples[rng.integers(len(self._samples.group), size=count)]
         donor, rest, scene, own = (self._pictures(at) for at in (s.donor, s.neutral, s.scene, s.own))
         truth, untouched = (torch.tensor(x, dtype=torch.float32) for x in (s.truth, s.untouched))
         share = _tensor(np.where(rng.random(count) < d.at_rest, rng.random(count), 0)).view(-1, 1, 1, 1, 1)
-        donor, rest = _camera([donor + share * (rest - donor), rest], rng)
-        lit = own * self._light(s)[:, None]
-        scene, lit, truth, untouched = _camera([scene, lit, truth[:, None], untouched[:, None]], rng)
-        (own,) = _camera([own], rng)
+        mild = lights.of_enrolment(count, rng)
+        donor, rest = _camera([(donor + share * (rest - donor)) * mild, rest * mild], rng)
+        lit, light = own * self._light(s)[:, None], lights.on_top(count, rng)
+        scene, lit, truth, untouched = _camera(
+            [one * light for one in (scene, lit, truth[:, None], untouched[:, None])], rng
+        )
+        (own,) = _camera([own * lights.of_enrolment(count, rng)], rng)
         here = torch.tensor(rng.random(count) < d.enrolled_here).view(-1, 1, 1, 1, 1)
         scene = scene + torch.randn(scene.shape) * d.noise_grey_levels
         seen = 0.3 + 0.7 * torch.rand(count, 1, *GRID)
@@ -183,15 +251,12 @@ class Portraits:
     ----------
     means : (m, 2, 3, h, w) of skin and of other texels.
     people : who each shows.
-    fields : (f, 3, h, w) factors of light of rendered people.
     """
 
-    def __init__(self, means: U8, people: list[str], fields: F32, cells: Cells) -> None:
+    def __init__(self, means: U8, people: list[str], lights: Lights, cells: Cells) -> None:
         self._means, self.people = torch.tensor(means, dtype=torch.float32), np.array(people)
-        self._fields, self._weight = torch.tensor(fields), torch.tensor(cells.weight)
-        ys, xs = np.mgrid[: GRID[0], : GRID[1]].astype(np.float32) * CELL_FACE_WIDTHS
-        self._places = torch.tensor(np.stack([xs - xs.mean(), ys - ys.mean()]))
-        x, y = self._places
+        self._lights, self._weight = lights, torch.tensor(cells.weight)
+        x, y = lights.places
         skin = self._weight[0] * (self._weight[1] < MAX_OTHER)
         ways = torch.stack([torch.ones_like(x), x, y, x * x, x * y, y * y]).flatten(1)
         weighted = ways * skin.flatten()
@@ -206,15 +271,15 @@ class Portraits:
         seen, own = rng.integers(len(self.people), size=count), rng.random(count) < OWN_SHARE
         for row in np.flatnonzero(own):
             seen[row] = rng.choice(np.flatnonzero(self.people == self.people[face[row]]))
-        light = self._scene_light(count, rng)
+        light = self._lights.of_scenes(count, rng)
         tone = (self._tones[seen] - self._tones[face]).exp()[:, None]
         same = torch.tensor(own | (self.people[face] == self.people[seen]))
         truth = torch.where(same.view(-1, 1, 1, 1, 1), self._means[seen], self._means[face] * tone)
-        mild = self._smooth_light(count, 0.3, rng)
+        mild = self._lights.smooth(count, 0.3, rng)
         donor, rest = _camera([self._means[face] * mild, self._means[self._at_rest(face)] * mild], rng)
         person = self._means[self._at_rest(seen)]
         scene, lit, truth = _camera([self._means[seen] * light, person * light, truth * light], rng)
-        (own,) = _camera([person * self._smooth_light(count, 0.3, rng)], rng)
+        (own,) = _camera([person * self._lights.smooth(count, 0.3, rng)], rng)
         here = torch.tensor(rng.random(count) < DISTURBANCE.enrolled_here).view(-1, 1, 1, 1, 1)
         scene = scene + torch.randn(scene.shape) * DISTURBANCE.noise_grey_levels
         weight = self._weight.expand(count, -1, -1, -1)[:, :, None]
@@ -235,28 +300,6 @@ class Portraits:
         with torch.random.fork_rng():
             torch.manual_seed(0)
             return [self.random(32, rng) for _ in range(6)]
-
-    def _scene_light(self, count: int, rng: np.random.Generator) -> Tensor:
-        """(n, 1, 3, h, w) factors: of rendered people, or smooth."""
-        rendered = self._fields[rng.integers(len(self._fields), size=count)][:, None]
-        chosen = torch.tensor(rng.random(count) < RENDERED_LIGHT_SHARE).view(-1, 1, 1, 1, 1)
-        return torch.where(chosen, rendered, self._smooth_light(count, 1.0, rng))
-
-    def _smooth_light(self, count: int, strength: float, rng: np.random.Generator) -> Tensor:
-        """(n, 1, 3, h, w) factors: slopes, curvature, some colour, and for one in three a soft shadow's edge."""
-        x, y = self._places
-        fields = torch.stack([x, y, x * x, x * y, y * y])
-        grey = torch.einsum("nk,khw->nhw", _tensor(rng.normal(0, strength * 0.7, (count, 5))), fields)[
-            :, None
-        ]
-        tint = torch.einsum("nck,khw->nchw", _tensor(rng.normal(0, strength * 0.12, (count, 3, 5))), fields)
-        angle = rng.uniform(0, 2 * np.pi, count)
-        normal = _tensor(np.stack([np.cos(angle), np.sin(angle)], 1))
-        edge = torch.einsum("nk,khw->nhw", normal, self._places) - _tensor(rng.normal(0, 0.15, (count, 1, 1)))
-        depth = _tensor(np.where(rng.random(count) < 0.35 * strength, rng.uniform(0.2, 0.7, count), 0))
-        width = _tensor(rng.uniform(0.02, 0.15, count))
-        shade = 1 - depth[:, None, None] * torch.sigmoid(edge / width[:, None, None])
-        return ((grey + tint).exp() * shade[:, None])[:, None]
 
 
 def _tensor(values: np.ndarray) -> Tensor:
@@ -348,6 +391,7 @@ def train(
     net: LightNet,
     samples: Samples,
     cells: Cells,
+    lights: Lights,
     held_back: np.ndarray,
     options: argparse.Namespace,
     real: tuple[Portraits, Portraits] | None = None,
@@ -356,7 +400,7 @@ def train(
     rng = np.random.default_rng(options.seed)
     torch.manual_seed(options.seed)
     is_held = np.isin(samples.group, held_back)
-    batches, lit, errors = Batches(samples[~is_held], cells), Lit(net, cells), Errors()
+    batches, lit, errors = Batches(samples[~is_held], cells, lights), Lit(net, cells), Errors()
     held = samples[is_held & ~samples.keeps_face]
     check, rows = Batches(held, cells), np.arange(0, len(held.group), 3)
     print(
@@ -420,8 +464,8 @@ affine map of colours for each cell; it cannot add what the face does not have.
   the Face Research Lab London Set (CC BY 4.0; DeBruine and Jones 2017, doi:10.6084/m9.figshare.5047666), all taken in
   the same light, in random smooth lights and those of the rendered scenes: each to become the same person's other
   photograph in that light, or another's in that light and the skin tone of the first.
-- Training: `training/train_light.py`, {steps} batches of {batch}, under random exposure, white balance, gamma,
-  saturation, noise and occlusions.
+- Training: `training/train_light.py`, {steps} batches of {batch}, some in other lights, under random exposure, white
+  balance, gamma, saturation, noise and occlusions.
 - Not meant for telling who somebody is or what they feel; it does neither.
 
 ## Error on rendered people held back
@@ -472,13 +516,12 @@ def main() -> None:
     torch.set_num_threads(1)
     cells = Cells()
     samples = swap_data.load(sorted(options.swaps.glob("group_*.npz")), cells)
-    real = None
+    lights, real = Lights(swap_data.light_fields(samples, cells)), None
     if options.photographs:
         means, people = swap_data.portraits(options.photographs, cells)
         known = [person not in sorted(set(people))[:PEOPLE_HELD_BACK] for person in people]
-        light = swap_data.light_fields(samples, cells)
         real = tuple(
-            Portraits(means[rows], [people[i] for i in rows], light, cells)
+            Portraits(means[rows], [people[i] for i in rows], lights, cells)
             for rows in (np.flatnonzero(known), np.flatnonzero(np.logical_not(known)))
         )
     net = LightNet()
@@ -488,7 +531,7 @@ def main() -> None:
             strict=False,
         )
     groups = np.unique(samples.group)
-    figures = train(net, samples, cells, groups[: options.held_back], options, real)
+    figures = train(net, samples, cells, lights, groups[: options.held_back], options, real)
     export(net, options.output / "light.onnx")
     known = real[0].people if real is not None else []
     about = {"weights": weights(net), "steps": options.steps, "batch": options.batch}
