@@ -22,6 +22,7 @@ from guise.aam.model import RestFrame
 from guise.aam.reference import ReferenceFrame
 from guise.aam.shape_filter import ShapeFilter
 from guise.aam.similarity import Failed, align_planar
+from guise.aam.solid_shape import SolidPrior
 from guise.aam.tracker import Fit, Tracker
 from guise.common.arrays import F64, U8
 from guise.common.errors import GuiseError
@@ -34,6 +35,8 @@ class PersonTrackingLimits:
     """Thresholds for finding a person again."""
 
     min_confidence: float = 0.5  # of a landmarker's face that is taken
+    # Of a followed face: as it turns, confidence falls though its points are right; degrees of yaw, and what is enough.
+    turned: tuple[tuple[float, float], tuple[float, float]] = ((40.0, 55.0), (0.5, 0.08))
     reach_head_boxes: float = 0.95  # from a face's middle, within which the landmarker is shown the picture
     max_same_definition_interocular: float = 0.02  # mean distance of two sources' points of one face
     max_start_faces: int = 4  # faces of a frame on which a start is tried
@@ -138,7 +141,7 @@ class PersonTracker:
         last = self._last - (x, y)
         last = last - self._definition.on(last)
         face = self.landmarker.refine(rgb, Face.around(last, 1.0))
-        if face is None or face.confidence < LIMITS.min_confidence:
+        if face is None or not _is_sure(face):
             return Failed("no face where it was")
         if not is_plausible_motion(last, face.points):
             return Failed("the face jumped")
@@ -227,6 +230,16 @@ class PersonTracker:
         self._last, self.lost_frames, self._by_landmarks = fit.shape, 0, by_landmarks
         self._carried_frames = self._carried_frames + 1 if fit.carried else 0
         self._recognised |= not fit.carried
+
+
+def _is_sure(face: Face) -> bool:
+    """Whether a followed face is still one; of a turned head less confidence is enough."""
+    if face.confidence >= LIMITS.min_confidence:
+        return True
+    if face.confidence < LIMITS.turned[1][1]:
+        return False
+    yaw = SolidPrior.shipped().fit(face.points.astype(np.float64)).pose.angles[0]
+    return bool(face.confidence >= np.interp(abs(yaw), *LIMITS.turned))
 
 
 def _surroundings(luma: U8, shape: F64) -> tuple[int, int, U8]:

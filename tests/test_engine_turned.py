@@ -37,7 +37,7 @@ def outcomes(yaws: list[float], options: EngineOptions, monkeypatch: pytest.Monk
 
 
 def test_a_profile_is_not_swapped_until_it_turns_back_far_enough(monkeypatch: pytest.MonkeyPatch) -> None:
-    turns = [0.0, 40, 68, 75, 80, 68, 68, 55, 20]
+    turns = [0.0, 40, 73, 79, 84, 73, 73, 60, 20]
     options = EngineOptions(renderer="cpu", hold_frames=1)
     expected = ["swapped"] * 3 + ["held", "lost", "lost", "lost", "swapped", "swapped"]
     assert outcomes(turns, options, monkeypatch) == expected

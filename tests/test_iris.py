@@ -8,7 +8,7 @@ from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
 from guise.aam.reference import ReferenceFrame
-from guise.app.swapping.iris import LIMITS, Gaze, IrisChange, Irises, IrisTint, in_eye
+from guise.app.swapping.iris import LIMITS, Gaze, IrisChange, Irises, IrisTint, in_eye, whole_width
 from guise.common.arrays import F32
 
 HEIGHT, WIDTH, EYE = 40, 76, 52.0
@@ -48,6 +48,15 @@ def test_places_in_an_eye_do_not_depend_on_where_it_is() -> None:
     outline = np.array([[10, 20], [12, 24], [14, 26], [16, 28], [0, 0], [0, 0]], float)
     places = in_eye([[10, 20], [16, 28], [13, 24], [9, 27]], outline)
     assert places == pytest.approx(np.array([[-0.5, 0], [0.5, 0], [0, 0], [0, 0.5]]), abs=1e-6)
+
+
+def test_an_iris_of_a_turned_head_stays_round() -> None:
+    turned = SHAPE * (0.6, 1.0)
+    middle = turned[RIGHT_EYE][[0, 3]].mean(0)
+    radius = 0.2 * float(np.linalg.norm(np.diff(SHAPE[RIGHT_EYE][[0, 3]], axis=0)))
+    rim = middle + radius * np.array([[0.6, 0.0], [0.0, 1.0]])
+    places = in_eye(rim, turned[RIGHT_EYE], whole_width(RIGHT_EYE, turned, SHAPE))
+    assert np.hypot(*places.T) == pytest.approx(0.2, rel=0.05)
 
 
 @pytest.mark.parametrize("light", [0.4, 1.0])
@@ -108,7 +117,7 @@ def test_a_gaze_is_steady_but_follows_a_leap() -> None:
     (first, last), (left, right) = (SHAPE[group][[0, 3]] for group in (RIGHT_EYE, LEFT_EYE))
     middles = np.array([(first + last) / 2, (left + right) / 2])
     moves = np.array([0.04 * (last - first), 0.2 * (right - left)])
-    gaze.see(middles + moves, SHAPE)
+    gaze.see(middles + moves, SHAPE, SHAPE)
     assert gaze.parsed[0] == pytest.approx([0.04 * (1 - LIMITS.memory), 0], abs=1e-5)
     assert gaze.parsed[1] == pytest.approx([0.2, 0], abs=1e-5)
     gaze.reset()

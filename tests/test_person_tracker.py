@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
-from guise.aam.landmarks import open_landmarker
+from guise.aam.landmarks import Face, Landmarker, open_landmarker
 from guise.aam.landmarks.schemes import OUTER_EYE_CORNERS
 from guise.aam.model import Identity
 from guise.aam.person_tracker import LIMITS, PersonTracker
 from guise.aam.similarity import Failed
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.aam.tracker import Fit, Tracker
 from guise.common.arrays import F64, U8
 
@@ -52,6 +54,34 @@ def test_who_is_not_recognised_is_carried_by_the_landmarker(blinded: Blinded, ta
     assert all(isinstance(fit, Fit) and fit.carried for fit in fits)
     assert np.mean([error(fit, points) for fit, points in zip(fits, truth, strict=False)]) < 0.05
     assert tracker.lost_frames == 0
+
+
+class Unsure:
+    """A landmarker that always finds the same face, with a confidence of its own."""
+
+    def __init__(self, points: F64, confidence: float) -> None:
+        self._face = Face.around(points, confidence)
+
+    def refine(self, rgb: U8, previous: Face) -> Face:
+        offset = previous.points.mean(0) - self._face.points.mean(0)
+        return Face.around(self._face.points + offset, self._face.confidence)
+
+    def detect(self, rgb: U8) -> list[Face]:
+        return []
+
+
+@pytest.mark.parametrize(
+    ("yaw", "confidence", "followed"),
+    [(0, 0.6, True), (0, 0.3, False), (35, 0.4, False), (50, 0.3, True), (57, 0.1, True), (57, 0.05, False)],
+)
+def test_a_followed_head_may_turn_though_the_landmarker_is_less_sure(
+    blinded: Blinded, talk2: Clip, yaw: float, confidence: float, followed: bool
+) -> None:
+    turn = np.radians(yaw)
+    rotation = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    points = HeadPose(rotation, 150.0, np.array([320.0, 240.0])).apply(SolidPrior.shipped().mean)
+    tracker = PersonTracker(blinded, None, points, landmarker=cast(Landmarker, Unsure(points, confidence)))
+    assert isinstance(tracker.update(talk2[0][0]), Fit) is followed
 
 
 def test_who_is_recognised_is_not_carried(p01: Identity, talk2: Clip) -> None:

@@ -17,7 +17,7 @@ from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, Group
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.media import ColourMatrix
-from guise.app.swapping.iris import EYES, IrisChange, IrisTint, in_eye
+from guise.app.swapping.iris import EYES, IrisChange, IrisTint, in_eye, whole_width
 from guise.common.arrays import F32, F64, U8
 
 
@@ -79,7 +79,7 @@ class Aperture:
             lids = soft_parts(reference, (part,), LIMITS.growth_face_widths)
             lids = _enlarged(lids, factor)[self._place]
             self._tint = IrisTint(lids, irises, int(part is EYES[1]))
-            self._hidden = ShutShare(part, irises.at_rest)
+            self._hidden, self._at_rest = ShutShare(part, irises.at_rest), irises.at_rest
 
     def fill(
         self, picture: U8, roi: U8, head: F64, colour: ColourMatrix, openings: F64 | None = None
@@ -99,7 +99,8 @@ class Aperture:
         )
         if self._tint is not None:
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
-            within = in_eye(places, head[self._part])
+            whole = whole_width(self._part, head, self._at_rest)
+            within = in_eye(places, head[self._part], whole)
             eye = self._tint.apply(np.asarray(eye, np.float32), within, 1 - self._hidden(openings))
             eye = cv2.transform(eye, colour.from_rgb)
             own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates

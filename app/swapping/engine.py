@@ -37,13 +37,13 @@ from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 
 MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
-PROFILE_DEGREES = (66.0, 69.0)  # of yaw, below which a swap begins again and above which it ends
+PROFILE_DEGREES = (71.0, 74.0)  # of yaw, below which a swap begins again and above which it ends
 TEXTURE_TURN_DEGREES = (
     12.0,
     28.0,
 )  # from how either was enrolled: from where texture moves less, and where not at all
 
-DOUBT_DEGREES = (61.0, 66.0)  # of yaw, over which a cover comes in, if one is wanted
+DOUBT_DEGREES = (66.0, 71.0)  # of yaw, over which a cover comes in, if one is wanted
 
 Outcome = Literal["swapped", "held", "lost"]
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE, Group
+from guise.aam.landmarks.schemes import LEFT_EYE, NOSE_BASE, NOSE_ROOT, RIGHT_EYE, Group
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
@@ -57,6 +57,7 @@ class IrisLimits:
     many_pixels: int = 500  # of an eye, from which a fourth of them is enough
     ring: float = 1.5  # radii
     steps: tuple[float, ...] = (0.04, 0.02, 0.01)
+    turn: tuple[float, float] = (0.85, 2.0)  # limits of a whole eye's width over its own
     first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
     moved: tuple[float, float] = (2.0, 0.6)  # cost of a distance, and of a light iris's
     max_difference: float = (
@@ -84,12 +85,25 @@ class IrisLimits:
 LIMITS = IrisLimits()
 
 
-def in_eye(points: Floating, outline: F64) -> F32:
-    """Points (..., 2) of a picture in widths of the eye with an outline (6, 2) there."""
+def in_eye(points: Floating, outline: F64, whole: float | None = None) -> F32:
+    """Points (..., 2) of a picture in widths of the eye with an outline (6, 2) there.
+
+    whole : width in pixels that it would have from the front, by which heights are divided; by default its own.
+    """
     first, last = outline[list(CORNERS)]
     (x, y), middle = last - first, (first + last) / 2
-    axes = np.array([[x, -y], [y, x]], np.float32) / np.float32(max(x * x + y * y, 1e-6))
+    width = max(float(np.hypot(x, y)), 1e-3)
+    least, most = (width * share for share in LIMITS.turn)
+    height = width if whole is None else min(max(whole, least), most)
+    axes = np.array([[x / width, -y / height], [y / width, x / height]], np.float32) / np.float32(width)
     return np.asarray((np.asarray(points, np.float32) - middle.astype(np.float32)) @ axes, np.float32)
+
+
+def whole_width(eye: Group, head: F64, at_rest: F64) -> float:
+    """Width in pixels of an eye of a head (81, 2) if it weren't turned, by the length of its nose; shape at rest."""
+    now, then = (float(np.linalg.norm(shape[NOSE_BASE] - shape[NOSE_ROOT])) for shape in (head, at_rest))
+    first, last = at_rest[eye][list(CORNERS)]
+    return float(np.linalg.norm(last - first)) * now / max(then, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,10 +240,10 @@ class Gaze:
         """Forget the last frame."""
         self.parsed, self.places = self._at_rest.copy(), self._at_rest.copy()
 
-    def see(self, irises: F64, head: F64) -> None:
-        """Follow irises (2, 2), pixels, that the parsing of a frame finds in a head (81, 2)."""
-        for place, iris, outline in zip(self.parsed, irises, EYES, strict=True):
-            place[:] = _steadied(place, in_eye(iris, head[outline]))
+    def see(self, irises: F64, head: F64, at_rest: F64) -> None:
+        """Follow irises (2, 2), pixels, that the parsing of a frame finds in a head (81, 2); its shape at rest."""
+        for place, iris, eye in zip(self.parsed, irises, EYES, strict=True):
+            place[:] = _steadied(place, in_eye(iris, head[eye], whole_width(eye, head, at_rest)))
 
     def settle(self, eye: int, place: F64) -> F32:
         """Follow an iris that is found in a frame; returns its place (2,)."""

@@ -191,7 +191,7 @@ class Painter:
         """See where the head (81, 2) looks, if the frame was parsed."""
         irises = None if self._occlusion is None else self._occlusion.irises
         if self._irises is not None and irises is not None:
-            self._irises.gaze.see(irises, head)
+            self._irises.gaze.see(irises, head, self._irises.at_rest)
 
     def _feathered(self, shape: F64, sigma: float) -> F32:
         """(h, w) alpha with a border as soft as `sigma` grid pixels on the shape (81, 2) as it is drawn.
