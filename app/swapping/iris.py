@@ -1,11 +1,12 @@
 """The identity's irises on the source's own eyeballs.
 
 The source's eyeballs show through the drawn lids, so that the gaze, the light and its reflections are the scene's
-(`apertures.py`).  A dark iris is scaled, channel by channel, by how the two people's irises at rest differ from their
-own whites; so neither light counts, and every pixel tells itself whether it is iris.  A light one can't be told from
-its white; it is painted over: each ring takes what the same ring of the identity's iris is of its white.  Where irises
-are, the parsing tells (`aam/parsing.py`).  Places in an eye are in its widths, corner to corner, from the
-middle of its corners, x along them.  RGB 0..255.
+(`apertures.py`).  Where the identity's iris is darker, the source's is scaled, channel by channel, by how the two
+people's irises at rest differ from their own whites, so that neither light counts; a lighter one is painted over it,
+each ring as bright as the same ring of the identity's.  Pixels tell by their colours whether they are iris, but those
+of one that is nearly as light as its white: there all within its radius is painted.  Where irises are, the parsing
+tells (`aam/parsing.py`).  Places in an eye are in its widths, corner to corner, from the middle of its corners, x along
+them.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ class IrisLimits:
     other_colour: tuple[float, float] = (0.15, 0.3)  # at which all and none of a pixel is changed
     iris: tuple[float, float] = (0.4, 0.85)  # radii, of the ring that has its colour: no pupil, no rim
     light: tuple[float, float] = (0.6, 0.66)  # brightness of a light iris: of none below, of all above
-    gain: tuple[float, float] = (0.15, 2.5)  # limits of a dark iris's factors
+    gain: tuple[float, float] = (0.15, 2.5)  # limits of the factors of one that becomes darker
+    lightening: float = 2.2  # of an iris at most: more, in the shade of lids, looks blind
     black_share: float = 0.02  # of the white, added before colours are divided
     white_quantile: float = 0.8  # of an eye's brightness, above which it's its white
     catch_light: float = 0.25  # of the white, by which a pixel is brighter than a light iris at least
@@ -302,6 +304,7 @@ class IrisTint:
         self._blur = max(LIMITS.shade_eye_widths * self._inside.any(0).sum(), 0.5)
         own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
         self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
+        self._dimmed = np.float32(min(1.0, LIMITS.lightening * float(own @ LUMA) / float(other @ LUMA)))
         self._contrast = 1 - own
         self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
 
@@ -318,9 +321,13 @@ class IrisTint:
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
         light, change = self._lightness, np.zeros_like(picture)
         if light < 1:
-            change += (1 - light) * self._tinted(picture, shares, unlike_white, away)
+            share = self._share(shares, unlike_white) * _within(away, LIMITS.border)
+            lighter = self._change.lightens
+            other = self._painted(picture, bright, away) if lighter else (self._gain - 1) * picture
+            change += (1 - light) * share[..., None] * other
         if light > 0:
-            change += light * self._painted(picture, bright, away)
+            share = _within(away, LIMITS.painted_border)
+            change += light * share[..., None] * self._painted(picture, bright, away)
         change *= (np.float32(strength) * self._lids)[..., None]
         return picture + change
 
@@ -349,17 +356,16 @@ class IrisTint:
         unlike = np.minimum(np.abs(seen - self._change.source.at(away)).sum(-1), LIMITS.max_difference)
         return np.asarray((unlike * near).sum(1) / np.maximum(near.sum(1), 1))
 
-    def _tinted(self, picture: F32, shares: F32, unlike_white: F32, away: F32) -> F32:
-        """What scaling changes (h, w, 3), of pixels with the colours of an iris."""
+    def _share(self, shares: F32, unlike_white: F32) -> F32:
+        """(h, w) share in [0, 1] by which pixels have the colours of the source's iris."""
         none, every = LIMITS.unlike[self._change.lightens]
-        share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1) * _within(away, LIMITS.border)
+        share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1)
         off = np.linalg.norm(1 - shares - unlike_white[..., None] * self._contrast, axis=-1)
-        share *= np.interp(off, LIMITS.other_colour, (1, 0))
-        return np.asarray(share[..., None] * (self._gain - 1) * picture, np.float32)
+        return np.asarray(share * np.interp(off, LIMITS.other_colour, (1, 0)), np.float32)
 
     def _painted(self, picture: F32, bright: F32, away: F32) -> F32:
         """What painting the other's iris ring by ring changes (h, w, 3); shading and catch-lights stay."""
-        own, other = self._change.source.at(away), self._change.target.at(away)
+        own, other = self._change.source.at(away), self._dimmed * self._change.target.at(away)
         usual = own * bright
         inner = np.clip((1 - away) / np.float32(1 - LIMITS.edges[0]), 0, 1)[..., None]
         brighter = picture - usual
@@ -372,7 +378,7 @@ class IrisTint:
         structure = picture - catch_light - usual * shade
         structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
         painted = other * bright * shade + catch_light + structure
-        return np.asarray(_within(away, LIMITS.painted_border)[..., None] * (painted - picture), np.float32)
+        return np.asarray(painted - picture, np.float32)
 
 
 def _within(away: F32, border: tuple[float, float]) -> F32:
