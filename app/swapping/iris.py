@@ -40,11 +40,7 @@ class IrisLimits:
     place_reach: tuple[float, float] = (0.06, 0.02)  # of that distance, and step
     edges: tuple[float, ...] = (0.7, 0.98, 1.02, 1.3)  # radii, of the rings within and beyond its edge
     chroma: float = 2.0  # by which colour counts more than brightness there
-    pupil: tuple[float, float, float] = (
-        0.35,
-        0.5,
-        0.85,
-    )  # radii, of the pupil and of the ring that is brighter
+    pupil: tuple[float, float, float] = (0.35, 0.5, 0.85)  # radii, of the pupil and of the brighter ring
     max_pupil: float = 0.4  # contrast of them that counts
     # Of a profile: means of rings, as far out, and by how much rings overlap, radii.
     rings: int = 12
@@ -61,9 +57,7 @@ class IrisLimits:
     turn: tuple[float, float] = (0.85, 2.0)  # limits of a whole eye's width over its own
     first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
     moved: tuple[float, float] = (2.0, 0.6)  # cost of a distance, and of a light iris's
-    max_difference: float = (
-        1.0  # of a pixel from what is there at rest, sum over the channels, shares of the white
-    )
+    max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
     memory: float = 0.5  # share of a place kept from frame to frame
     max_step: float = 0.08  # beyond which it is taken as it is found
     # Drawing.
@@ -282,7 +276,7 @@ class IrisChange:
     @property
     def lightness(self) -> float:
         """Share in [0, 1] by which the source's iris is too light to be told from its white pixel by pixel."""
-        return float(np.clip(np.interp(self.source.colour @ LUMA, LIMITS.light, (0, 1)), 0, 1))
+        return float(np.interp(self.source.colour @ LUMA, LIMITS.light, (0, 1)))
 
 
 class IrisTint:
@@ -300,7 +294,8 @@ class IrisTint:
         thinned = np.zeros_like(self._inside)
         thinned[::2, ::2] = True
         self._looked_at = self._inside & (thinned | (self._inside.sum() < LIMITS.many_pixels))
-        self._change, self._eye, self._lightness = change, eye, np.float32(change.lightness)
+        self._change, self._eye = change, eye
+        self._lightens, self._lightness = change.lightens, np.float32(change.lightness)
         self._blur = max(LIMITS.shade_eye_widths * self._inside.any(0).sum(), 0.5)
         own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
         self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
@@ -322,8 +317,7 @@ class IrisTint:
         light, change = self._lightness, np.zeros_like(picture)
         if light < 1:
             share = self._share(shares, unlike_white) * _within(away, LIMITS.border)
-            lighter = self._change.lightens
-            other = self._painted(picture, bright, away) if lighter else (self._gain - 1) * picture
+            other = self._painted(picture, bright, away) if self._lightens else (self._gain - 1) * picture
             change += (1 - light) * share[..., None] * other
         if light > 0:
             share = _within(away, LIMITS.painted_border)
@@ -358,7 +352,7 @@ class IrisTint:
 
     def _share(self, shares: F32, unlike_white: F32) -> F32:
         """(h, w) share in [0, 1] by which pixels have the colours of the source's iris."""
-        none, every = LIMITS.unlike[self._change.lightens]
+        none, every = LIMITS.unlike[self._lightens]
         share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1)
         off = np.linalg.norm(1 - shares - unlike_white[..., None] * self._contrast, axis=-1)
         return np.asarray(share * np.interp(off, LIMITS.other_colour, (1, 0)), np.float32)
