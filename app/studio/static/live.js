@@ -63,9 +63,15 @@ const guiseLive = {
       session.out.push(number);
       session.returned = late ? performance.now() : session.returned;
       const message = await packed(frame, number);
-      if (this.session === session) session.socket.send(message);
+      this.send(session, message);
     }
     frame.close();
+  },
+
+  // Nothing goes out once the other end has hung up, which is known here only a little later.
+  send(session, message) {
+    const open = session.socket.readyState === WebSocket.OPEN;
+    if (this.session === session && open) session.socket.send(message);
   },
 
   // Shows a picture that has come back.
@@ -97,7 +103,7 @@ const guiseLive = {
         const message = new Uint8Array(HEADER_BYTES + block.byteLength);
         header(message, "PCM ", 0, 0, 0, 0, 0, position);
         message.set(new Uint8Array(block.buffer), HEADER_BYTES);
-        if (this.session === session) session.socket.send(message);
+        this.send(session, message);
         begun();
       };
       setTimeout(begun, this.patience); // a microphone that gives nothing holds up no recording
