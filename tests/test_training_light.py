@@ -11,10 +11,11 @@ torch = pytest.importorskip("torch")
 
 from guise.app.swapping.learned_light import GRID  # noqa: E402
 from training import swap_data  # noqa: E402
+from training.light_batches import Batches, Lights, Portraits  # noqa: E402
 from training.light_net import LightNet  # noqa: E402
 from training.placement import Group, transferred  # noqa: E402
 from training.swap_data import Cells  # noqa: E402
-from training.train_light import Batches, Classical, Errors, Lights, Lit, Portraits, measure  # noqa: E402
+from training.train_light import Classical, Errors, Lit, measure  # noqa: E402
 
 CELLS = Cells()
 PEOPLE, SCENES, SIZE = 2, 2, 96

@@ -164,6 +164,8 @@ class Painter:
             return
         roi, fine = frame.read_roi(x0, y0, w, h), zoom > ZOOM.min_detail_zoom
         self._set_occlusion(fine, uncovered)
+        if head is not None:
+            self._look(head)
         for left in reversed(range(1 if finish is None else finish.draws)):
             drawn = roi.copy() if left else roi
             picture = self._stored(texture, frame.colour, zoom, fine)
@@ -175,7 +177,6 @@ class Painter:
                     )
             if head is not None:
                 own, openings = head - (x0, y0), eye_openings(head)
-                self._look(head)
                 for aperture in self._apertures(fine):
                     aperture.fill(picture, drawn, own, frame.colour, openings)
                 for lid in self._lids(fine):
