@@ -156,6 +156,26 @@ def test_only_some_frames_are_parsed_while_nothing_in_front_moves(
     assert len(calls) >= 2 + 1 + 2 + 6 - LIMITS.pause_frames
 
 
+def test_a_frame_is_parsed_when_the_eyes_move(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    real = occlusion.parse_frame
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *given: calls.append(1) or real(*given))
+
+    def show(rgb: U8) -> int:
+        frame, before = Frame.from_rgb(rgb), len(calls)
+        scene.occlusion.update(frame, scene.shape, scene.places, np.float32(frame.sample_rgb(scene.places)))
+        scene.occlusion.uncovered(scene.shape)
+        return len(calls) - before
+
+    aside = scene.rgb.copy()
+    x0, y0 = np.floor(scene.shape[list(LEFT_EYE)].min(0)).astype(int)
+    x1, y1 = np.ceil(scene.shape[list(LEFT_EYE)].max(0)).astype(int)
+    aside[y0:y1, x0:x1] = np.roll(scene.rgb[y0:y1, x0:x1], (x1 - x0) // 5, axis=1)
+    assert [show(rgb) for rgb in (scene.rgb, scene.rgb, aside, aside, scene.rgb)] == [1, 0, 1, 0, 1]
+    darker = np.uint8(0.8 * scene.rgb)
+    assert show(darker) == 0
+
+
 @pytest.mark.parametrize(("radius_face_widths", "parsed"), [(0.025, 2), (0.1, 6)])
 def test_only_a_large_object_that_moves_beside_the_face_has_every_frame_parsed(
     scene: Scene, monkeypatch: pytest.MonkeyPatch, radius_face_widths: float, parsed: int

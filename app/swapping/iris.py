@@ -58,7 +58,7 @@ class IrisLimits:
     first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
     moved: tuple[float, float] = (2.0, 0.6)  # cost of a distance, and of a light iris's
     max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
-    memory: float = 0.5  # share of a place kept from frame to frame
+    memory: float = 0.25  # share of a place kept from frame to frame
     max_step: float = 0.08  # beyond which it is taken as it is found
     # Drawing.
     border: tuple[float, float] = (1.15, 0.85)  # radii, at which nothing and all of a dark iris is changed,

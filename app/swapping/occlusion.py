@@ -2,7 +2,8 @@
 
 The frame is parsed (`guise.aam.parsing`), and what is in front of the face is read where the drawn face's mesh lies.
 There the frame's own pixels stay, and neither light nor expression is measured.  While nothing but hair and glasses is
-in front, or nothing in front moves, only some frames are parsed; what was found moves along with the face.
+in front, or nothing in front moves, and the eyes rest, only some frames are parsed; what was found moves along with the
+face.
 
 Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
 hands and mugs do: a patch within it that is taken for an object may be skin.
@@ -53,6 +54,7 @@ class OcclusionLimits:
     )
     still_share: float = 0.2  # change of a share up to which it is still
     still_face_shares: float = 0.005  # of an object's cells that change more while it is still, of the face
+    eye_change: float = 0.04  # mean change of an eye's texels, of their mean, from which a frame is parsed anyway
     growth_face_widths: float = 0.01  # around brows and eyes, where hair doesn't count
     min_hidden: float = 0.02  # share from which something is in front
 
@@ -105,6 +107,9 @@ class Occlusion:
             cv2.erode(np.pad(self._face.astype(np.uint8), 1), np.ones((reach, reach)))[1:-1, 1:-1] == 0
         )
         self._frame_weight = np.asarray(1 - soft_parts(reference, eyes, 0.0)[y, x], np.float32)
+        x, y = np.round(texels.positions(reference.points)).astype(int).T
+        in_eyes = (np.flatnonzero(soft_parts(reference, (eye,), 0.0)[y, x] > 0.5) for eye in eyes)
+        self._in_eyes = [some for some in in_eyes if len(some)]
         middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
         self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
         reach = 2 * round(LIMITS.mirror_face_widths / LIMITS.cell_face_widths) + 1
@@ -116,6 +121,7 @@ class Occlusion:
         self._layers: _Layers | None = None  # of the last parsed frame, until it is drawn
         self.irises: F64 | None = None
         self._pause_frames = 0
+        self._eyes: list[F32] = []  # as they looked in the last parsed frame
         self._worn: F32 | None = None
         self._thing: F32 | None = None
         self._uncovered: F32 | None = None
@@ -127,15 +133,19 @@ class Occlusion:
         """(t,) share in [0, 1] by which each texel counts as the source's face; None before the first frame."""
         return self._visible
 
-    def update(self, frame: Frame, shape: F64, places: F32 | None = None) -> None:
+    def update(self, frame: Frame, shape: F64, places: F32 | None = None, seen: F32 | None = None) -> None:
         """Look at a frame in which the face lies at a shape (81, 2), and the texels at places (t, 2).
 
         By default the texels lie on the shape's triangles.
+
+        seen : the frame's RGB (t, 3) at the texels, if it matters whether the eyes move.
         """
         self.irises = None
-        if self._pause_frames:
+        eyes = [] if seen is None else [_even(seen[eye]) for eye in self._in_eyes]
+        if self._pause_frames and not self._have_moved(eyes):
             self._pause_frames -= 1
             return
+        self._eyes = eyes
         parsing = parse_frame(self._parser, frame, shape)
         self.irises = parsing.irises[:, :2]
         self._layers = _Layers.of(parsing, self._kinds)
@@ -174,6 +184,11 @@ class Occlusion:
         self._pause_frames = 0 if moving else LIMITS.pause_frames
         self._thing = thing
         return np.maximum(thing, self._worn)
+
+    def _have_moved(self, eyes: list[F32]) -> bool:
+        """Whether eyes look otherwise than in the last parsed frame."""
+        pairs = zip(eyes, self._eyes, strict=False)
+        return any(float(np.abs(now - then).mean()) > LIMITS.eye_change for now, then in pairs)
 
     def _has_moved(self, thing: F32) -> bool:
         """Whether things that hide shares (n,) of the cells do not lie over the face as in the last parsed frame."""
@@ -249,6 +264,11 @@ def parse_frame(
         return parser.of_crop(np.zeros((SIZE, SIZE, 3), np.uint8), to_picture)
     crop, _ = cut(frame.rgb_roi(x0, y0, w, h), centre - (x0, y0), side, turn)
     return parser.of_crop(crop, to_picture)
+
+
+def _even(colours: F32) -> F32:
+    """Colours (n, 3) as shares of their mean brightness."""
+    return colours / np.maximum(colours.mean(), np.float32(1))
 
 
 def _ramp(shares: F32, ends: tuple[float, float]) -> F32:
