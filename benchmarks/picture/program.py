@@ -74,11 +74,11 @@ def enrolled(clip: Path) -> Path:
     return model
 
 
-def swapped(video: Path, source: Path, identity: Path, output: Path) -> Swapped:
-    """Swap a video with default options.  CommandError when the program refuses it."""
+def swapped(video: Path, source: Path, identity: Path, output: Path, *options: str) -> Swapped:
+    """Swap a video, with default options but those given.  CommandError when the program refuses it."""
     output.parent.mkdir(parents=True, exist_ok=True)
     command = [*GUISE, "swap", video, "--source", source, "--identity", identity, "-o", output]
-    report = json.loads(_output([*command, "--force", "--json"]))
+    report = json.loads(_output([*command, *options, "--force", "--json"]))
     return Swapped(output, report["frames"], report["frames"] - report["swapped"])
 
 
