@@ -5,8 +5,8 @@ frames are judged as in `picture.truth`, by how far the head is turned.  Drawn p
 truth may differ from the source, by more than a pixel, in a swap that is coded without loss.  Points are those that the
 swap tracks, against the truth as in `tracker_scenes`.  Similarity to the donor, enrolled nearly from the front, is that
 of embeddings of mobilefacenet at true points; the ideal swap's, too, falls as the head turns.  Of a face that doesn't
-move, curves of mouth and lids are measured in the swap and in the source: their standard deviation while the head
-turns, over the range of the same curves in speech.
+move, curves of mouth and lids are measured in the swap, the ideal one and the source: their standard deviation while
+the head turns, over the range of the same curves in speech.
 """
 
 from __future__ import annotations
@@ -184,8 +184,8 @@ def measure(options: argparse.Namespace) -> Report:
             alike.append((scene.name, what, *similarity(scene, shown, donor, recognise)))
         if scene.name.startswith("still"):
             yaw = tracks[-1][1]
-            rests.append(("swapped", *unrest(video, donor.video, yaw)))
-            rests.append(("source", *unrest(scene / "source.mp4", donor.video, yaw)))
+            videos = {"swapped": video, "ideal": scene / "truth.mp4", "source": scene / "source.mp4"}
+            rests += [(what, *unrest(shown, donor.video, yaw)) for what, shown in videos.items()]
         for low, high in TURNS_DEGREES:
             table.append((scene.name, f"{low}-{high}", *of_turn(rows, low, high)))
             common.say(str(table[-1]))
