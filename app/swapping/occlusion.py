@@ -270,7 +270,7 @@ def parse_frame(
 
 def _even(colours: F32) -> F32:
     """Colours (n, 3) as shares of their mean brightness."""
-    return colours / np.maximum(colours.mean(), np.float32(1))
+    return np.asarray(colours / np.maximum(colours.mean(), np.float32(1)))
 
 
 def _ramp(shares: F32, ends: tuple[float, float]) -> F32:
