@@ -54,9 +54,7 @@ class OcclusionLimits:
     )
     still_share: float = 0.2  # change of a share up to which it is still
     still_face_shares: float = 0.005  # of an object's cells that change more while it is still, of the face
-    eye_change: float = (
-        0.04  # mean change of an eye's texels, of their mean, from which a frame is parsed anyway
-    )
+    eye_change: float = 0.04  # mean change of an eye's texels, of their mean, from which it moves
     growth_face_widths: float = 0.01  # around brows and eyes, where hair doesn't count
     min_hidden: float = 0.02  # share from which something is in front
 

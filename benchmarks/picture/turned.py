@@ -91,10 +91,12 @@ def judged(scene: Path, video: Path, exact: Path, shared: Path) -> list[dict[str
         if len(window) == 3 and at % EVERY_FRAME == 0:
             row = tool.one(truth, points, widths, canon, flow, at, window)
             rows.append({**row, "at": at, "yaw": yaw[at]})
-    for at, pair in enumerate(zip(tool.frames(scene / "source.mp4"), tool.frames(exact), strict=False)):
-        for row in rows:
-            if row["at"] == at:
-                row["beyond"] = drawn_beyond(*pair, tool.bits(truth, "region", at, *pair[0].shape[:2]))
+    pairs = enumerate(zip(tool.frames(scene / "source.mp4"), tool.frames(exact), strict=False))
+    wanted = {row["at"]: row for row in rows}
+    for at, pair in pairs:
+        if at in wanted:
+            region = tool.bits(truth, "region", at, *pair[0].shape[:2])
+            wanted[at]["beyond"] = drawn_beyond(*pair, region)
     return [row for row in rows if row["err"] is not None]
 
 
