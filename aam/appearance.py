@@ -130,6 +130,14 @@ def sample_texture(rgb: U8, shape: F64, reference: ReferenceFrame) -> F32:
 
     A face larger than the grid is first reduced by area, so that every frame pixel counts (no aliasing).
     """
+    return reference.sampler.sample(*face_region(rgb, shape, reference))
+
+
+def face_region(rgb: U8, shape: F64, reference: ReferenceFrame) -> tuple[U8, F64]:
+    """The part of a picture (h, w, 3) that shows a face at a shape (81, 2), and the shape in it.
+
+    A face larger than the grid is first reduced by area, so that every frame pixel counts (no aliasing).
+    """
     x0, y0 = np.maximum(np.floor(shape.min(0)).astype(int) - 4, 0)
     x1, y1 = np.ceil(shape.max(0)).astype(int) + 5
     roi = rgb[y0:y1, x0:x1]
@@ -142,7 +150,7 @@ def sample_texture(rgb: U8, shape: F64, reference: ReferenceFrame) -> F32:
         factor = np.array(small) / (roi.shape[1], roi.shape[0])
         roi = np.asarray(cv2.resize(roi, small, interpolation=cv2.INTER_AREA), np.uint8)
         local = (local + 0.5) * factor - 0.5
-    return reference.sampler.sample(np.ascontiguousarray(roi), local)
+    return np.ascontiguousarray(roi), local
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,9 @@ from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import NOSE_BASE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask
+from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
-from guise.aam.turned_texture import mirror_image
 from guise.common.arrays import F32
 
 DATA = Path(__file__).parent / "data" / "shading.npz"

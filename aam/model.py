@@ -24,6 +24,7 @@ from guise.aam.appearance import (
 )
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.tracker import POSE_ENTRIES, Quality, Tracker
+from guise.aam.view_textures import ViewTextures
 from guise.common.arrays import F32, F64, U8
 from guise.common.errors import GuiseError
 from guise.common.files import write_whole
@@ -58,6 +59,7 @@ class Identity:
     detail : (2 h, 2 w) float32, luma of the neutral face beyond the texture grid's resolution.
     rest_frame : see `RestFrame`.
     facts : JSON-like: frames used, held-out error, clips, seconds, version of Guise.
+    views : ViewTextures, None where the clip shows the head from one side only.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Identity:
     detail: F32
     rest_frame: RestFrame
     facts: dict[str, Any] = field(default_factory=dict)
+    views: ViewTextures | None = None
 
     @property
     def reference(self) -> ReferenceFrame:
@@ -91,6 +94,7 @@ class Identity:
             self,
             appearance=resampled(self.appearance, reference),
             detail=resampled_detail(self.detail, self.reference, reference),
+            views=None if self.views is None else self.views.at_resolution(self.reference, reference),
         )
 
     @property
@@ -159,6 +163,7 @@ class Identity:
             "tracker.box_to_shape": tracker.box_to_shape.astype(np.float64),
             "still.jpeg": jpeg.ravel(),
             "still.shape": self.rest_frame.shape.astype(np.float64),
+            **({} if self.views is None else self.views.packed()),
         }
 
     @classmethod
@@ -202,8 +207,16 @@ class Identity:
         if picture is None or t["still.shape"].shape != (POINTS, 2):
             raise ValueError("enrolment frame")
         rest_frame = RestFrame(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
-        detail = t["detail"].astype(np.float32) / np.float32(2)
-        return cls(header["name"], appearance, tracker, detail, rest_frame, json.loads(header["facts"]))
+        detail, facts = t["detail"].astype(np.float32) / np.float32(2), json.loads(header["facts"])
+        return cls(
+            header["name"],
+            appearance,
+            tracker,
+            detail,
+            rest_frame,
+            facts,
+            ViewTextures.unpacked(t, reference),
+        )
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,11 @@ def resampled_detail(detail: F32, old: ReferenceFrame, new: ReferenceFrame) -> F
     return _GridChange(old, new).picture(detail, factor=2)
 
 
+def resampled_texture(texture: F32, old: ReferenceFrame, new: ReferenceFrame) -> F32:
+    """A texture (n, 3) of one reference frame on the grid of another (n', 3)."""
+    return _GridChange(old, new).texture(texture).reshape(-1, 3)
+
+
 class _GridChange:
     """The similarity from one grid to another: x' = scale x + offset."""
 
@@ -57,12 +62,12 @@ class _GridChange:
         """Appearance vectors (m, 162 + 3 n) on the new frame; without `offsets` they are differences of vectors."""
         shapes = vectors[:, :SHAPE_ENTRIES].reshape(-1, POINTS, 2) / self._old.shape_weight * self.scale
         shapes = (shapes + (self.offset if offsets else 0.0)) * self._new.shape_weight
-        textures = [self._texture(v[SHAPE_ENTRIES:].reshape(-1, 3)) for v in vectors]
+        textures = [self.texture(v[SHAPE_ENTRIES:].reshape(-1, 3)) for v in vectors]
         return np.concatenate(
             [shapes.reshape(len(vectors), SHAPE_ENTRIES), np.stack(textures)], axis=1, dtype=np.float32
         )
 
-    def _texture(self, texture: F32) -> F32:
+    def texture(self, texture: F32) -> F32:
         """(3 n',) of a texture (n, 3); at the rim only what lies inside the old mask counts."""
         picture = self.picture(self._old.scatter(texture)) / self._weight[..., None]
         return np.asarray(picture.reshape(-1, 3)[self._new.pixels].ravel(), np.float32)

@@ -25,6 +25,7 @@ PULL_DEGREES = (10.0, 30.0)  # of turn, between which points begin to be drawn t
 PULL: F64 = np.full(POINTS, 0.7)
 PULL[EYES_AND_LIPS] = 0.5
 PULL.setflags(write=False)
+DEPTH_DEGREES = (8.0, 22.0)  # of turn, between which depth comes in: poses are noisy
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,11 @@ class HeadPose:
         yaw = np.arcsin(np.clip(r[2, 0], -1, 1))
         pitch, roll = -np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
         return tuple(float(np.degrees(a)) for a in (yaw, pitch, roll))  # type: ignore[return-value]
+
+    @property
+    def turn(self) -> float:
+        """Degrees from looking straight at the camera; roll doesn't count."""
+        return float(np.degrees(np.arccos(np.clip(self.rotation[2, 2], -1, 1))))
 
     def turn_from(self, other: HeadPose) -> float:
         """Degrees between the directions in which two heads look; roll doesn't count."""
@@ -241,14 +247,26 @@ class SolidTracker:
         return self._last if away < LIMITS.max_step_face_widths * self._last.pose.scale else None
 
 
+def turned_share(pose: HeadPose) -> float:
+    """Share in [0, 1] to which a head is treated as turned."""
+    return float(np.interp(pose.turn, DEPTH_DEGREES, (0, 1)))
+
+
+def depth_across(pose: HeadPose, enrolled: F64) -> F64:
+    """(2,) pixels by which what lies a face width farther back is seen elsewhere than in the texture as enrolled.
+
+    enrolled : (2,) the same of a head in that place that is turned as it was enrolled.
+    """
+    return np.asarray(turned_share(pose) * (pose.linear[2] - enrolled))
+
+
 def pulled(points: F64, fit: SolidFit) -> F64:
     """Points (81, 2) of a turned head drawn towards where the solid shape fitted to them is seen.
 
     Hidden points of the far side stay on the silhouette; the constraint of Xiao et al., with shares that grow as the
     head turns.
     """
-    turn = float(np.degrees(np.arccos(np.clip(fit.pose.rotation[2, 2], -1, 1))))
-    share = float(np.interp(turn, PULL_DEGREES, (0, 1))) * PULL[:, None]
+    share = float(np.interp(fit.pose.turn, PULL_DEGREES, (0, 1))) * PULL[:, None]
     return np.asarray(points + share * (fit.points - points))
 
 

@@ -17,11 +17,11 @@ from guise.aam.appearance import (
     SHAPE_ENTRIES,
     AppearanceModel,
     appearance_vectors,
+    face_region,
     neutral_frames,
     openness,
     principal_components,
     rest_weights,
-    sample_texture,
 )
 from guise.aam.detail import FineGrid, with_detail
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
@@ -34,6 +34,7 @@ from guise.aam.similarity import Failed
 from guise.aam.solid_shape import SolidPrior, facing
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Fit, Tracker, cut
 from guise.aam.tracker_training import TrackerOptions, train_tracker
+from guise.aam.view_textures import learn_views
 from guise.aam.views import Views
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from guise.common.errors import GuiseError
@@ -99,13 +100,15 @@ class TrainingOptions:
 class Observation:
     """What training keeps of a frame.
 
-    Texture (n, 3), working crop, landmarks (81, 2); of rest frames the picture; of parsed frames the share of the face
-    (m,) in [0, 1] at the mask pixels of the tracker's feature grid.
+    Texture (n, 3), working crop, landmarks (81, 2), the face's region and the landmarks in its pixels, see
+    `face_region`; of rest frames the picture; of parsed frames the share of the face (m,) in [0, 1] at the mask pixels
+    of the tracker's feature grid.
     """
 
     texture: F32
     crop: Crop
     shape: F64
+    region: tuple[U8, F64]
     picture: U8 | None = None
     face: F32 | None = None
 
@@ -130,12 +133,14 @@ def observe(
     inside = ((shape >= 0) & (shape < rgb.shape[1::-1])).all(axis=1).mean()
     if inside < LIMITS.min_points_inside:
         return Failed("most of the face lies outside the picture")
-    texture = sample_texture(rgb, shape, reference)
+    picture, local = face_region(rgb, shape, reference)
+    texture = reference.sampler.sample(picture, local)
     face = None
     if parser is not None:
         parsing = parser.parse(rgb, shape)
         face = parsing.at(feature_frame.sampler.positions(shape), parsing.share(*FACE_CLASSES))
-    return Observation(texture, crop, shape, rgb.copy() if keep_picture else None, face)
+    whole = rgb.copy() if keep_picture else None
+    return Observation(texture, crop, shape, (picture.copy(), local), whole, face)
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,6 +289,7 @@ def train_identity(
         tracker = replace(tracker, quality=replace(tracker.quality, error=error))
     progress(1.0)
     appearance, detail = detailed(appearance, at_rest)
+    views = learn_views([o.region for o in training], appearance.neutral_shape, mask, reference)
     return Identity(
         name,
         appearance,
@@ -297,6 +303,7 @@ def train_identity(
             KNOWN_REST: options.rest_frame is not None,
             **(facts or {}),
         },
+        views,
     )
 
 

@@ -16,8 +16,9 @@ from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.detail import FINE
 from guise.aam.landmarks.schemes import MIRROR, NOSE_BASE
 from guise.aam.mask import expressive_mask, skin_mask
+from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
-from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.aam.reference import ReferenceFrame
 from guise.aam.solid_shape import SolidPrior, facing
 from guise.common.arrays import F32, F64
 
@@ -114,13 +115,3 @@ def _even_middle(texture: F32, reference: ReferenceFrame) -> F32:
     strip = np.exp(-0.5 * (away / (LIMITS.strip_face_widths * reference.resolution)) ** 2)
     share = strip[None, :, None] * cv2.GaussianBlur(skin, (0, 0), sigma / 2)[..., None] * skin[..., None]
     return np.asarray(texture * (1 + share * (lifted - 1)), np.float32)
-
-
-def mirror_image(picture: F32, reference: ReferenceFrame, factor: int) -> F32:
-    """The mirror image of a picture on the grid (factor h, factor w) or with channels; 0 outside the face."""
-    h, w = reference.size
-    ys, xs = np.mgrid[: factor * h, : factor * w]
-    places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
-    positions = MeshSampler.build(reference, places).positions(reference.points[list(MIRROR)])
-    maps = ((positions + 0.5) * factor - 0.5).reshape(factor * h, factor * w, 2)
-    return np.asarray(cv2.remap(picture, maps, None, cv2.INTER_LINEAR), np.float32)  # type: ignore[call-overload]

@@ -244,7 +244,9 @@ def test_hair_in_the_frames_does_not_bend_the_face_beside_it(p01: Identity) -> N
         vector[SHAPE_ENTRIES:] = reference.sampler.sample(picture, rest.shape).ravel()
         appearance = replace(p01.appearance, neutral=vector, mask=face)
         crop = Crop(picture[..., 0], np.ones(2), np.zeros(2))  # not looked at
-        frame = Observation(vector[SHAPE_ENTRIES:].reshape(-1, 3), crop, rest.shape, picture)
+        frame = Observation(
+            vector[SHAPE_ENTRIES:].reshape(-1, 3), crop, rest.shape, (picture, rest.shape), picture
+        )
         return reference.scatter(detailed(appearance, [frame])[0].neutral_texture)
 
     hairy = rest.picture.copy()

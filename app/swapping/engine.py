@@ -220,7 +220,14 @@ class Engine(Closing):
         if self._shape_transfer is not None:
             moved = self._shape_transfer.apply(shape, solid.pose) * self.target.reference.shape_weight
             appearance[:SHAPE_ENTRIES] = moved.ravel()
+            self._turn(appearance[SHAPE_ENTRIES:].reshape(-1, 3), solid.pose)
         return appearance
+
+    def _turn(self, texture: F32, pose: HeadPose) -> None:
+        """Make of a texture (n, 3), in place, what the target's looks like from the side."""
+        if self.target.views is not None and self._shape_transfer is not None:
+            yaw = pose.angles[0] - self._shape_transfer.target.pose.angles[0]
+            texture *= self.target.views.at(yaw)
 
     def _texture_share(self, pose: HeadPose) -> float:
         """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""

@@ -14,7 +14,7 @@ from guise.aam.landmarks.schemes import NOSE
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import STRAIGHT, Relief
-from guise.aam.solid_shape import HeadPose, SolidPrior, facing
+from guise.aam.solid_shape import HeadPose, SolidPrior, depth_across, facing, turned_share
 from guise.common.arrays import F32, F64, I32
 
 
@@ -27,10 +27,6 @@ class SilhouetteLimits:
     whole_share: float = 0.5  # or this share of what it is from the front
     cell_face_widths: float = 0.03
     nose_growth_face_widths: float = 0.03  # around the nose, which hides what lies behind it, not itself
-    relief_degrees: tuple[float, float] = (
-        8.0,
-        22.0,
-    )  # of turn, between which the relief comes in: poses are noisy
 
 
 LIMITS = SilhouetteLimits()
@@ -56,10 +52,8 @@ class View:
 
         enrolled : (2,) pixels, `across` of a head in that place that is turned as its texture was enrolled.
         """
-        turn = float(np.degrees(np.arccos(np.clip(pose.rotation[2, 2], -1, 1))))
-        share = float(np.interp(turn, LIMITS.relief_degrees, (0, 1)))
         cosines = facing(relief.solid(solid), pose.rotation, relief.triangles)
-        return cls(share * (pose.linear[2] - enrolled), cosines + (1 - share))
+        return cls(depth_across(pose, enrolled), cosines + (1 - turned_share(pose)))
 
 
 class Silhouette:
