@@ -44,8 +44,8 @@ def resampled_detail(detail: F32, old: ReferenceFrame, new: ReferenceFrame) -> F
 
 
 def resampled_texture(texture: F32, old: ReferenceFrame, new: ReferenceFrame) -> F32:
-    """A texture (n, 3) of one reference frame on the grid of another (n', 3)."""
-    return _GridChange(old, new).texture(texture).reshape(-1, 3)
+    """A texture (n,) or (n, c) of one reference frame on the grid of another."""
+    return _GridChange(old, new).texture(texture)
 
 
 class _GridChange:
@@ -62,15 +62,16 @@ class _GridChange:
         """Appearance vectors (m, 162 + 3 n) on the new frame; without `offsets` they are differences of vectors."""
         shapes = vectors[:, :SHAPE_ENTRIES].reshape(-1, POINTS, 2) / self._old.shape_weight * self.scale
         shapes = (shapes + (self.offset if offsets else 0.0)) * self._new.shape_weight
-        textures = [self.texture(v[SHAPE_ENTRIES:].reshape(-1, 3)) for v in vectors]
+        textures = [self.texture(v[SHAPE_ENTRIES:].reshape(-1, 3)).ravel() for v in vectors]
         return np.concatenate(
             [shapes.reshape(len(vectors), SHAPE_ENTRIES), np.stack(textures)], axis=1, dtype=np.float32
         )
 
     def texture(self, texture: F32) -> F32:
-        """(3 n',) of a texture (n, 3); at the rim only what lies inside the old mask counts."""
-        picture = self.picture(self._old.scatter(texture)) / self._weight[..., None]
-        return np.asarray(picture.reshape(-1, 3)[self._new.pixels].ravel(), np.float32)
+        """(n', ..) of a texture (n, ..); at the rim only what lies inside the old mask counts."""
+        picture = self.picture(self._old.scatter(texture))
+        weight = self._weight if texture.ndim == 1 else self._weight[..., None]
+        return np.asarray((picture / weight)[self._new.mask], np.float32)
 
     def picture(self, picture: F32 | U8, factor: int = 1) -> F32:
         """A picture (factor h, factor w, ..) of the old grid on the new one; blurred first where that is coarser."""

@@ -289,7 +289,7 @@ def train_identity(
         tracker = replace(tracker, quality=replace(tracker.quality, error=error))
     progress(1.0)
     appearance, detail = detailed(appearance, at_rest)
-    views = learn_views([o.region for o in training], appearance.neutral_shape, mask, reference)
+    views = learn_views([o.region for o in training], appearance.neutral_shape, reference)
     return Identity(
         name,
         appearance,

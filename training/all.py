@@ -79,6 +79,7 @@ class Plan:
         yield from self._parsing_training()
         yield from self._other_models()
         yield from self._light_training()
+        yield from self._view_training()
 
     @property
     def _parts(self) -> Path:
@@ -157,6 +158,11 @@ class Plan:
         yield Task("light", [train], light / "light.md")
         yield Task("placement", [command("placement", swaps=swaps, out=places)], places)
 
+    def _view_training(self) -> Iterator[Task]:
+        turns, views = self.work / "turns", self.work / "views.npz"
+        yield Task("turns", [command("render_turns", program=self.program, out=turns)], turns / "complete")
+        yield Task("views", [command("views", turns=turns, out=views)], views)
+
     def _swaps(self, parts: Path) -> list[tuple[str, ...]]:
         """Commands that divide the groups of four people among the processes."""
         share = -(-self.groups // self.processes)
@@ -193,6 +199,7 @@ class Plan:
             self.work / "light" / "light.onnx": DATA / "light.onnx",
             self.work / "light" / "light.md": DATA / "light.md",
             self.work / "placement.npz": DATA / "placement.npz",
+            self.work / "views.npz": DATA / "views.npz",
             self.work / "solid_shape.npz": DATA / "solid_shape.npz",
             self.work / "relief.npz": DATA / "relief.npz",
             self.work / "shading.npz": DATA / "shading.npz",

@@ -82,15 +82,15 @@ def random_scene(setup: Setup, actor, weights: np.ndarray, rng: np.random.Genera
     """A head anywhere up to 45 degrees in any light."""
     yaw = rng.normal(0, 10) if rng.random() < 0.55 else rng.uniform(-45, 45)
     pose = np.clip([yaw, rng.normal(0, 8), rng.normal(0, 6)], (-45, -22, -20), (45, 22, 20))
-    return _scene(setup, actor, weights, pose, scene_light(setup.program, rng), rng)
+    return scene_at(setup, actor, weights, pose, scene_light(setup.program, rng), rng)
 
 
 def donor_scene(setup: Setup, actor, weights: np.ndarray, light: dict, rng: np.random.Generator) -> Scene:
     """A donor while enrolling: near the front."""
-    return _scene(setup, actor, weights, rng.normal(0, (6, 4, 3)), light, rng)
+    return scene_at(setup, actor, weights, rng.normal(0, (6, 4, 3)), light, rng)
 
 
-def _scene(setup: Setup, actor, weights, pose, light, rng) -> Scene:
+def scene_at(setup: Setup, actor, weights, pose, light, rng) -> Scene:
     size, distance = setup.size, rng.uniform(5.5, 16)
     width = FACE_SHARE * size * rng.uniform(0.95, 1.05)
     neck = setup.program["human"].euler(*map(float, pose))

@@ -27,6 +27,7 @@ from guise.aam.skin_tone import toned
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
 from guise.aam.tracker import Fit
 from guise.aam.turned_texture import completed, moving_share
+from guise.aam.view_prior import SideViews
 from guise.aam.without_glasses import without_glasses
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import Occlusion
@@ -116,6 +117,7 @@ class Engine(Closing):
             if full
             else None
         )
+        self._sides = SideViews.of(target, self._shape_transfer.target.rest) if self._shape_transfer else None
         self._enrolled = self._enrolled_across()
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
         self._in_profile, self._missed_frames, self._doubt = False, 0, 0.0
@@ -225,9 +227,9 @@ class Engine(Closing):
 
     def _turn(self, texture: F32, pose: HeadPose) -> None:
         """Make of a texture (n, 3), in place, what the target's looks like from the side."""
-        if self.target.views is not None and self._shape_transfer is not None:
+        if self._sides is not None and self._shape_transfer is not None:
             yaw = pose.angles[0] - self._shape_transfer.target.pose.angles[0]
-            texture *= self.target.views.at(yaw)
+            texture *= self._sides.at(yaw)[:, None]
 
     def _texture_share(self, pose: HeadPose) -> float:
         """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""
