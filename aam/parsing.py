@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 import cv2
 import numpy as np
@@ -119,7 +120,7 @@ class FaceParser:
     """
 
     def __init__(self, threads: int = 1) -> None:
-        self._session = ShippedNetwork("face.onnx", threads)
+        self._session = session(threads)
 
     def parse(self, rgb: U8, points: Floating) -> FaceParsing:
         """The maps of the face with points (81, 2) in a picture."""
@@ -139,6 +140,12 @@ class FaceParser:
         return FaceParsing(
             shares[0], np.column_stack([linear, to_picture[:, :2] @ first + to_picture[:, 2]]), irises
         )
+
+
+@cache
+def session(threads: int) -> ShippedNetwork:
+    """The network that ships with the package, which all parsers share: opening it takes as long as many passes."""
+    return ShippedNetwork("face.onnx", threads)
 
 
 _FOLDED_COLUMNS = 256  # of places, as cv2.remap takes at most 32767

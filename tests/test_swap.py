@@ -109,6 +109,14 @@ def test_lost_frames_are_untouched_and_counted(tmp_path: Path, p01: Identity, p0
     assert (report.swapped, report.held, report.covered, report.lost) == (4, 4, 6, 0)
 
 
+@pytest.mark.parametrize("graded", [True, False])
+def test_a_swap_is_graded_if_the_settings_say_so(
+    graded: bool, tmp_path: Path, clip: Path, p01: Identity, p06: Identity
+) -> None:
+    report = swap_file(clip, p06, tmp_path / "out.mp4", source=p01, settings=replace(LOSSLESS, graded=graded))
+    assert (report.grade is not None) == graded
+
+
 def test_one_image(tmp_path: Path, p01: Identity, p06: Identity) -> None:
     with open_input(SAMPLES / "p01" / "talk2.mp4") as source:
         rgb = next(iter(source)).rgb()

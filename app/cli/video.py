@@ -100,6 +100,7 @@ def swap(
             unsure=unsure.value,
             keep_people=not no_keep,
             rest_seconds=rest,
+            graded=json or not quiet,
             hwaccel=hwaccel.value,
         )
         if casting is not None:

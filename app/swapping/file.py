@@ -75,7 +75,8 @@ def swap_file(
                 stats = process(media, sink, swap, ahead=track, progress=tally.progress)
                 tally.require_some(person.name)
                 tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
-                tally.grade = grade(engine)
+                if settings.graded:
+                    tally.grade = grade(engine)
         return tally.report(output, stats, sink.first_packet)
 
 

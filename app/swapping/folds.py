@@ -15,7 +15,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import EYES, LIPS
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import Relief
-from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.arrays import F32, F64, I32, U8, Floating, Int
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,11 @@ class Folds:
         h, w = relief.reference.size
         ys, xs = np.mgrid[:h, :w]
         sampler = MeshSampler.build(relief.mesh, np.column_stack([xs.ravel(), ys.ravel()]).astype(np.float64))
-        corners = np.sort(sampler.vertices.T, axis=1)
-        numbers = {tuple(np.sort(t)): i for i, t in enumerate(relief.triangles)}
-        self._triangle = np.array([numbers[tuple(c)] for c in corners], np.intp).reshape(h, w)
+        here, every = (
+            _codes(corners, len(relief.points)) for corners in (sampler.vertices.T, relief.triangles)
+        )
+        order = np.argsort(every)
+        self._triangle = order[np.searchsorted(every, here, sorter=order)].reshape(h, w)
         self._triangles = relief.triangles
         self._closing = np.isin(relief.triangles, np.concatenate([EYES, LIPS])).any(1)
         self._to_edges = np.linalg.inv(_edges(relief.points, relief.triangles))
@@ -70,6 +72,11 @@ class Folds:
         side = 2 * round(LIMITS.reach_pixels / zoom / 2) + 1
         wide = cv2.dilate(share[self._triangle], np.ones((side, side), np.uint8))
         return np.asarray(cv2.blur(wide, (side, side)), np.float32)
+
+
+def _codes(triangles: I32 | Int, points: int) -> Int:
+    """(t,) a number for each of (t, 3) triangles of so many points, whatever the order of its corners."""
+    return np.asarray(np.sort(triangles, axis=1).astype(np.intp) @ [points**2, points, 1])
 
 
 def _edges(points: F64, triangles: np.ndarray) -> F64:

@@ -22,13 +22,14 @@ from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.settings import DEFAULTS
 from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.quantile import quantile
 
 SMOOTH_FACE_WIDTHS = 0.05
 TYPICAL_FACE = "p03"  # of the gallery, with which somebody who is enrolled is graded
 TRIAL_FRAMES = 6  # over which light and occlusion settle
 MARGIN_FACE_WIDTHS = 0.2  # about the face, of what is looked at
 MIN_SKIN = 0.8  # of a pixel that counts as skin
-FAR_PERCENT = 95  # of the differences, that is told
+FAR = 0.95  # quantile of the differences that is told
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Grade:
 
     Parameters
     ----------
-    colour, light : Lab differences of smooth skin that FAR_PERCENT of it does not exceed.
+    colour, light : Lab differences of smooth skin that a share FAR of it does not exceed.
     sharpness : octaves by which the drawn skin is sharper than the frame's.
     shape : mean distance of the points of the two faces at rest, face widths.
     """
@@ -132,8 +133,8 @@ def grade(engine: Engine) -> Grade | None:
     was, made = _lab(before), _lab(after)
     away = _smooth(made, rest.shape) - _smooth(was, rest.shape)
     return Grade(
-        round(float(np.percentile(np.linalg.norm(away[skin][:, 1:], axis=1), FAR_PERCENT)), 3),
-        round(float(np.percentile(np.abs(away[skin][:, 0]), FAR_PERCENT)), 3),
+        round(quantile(np.linalg.norm(away[skin][:, 1:], axis=1), FAR), 3),
+        round(quantile(np.abs(away[skin][:, 0]), FAR), 3),
         round(float(np.log2(_energy(made, skin) / _energy(was, skin))), 3),
         round(float(np.abs(shapes[0] - shapes[1]).mean()), 4),
     )

@@ -23,6 +23,7 @@ from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.common.arrays import F32, F64, Floating
+from guise.common.quantile import quantile
 
 EYES = RIGHT_EYE, LEFT_EYE
 CORNERS = 0, 3  # of an eye's points
@@ -204,7 +205,7 @@ class _EyeAtRest:
         for low, high in zip(edges[:-1] - LIMITS.overlap, edges[1:] + LIMITS.overlap, strict=True):
             ring = self.colours[(away >= low) & (away < high)]
             if len(ring) >= LIMITS.min_pixels:
-                rings.append(np.quantile(ring, LIMITS.typical, axis=0))
+                rings.append(np.array([quantile(channel, LIMITS.typical) for channel in ring.T], np.float32))
             else:
                 rings.append(rings[-1] if rings else np.ones(3, np.float32))
         return np.asarray(rings, np.float32)

@@ -28,6 +28,7 @@ class SwapSettings:
         face for a second, or "leave" the frame as it is.
     keep_people : use the model of the video's person that an earlier run has kept, and keep a new one.
     rest_seconds : after the first frame, at which the person in the video is at rest; None finds out.
+    graded : say in the report how good the swap looks, which takes as long as some ten frames.
     force : replace an existing output.
     progress : called with the stage and the share of it that is done.
     say : called with notes for the user.
@@ -40,6 +41,7 @@ class SwapSettings:
     unsure: Unsure = "cover"
     keep_people: bool = False
     rest_seconds: float | None = None
+    graded: bool = True
     force: bool = False
     progress: Progress = silent
     say: Say = mute
