@@ -22,7 +22,7 @@ from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.common.arrays import F32, F64, Floating
+from guise.common.arrays import F32, F64, Floating, Int
 from guise.common.quantile import quantile
 
 EYES = RIGHT_EYE, LEFT_EYE
@@ -80,6 +80,11 @@ class IrisLimits:
 
 
 LIMITS = IrisLimits()
+# (k, 2) steps about the best place so far, finer and finer.
+MOVES = [
+    step * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
+    for step, (across, down) in zip(LIMITS.steps, (LIMITS.first_steps, (1, 1), (1, 1)), strict=True)
+]
 
 
 def in_eye(points: Floating, outline: F64, whole: float | None = None) -> F32:
@@ -141,13 +146,14 @@ class Irises:
         """(3,) RGB of the iris, shares of the white."""
         return np.asarray(self.at(np.linspace(*LIMITS.iris, LIMITS.rings, dtype=np.float32)).mean(0))
 
-    def at(self, away: F32) -> F32:
-        """(..., 3) shares of the white at distances from the middle, radii."""
+    def at(self, away: F32, profile: F32 | None = None) -> F32:
+        """(..., 3) shares of the white at distances from the middle, radii; or of another profile (rings, ...)."""
+        profile = self.profile if profile is None else profile
         rings = LIMITS.rings / LIMITS.reach * away - np.float32(0.5)
         ring = np.clip(rings, 0, LIMITS.rings - 1.001)
         low = ring.astype(np.intp)
-        share = (ring - low)[..., None].astype(np.float32)
-        return np.asarray(self.profile[low] * (1 - share) + self.profile[low + 1] * share)
+        share = (ring - low).astype(np.float32).reshape(*low.shape, *(1,) * (profile.ndim - 1))
+        return np.asarray(profile.take(low, 0) * (1 - share) + profile.take(low + 1, 0) * share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,13 +297,14 @@ class IrisTint:
     """
 
     def __init__(self, lids: F32, change: IrisChange, eye: int) -> None:
-        self._lids, self._inside = lids, lids > 0.5
-        thinned = np.zeros_like(self._inside)
+        self._lids, inside = lids.ravel(), lids > 0.5
+        thinned = np.zeros_like(inside)
         thinned[::2, ::2] = True
-        self._looked_at = self._inside & (thinned | (self._inside.sum() < LIMITS.many_pixels))
+        looked_at = inside & (thinned | (inside.sum() < LIMITS.many_pixels))
+        self._inside, self._looked_at = np.flatnonzero(inside), np.flatnonzero(looked_at)
         self._change, self._eye = change, eye
         self._lightens, self._lightness = change.lightens, np.float32(change.lightness)
-        self._blur = max(LIMITS.shade_eye_widths * self._inside.any(0).sum(), 0.5)
+        self._blur = max(LIMITS.shade_eye_widths * inside.any(0).sum(), 0.5)
         own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
         self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
         self._dimmed = np.float32(min(1.0, LIMITS.lightening * float(own @ LUMA) / float(other @ LUMA)))
@@ -306,25 +313,29 @@ class IrisTint:
 
     def apply(self, picture: F32, places: F32, strength: float = 1.0) -> F32:
         """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by a share in [0, 1]: a shut eye has none."""
-        if strength == 0 or not self._inside.any():
+        if strength == 0 or not len(self._inside):
             return picture
-        bright = white(picture[self._inside])
-        shares = picture / bright
-        unlike_white = (1 - shares) @ self._direction
-        seen = unlike_white if self._lightness < 0.5 else shares
-        found = self._found(seen[self._looked_at], places[self._looked_at])
+        pixels = picture.reshape(-1, 3)
+        bright = white(pixels.take(self._inside, 0))
+        seen = pixels.take(self._looked_at, 0) / bright
+        if self._lightness < 0.5:
+            seen = (1 - seen) @ self._direction
+        found = self._found(seen, places.reshape(-1, 2).take(self._looked_at, 0))
         x, y = np.moveaxis(places - self._change.gaze.settle(self._eye, found), -1, 0)
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
-        light, change = self._lightness, np.zeros_like(picture)
+        near = np.flatnonzero(away < max(LIMITS.border[0], LIMITS.painted_border[0]))
+        before, there, light = pixels.take(near, 0), away.take(near), self._lightness
+        painted = self._painted(picture, bright, away, near) if self._lightens or light > 0 else before
+        change = np.zeros_like(before)
         if light < 1:
-            share = self._share(shares, unlike_white) * _within(away, LIMITS.border)
-            other = self._painted(picture, bright, away) if self._lightens else (self._gain - 1) * picture
-            change += (1 - light) * share[..., None] * other
+            other = painted - before if self._lightens else (self._gain - 1) * before
+            share = self._share(before / bright) * _within(there, LIMITS.border)
+            change += (1 - light) * share[:, None] * other
         if light > 0:
-            share = _within(away, LIMITS.painted_border)
-            change += light * share[..., None] * self._painted(picture, bright, away)
-        change *= (np.float32(strength) * self._lids)[..., None]
-        return picture + change
+            change += light * _within(there, LIMITS.painted_border)[:, None] * (painted - before)
+        changed = pixels.copy()
+        changed[near] = before + change * (np.float32(strength) * self._lids.take(near))[:, None]
+        return changed.reshape(picture.shape)
 
     def _found(self, seen: F32, places: F32) -> F64:
         """(2,) where the iris is most likely, by pixels at places (n, 2).
@@ -333,13 +344,11 @@ class IrisTint:
         """
         light = seen.ndim == 2
         start = self._change.gaze.parsed[self._eye]
-        best = start
-        for i, step in enumerate(LIMITS.steps):
-            across, down = LIMITS.first_steps if i == 0 else (1, 1)
-            moves = step * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
+        best, (x, y) = start, places.T
+        for moves in MOVES:
             middles = (best + moves).astype(np.float32)
-            x, y = (places[:, k] - middles[:, k : k + 1] for k in (0, 1))
-            away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
+            dx, dy = x - middles[:, :1], y - middles[:, 1:]
+            away = np.sqrt(dx * dx + dy * dy) / np.float32(self._change.source.radius)
             scores = -self._differences(seen, away) if light else _set_off(seen, away)
             scores -= LIMITS.moved[light] * np.hypot(*(middles - start).T)
             best = best + moves[int(np.argmax(scores))]
@@ -351,29 +360,34 @@ class IrisTint:
         unlike = np.minimum(np.abs(seen - self._change.source.at(away)).sum(-1), LIMITS.max_difference)
         return np.asarray((unlike * near).sum(1) / np.maximum(near.sum(1), 1))
 
-    def _share(self, shares: F32, unlike_white: F32) -> F32:
-        """(h, w) share in [0, 1] by which pixels have the colours of the source's iris."""
+    def _share(self, shares: F32) -> F32:
+        """(n,) share in [0, 1] by which pixels (n, 3), shares of the white, have the colours of the source's iris."""
+        unlike_white = (1 - shares) @ self._direction
+        off = 1 - shares - unlike_white[:, None] * self._contrast
         none, every = LIMITS.unlike[self._lightens]
-        share = np.clip((unlike_white - none) / np.float32(every - none), 0, 1)
-        off = np.linalg.norm(1 - shares - unlike_white[..., None] * self._contrast, axis=-1)
-        return np.asarray(share * np.interp(off, LIMITS.other_colour, (1, 0)), np.float32)
+        share = _within(np.sqrt(np.square(off).sum(1)), LIMITS.other_colour[::-1])
+        return np.asarray(share * np.clip((unlike_white - none) / np.float32(every - none), 0, 1))
 
-    def _painted(self, picture: F32, bright: F32, away: F32) -> F32:
-        """What painting the other's iris ring by ring changes (h, w, 3); shading and catch-lights stay."""
-        own, other = self._change.source.at(away), self._dimmed * self._change.target.at(away)
+    def _painted(self, picture: F32, bright: F32, away: F32, near: Int) -> F32:
+        """Pixels (n, 3) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
+        source, there, pixels = self._change.source, away.take(near), picture.reshape(-1, 3).take(near, 0)
+        own, other = source.at(there), self._dimmed * self._change.target.at(there)
         usual = own * bright
-        inner = np.clip((1 - away) / np.float32(1 - LIMITS.edges[0]), 0, 1)[..., None]
-        brighter = picture - usual
-        gleams = np.clip((brighter @ LUMA / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2, 0, 1)[..., None]
-        catch_light = np.maximum(brighter, 0) * gleams * inner
+        inner = np.clip((1 - there) / np.float32(1 - LIMITS.edges[0]), 0, 1)
+        brighter = pixels - usual
+        gleams = np.clip((brighter @ LUMA / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2, 0, 1)
+        catch_light = np.maximum(brighter, 0) * (gleams * inner)[:, None]
+        pixels -= catch_light
         above, below = (
-            cv2.GaussianBlur(p @ LUMA, (0, 0), self._blur) for p in (picture - catch_light, usual)
+            picture @ LUMA,
+            source.at(away, np.asarray((source.profile * bright) @ LUMA, np.float32)),
         )
-        shade = np.clip(above / np.maximum(below, 4), *LIMITS.shade)[..., None]
-        structure = picture - catch_light - usual * shade
+        above.ravel()[near] = pixels @ LUMA
+        seen, at_rest = (cv2.GaussianBlur(p, (0, 0), self._blur).take(near) for p in (above, below))
+        shade = np.clip(seen / np.maximum(at_rest, 4), *LIMITS.shade)[:, None]
+        structure = pixels - usual * shade
         structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
-        painted = other * bright * shade + catch_light + structure
-        return np.asarray(painted - picture, np.float32)
+        return np.asarray(other * bright * shade + catch_light + structure, np.float32)
 
 
 def _within(away: F32, border: tuple[float, float]) -> F32:
