@@ -14,9 +14,10 @@ def beyond_hull(places: F64, points: F64) -> tuple[F64, F64]:
     Returns lengths (k,), negative inside, and the unit normals (k, 2) of these edges, outwards.
     """
     hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
-    along = np.roll(hull, -1, axis=0) - hull
-    out = np.column_stack([along[:, 1], -along[:, 0]])
+    along = np.diff(hull, axis=0, append=hull[:1])
+    out = along[:, ::-1] * (1, -1)
     out *= np.sign(((hull - hull.mean(0)) * out).sum())
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
-    beyond = np.einsum("kec,ec->ke", places[:, None] - hull, out)
-    return beyond.max(1), out[beyond.argmax(1)]
+    out /= np.maximum(np.hypot(along[:, :1], along[:, 1:]), 1e-9)
+    beyond = places @ out.T - (hull * out).sum(1)
+    farthest = beyond.argmax(1)
+    return beyond[np.arange(len(places)), farthest], out[farthest]

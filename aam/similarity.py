@@ -210,15 +210,10 @@ def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:
 
     Weights (n,) must sum to 1 and the source must have extent; neither is checked here.
     """
-    mu_x, mu_y = weights @ source, weights @ target
-    dx, dy = source - mu_x, target - mu_y
-    wx = dx * weights[:, None]
-    var = float((wx * dx).sum())
-    a = float((wx * dy).sum()) / var
-    b = float((wx[:, 0] * dy[:, 1] - wx[:, 1] * dy[:, 0]).sum()) / var
-    return PlanarSimilarity(
-        a,
-        b,
-        float(mu_y[0] - a * mu_x[0] + b * mu_x[1]),
-        float(mu_y[1] - b * mu_x[0] - a * mu_x[1]),
-    )
+    x, y = (np.ascontiguousarray(points, np.float64).view(np.complex128)[:, 0] for points in (source, target))
+    mu_x, mu_y = complex(weights @ x), complex(weights @ y)
+    dx = x - mu_x
+    wx = weights * dx
+    turn = complex(np.vdot(wx, y - mu_y)) / float(np.vdot(wx, dx).real)
+    shift = mu_y - turn * mu_x
+    return PlanarSimilarity(turn.real, turn.imag, shift.real, shift.imag)

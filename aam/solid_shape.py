@@ -141,7 +141,7 @@ class SolidPrior:
 
     def at_rest(self, identity: F64) -> F64:
         """(81, 3) of a person with identity (k,), at rest."""
-        return np.asarray(self.mean + np.tensordot(identity, self.identity, 1))
+        return _moved(self.mean, identity, self.identity)
 
     def rest_of(self, points: F64, *, still: bool = False) -> SolidFit:
         """Who is seen at points (81, 2), without movement.
@@ -185,7 +185,7 @@ class SolidPrior:
         return SolidFit(pose, own, moved, self.at_rest(own), self._solid(amounts))
 
     def _solid(self, amounts: F64) -> F64:
-        return np.asarray(self.mean + np.tensordot(amounts, self._modes, 1))
+        return _moved(self.mean, amounts, self._modes)
 
     def _step(
         self, points: F64, pose: HeadPose, amounts: F64, middle: F64, precision: F64
@@ -197,18 +197,19 @@ class SolidPrior:
         far = (away**2).sum(1) / (LIMITS.outlier_deviations * sigma) ** 2
         weight = 1 / (sigma * np.sqrt(1 + far))
         x, y, z = turned.T
-        none, one = np.zeros(POINTS), np.ones(POINTS)
-        turns = pose.scale * np.array([[none, -z], [z, none], [-y, x]])  # of a small rotation about x, y, z
-        placed = np.array([[x, y], [one, none], [none, one]])
-        modes = (pose.scale * pose.rotation[:2]) @ self._modes.transpose(0, 2, 1)
-        design = np.concatenate([turns, placed, modes])
+        size = 6  # turns about x, y, z, scale and translation
+        design = np.zeros((size + len(amounts), 2, POINTS))
+        design[0, 1], design[1, 0], design[2, 0], design[2, 1] = -z, z, -y, x
+        design[:3] *= pose.scale
+        design[3] = x, y
+        design[4, 0] = design[5, 1] = 1
+        np.matmul(pose.scale * pose.rotation[:2], self._modes.transpose(0, 2, 1), out=design[size:])
         design *= weight
         flat = design.reshape(len(design), -1)
         normal, right = flat @ flat.T, flat @ (away.T * weight).ravel()
-        size = len(right) - len(amounts)
-        normal[np.arange(size, len(right)), np.arange(size, len(right))] += precision
+        normal.ravel()[:: len(right) + 1] += np.concatenate([np.zeros(size), precision]) + 1e-9
         right[size:] -= precision * (amounts - middle)
-        step = np.linalg.solve(normal + 1e-9 * np.eye(len(right)), right)
+        step = np.linalg.solve(normal, right)
         rotation = _turned(step[:3]) @ pose.rotation
         scale = float(np.clip(pose.scale + step[3], 0.5 * pose.scale, 2 * pose.scale))
         return HeadPose(rotation, scale, pose.translation + step[4:6]), amounts + step[6:]
@@ -284,9 +285,8 @@ def _normals(solid: F64, triangles: I32) -> F64:
     a, b, c = (solid[triangles[:, k]] for k in range(3))
     area = np.cross(b - a, c - a)
     area *= np.where(area[:, 2:] > 0, -1, 1)  # as seen from the front all face the camera
-    sums = np.zeros_like(solid)
-    for k in range(3):
-        np.add.at(sums, triangles[:, k], area)
+    corners, thrice = triangles.T.ravel(), np.tile(area.T, 3)
+    sums = np.stack([np.bincount(corners, plane, len(solid)) for plane in thrice], axis=1)
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
 
 
@@ -299,6 +299,11 @@ def _first_pose(solid: F64, points: F64) -> HeadPose:
     two = u @ vt
     rotation, scale = np.vstack([two, np.cross(two[0], two[1])]), max(float(lengths.mean()), 1e-6)
     return HeadPose(rotation, scale, RIGID_WEIGHTS @ points - scale * two @ (RIGID_WEIGHTS @ solid))
+
+
+def _moved(mean: F64, amounts: F64, modes: F64) -> F64:
+    """A mean (81, 3) moved by amounts (k,) of modes (k, 81, 3)."""
+    return np.asarray(mean + (amounts @ modes.reshape(len(modes), mean.size)).reshape(mean.shape))
 
 
 def _turned(vector: F64) -> F64:

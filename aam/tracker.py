@@ -242,12 +242,13 @@ class Tracker:
 
     def measured(self, luma: U8, shape: F64) -> Fit | Failed:
         """A shape (81, 2) found by other means, with the residual of the person's texture there."""
-        match = self.match(luma, shape)
-        if isinstance(match, Failed):
-            return match
+        crop = cut(luma, shape, self.reference)
+        if isinstance(crop, Failed):
+            return crop
+        residual = self._matcher.residual(self._sampler.sample(crop.image, crop.to_crop(shape)))
         _, parameters = self._shape_space.encode(shape)
-        carried = not match.residual < self.quality.threshold
-        return Fit(shape, parameters, match.residual, match.confidence, carried)
+        carried = not residual < self.quality.threshold
+        return Fit(shape, parameters, residual, self.quality.confidence(residual), carried)
 
     def starts(self, box: Floating) -> list[F64]:
         """Start shapes (81, 2) for a box x0 y0 x1 y1: the mean shape at a few scales and shifts."""

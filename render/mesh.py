@@ -195,7 +195,7 @@ def spans(snapped: F64, triangles: NDArray[np.integer], width: int, height: int)
     top, middle, bottom = np.take_along_axis(corners, order[:, :, None], axis=1).transpose(1, 0, 2)
     triangle, row = _rows(top[:, 1], bottom[:, 1], height)
     y = row.astype(np.float64) * SUBPIXELS
-    below_middle = y >= middle[triangle, 1]
+    below_middle = y >= middle[:, 1].take(triangle)
     long_edge = _crossing(top, bottom, triangle, y)
     upper, lower = np.concatenate([top, middle]), np.concatenate([middle, bottom])
     short_edge = _crossing(upper, lower, triangle + len(triangles) * below_middle, y)
@@ -221,9 +221,9 @@ def _crossing(start: F64, end: F64, edge: Int, y: F64) -> F64:
     exact.
     """
     (dx, dy), (x0, y0) = (end - start).T, start.T
-    numerator = (x0 * dy - y0 * dx)[edge] + y * dx[edge]
+    numerator = (x0 * dy - y0 * dx).take(edge) + y * dx.take(edge)
     denominator = np.where(dy == 0, 1.0, dy) * SUBPIXELS
-    return np.asarray(np.ceil(numerator / denominator[edge]))
+    return np.asarray(np.ceil(numerator / denominator.take(edge)))
 
 
 def _check_mesh(triangles: NDArray[Any], uv: F32, height: int, width: int) -> None:

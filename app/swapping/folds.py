@@ -45,7 +45,7 @@ class Folds:
             _codes(corners, len(relief.points)) for corners in (sampler.vertices.T, relief.triangles)
         )
         order = np.argsort(every)
-        self._triangle = order[np.searchsorted(every, here, sorter=order)].reshape(h, w)
+        self._triangle = order[np.searchsorted(every, here, sorter=order)].reshape(h, w).astype(np.int32)
         self._triangles = relief.triangles
         self._closing = np.isin(relief.triangles, np.concatenate([EYES, LIPS])).any(1)
         self._to_edges = np.linalg.inv(_edges(relief.points, relief.triangles))
@@ -70,7 +70,7 @@ class Folds:
         share = np.clip((first - narrow) / (first - last), 0, 1).astype(np.float32)
         share[self._closing] = 0
         side = 2 * round(LIMITS.reach_pixels / zoom / 2) + 1
-        wide = cv2.dilate(share[self._triangle], np.ones((side, side), np.uint8))
+        wide = cv2.dilate(share.take(self._triangle), np.ones((side, side), np.uint8))
         return np.asarray(cv2.blur(wide, (side, side)), np.float32)
 
 

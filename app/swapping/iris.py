@@ -11,6 +11,7 @@ them.  RGB 0..255.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -98,14 +99,15 @@ def in_eye(points: Floating, outline: F64, whole: float | None = None) -> F32:
     least, most = (width * share for share in LIMITS.turn)
     height = width if whole is None else min(max(whole, least), most)
     axes = np.array([[x / width, -y / height], [y / width, x / height]], np.float32) / np.float32(width)
-    return np.asarray((np.asarray(points, np.float32) - middle.astype(np.float32)) @ axes, np.float32)
+    away = np.asarray(points, np.float32) - middle.astype(np.float32)
+    return np.asarray((away.reshape(-1, 2) @ axes).reshape(away.shape), np.float32)
 
 
 def whole_width(eye: Group, head: F64, at_rest: F64) -> float:
     """Width in pixels of an eye of a head (81, 2) if it weren't turned, by the length of its nose; shape at rest."""
-    now, then = (float(np.linalg.norm(shape[NOSE_BASE] - shape[NOSE_ROOT])) for shape in (head, at_rest))
+    now, then = (math.dist(shape[NOSE_BASE], shape[NOSE_ROOT]) for shape in (head, at_rest))
     first, last = at_rest[eye][list(CORNERS)]
-    return float(np.linalg.norm(last - first)) * now / max(then, 1e-3)
+    return math.dist(first, last) * now / max(then, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
