@@ -40,9 +40,10 @@ class CpuCompositor(Closing):
         self._background = len(mesh.triangles)
         entries = 256 if self._background < 256 else self._background + 1
         self._id_type = np.uint8 if entries == 256 else np.uint16
-        self._maps = np.zeros((6, entries), np.float32)  # a b c d e f of every triangle; zeros behind them
+        # (a, d), (b, e) and (c, f) of every triangle, zeros behind them: both of a pair are looked up as one number.
+        self._maps = np.zeros((3, entries, 2), np.float32)
         self._ids = Scratch(self._id_type)
-        self._floats = [Scratch(np.float32) for _ in range(3)]
+        self._pairs = [Scratch(np.float64) for _ in range(2)]
         self._warped = Scratch(np.uint8)
         self._bytes = [Scratch(np.uint8) for _ in range(2)]
         self._triples = [Scratch(np.uint8) for _ in range(2)]
@@ -103,18 +104,28 @@ class CpuCompositor(Closing):
 
     def _sample(self, rgba: U8, snapped: F64, box: Box, ids: NDArray[Any]) -> U8:
         """Warped colour and alpha in the box; where no triangle is, any value."""
-        self._maps[:, : self._background] = texture_gradients(snapped, self._mesh)
-        x = np.arange(box.width, dtype=np.float32)
+        gradients = texture_gradients(snapped, self._mesh).reshape(2, 3, -1)
+        self._maps[:, : self._background] = gradients.transpose(1, 2, 0)
+        x = np.arange(box.width, dtype=np.float32).repeat(2)
         y = np.arange(box.height, dtype=np.float32)[:, None]
-        u, v, term = (scratch.view(box.height, box.width) for scratch in self._floats)
-        for place, (along_x, along_y, constant) in zip((u, v), self._maps.reshape(2, 3, -1), strict=True):
-            np.multiply(_look_up(along_x, ids, place), x, out=place)
-            np.multiply(_look_up(along_y, ids, term), y, out=term)
-            np.add(place, term, out=place)
-            np.add(place, _look_up(constant, ids, term), out=place)
-        warped = self._warped.view(box.height, box.width, 4)
-        cv2.remap(rgba, u, v, cv2.INTER_LINEAR, dst=warped, borderMode=cv2.BORDER_REPLICATE)
+        uv = self._texture_places(ids, x, y)
+        warped: U8 = self._warped.view(box.height, box.width, 4)
+        cv2.remap(rgba, uv, None, cv2.INTER_LINEAR, dst=warped, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         return warped
+
+    def _texture_places(self, ids: NDArray[Any], x: F32, y: F32) -> F32:
+        """(h, w, 2) texture pixels of pixels of triangles (h, w) in columns x (2 w,), each twice, and rows y (h, 1)."""
+        along_x, along_y, constant = self._maps.view(np.float64)[..., 0]
+        places, terms = (scratch.view(*ids.shape) for scratch in self._pairs)
+        place, term = places.view(np.float32), terms.view(np.float32)  # (h, 2 w): u, v, u, v ..
+        _look_up(along_x, ids, places)
+        place *= x
+        _look_up(along_y, ids, terms)
+        term *= y
+        place += term
+        _look_up(constant, ids, terms)
+        place += term
+        return place.reshape(*ids.shape, 2)
 
     def _share(self, warped: U8, ids: NDArray[Any], opacity: float) -> U8:
         """The face's share of each pixel in 255ths; 0 where no triangle is."""
@@ -149,9 +160,8 @@ def _divide_by_255(value: NDArray[np.uint16], spare: NDArray[np.uint16]) -> None
     value >>= 8
 
 
-def _look_up(table: F32, ids: NDArray[Any], out: F32) -> F32:
+def _look_up(table: F64, ids: NDArray[Any], out: F64) -> None:
     if ids.dtype == np.uint8:
         cv2.LUT(ids, table, dst=out)  # several times faster than take, but only for 256 entries
     else:
         np.take(table, ids, out=out, mode="clip")
-    return out
