@@ -102,6 +102,8 @@ class Extrapolator:
 
     def apply(self, parameters: F32, share: float = 1.0) -> F32:
         """Target appearance (n,) of source parameters rho_s (k,), of whose way from rest a share is taken."""
+        if share == 0:
+            return self._base.copy()
         away = np.float32(share) * (parameters - self._rest)
         made = self._matrix @ away
         made += self._base
