@@ -146,16 +146,16 @@ class Irises:
     @property
     def colour(self) -> F32:
         """(3,) RGB of the iris, shares of the white."""
-        return np.asarray(self.at(np.linspace(*LIMITS.iris, LIMITS.rings, dtype=np.float32)).mean(0))
+        return np.asarray(self.at(np.linspace(*LIMITS.iris, LIMITS.rings, dtype=np.float32)).mean(1))
 
     def at(self, away: F32, profile: F32 | None = None) -> F32:
-        """(..., 3) shares of the white at distances from the middle, radii; or of another profile (rings, ...)."""
-        profile = self.profile if profile is None else profile
+        """(3, ...) shares of the white at distances from the middle, radii; or of another profile (..., rings)."""
+        profile = self.profile.T if profile is None else profile
         rings = LIMITS.rings / LIMITS.reach * away - np.float32(0.5)
         ring = np.clip(rings, 0, LIMITS.rings - 1.001)
         low = ring.astype(np.intp)
-        share = (ring - low).astype(np.float32).reshape(*low.shape, *(1,) * (profile.ndim - 1))
-        return np.asarray(profile.take(low, 0) * (1 - share) + profile.take(low + 1, 0) * share)
+        share = (ring - low).astype(np.float32)
+        return np.asarray(profile.take(low, -1) * (1 - share) + profile.take(low + 1, -1) * share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,30 +319,32 @@ class IrisTint:
             return picture
         pixels = picture.reshape(-1, 3)
         bright = white(pixels.take(self._inside, 0))
-        seen = pixels.take(self._looked_at, 0) / bright
+        seen = (pixels.take(self._looked_at, 0) / bright).T
         if self._lightness < 0.5:
-            seen = (1 - seen) @ self._direction
+            seen = self._direction @ (1 - seen)
         found = self._found(seen, places.reshape(-1, 2).take(self._looked_at, 0))
         x, y = np.moveaxis(places - self._change.gaze.settle(self._eye, found), -1, 0)
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
         near = np.flatnonzero(away < max(LIMITS.border[0], LIMITS.painted_border[0]))
-        before, there, light = pixels.take(near, 0), away.take(near), self._lightness
-        painted = self._painted(picture, bright, away, near) if self._lightens or light > 0 else before
+        before, there, light = np.ascontiguousarray(pixels.take(near, 0).T), away.take(near), self._lightness
+        painted = (
+            self._painted(picture, bright, away, near, before) if self._lightens or light > 0 else before
+        )
         change = np.zeros_like(before)
         if light < 1:
-            other = painted - before if self._lightens else (self._gain - 1) * before
-            share = self._share(before / bright) * _within(there, LIMITS.border)
-            change += (1 - light) * share[:, None] * other
+            other = painted - before if self._lightens else (self._gain[:, None] - 1) * before
+            share = self._share(before / bright[:, None]) * _within(there, LIMITS.border)
+            change += (1 - light) * share * other
         if light > 0:
-            change += light * _within(there, LIMITS.painted_border)[:, None] * (painted - before)
+            change += light * _within(there, LIMITS.painted_border) * (painted - before)
         changed = pixels.copy()
-        changed[near] = before + change * (np.float32(strength) * self._lids.take(near))[:, None]
+        changed[near] = (before + change * (np.float32(strength) * self._lids.take(near))).T
         return changed.reshape(picture.shape)
 
     def _found(self, seen: F32, places: F32) -> F64:
         """(2,) where the iris is most likely, by pixels at places (n, 2).
 
-        seen : (n,) how unlike white they are; of a light iris (n, 3) their colours, shares of the white.
+        seen : (n,) how unlike white they are; of a light iris (3, n) their colours, shares of the white.
         """
         light = seen.ndim == 2
         start = self._change.gaze.parsed[self._eye]
@@ -357,39 +359,40 @@ class IrisTint:
         return np.asarray(best)
 
     def _differences(self, seen: F32, away: F32) -> F32:
-        """(k,) mean difference of colours (n, 3) from the iris at rest, at distances (k, n) from its middle, radii."""
+        """(k,) mean difference of colours (3, n) from the iris at rest, at distances (k, n) from its middle, radii."""
         near = away < LIMITS.ring
-        unlike = np.minimum(np.abs(seen - self._change.source.at(away)).sum(-1), LIMITS.max_difference)
+        off = seen[:, None] - self._change.source.at(away)
+        unlike = np.minimum(np.abs(off).sum(0), LIMITS.max_difference)
         return np.asarray((unlike * near).sum(1) / np.maximum(near.sum(1), 1))
 
     def _share(self, shares: F32) -> F32:
-        """(n,) share in [0, 1] by which pixels (n, 3), shares of the white, have the colours of the source's iris."""
-        unlike_white = (1 - shares) @ self._direction
-        off = 1 - shares - unlike_white[:, None] * self._contrast
+        """(n,) share in [0, 1] by which pixels (3, n), shares of the white, have the colours of the source's iris."""
+        unlike_white = self._direction @ (1 - shares)
+        off = 1 - shares - unlike_white * self._contrast[:, None]
         none, every = LIMITS.unlike[self._lightens]
-        share = _within(np.sqrt(np.square(off).sum(1)), LIMITS.other_colour[::-1])
+        share = _within(np.sqrt(np.square(off).sum(0)), LIMITS.other_colour[::-1])
         return np.asarray(share * np.clip((unlike_white - none) / np.float32(every - none), 0, 1))
 
-    def _painted(self, picture: F32, bright: F32, away: F32, near: Int) -> F32:
-        """Pixels (n, 3) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
-        source, there, pixels = self._change.source, away.take(near), picture.reshape(-1, 3).take(near, 0)
+    def _painted(self, picture: F32, bright: F32, away: F32, near: Int, pixels: F32) -> F32:
+        """Pixels (3, n) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
+        source, there, white = self._change.source, away.take(near), bright[:, None]
         own, other = source.at(there), self._dimmed * self._change.target.at(there)
-        usual = own * bright
+        usual = own * white
         inner = np.clip((1 - there) / np.float32(1 - LIMITS.edges[0]), 0, 1)
         brighter = pixels - usual
-        gleams = np.clip((brighter @ LUMA / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2, 0, 1)
-        catch_light = np.maximum(brighter, 0) * (gleams * inner)[:, None]
-        pixels -= catch_light
+        gleams = np.clip((LUMA @ brighter / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2, 0, 1)
+        catch_light = np.maximum(brighter, 0) * (gleams * inner)
+        matt = pixels - catch_light
         above, below = (
             picture @ LUMA,
-            source.at(away, np.asarray((source.profile * bright) @ LUMA, np.float32)),
+            source.at(away, np.asarray(LUMA @ (source.profile * bright).T, np.float32)),
         )
-        above.ravel()[near] = pixels @ LUMA
+        above.ravel()[near] = LUMA @ matt
         seen, at_rest = (cv2.GaussianBlur(p, (0, 0), self._blur).take(near) for p in (above, below))
-        shade = np.clip(seen / np.maximum(at_rest, 4), *LIMITS.shade)[:, None]
-        structure = pixels - usual * shade
+        shade = np.clip(seen / np.maximum(at_rest, 4), *LIMITS.shade)
+        structure = matt - usual * shade
         structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
-        return np.asarray(other * bright * shade + catch_light + structure, np.float32)
+        return np.asarray(other * white * shade + catch_light + structure, np.float32)
 
 
 def _within(away: F32, border: tuple[float, float]) -> F32:
