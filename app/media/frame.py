@@ -187,8 +187,12 @@ class Frame:
             return plane[y0 : y0 + h, x0 : x0 + w]
         cx0, cx1, left = self._cells(x0, w, 0)
         cy0, cy1, top = self._cells(y0, h, 1)
-        size = ((cx1 - cx0) << self._shift[0], (cy1 - cy0) << self._shift[1])
-        up = cv2.resize(plane[cy0:cy1, cx0:cx1], size, interpolation=cv2.INTER_NEAREST)
+        up = plane[cy0:cy1, cx0:cx1]
+        for _ in range(
+            self._shift[0]
+        ):  # every sample twice, as a word of two bytes: many times faster than cv2.resize
+            up = (up.astype(np.uint16, order="C") * np.uint16(0x101)).view(np.uint8)
+        up = up.repeat(1 << self._shift[1], axis=0)
         return np.asarray(up[top : top + h, left : left + w], np.uint8)
 
     def write_roi(self, x0: int, y0: int, yuv: Plane) -> None:
