@@ -72,7 +72,6 @@ class Extrapolator:
         self._amounts = yt.T @ ys
         self._most = None if max_deviations is None else max_deviations * target.components.deviations
         self._bases = ys, yt
-        self._modes = np.ascontiguousarray(yt.T)  # in which a few are faster to read than columns
         self._shown = np.ones((1, 1), np.float32) if moving is None else _weights(moving, source.reference)
         self._soft = _weights(gate + (1 - gate) * expressive_mask(source.reference), source.reference)
         self._base = turned_neutral(target, source) if anchored else target.components.mean
@@ -112,7 +111,7 @@ class Extrapolator:
             excess = amounts - np.clip(amounts, -self._most, self._most)
             beyond = np.flatnonzero(excess)
             if len(beyond):
-                made -= self._shown[:, 0] * (excess[beyond] @ self._modes[beyond])
+                made -= self._shown[:, 0] * (self._bases[1][:, beyond] @ excess[beyond])
         return np.asarray(made, np.float32)
 
 

@@ -22,8 +22,8 @@ DATA = Path(__file__).parent / "data" / "solid_shape.npz"
 
 PULL_DEGREES = (10.0, 30.0)  # of turn, between which points begin to be drawn to the solid shape
 # Share of the way to the solid shape of a turned head: eyes and lips do more than its movements know.
-PULL: F64 = np.full(POINTS, 0.7)
-PULL[EYES_AND_LIPS] = 0.5
+PULL: F64 = np.full(POINTS, 0.35)
+PULL[EYES_AND_LIPS] = 0.25
 PULL.setflags(write=False)
 DEPTH_DEGREES = (8.0, 22.0)  # of turn, between which depth comes in: poses are noisy
 

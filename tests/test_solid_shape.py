@@ -128,7 +128,7 @@ def test_points_pulled_to_the_known_face_lie_nearer_to_the_truth() -> None:
         found = truth + rng.normal(0, 2.0, truth.shape)
         before.append(np.linalg.norm(found - truth, axis=1).mean())
         after.append(np.linalg.norm(pulled(found, tracker.update(found)) - truth, axis=1).mean())
-    assert np.mean(after) < 0.7 * np.mean(before)
+    assert np.mean(after) < 0.8 * np.mean(before)
 
 
 def test_points_of_a_straight_face_are_as_they_are_tracked() -> None:

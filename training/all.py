@@ -162,6 +162,9 @@ class Plan:
         turns, views = self.work / "turns", self.work / "views.npz"
         yield Task("turns", [command("render_turns", program=self.program, out=turns)], turns / "complete")
         yield Task("views", [command("views", turns=turns, out=views)], views)
+        points = self.work / "point_correction.npz"
+        correct = command("point_correction", swaps=self.work / "swaps", turns=turns, out=points)
+        yield Task("points", [correct], points)
 
     def _swaps(self, parts: Path) -> list[tuple[str, ...]]:
         """Commands that divide the groups of four people among the processes."""
@@ -200,6 +203,7 @@ class Plan:
             self.work / "light" / "light.md": DATA / "light.md",
             self.work / "placement.npz": DATA / "placement.npz",
             self.work / "views.npz": DATA / "views.npz",
+            self.work / "point_correction.npz": DATA / "point_correction.npz",
             self.work / "solid_shape.npz": DATA / "solid_shape.npz",
             self.work / "relief.npz": DATA / "relief.npz",
             self.work / "shading.npz": DATA / "shading.npz",

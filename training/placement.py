@@ -1,6 +1,6 @@
 """Learn where another's features lie on a head, from rendered swaps.
 
-    python -m training.placement --swaps PARTS
+    python -m training.placement --swaps PARTS [--first-weights placement.npz --runs 4]
 
 PARTS is the output of `render_swaps.py`. The shipped landmarker finds the points of donors and scenes, so that they are
 defined, and err, as in real clips; where the donor's features belong is known from the truths. A small network corrects
@@ -166,16 +166,25 @@ def _miss(found: F64, exact: F64) -> float:
     return float(np.linalg.norm(found - exact, axis=1).mean() / np.ptp(exact[:, 0]))
 
 
-def train(inputs: F64, away: F64, steps: int, seed: int = 0) -> dict[str, np.ndarray]:
-    """Weights of the network."""
+def train(
+    inputs: F64, away: F64, steps: int, seed: int = 0, first: dict[str, np.ndarray] | None = None
+) -> dict[str, np.ndarray]:
+    """Weights of the network, which may go on from others."""
     torch.manual_seed(seed)
     centre, scale = inputs.mean(0), inputs.std(0) + 1e-3
+    if first is not None:
+        centre, scale = first["centre"].astype(np.float64), first["scale"].astype(np.float64)
     x, y = (torch.tensor(a, dtype=torch.float32) for a in ((inputs - centre) / scale, 100 * away))
     hidden = [nn.Linear(x.shape[1], HIDDEN), nn.SiLU(), nn.Dropout(0.1)]
     net = nn.Sequential(
         *hidden, nn.Linear(HIDDEN, HIDDEN), nn.SiLU(), nn.Dropout(0.1), nn.Linear(HIDDEN, y.shape[1])
     )
     nn.init.zeros_(net[-1].weight)
+    layers = [layer for layer in net if isinstance(layer, nn.Linear)]
+    for number, layer in enumerate(layers if first is not None else []):
+        factor = 100 / KEPT if layer is layers[-1] else 1.0
+        layer.weight.data = torch.tensor(first[f"weight_{number}"].T * factor, dtype=torch.float32)
+        layer.bias.data = torch.tensor(first[f"bias_{number}"] * factor, dtype=torch.float32)
     optimiser = torch.optim.AdamW(net.parameters(), 2e-3, weight_decay=0.05)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 2e-3, steps)
     for _ in range(steps):
@@ -187,12 +196,21 @@ def train(inputs: F64, away: F64, steps: int, seed: int = 0) -> dict[str, np.nda
         optimiser.step()
         schedule.step()
     weights = {"centre": centre, "scale": scale}
-    for number, layer in enumerate(layer for layer in net if isinstance(layer, nn.Linear)):
+    for number, layer in enumerate(layers):
         weights[f"weight_{number}"] = layer.weight.detach().numpy().T
         weights[f"bias_{number}"] = layer.bias.detach().numpy()
     for name in (f"weight_{number}", f"bias_{number}"):
         weights[name] *= KEPT / 100
     return {name: np.asarray(value, np.float32) for name, value in weights.items()}
+
+
+def mean_of(some: list[dict[str, np.ndarray]], first: dict[str, np.ndarray] | None) -> dict[str, np.ndarray]:
+    """The mean of the weights of some runs, and with those from which they went on: nearer to the truth than one run.
+
+    Wortsman et al., Model soups, ICML 2022.
+    """
+    mean = {name: np.mean([one[name] for one in some], axis=0, dtype=np.float32) for name in some[0]}
+    return mean if first is None else {name: (value + first[name]) / 2 for name, value in mean.items()}
 
 
 def _report(name: str, missed: F64) -> None:
@@ -212,6 +230,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--swaps", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=4000)
+    parser.add_argument("--first-weights", type=Path, help="placement.npz to go on from")
+    parser.add_argument("--runs", type=int, default=1, help="of which the mean is taken")
     parser.add_argument("--out", type=Path, default=OUT)
     given = parser.parse_args()
     torch.set_num_threads(1)
@@ -225,10 +245,12 @@ def main() -> None:
     held = number % HELD_OUT == 0
     judged = held & (steady == 0)
     _report("rule", away[judged])
-    _write(given.out, train(inputs[~held], away[~held], given.steps))
+    first = dict(np.load(given.first_weights)) if given.first_weights else None
+    _write(given.out, train(inputs[~held], away[~held], given.steps, first=first))
     network = Placement(given.out)
     _report("network", away[judged] - [network(one).ravel() for one in inputs[judged]])
-    _write(given.out, train(inputs, away, given.steps))
+    runs = [train(inputs, away, given.steps, seed, first) for seed in range(given.runs)]
+    _write(given.out, mean_of(runs, first))
     print(
         f"{len(inputs)} swaps of {len(set(number))} groups; {given.out.name} {given.out.stat().st_size} bytes"
     )

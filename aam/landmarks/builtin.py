@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks.correction import shipped
 from guise.aam.landmarks.crops import MIN_SIDE_PIXELS, crop_to_picture, upright_square
 from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
@@ -117,6 +118,8 @@ class BuiltinLandmarker:
     turned : sequence of int
         Other rolls, in quarter turns, that are searched where no upright face is confident; see
         `guise.aam.landmarks.rolls`.
+    corrected : bool
+        Whether the points are corrected by what they usually lack, see `guise.aam.landmarks.correction`.
     """
 
     name = "builtin"
@@ -126,6 +129,8 @@ class BuiltinLandmarker:
         detector: BoxDetector | None = None,
         threads: int = 1,
         turned: Sequence[int] = TURNED,
+        *,
+        corrected: bool = True,
     ) -> None:
         if detector is None:
             from guise.aam.landmarks.detector import FaceDetector
@@ -135,6 +140,7 @@ class BuiltinLandmarker:
         self._turned = tuple(turned)
         self._session = ShippedNetwork("landmarks.onnx", threads)
         self._calibration = calibration()
+        self._correction = shipped() if corrected else None
 
     def detect(self, rgb: U8) -> list[Face]:
         """All faces, largest box first; confidence is a probability, see `Calibration`.
@@ -205,7 +211,8 @@ class BuiltinLandmarker:
         if confidence < LIMITS.min_confidence:
             return None
         eyes = float(interocular(found.points))
-        return Face.around(found.points, confidence, self._calibration.of_points(found.sigma, eyes))
+        points = found.points if self._correction is None else self._correction(found.points)
+        return Face.around(points, confidence, self._calibration.of_points(found.sigma, eyes))
 
     def _is_hopeful(self, first: Prediction) -> bool:
         return (
