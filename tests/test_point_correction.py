@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.correction import PointCorrection, features, made_upright, shipped, turn_of
-from guise.aam.landmarks.schemes import JAW, MIRROR
+from guise.aam.landmarks.schemes import JAW, LEFT_EYE, MIRROR, RIGHT_EYE
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64, U8
 
@@ -87,3 +87,11 @@ def test_features_of_upright_points() -> None:
     assert abs(turns[1]) < 0.1 * abs(turns[0])
     axes = np.zeros((162, 4), np.float32)
     assert features(upright, upright[1], axes, np.ones(3, np.float32)).shape == (3, 1 + 3 * 4 + 3)
+
+
+def test_the_opening_of_an_eye_is_not_corrected() -> None:
+    points = turned(45)
+    change = shipped()(points) - points
+    for eye in (LEFT_EYE, RIGHT_EYE):
+        assert_allclose(change[eye], np.tile(change[eye].mean(0), (len(eye), 1)), atol=1e-3)
+    assert np.abs(change[LEFT_EYE]).max() > 0.05
