@@ -53,10 +53,13 @@ class FaceView:
 
 @cache
 def landmarker() -> BuiltinLandmarker:
-    """The built-in landmarker of upright faces, as the search itself turns the mesh; for one thread at a time."""
+    """The built-in landmarker of upright faces, as the search itself turns the mesh; for one thread at a time.
+
+    Its points are as found: what they lack in pictures of people isn't what they lack in shaded heads.
+    """
     from guise.aam.landmarks.builtin import BuiltinLandmarker
 
-    return BuiltinLandmarker(turned=())
+    return BuiltinLandmarker(turned=(), corrected=False)
 
 
 def find_face_views(mesh: Mesh) -> Iterator[FaceView]:

@@ -65,12 +65,12 @@ def beginning(video: Path, seconds: float, output: Path) -> Path:
     return output
 
 
-def enrolled(clip: Path) -> Path:
-    """The model beside a clip, enrolled from it with default options unless it is there."""
+def enrolled(clip: Path, *others: Path) -> Path:
+    """The model beside a clip, enrolled from it, and others, with default options unless it is there."""
     model = clip.with_suffix(".guise")
     if not model.exists():
         common.say(f"enrolling {clip.stem}")
-        ran([*GUISE, "enroll", clip, "-o", model, "--quiet"])
+        ran([*GUISE, "enroll", clip, *others, "-o", model, "--quiet"])
     return model
 
 
