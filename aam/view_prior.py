@@ -59,7 +59,7 @@ class ViewPrior:
         known = np.clip(known, -MAX_FEATURE, MAX_FEATURE)
         known /= max(
             1.0, float(np.sqrt(np.square(known).mean()))
-        )  # nobody is stranger than those it was learnt from
+        )  # nobody is stranger than those seen before
         made = self._weights[0] + known @ self._weights[1:]
         return np.asarray(made @ self._changes).reshape(len(TURNS), -1)
 
@@ -97,18 +97,13 @@ class SideViews:
         reference, known = person.reference, person.views
         changes = shipped()(person.appearance.neutral_texture, rest, reference)
         if known is not None:
-            for i, yaw in enumerate(YAWS):
-                for here, seen, sure in zip(known.yaws, known.changes, known.sure, strict=True):
-                    if yaw == here:
-                        changes[i] += sure * (seen - changes[i])
-        soft = cv2.GaussianBlur(
-            person.appearance.mask.astype(np.float32),
-            (0, 0),
-            LIMITS.aperture_face_widths * reference.resolution,
-        )
+            at = np.searchsorted(YAWS, known.yaws)
+            changes[at] += known.sure * (known.changes - changes[at])
+        sigma = LIMITS.aperture_face_widths * reference.resolution
+        soft = cv2.GaussianBlur(person.appearance.mask.astype(np.float32), (0, 0), sigma)
         changes *= changing(reference) * soft[reference.mask]
-        at = int(np.searchsorted(YAWS, 0))
-        return cls(np.insert(np.array(YAWS), at, 0.0), np.insert(np.exp(changes), at, 1.0, axis=0))
+        front = int(np.searchsorted(YAWS, 0))
+        return cls(np.insert(np.array(YAWS), front, 0.0), np.insert(np.exp(changes), front, 1.0, axis=0))
 
     def at(self, yaw: float) -> F32:
         """(n,) factors at a yaw; beyond the outermost views they are theirs."""

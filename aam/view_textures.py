@@ -72,9 +72,9 @@ class ViewTextures:
 
     def packed(self) -> dict[str, NDArray[Any]]:
         """As a model file holds them."""
-        levels = np.round(self.changes * (_LEVELS / LIMITS.max_change))
-        arrays = self.yaws, np.clip(levels, -_LEVELS, _LEVELS).astype(np.int8), np.round(self.sure * 255)
-        return dict(zip(_FIELDS, (*arrays[:2], arrays[2].astype(np.uint8)), strict=True))
+        levels = np.clip(np.round(self.changes * (_LEVELS / LIMITS.max_change)), -_LEVELS, _LEVELS)
+        arrays = self.yaws, levels.astype(np.int8), np.round(self.sure * 255).astype(np.uint8)
+        return dict(zip(_FIELDS, arrays, strict=True))
 
     @classmethod
     def unpacked(cls, tensors: dict[str, NDArray[Any]], reference: ReferenceFrame) -> ViewTextures | None:
@@ -85,6 +85,8 @@ class ViewTextures:
         expected = len(yaws), len(reference.pixels)
         if levels.shape != expected or sure.shape != expected:
             raise ValueError(f"{_FIELDS[1]} is {levels.shape}, not {expected}")
+        if not np.isin(yaws, YAWS).all():
+            raise ValueError(f"{_FIELDS[0]} are {yaws.tolist()}")
         scale = np.float32(LIMITS.max_change / _LEVELS)
         return cls(yaws.astype(np.float64), levels * scale, sure.astype(np.float32) / np.float32(255))
 

@@ -132,6 +132,13 @@ def test_views_of_another_length_are_refused(person: Identity, part: str, tmp_pa
         Identity.load(tmp_path / "m.guise")
 
 
+def test_views_of_other_yaws_are_refused(person: Identity, tmp_path: Path) -> None:
+    assert person.views is not None
+    replace(person, views=replace(person.views, yaws=np.array([-20.0, 36.0]))).save(tmp_path / "m.guise")
+    with pytest.raises(ModelError, match="damaged"):
+        Identity.load(tmp_path / "m.guise")
+
+
 def test_views_follow_another_resolution(person: Identity) -> None:
     finer = person.at_resolution(64)
     assert finer.views is not None
