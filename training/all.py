@@ -171,7 +171,7 @@ class Plan:
         share = -(-self.groups // self.processes)
         return [
             command(
-                "render_swaps", program=self.program, first=first, groups=min(share, self.groups - first),
+                "render_swaps", program=self.program, first=first, count=min(share, self.groups - first),
                 out=parts,
             )
             for first in range(0, self.groups, share)

@@ -1,6 +1,6 @@
 """Renders what the learned light is trained on: a head in some light, the same frame with another's face, that other.
 
-    python -m training.render_swaps --program DIR --first 0 --groups 100 --out PARTS
+    python -m training.render_swaps --program DIR --first 0 --count 100 --out PARTS
 
 DIR holds the renderer (`make_swap_truth.py` and what it imports). A group is four random people who do not exist,
 drawn as for `render_people.py`. Every one of them is rendered in scenes of their own (hard, warm and coloured lights,
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -288,27 +289,33 @@ def load(folder: Path, size: int) -> Setup:
     return Setup(p, renderer, Labeller(renderer, render_people.regions(p)), size)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def render_files(
+    prefix: str, make: Callable[[Setup, int], dict], description: str, count: int, size: int
+) -> None:
+    """A command that writes what is made of each number into a file of its own, unless it is there.
+
+    count, size : by default, of numbers and of the pictures' sides in pixels.
+    """
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--program", type=Path, required=True, help="folder of the renderer")
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--groups", type=int, default=100)
-    parser.add_argument("--size", type=int, default=144)
+    parser.add_argument("--count", type=int, default=count)
+    parser.add_argument("--size", type=int, default=size)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)
     setup, start = load(options.program, options.size), time.time()
-    for number in range(options.first, options.first + options.groups):
-        path = options.out / f"group_{number:05d}.npz"
+    for number in range(options.first, options.first + options.count):
+        path = options.out / f"{prefix}_{number:05d}.npz"
         if path.exists():
             continue
         unfinished = path.with_suffix(".partial")
         with unfinished.open("wb") as file:
-            np.savez(file, **group(setup, number))
+            np.savez(file, **make(setup, number))
         unfinished.replace(path)
-        print(f"{number + 1 - options.first} groups, {time.time() - start:.0f} s", flush=True)
+        print(f"{number + 1 - options.first} of {options.count}, {time.time() - start:.0f} s", flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    render_files("group", group, __doc__.splitlines()[0], count=100, size=144)

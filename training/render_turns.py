@@ -1,6 +1,6 @@
 """Renders what the expected views of a face are trained on: people at rest, from the front and turned.
 
-    python -m training.render_turns --program DIR --first 0 --people 600 --out PARTS
+    python -m training.render_turns --program DIR --first 0 --count 600 --out PARTS
 
 DIR holds the renderer, as for `render_swaps.py`.  People, who do not exist, are drawn without hair in one mild light
 each, which stays where it is as the head turns to `YAWS`.  They depend only on their number.
@@ -11,15 +11,11 @@ Each person_NNNNN.npz holds pictures as JPEG in `jpeg` (bytes, concatenated) and
 
 from __future__ import annotations
 
-import argparse
-import time
-from pathlib import Path
-
 import cv2
 import numpy as np
 
 from training.render_people import random_expression
-from training.render_swaps import Cast, Setup, draw, load, mild_light, release, scene_at
+from training.render_swaps import Cast, Setup, draw, mild_light, release, render_files, scene_at
 
 YAWS = (-50, -35, -20, 0, 20, 35, 50)  # degrees; the front is in the middle
 SPREAD_DEGREES = 3.0  # standard deviation about them, and of the nod
@@ -50,27 +46,5 @@ def person(setup: Setup, number: int) -> dict:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--program", type=Path, required=True, help="folder of the renderer")
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--people", type=int, default=600)
-    parser.add_argument("--size", type=int, default=256)
-    parser.add_argument("--out", type=Path, required=True)
-    options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    cv2.setNumThreads(1)
-    setup, start = load(options.program, options.size), time.time()
-    for number in range(options.first, options.first + options.people):
-        path = options.out / f"person_{number:05d}.npz"
-        if path.exists():
-            continue
-        unfinished = path.with_suffix(".partial")
-        with unfinished.open("wb") as file:
-            np.savez(file, **person(setup, number))
-        unfinished.replace(path)
-        print(f"{number + 1 - options.first} people, {time.time() - start:.0f} s", flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    render_files("person", person, __doc__.splitlines()[0], count=600, size=256)

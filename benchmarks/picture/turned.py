@@ -174,6 +174,20 @@ def similarity(scene: Path, video: Path, donor: Clip, recognise: Recogniser) -> 
     return np.array([np.mean(some) for some in found])
 
 
+def known_turned(
+    scene: Path, exact: Path, donor: Clip, recognise: Recogniser, options: argparse.Namespace
+) -> list[Row]:
+    """The scene, gain, shape error and similarities of a swap whose donor is `turned_donor`; empty without one."""
+    source, identity = pair_of(scene.name)
+    known = turned_donor(options, identity)
+    if known is None:
+        return []
+    folder = options.work / "turned" / scene.name
+    video = swapped(folder / "source.mp4", model(options, source), known, folder / "known.mp4").video
+    _, gain, shape, _ = of_turn(judged(scene, video, exact, options.shared), *TURNS_DEGREES[-1])
+    return [(scene.name, gain, shape, *similarity(scene, video, donor, recognise))]
+
+
 def curves(video: Path) -> F64:
     """(t, 2) openings of mouth and lids in widths of the face as it is from the front, NaN without a face."""
     tracker, solid, rows = FaceTracker(open_landmarker("builtin")), SolidTracker(), []
@@ -234,16 +248,7 @@ def measure(options: argparse.Namespace) -> Report:
             common.say(str(table[-1]))
         turned.append(table[-1][3:])
         lost.append(not_swapped)
-        seen_turned = turned_donor(options, pair_of(scene.name)[1])
-        if seen_turned is not None:
-            known = swapped(
-                video.with_name("source.mp4"),
-                model(options, pair_of(scene.name)[0]),
-                seen_turned,
-                video.with_name("known.mp4"),
-            ).video
-            _, *figures = of_turn(judged(scene, known, exact, options.shared), *TURNS_DEGREES[-1])
-            knows.append((scene.name, *figures[:2], *similarity(scene, known, donor, recognise)))
+        knows += known_turned(scene, exact, donor, recognise, options)
     gain, shape, beyond = np.array(turned, float).T
     front, half = np.array([row[2:] for row in alike if row[1] == "swapped"], float).T
     criteria = [
