@@ -34,7 +34,7 @@ from guise.common.arrays import F64
 class RenderLimits:
     """How far a swap reaches beyond the face's outline, and what follows what the audit finds."""
 
-    jaw_face_widths: float = 0.05  # wide enough to hide the own outline, even where a rolled head is found less exactly
+    jaw_face_widths: float = 0.05  # hides the own outline even where a rolled head is found less exactly
     forehead_face_widths: float = 0.28
     audit_margin_frames: int = 3  # covered before and after a detection of the audit
     max_repeats: int = 3  # of a segment in which the audit found faces
