@@ -284,9 +284,7 @@ def train_identity(
         options=options.tracker,
         progress=lambda share: progress(0.2 + 0.75 * share),
     )
-    error = held_out_error(tracker, [observations[i] for i in choice.held_out if i in observations])
-    if np.isfinite(error):
-        tracker = replace(tracker, quality=replace(tracker.quality, error=error))
+    tracker = _judged(tracker, [observations[i] for i in choice.held_out if i in observations])
     progress(1.0)
     appearance, detail = detailed(appearance, at_rest)
     views = learn_views([o.region for o in training], appearance.neutral_shape, reference)
@@ -305,6 +303,12 @@ def train_identity(
         },
         views,
     )
+
+
+def _judged(tracker: Tracker, held_out: Sequence[Observation]) -> Tracker:
+    """A tracker that knows its error on frames that it was not trained on, if there are any."""
+    error = held_out_error(tracker, held_out)
+    return replace(tracker, quality=replace(tracker.quality, error=error)) if np.isfinite(error) else tracker
 
 
 def _at_rest(observations: dict[int, Observation], choice: Choice) -> tuple[list[Observation], RestFrame]:

@@ -33,8 +33,8 @@ from guise.aam.landmarks.schemes import (
     RIGHT_TEMPLE,
     UPPER_LIP_TOP,
 )
-from guise.common.arrays import F32, F64, I32, U8, Bool
-from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps
+from guise.common.arrays import F32, F64, U8, Bool
+from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps, whole
 from training.data import Labelled
 from training.occluders import Cutout, occluder, strands_of_hair
 from training.parsing_labels import BACKGROUND, FACIAL_HAIR, GLASSES, HAIR, OCCLUDER
@@ -293,8 +293,8 @@ def _beard(rng: Rng, canvas: Canvas) -> None:
                 points[UPPER_LIP_TOP],
             ]
         )
-    cv2.fillPoly(area, [_whole(chain)], 255)
-    cv2.fillPoly(area, [_whole(points[OUTER_LIPS])], 0)
+    cv2.fillPoly(area, [whole(chain)], 255)
+    cv2.fillPoly(area, [whole(points[OUTER_LIPS])], 0)
     _hair_over(rng, canvas, area, rng.uniform(1, 3), rng.uniform(0.5, 0.95), FACIAL_HAIR)
 
 
@@ -306,7 +306,7 @@ def _fringe(rng: Rng, canvas: Canvas) -> None:
     towards = np.linspace(brows[0], brows[9], 13)
     edge = forehead + depth * (towards - forehead) + rng.normal(0, 0.06, (13, 1)) * up
     area = np.zeros((SIZE, SIZE), np.uint8)
-    cv2.fillPoly(area, [_whole(np.concatenate([edge, (forehead + 0.9 * up)[::-1]]))], 255)
+    cv2.fillPoly(area, [whole(np.concatenate([edge, (forehead + 0.9 * up)[::-1]]))], 255)
     if rng.random() < 0.75:
         _hair_over(rng, canvas, area, rng.uniform(0.7, 3), rng.uniform(0.7, 1), HAIR)
         return
@@ -321,7 +321,6 @@ def _glasses(rng: Rng, canvas: Canvas) -> None:
     right, left = points[RIGHT_EYE], points[LEFT_EYE]
     across = left.mean(0) - right.mean(0)
     gap = float(np.linalg.norm(across)) + 1e-6
-    turn = float(np.degrees(np.arctan2(across[1], across[0])))
     colour = tuple(
         int(c) for c in (rng.integers(0, 60, 3) if rng.random() < 0.7 else rng.integers(0, 256, 3))
     )
@@ -331,55 +330,58 @@ def _glasses(rng: Rng, canvas: Canvas) -> None:
     lens_colour = rng.integers(0, 90, 3)
     tint = rng.uniform(0.6, 0.98) if rng.random() < 0.2 else rng.uniform(0, 0.25)
     drop = rng.uniform(0, 0.1) * gap * np.array([-across[1], across[0]]) / gap
+    angle = float(np.arctan2(across[1], across[0]))
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     lens = np.zeros((SIZE, SIZE), np.uint8)
     rims = []
     for eye in (right, left):
-        centre = eye.mean(0) + drop
         width = min(1.75 * float(np.linalg.norm(eye[3] - eye[0])), 0.9 * gap)
-        if round_:
-            rim = cv2.ellipse2Poly(
-                (0, 0), (max(2, round(width / 2)), max(2, round(height / 2))), 0, 0, 360, 15
-            )
-        else:
-            w, h = width / 2, height / 2
-            rim = np.array([[-w, -h], [w, -h], [0.85 * w, h], [-0.85 * w, h]])
-        angle = np.radians(turn)
-        rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        rims.append(rim @ rotation.T + centre)
-        cv2.fillPoly(lens, [_whole(rims[-1])], 255)
+        rims.append(_rim(width, height, round_) @ rotation.T + eye.mean(0) + drop)
+        cv2.fillPoly(lens, [whole(rims[-1])], 255)
     dark = np.empty_like(out)
     dark[:] = lens_colour
-    out = blend(out, dark, np.asarray(lens * tint, np.uint8))
+    tinted = np.asarray(lens * tint, np.uint8)
+    canvas.crop = blend(out, dark, tinted)
     if tint > 0.5:
-        canvas.cover(np.asarray(lens * tint, np.uint8), GLASSES)
+        canvas.cover(tinted, GLASSES)
     if rng.random() < 0.35:
-        glare = np.zeros((SIZE, SIZE), np.uint8)
-        place = rims[int(rng.integers(2))].mean(0) + rng.normal(0, 0.1 * gap, 2)
-        cv2.ellipse(
-            glare,
-            tuple(map(int, place)),
-            (max(1, int(0.2 * gap)), max(1, int(0.08 * gap))),
-            rng.uniform(0, 180),
-            0,
-            360,
-            255,
-            -1,
-        )
-        glare = np.asarray(
-            cv2.GaussianBlur(cv2.bitwise_and(glare, lens), (0, 0), 1.2) * rng.uniform(0.3, 0.9), np.uint8
-        )
-        out = blend(out, np.full_like(out, 250), glare)
-        canvas.cover(np.where(glare > 127, glare, np.uint8(0)), GLASSES)
+        _reflect(rng, canvas, lens, rims[int(rng.integers(2))].mean(0), gap)
+    frame = _frame(rims, (points[RIGHT_TEMPLE], points[LEFT_TEMPLE]), thick)
+    canvas.put(np.full_like(out, colour), frame, GLASSES)
+
+
+def _rim(width: float, height: float, round_: bool) -> Any:
+    """(n, 2) outline of an upright lens about its middle: an ellipse, or a box that narrows below."""
+    if round_:
+        return cv2.ellipse2Poly((0, 0), (max(2, round(width / 2)), max(2, round(height / 2))), 0, 0, 360, 15)
+    w, h = width / 2, height / 2
+    return np.array([[-w, -h], [w, -h], [0.85 * w, h], [-0.85 * w, h]])
+
+
+def _reflect(rng: Rng, canvas: Canvas, lens: Picture, middle: Any, gap: float) -> None:
+    """A bright spot on the lenses (128, 128), near the middle (2,) of one."""
+    glare = np.zeros((SIZE, SIZE), np.uint8)
+    place = middle + rng.normal(0, 0.1 * gap, 2)
+    axes = (max(1, int(0.2 * gap)), max(1, int(0.08 * gap)))
+    cv2.ellipse(glare, tuple(map(int, place)), axes, rng.uniform(0, 180), 0, 360, 255, -1)
+    glare = np.asarray(
+        cv2.GaussianBlur(cv2.bitwise_and(glare, lens), (0, 0), 1.2) * rng.uniform(0.3, 0.9), np.uint8
+    )
+    canvas.crop = blend(canvas.crop, np.full_like(canvas.crop, 250), glare)
+    canvas.cover(np.where(glare > 127, glare, np.uint8(0)), GLASSES)
+
+
+def _frame(rims: Sequence[Any], ears: Sequence[Any], thick: int) -> Picture:
+    """Alpha (128, 128) of rims (n, 2), right and left, the bridge between them and temples to the ears (2,)."""
     frame = np.zeros((SIZE, SIZE), np.uint8)
     for rim in rims:
-        cv2.polylines(frame, [_whole(rim)], True, 255, thick, cv2.LINE_AA)
+        cv2.polylines(frame, [whole(rim)], True, 255, thick, cv2.LINE_AA)
     inner = rims[0][rims[0][:, 0].argmax()], rims[1][rims[1][:, 0].argmin()]
     cv2.line(frame, *(tuple(map(int, p)) for p in inner), 255, thick, cv2.LINE_AA)
-    for rim, ear in ((rims[0], points[RIGHT_TEMPLE]), (rims[1], points[LEFT_TEMPLE])):
+    for rim, ear in zip(rims, ears, strict=True):
         outer = rim[np.linalg.norm(rim - ear, axis=1).argmin()]
         cv2.line(frame, tuple(map(int, outer)), tuple(map(int, ear)), 255, thick, cv2.LINE_AA)
-    canvas.crop = out
-    canvas.put(np.full_like(out, colour), frame, GLASSES)
+    return frame
 
 
 def _cut(rng: Rng, canvas: Canvas) -> None:
@@ -439,7 +441,7 @@ def _patches(rng: Rng, crop: Picture) -> Picture:
     area = np.zeros((SIZE, SIZE), np.uint8)
     for _ in range(int(rng.integers(1, 4))):
         corners = rng.uniform(0, SIZE, 2) + rng.normal(0, rng.uniform(8, 50), (int(rng.integers(3, 7)), 2))
-        cv2.fillConvexPoly(area, cv2.convexHull(_whole(corners)), 255, cv2.LINE_AA)
+        cv2.fillConvexPoly(area, cv2.convexHull(whole(corners)), 255, cv2.LINE_AA)
     share = cv2.GaussianBlur(area, (0, 0), np.exp(rng.uniform(-0.5, 2))).astype(np.float32) / 255
     gain = rng.uniform(1.3, 2.6) if rng.random() < 0.6 else rng.uniform(0.35, 0.8)
     lit = crop * (1 + (gain - 1) * share[..., None] * rng.uniform(0.9, 1.1, 3))
@@ -483,10 +485,6 @@ def _noise(rng: Rng, crop: Any, chance: float, most: float) -> Picture:
     noise = np.empty((h, w, 3), np.int16)
     cv2.randn(noise, 0, float(rng.uniform(1, most)))
     return np.asarray(cv2.add(crop, noise, dtype=cv2.CV_8U), np.uint8)
-
-
-def _whole(points: Any) -> I32:
-    return np.round(np.asarray(points)).astype(np.int32)
 
 
 def _pixel(point: Any) -> tuple[int, int]:

@@ -7,14 +7,14 @@ exact.  Pixels, x right, y down, pixel centres at integers; images RGB uint8.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from guise.aam.landmarks import schemes
 from guise.aam.parsing import CELLS
-from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.arrays import F32, F64, I32, U8, Bool
 from training.parsing_labels import (
     BACKGROUND,
     BROWS,
@@ -101,6 +101,16 @@ def blend(under: Picture, over: Picture, alpha: Picture) -> Picture:
     """Picture `over` on `under` (h, w, 3), opaque by `alpha` (h, w) 0..255."""
     share = alpha[..., None].astype(np.uint16)
     return np.asarray((over * share + under * (255 - share) + 127) // 255, np.uint8)
+
+
+def whole(points: Any) -> I32:
+    """Points (n, 2) at whole pixels, as OpenCV draws them."""
+    return np.round(np.asarray(points)).astype(np.int32)
+
+
+def pixel(point: Any) -> tuple[int, int]:
+    """A point's pixel, as OpenCV draws it."""
+    return int(point[0]), int(point[1])
 
 
 def class_maps(labels: Picture, side: int, matrix: F64, border: int) -> F32:

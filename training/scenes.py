@@ -14,22 +14,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE
 from guise.aam.landmarks.schemes import (
-    BROWS,
-    CHIN,
     IBUG68,
-    JAW,
-    LEFT_MOUTH_CORNER,
-    NOSE_BASE,
-    NOSE_BRIDGE,
-    NOSE_ROOT,
-    RIGHT_MOUTH_CORNER,
-    UPPER_LIP_TOP,
 )
-from guise.common.arrays import F32, F64, I32, U8
-from training.backgrounds import CLIPS, hand, random_background, skin
+from guise.common.arrays import F32, F64, U8
+from training.backgrounds import CLIPS, random_background
+from training.camera import camera, lit
+from training.canvas import blend
 from training.data import VALIDATION_PEOPLE, Pictures, london_people
+from training.worn import cover, dress, wipe
 
 SIZE = 320  # pixels, the side of a scene
 SMALLEST = (
@@ -94,7 +87,7 @@ class Scenes:
                 faceless.append(blank)
         for face, blank in zip(faces, faceless, strict=True):
             if not blank and rng.random() < 0.15:
-                _cover(rng, image, owner, face)
+                cover(rng, image, owner, face)
         kinds = [_kind(owner, f, k + 1, b) for k, (f, b) in enumerate(zip(faces, faceless, strict=True))]
         boxes = [np.concatenate([f.min(0), f.max(0)]) for f in faces]
         image = camera(rng, image)
@@ -137,12 +130,12 @@ class Scenes:
         alpha = self.rendered[i].mask * np.uint8(255)
         blank = bool(rng.random() < 0.1)
         if blank:
-            _wipe(rng, image, points)
+            wipe(rng, image, points)
         elif size > 14:
-            _dress(rng, image, points)
+            dress(rng, image, points)
         if rng.random() < 0.15:  # as a photograph with its own background
             return Person(image, points), blank
-        return Person(_lit(rng, image), points, alpha), blank
+        return Person(lit(rng, image), points, alpha), blank
 
 
 def _enlarged(rng: Rng, image: Picture, points: Floats) -> Picture:
@@ -288,12 +281,12 @@ def _warp_onto(
     shape = (int(high[0] - low[0]), int(high[1] - low[1]))
     flags = cv2.INTER_LINEAR if scale < 1.5 else cv2.INTER_CUBIC
     over = cv2.warpAffine(source, local, shape, flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    cover = cv2.warpAffine(alpha, local, shape, flags=cv2.INTER_LINEAR)
+    opaque = cv2.warpAffine(alpha, local, shape, flags=cv2.INTER_LINEAR)
     if rng.random() < 0.5:
-        cover = cv2.GaussianBlur(cover, (0, 0), rng.uniform(0.4, 1.2))
+        opaque = cv2.GaussianBlur(opaque, (0, 0), rng.uniform(0.4, 1.2))
     part = (slice(low[1], high[1]), slice(low[0], high[0]))
-    image[part] = _blend(image[part], np.asarray(over, np.uint8), np.asarray(cover, np.uint8))
-    owner[part][cover > 127] = number
+    image[part] = blend(image[part], np.asarray(over, np.uint8), np.asarray(opaque, np.uint8))
+    owner[part][opaque > 127] = number
 
 
 def _trunk(
@@ -351,15 +344,6 @@ def _rows(boxes: list[Floats], kinds: list[str], kind: str) -> Floats:
 # -- what is on and before a face ---------------------------------------------------------------------------------
 
 
-def _blend(under: Picture, over: Picture, alpha: Picture) -> Picture:
-    share = alpha[..., None].astype(np.uint16)
-    return np.asarray((over * share + under * (255 - share) + 127) // 255, np.uint8)
-
-
-def _int(points: Floats) -> I32:
-    return np.round(points).astype(np.int32)
-
-
 def _about(person: Person) -> Picture:
     """Alpha (h, w): the face and a little of what is around, softly cut."""
     alpha = np.zeros(person.image.shape[:2], np.uint8)
@@ -368,155 +352,3 @@ def _about(person: Person) -> Picture:
     at = (int(centre[0]), int(centre[1] - 0.15 * side))
     cv2.ellipse(alpha, at, (int(0.62 * side), int(0.85 * side)), 0, 0, 360, 255, -1)
     return np.asarray(cv2.GaussianBlur(alpha, (0, 0), 0.03 * side), np.uint8)
-
-
-def _wipe(rng: Rng, image: Picture, points: Floats) -> None:
-    """Take the face away: skin, hair or a wild blur where it was, so that a head without a face remains."""
-    hull = cv2.convexHull(_int(points.mean(0) + rng.uniform(1.05, 1.35) * (points - points.mean(0))))
-    area = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillConvexPoly(area, hull, 255)
-    area = np.asarray(cv2.GaussianBlur(area, (0, 0), 3), np.uint8)
-    size = float(np.ptp(points, axis=0).max())
-    if rng.random() < 0.5:
-        blank = cv2.GaussianBlur(image, (0, 0), 0.25 * size)
-    else:
-        blank = np.empty_like(image)
-        blank[:] = np.array([60, 45, 35]) * rng.uniform(0.2, 3)
-        blank = cv2.add(blank, np.asarray(rng.integers(0, 30, image.shape), np.uint8))
-    image[:] = _blend(image, np.asarray(blank, np.uint8), area)
-
-
-def _dress(rng: Rng, image: Picture, points: Floats) -> None:
-    """Glasses, beard, cap or fringe, a mask over mouth and nose: each now and then."""
-    up = points[NOSE_ROOT] - points[CHIN]
-    if rng.random() < 0.15:
-        jaw = points[JAW][int(rng.integers(1, 5)) : len(JAW) - int(rng.integers(1, 5))]
-        lip = 0.5 * (points[NOSE_BASE] + points[UPPER_LIP_TOP])
-        area = np.concatenate(
-            [jaw - rng.uniform(0, 0.08) * up, [points[LEFT_MOUTH_CORNER], lip, points[RIGHT_MOUTH_CORNER]]]
-        )
-        _over(rng, image, area, np.array([60, 45, 35]) * rng.uniform(0.2, 3.5), rng.uniform(0.4, 0.95))
-    if rng.random() < 0.2:
-        _glasses(rng, image, points)
-    if rng.random() < 0.12:
-        brow = points[BROWS] + rng.uniform(0.02, 0.35) * up
-        area = np.concatenate([brow, (brow + rng.uniform(0.5, 1.0) * up)[::-1] * 1.0])
-        _over(rng, image, area, rng.uniform(0, 255, 3) * rng.uniform(0.2, 1), 1.0)
-    if rng.random() < 0.05:
-        area = points[[*JAW[1:-1], NOSE_BRIDGE[2]]]
-        _over(rng, image, area, rng.uniform(60, 255, 3), 1.0)
-
-
-def _over(rng: Rng, image: Picture, polygon: Floats, colour: Floats, most: float) -> None:
-    area = np.zeros(image.shape[:2], np.uint8)
-    cv2.fillPoly(area, [_int(polygon)], int(255 * most))
-    area = np.asarray(cv2.GaussianBlur(area, (0, 0), rng.uniform(0.6, 2)), np.uint8)
-    front = np.empty_like(image)
-    front[:] = np.clip(colour, 0, 255)
-    image[:] = _blend(image, front, area)
-
-
-def _glasses(rng: Rng, image: Picture, points: Floats) -> None:
-    right, left = points[list(RIGHT_EYE)].mean(0), points[list(LEFT_EYE)].mean(0)
-    gap = float(np.linalg.norm(left - right)) + 1e-6
-    turn = float(np.degrees(np.arctan2(left[1] - right[1], left[0] - right[0])))
-    r, g, b = (int(c) for c in rng.integers(0, 90, 3))
-    axes = (max(2, int(gap * rng.uniform(0.27, 0.42))), max(2, int(gap * rng.uniform(0.2, 0.36))))
-    dark = rng.random() < 0.4
-    for eye in (right, left):
-        at = (int(eye[0]), int(eye[1] + 0.04 * gap))
-        if dark:
-            cv2.ellipse(image, at, axes, turn, 0, 360, (r, g, b), -1, cv2.LINE_AA)
-        cv2.ellipse(image, at, axes, turn, 0, 360, (r, g, b), max(1, int(0.05 * gap)), cv2.LINE_AA)
-
-
-def _cover(rng: Rng, image: Picture, owner: NDArray[np.int16], face: Floats) -> None:
-    """A hand, a microphone, a card or a bar before a face."""
-    low, high = face.min(0), face.max(0)
-    side = float((high - low).max())
-    at = low + rng.uniform(0, 1, 2) * (high - low)
-    before = image.copy()
-    kind = rng.random()
-    if kind < 0.5:
-        hand(rng, image, at, side * rng.uniform(0.12, 0.35), skin(rng))
-    else:
-        r, g, b = (int(c) for c in rng.integers(0, 256, 3))
-        if kind < 0.75:
-            axes = (max(1, int(side * rng.uniform(0.1, 0.35))), max(1, int(side * rng.uniform(0.1, 0.35))))
-            cv2.ellipse(image, _pixel(at), axes, rng.uniform(0, 180), 0, 360, (r, g, b), -1, cv2.LINE_AA)
-        else:
-            end = at + rng.normal(0, 2 * side, 2)
-            thick = max(1, int(side * rng.uniform(0.05, 0.3)))
-            cv2.line(image, _pixel(at), _pixel(end), (r, g, b), thick, cv2.LINE_AA)
-    owner[(image != before).any(2)] = -1
-
-
-def _pixel(point: Floats) -> tuple[int, int]:
-    return int(point[0]), int(point[1])
-
-
-# -- light and camera ---------------------------------------------------------------------------------------------
-
-
-def _lit(rng: Rng, image: Picture) -> Picture:
-    """A person in a light of their own: gain, white balance, gamma, now and then a slope from side to side."""
-    gain = np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, 0.07, 3))
-    if rng.random() < 0.12:
-        gain = gain * rng.uniform(0.25, 0.6)
-    levels = np.arange(256)[:, None] / 255
-    table = np.clip(levels ** np.exp(rng.normal(0, 0.2)) * gain, 0, 1) * 255
-    lit = cv2.LUT(image, np.asarray(table, np.uint8).reshape(1, 256, 3))
-    if rng.random() < 0.2:
-        slope = cv2.resize(
-            np.exp(rng.normal(0, 0.4, (2, 2))), image.shape[1::-1], interpolation=cv2.INTER_LINEAR
-        )
-        lit = np.clip(lit * slope[..., None], 0, 255)
-    return np.asarray(lit, np.uint8)
-
-
-def _moved(rng: Rng, image: Picture) -> Picture:
-    """Blurred by a motion in a random direction."""
-    length = int(rng.integers(2, 8))
-    kernel = np.zeros((2 * length + 1, 2 * length + 1), np.float32)
-    angle = rng.uniform(0, np.pi)
-    reach = 0.5 * length * np.array([np.cos(angle), np.sin(angle)])
-    middle = np.full(2, float(length))
-    cv2.line(kernel, _pixel(middle - reach), _pixel(middle + reach), 1.0)
-    return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()), np.uint8)
-
-
-def camera(rng: Rng, image: Picture) -> Picture:
-    """The whole scene through a camera: exposure, colour or grey, blur, low resolution, noise, JPEG."""
-    gain = np.exp(rng.normal(0, 0.2)) * np.exp(rng.normal(0, 0.06, 3))
-    if rng.random() < 0.12:
-        gain = gain * rng.uniform(0.15, 0.6)
-    black = rng.uniform(-0.05, 0.12) if rng.random() < 0.3 else 0.0
-    levels = np.arange(256)[:, None] / 255
-    table = np.clip(levels ** np.exp(rng.normal(0, 0.2)) * gain * (1 - black) + black, 0, 1) * 255
-    image = np.asarray(cv2.LUT(image, np.asarray(table, np.uint8).reshape(1, 256, 3)), np.uint8)
-    kind = rng.random()
-    if kind < 0.15:
-        image = np.repeat(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
-    elif kind < 0.5:
-        keep = rng.uniform(0.2, 1.5)
-        mix = keep * (np.eye(3) + rng.normal(0, 0.05, (3, 3))) + (1 - keep) / 3
-        image = np.asarray(cv2.transform(image, mix), np.uint8)
-    if rng.random() < 0.25:
-        image = np.asarray(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.3)), np.uint8)
-    if rng.random() < 0.12:
-        image = _moved(rng, image)
-    if rng.random() < 0.2:
-        share = rng.uniform(0.5, 0.95)
-        small = cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
-        image = np.asarray(cv2.resize(small, (SIZE, SIZE), interpolation=cv2.INTER_LINEAR), np.uint8)
-    if rng.random() < 0.4:
-        noise = np.empty(image.shape, np.int16)
-        cv2.randn(noise, 0, rng.uniform(1, 12))
-        image = np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), np.uint8)
-    if rng.random() < 0.15:
-        soft = cv2.GaussianBlur(image, (0, 0), 1.0)
-        image = np.asarray(cv2.addWeighted(image, 1.8, soft, -0.8, 0), np.uint8)
-    if rng.random() < 0.5:
-        code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.uniform(20, 92))])[1]
-        image = np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), np.uint8)
-    return np.ascontiguousarray(image)

@@ -18,7 +18,7 @@ import csv
 import json
 import signal
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training.augment import FOLLOWED, NEARLY_PLAIN, SIZE, Props, Strength, negative, sample
+from training.augment import FOLLOWED, NEARLY_PLAIN, SIZE, Props, Sample, Strength, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, join, load_part, load_real, part_files
@@ -350,7 +350,8 @@ def write_facts(options: argparse.Namespace, done: int, rendered: Pictures, real
     (options.output / "facts.json").write_text(json.dumps(facts, indent=1) + "\n")
 
 
-def main() -> None:
+def parsed() -> argparse.Namespace:
+    """The options of the command line."""
     parser = argparse.ArgumentParser(description="Train the multi-task face network.")
     parser.add_argument("--parts", type=Path, required=True, help="folder of rendered parts")
     parser.add_argument("--real", type=Path, required=True, help="folder with pairs/london and real")
@@ -376,7 +377,42 @@ def main() -> None:
     parser.add_argument(
         "--as-given", action="store_true", help="rendered people alone, points as the meshes have them"
     )
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def begin(trainer: Trainer, options: argparse.Namespace, first: Callable[[], Samples]) -> None:
+    """Give a trainer the weights that it goes on from; the shipped ones are fitted to crops of `first` samples."""
+    if options.first_weights and options.first_weights.suffix == ".pt":
+        trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
+    elif not options.scratch:
+        samples = first()
+        crops = np.concatenate([samples.make(k)[0] for k in samples.numbers])
+        load_shipped(trainer.net, options.first_weights or SHIPPED, crops)
+        if not options.first_weights:
+            trainer.net.start_irises()
+    trainer.prepare()
+    if options.resume and (options.output / "state.pt").exists():
+        trainer.resume()
+
+
+def held_back(
+    options: argparse.Namespace, shelf: Shelf, alignment: Alignment | None
+) -> dict[str, list[Sample]]:
+    """What a trainer is judged by: faces of people it does not see, behind hands and behind other things."""
+    unseen, behind = by_hands(shelf.pictures(held_out=True))
+    props = make_props(options.seed + 1, options.hands, held_out=True)
+    validation = {
+        "unseen": plain_samples(unseen, 240),
+        "hand": plain_samples(behind, 120),
+        "occluded": plain_samples(unseen, 240, props=props),
+    }
+    if alignment:
+        validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
+    return validation
+
+
+def main() -> None:
+    options = parsed()
     torch.set_flush_denormal(True)  # before any thread is made: far weights of heat maps are tiny
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(0)  # before OpenCV starts any: the workers are forked
@@ -394,30 +430,15 @@ def main() -> None:
         GOALS[options.goal],
     )
     props = make_props(options.seed, options.hands)
-    if options.first_weights and options.first_weights.suffix == ".pt":
-        trainer.net.load_state_dict(torch.load(options.first_weights, map_location="cpu"))
-    elif not options.scratch:
-        first = Samples(
+    begin(
+        trainer,
+        options,
+        lambda: Samples(
             shelf.pictures(held_out=False), real if alignment else None, props, range(8), 64, options.seed + 1,
             GOALS[options.goal],
-        )  # fmt: skip
-        crops = np.concatenate([first.make(k)[0] for k in first.numbers])
-        load_shipped(trainer.net, options.first_weights or SHIPPED, crops)
-        if not options.first_weights:
-            trainer.net.start_irises()
-    trainer.prepare()
-    if options.resume and (options.output / "state.pt").exists():
-        trainer.resume()
-    unseen, behind = by_hands(shelf.pictures(held_out=True))
-    validation = {
-        "unseen": plain_samples(unseen, 240),
-        "hand": plain_samples(behind, 120),
-        "occluded": plain_samples(
-            unseen, 240, props=make_props(options.seed + 1, options.hands, held_out=True)
         ),
-    }
-    if alignment:
-        validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
+    )  # fmt: skip
+    validation = held_back(options, shelf, alignment)
     signal.signal(signal.SIGTERM, trainer.end)
     while trainer.step < options.steps and not trainer.ended:
         count, rendered = shelf.refresh(), shelf.pictures(held_out=False)

@@ -15,6 +15,7 @@ import argparse
 import importlib
 import sys
 from collections import deque
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -218,71 +219,101 @@ def unrest(video: Path, speech: Path, yaw: F64) -> F64:
     return np.asarray(np.nanstd(still[turned], axis=0) / (high - low))
 
 
+@dataclass
+class Found:
+    """What was found so far: rows of the tables, and by scene what the criteria are of."""
+
+    by_turn: list[Row] = field(default_factory=list)
+    similar: list[Row] = field(default_factory=list)
+    known: list[Row] = field(default_factory=list)  # donors enrolled while turning
+    at_rest: list[Row] = field(default_factory=list)
+    not_swapped: list[float] = field(default_factory=list)
+    tracks: list[tuple[F64, F64]] = field(default_factory=list)
+    jaws: list[float] = field(default_factory=list)
+
+    def add(self, scene: Path, recognise: Recogniser, options: argparse.Namespace) -> None:
+        """Swap a scene and measure it."""
+        video, exact, not_swapped = swap(scene, options)
+        self.not_swapped.append(not_swapped)
+        source, truth = scene / "source.mp4", scene / "truth.mp4"
+        shapes = tracked(Identity.load(model(options, pair_of(scene.name)[0])), source, landmarker=True)
+        self.tracks.append(tracked_points(scene, shapes))
+        self.jaws.append(far_jaw(scene, shapes, options.shared))
+        donor = common.synthetic_clip(options.shared, pair_of(scene.name)[1])
+        for what, shown in (("swapped", video), ("ideal", truth)):
+            self.similar.append((scene.name, what, *similarity(scene, shown, donor, recognise)))
+        if scene.name.startswith("still"):
+            yaw = self.tracks[-1][1]
+            videos = {"swapped": video, "ideal": truth, "source": source}
+            self.at_rest += [(what, *unrest(shown, donor.video, yaw)) for what, shown in videos.items()]
+        rows = judged(scene, video, exact, options.shared)
+        for low, high in TURNS_DEGREES:
+            self.by_turn.append((scene.name, f"{low}-{high}", *of_turn(rows, low, high)))
+            common.say(str(self.by_turn[-1]))
+        self.known += known_turned(scene, exact, donor, recognise, options)
+
+    def criteria(self) -> list[Criterion]:
+        """What was found beside what is asked for."""
+        turned = [row[3:] for row in self.by_turn[len(TURNS_DEGREES) - 1 :: len(TURNS_DEGREES)]]
+        gain, shape, beyond = np.array(turned, float).T
+        front, half = np.array([row[2:] for row in self.similar if row[1] == "swapped"], float).T
+        criteria = [
+            Criterion(
+                "gain of frames turned by 25 to 60 degrees, mean of the scenes", float(gain.mean()), ">=", 0.20
+            ),
+            Criterion("their shape error, mean", float(shape.mean()), "<=", 1.5, "% of the face's width"),
+            Criterion("pixels of them drawn beyond the face, mean", float(beyond.mean()), "<=", 0.0),
+            Criterion(
+                "frames not swapped, of heads turned by up to 63 degrees, worst scene",
+                max(self.not_swapped), "<=", 0.0, "%",
+            ),
+            Criterion("points at 30 to 60 degrees", point_error(self.tracks), "<=", 3.0, "% of inter-ocular"),
+            Criterion(
+                "far jaw beside the true one, mean", float(np.mean(self.jaws)), "<=", 2.0, "pixels of 640"
+            ),
+            Criterion(
+                "similarity to the donor at 45 degrees over that from the front",
+                float(half.mean() / front.mean()), ">=", 0.80,
+            ),
+        ]  # fmt: skip
+        if self.at_rest:
+            worst = 100 * float(max(self.at_rest[0][1:]))
+            criteria.append(
+                Criterion("unrest of a still face's curves, worst", worst, "<=", 5.0, "% of range")
+            )
+        return criteria
+
+    def tables(self) -> list[Table]:
+        """All rows."""
+        return [
+            Table(
+                "Scenes",
+                ("scene", "yaw, degrees", "frames", "gain", "shape, %", "pixels beyond"),
+                self.by_turn,
+            ),
+            Table("Similarity to the donor", ("scene", "video ", "front", "45 degrees"), self.similar),
+            Table(
+                "Donors who were enrolled from speech and a turn: frames turned by 25 to 60 degrees",
+                ("scene", "gain", "shape, %", "similarity: front", "45 degrees"),
+                self.known,
+            ),
+            Table(
+                "A face at rest: standard deviation over the range in speech",
+                ("video", *CURVES),
+                self.at_rest,
+            ),
+        ]
+
+
 def measure(options: argparse.Namespace) -> Report:
     """All scenes."""
     reason = missing(options.shared)
     if reason is not None:
         return skipped(NAME, TITLE, reason)
-    table: list[Row] = []
-    rests: list[Row] = []
-    alike: list[Row] = []
-    knows: list[Row] = []
-    turned, lost, tracks, jaws = [], [], [], []
-    recognise = Recogniser(options.shared / "models" / "mobilefacenet.onnx")
+    found, recognise = Found(), Recogniser(options.shared / "models" / "mobilefacenet.onnx")
     for scene in rendered(options)[:: 3 if options.quick else 1]:
-        video, exact, not_swapped = swap(scene, options)
-        rows = judged(scene, video, exact, options.shared)
-        source = Identity.load(model(options, pair_of(scene.name)[0]))
-        shapes = tracked(source, scene / "source.mp4", landmarker=True)
-        tracks.append(tracked_points(scene, shapes))
-        jaws.append(far_jaw(scene, shapes, options.shared))
-        donor = common.synthetic_clip(options.shared, pair_of(scene.name)[1])
-        for what, shown in (("swapped", video), ("ideal", scene / "truth.mp4")):
-            alike.append((scene.name, what, *similarity(scene, shown, donor, recognise)))
-        if scene.name.startswith("still"):
-            yaw = tracks[-1][1]
-            videos = {"swapped": video, "ideal": scene / "truth.mp4", "source": scene / "source.mp4"}
-            rests += [(what, *unrest(shown, donor.video, yaw)) for what, shown in videos.items()]
-        for low, high in TURNS_DEGREES:
-            table.append((scene.name, f"{low}-{high}", *of_turn(rows, low, high)))
-            common.say(str(table[-1]))
-        turned.append(table[-1][3:])
-        lost.append(not_swapped)
-        knows += known_turned(scene, exact, donor, recognise, options)
-    gain, shape, beyond = np.array(turned, float).T
-    front, half = np.array([row[2:] for row in alike if row[1] == "swapped"], float).T
-    criteria = [
-        Criterion(
-            "gain of frames turned by 25 to 60 degrees, mean of the scenes", float(gain.mean()), ">=", 0.20
-        ),
-        Criterion("their shape error, mean", float(shape.mean()), "<=", 1.5, "% of the face's width"),
-        Criterion("pixels of them drawn beyond the face, mean", float(beyond.mean()), "<=", 0.0),
-        Criterion(
-            "frames not swapped, of heads turned by up to 63 degrees, worst scene", max(lost), "<=", 0.0, "%"
-        ),
-        Criterion("points at 30 to 60 degrees", point_error(tracks), "<=", 3.0, "% of inter-ocular"),
-        Criterion("far jaw beside the true one, mean", float(np.mean(jaws)), "<=", 2.0, "pixels of 640"),
-        Criterion(
-            "similarity to the donor at 45 degrees over that from the front",
-            float(half.mean() / front.mean()), ">=", 0.80,
-        ),
-    ]  # fmt: skip
-    if rests:
-        worst = float(max(rests[0][1:]))
-        criteria.append(
-            Criterion("unrest of a still face's curves, worst", 100 * worst, "<=", 5.0, "% of range")
-        )
-    tables = [
-        Table("Scenes", ("scene", "yaw, degrees", "frames", "gain", "shape, %", "pixels beyond"), table),
-        Table("Similarity to the donor", ("scene", "video ", "front", "45 degrees"), alike),
-        Table(
-            "Donors who were enrolled from speech and a turn: frames turned by 25 to 60 degrees",
-            ("scene", "gain", "shape, %", "similarity: front", "45 degrees"),
-            knows,
-        ),
-        Table("A face at rest: standard deviation over the range in speech", ("video", *CURVES), rests),
-    ]
-    return Report(NAME, TITLE, criteria, tables)
+        found.add(scene, recognise, options)
+    return Report(NAME, TITLE, found.criteria(), found.tables())
 
 
 if __name__ == "__main__":
