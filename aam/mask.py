@@ -28,7 +28,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.light import skin_colours
 from guise.aam.reference import ReferenceFrame
-from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.arrays import F32, F64, U8, Bool, Int
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,21 @@ def soft_parts(
     return np.asarray(
         cv2.GaussianBlur(wide, (0, 0), LIMITS.soft_edge_face_widths * reference.resolution), np.float32
     )
+
+
+def beyond_mask(mask: Bool) -> tuple[Int, Int]:
+    """Flat indices of the pixels outside a mask (h, w), and of the mask's pixel nearest to each.
+
+    Its colour is continued there, so that no filter takes in the black beside a face.
+    """
+    _, labels = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    inside = np.flatnonzero(mask)
+    place = np.empty(int(labels.max()) + 1, np.intp)
+    place[labels.ravel()[inside]] = inside
+    outside = np.flatnonzero(~mask)
+    return outside, place[labels.ravel()[outside]]
 
 
 def learn_mask(textures: F32, reference: ReferenceFrame, parsed: F32 | None = None) -> Bool:

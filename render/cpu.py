@@ -25,6 +25,10 @@ from guise.render.mesh import (
 )
 
 _EVERY_BYTE = np.arange(256)
+# How far a pixel is drawn, by its alpha, and its share by the sum over it and its eight neighbours, as in
+# shaders/blend.frag.glsl.
+_DRAWN = np.rint(np.minimum(_EVERY_BYTE * (32 / 255), 1) * 28).astype(np.uint8)
+_SHARES = np.rint(255 * np.clip(_EVERY_BYTE * (2 / (9 * 28)) - 1, 0, 1)).astype(np.uint8)
 
 
 class CpuCompositor(Closing):
@@ -132,11 +136,19 @@ class CpuCompositor(Closing):
         alpha: U8 = self._bytes[0].view(*ids.shape)
         covered: U8 = self._bytes[1].view(*ids.shape)
         cv2.extractChannel(warped, 3, dst=alpha)
-        if opacity < 1:
-            cv2.LUT(alpha, np.rint(_EVERY_BYTE * opacity).astype(np.uint8), dst=alpha)
         np.not_equal(ids, self._background, out=covered.view(np.bool_))
         alpha *= covered
+        self._soften(alpha, covered)
+        if opacity < 1:
+            cv2.LUT(alpha, np.rint(_EVERY_BYTE * opacity).astype(np.uint8), dst=alpha)
         return alpha
+
+    def _soften(self, alpha: U8, spare: U8) -> None:
+        """Where the mesh ends, as at a turned head's silhouette, alpha ends within a pixel and not at once."""
+        cv2.LUT(alpha, _DRAWN, dst=spare)
+        around = cv2.boxFilter(spare, -1, (3, 3), normalize=False, borderType=cv2.BORDER_REPLICATE)
+        cv2.LUT(around, _SHARES, dst=spare)
+        cv2.multiply(alpha, spare, dst=alpha, scale=1 / 255)
 
     def _blend(self, warped: U8, alpha: U8, target: U8) -> None:
         """target := (colour * alpha + target * (255 - alpha)) / 255, rounded to nearest."""

@@ -147,7 +147,7 @@ class GLCompositor(Closing):
         targets.frame.write(staged, viewport=(0, 0, width, height))
         targets.warped.use(0)
         targets.frame.use(1)
-        self._blend["opacity"] = opacity
+        self._blend["opacity"], self._blend["size"] = opacity, (width, height)
         targets.blended_buffer.viewport = (0, 0, width, height)
         targets.blended_buffer.use()
         self._box_array.render(moderngl.TRIANGLES, vertices=3)

@@ -260,11 +260,24 @@ def test_opacity_scales_alpha(make: Make, renderer: str, opacity: float) -> None
 
 @pytest.mark.parametrize("renderer", BOTH)
 def test_blend_is_alpha_arithmetic(make: Make, renderer: str) -> None:
-    alpha = np.random.default_rng(3).random((40, 40), dtype=np.float32)
+    alpha = 0.1 + 0.9 * np.random.default_rng(3).random((40, 40), dtype=np.float32)
     compositor = make(renderer, QUAD, quad(40, 40), alpha)
     roi, texture = picture(1, 40, 40), picture(2, 40, 40)
     expected = texture * alpha[..., None] + roi * (1 - alpha[..., None])
     assert np.abs(compositor.composite(roi, texture, quad(40, 40)) - expected).max() < 1.05
+
+
+@pytest.mark.parametrize("renderer", BOTH)
+def test_where_the_mesh_ends_alpha_ends_within_a_pixel(make: Make, renderer: str) -> None:
+    compositor = make(renderer, QUAD, quad(20, 20), np.ones((20, 20), np.float32))
+    roi, texture = np.zeros((30, 30, 3), np.uint8), np.full((20, 20, 3), 255, np.uint8)
+    row = compositor.composite(roi, texture, quad(20, 20) + 5)[15, :, 0]
+    assert row[:5].tolist() == row[25:].tolist() == [0] * 5
+    assert row[6:24].tolist() == [255] * 18
+    steep = compositor.composite(
+        roi, texture, quad(20, 20) * (1, 0.3) @ np.array([[1, 0.6], [0, 1]]) + (5, 5)
+    )
+    assert ((steep > 40) & (steep < 215)).any(2).sum() > 20  # no steps
 
 
 @pytest.mark.parametrize("renderer", BOTH)

@@ -213,7 +213,7 @@ class Engine(Closing):
         """The frame's RGB (t, 3) at texels at places (t, 2), without what hides the face at a shape (81, 2)."""
         if self.occlusion is None:
             return texels
-        self.occlusion.update(frame, shape, places, texels if self.options.eyes_of_source else None)
+        self.occlusion.update(frame, shape, places, texels if self.options.follows_eyes else None)
         return self.occlusion.cleared(texels)
 
     def synthesise(self, parameters: F32, shape: F64, solid: SolidFit) -> F32:

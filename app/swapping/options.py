@@ -35,7 +35,7 @@ class EngineOptions:
         with transfer "full" only.
     disguise : draw the features in other proportions, see `proportions`, and everything within the outline, so that
         the person is harder to recognise from what remains of the head (hair, ears, neck). No hair and no glasses of
-        theirs stay in front.
+        theirs stay in front but strands at the rim of a higher forehead; eyes are drawn anew, see `Eyeballs`.
     """
 
     alpha: float = DEFAULT_ALPHA
@@ -68,6 +68,11 @@ class EngineOptions:
     def eyes_of_source(self) -> bool:
         """Whether the source's eyeballs show between the drawn lids."""
         return self.eyes == "source" and not self.disguise
+
+    @property
+    def follows_eyes(self) -> bool:
+        """Whether the drawn eyes look where the source's do."""
+        return self.eyes_of_source or self.disguise
 
     @property
     def source_parts(self) -> tuple[Group, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
+from guise.aam.mask import beyond_mask
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
@@ -19,8 +20,10 @@ from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
+from guise.app.swapping.eyeballs import Eyeballs
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.folds import Folds
+from guise.app.swapping.forehead import Forehead, strands
 from guise.app.swapping.iris import IrisChange
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
@@ -89,12 +92,16 @@ class Painter:
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
+        self._forehead = Forehead.of(self.reference, self._beyond) if options.disguise else None
+        if self._forehead is not None:
+            self._detail = self._forehead.detailed(self._detail)
         self._back = np.linalg.norm(self._beyond, axis=1, keepdims=True) / self.reference.resolution
         sigma, at_rest = width * self.reference.resolution, target.appearance.neutral_shape
         self._alpha = self._feathered(at_rest, sigma) if options.disguise else feather(mask, sigma)
         self._compositors: dict[bool, Compositor] = {}
         self._source_at_rest = source.appearance.neutral_shape
         self._irises = IrisChange.of(source, target) if options.eyes_of_source else None
+        self._eyeballs = Eyeballs(source, target) if options.disguise else None
         self._kept: dict[bool, list[Aperture]] = {}
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -114,6 +121,9 @@ class Painter:
         mesh, zoom = self.place(shape, head, view)
         across = STRAIGHT if view is None else view.across
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
+        self._look(head)
+        if self._eyeballs is not None:
+            self._eyeballs.draw(texture, mesh)
         if texels is not None:
             visible = None if self._occlusion is None else self._occlusion.visible
             hidden = None if view is None else self._silhouette.visible(view.cosines)
@@ -164,8 +174,6 @@ class Painter:
             return
         roi, fine = frame.read_roi(x0, y0, w, h), zoom > ZOOM.min_detail_zoom
         self._set_occlusion(fine, uncovered)
-        if head is not None:
-            self._look(head)
         for left in reversed(range(1 if finish is None else finish.draws)):
             drawn = roi.copy() if left else roi
             picture = self._stored(texture, frame.colour, zoom, fine)
@@ -191,8 +199,12 @@ class Painter:
     def _look(self, head: F64) -> None:
         """See where the head (81, 2) looks, if the frame was parsed."""
         irises = None if self._occlusion is None else self._occlusion.irises
-        if self._irises is not None and irises is not None:
+        if irises is None:
+            return
+        if self._irises is not None:
             self._irises.gaze.see(irises, head, self._irises.at_rest)
+        if self._eyeballs is not None:
+            self._eyeballs.look(irises, head)
 
     def _feathered(self, shape: F64, sigma: float) -> F32:
         """(h, w) alpha with a border as soft as `sigma` grid pixels on the shape (81, 2) as it is drawn.
@@ -204,14 +216,18 @@ class Painter:
         drawn = np.zeros(np.ceil(mesh.max(0)[::-1]).astype(int) + 1, np.uint8)
         for triangle in np.round(16 * mesh).astype(np.int32)[self.relief.triangles]:
             cv2.fillConvexPoly(drawn, triangle, 1, shift=4)
+        alpha = feather(drawn > 0, sigma)
+        alpha *= strands(mesh[:POINTS], drawn > 0, self._beyond, self.reference.resolution)
         places = self.sampler(np.arange(len(self.reference.pixels))).positions(mesh)
-        return self.reference.scatter(remap_points(feather(drawn > 0, sigma), places))
+        return self.reference.scatter(remap_points(alpha, places))
 
     def reset(self) -> None:
         """Fit palette and occlusion afresh to the next face."""
         self._palette.reset()
         if self._irises is not None:
             self._irises.gaze.reset()
+        if self._eyeballs is not None:
+            self._eyeballs.reset()
         if self._finish is not None:
             self._finish.reset()
         if self._occlusion is not None:
@@ -232,6 +248,8 @@ class Painter:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
         planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
         picture = self._scattered(planes)
+        if self._forehead is not None:
+            picture = self._forehead.continued(picture)
         if self._finish is not None:
             picture = self._finish.sharpness.apply(picture)
         if zoom < ZOOM.max_blur_zoom:
@@ -315,21 +333,6 @@ def _places(reference: ReferenceFrame, texels: Int) -> F64:
     """(t, 2) grid pixels of texels, indices into the mask's pixels."""
     ys, xs = np.divmod(reference.pixels[texels], reference.size[1])
     return np.column_stack([xs, ys]).astype(np.float64)
-
-
-def beyond_mask(mask: Bool) -> tuple[Int, Int]:
-    """Flat indices of the pixels outside a mask (h, w), and of the mask's pixel nearest to each.
-
-    Its colour is continued there, so that no filter takes in the black beside a face.
-    """
-    _, labels = cv2.distanceTransformWithLabels(
-        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    inside = np.flatnonzero(mask)
-    place = np.empty(int(labels.max()) + 1, np.intp)
-    place[labels.ravel()[inside]] = inside
-    outside = np.flatnonzero(~mask)
-    return outside, place[labels.ravel()[outside]]
 
 
 def _product(one: F32 | None, other: F32 | None) -> F32 | None:

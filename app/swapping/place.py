@@ -19,7 +19,6 @@ from guise.aam.landmarks.schemes import (
     LEFT_BROW,
     LEFT_EYE,
     LEFT_TEMPLE,
-    LIPS,
     NOSE,
     NOSE_ROOT,
     OUTLINE,
@@ -41,9 +40,8 @@ OUTLINE_SHARE = 0.7  # by which the outline follows that of the head
 class DisguiseProportions:
     """By which a disguise moves the features, as shares of distances in the face itself."""
 
-    eyes_apart: float = 0.10  # of the way from the nose's root to the temple: each eye and its brow
+    eyes_apart: float = 0.13  # of the way from the nose's root to the temple: each eye and its brow
     brows_raised: float = 0.05  # of the way from the nose's root to the hairline
-    mouth_enlarged: float = 0.12  # of the lips' way from the mouth's middle
 
 
 DISGUISE = DisguiseProportions()
@@ -94,7 +92,7 @@ def outline_pull(reference: ReferenceFrame) -> F64:
 def proportions(reference: ReferenceFrame) -> F64:
     """(81, 81) weights that take a face's points to those of a face with other proportions and the same outline.
 
-    Eyes and brows lie farther apart, the brows higher, and the mouth is larger.  Every displacement is a share of a
+    Eyes and brows lie farther apart, and the brows higher.  Every displacement is a share of a
     distance in the face itself, so that position, size and rotation in the picture don't matter and the far side of a
     turned head moves only as much as it is wide.
     """
@@ -103,7 +101,6 @@ def proportions(reference: ReferenceFrame) -> F64:
     for brow, eye, temple in ((RIGHT_BROW, RIGHT_EYE, RIGHT_TEMPLE), (LEFT_BROW, LEFT_EYE, LEFT_TEMPLE)):
         moves[np.r_[brow, eye]] = DISGUISE.eyes_apart * (points[temple] - points[NOSE_ROOT])
     moves[BROWS] += DISGUISE.brows_raised * (points[HAIRLINE] - points[NOSE_ROOT])
-    moves[LIPS] = DISGUISE.mouth_enlarged * (points[LIPS] - points[LIPS].mean(0))
     return np.asarray(points + (1 - _bound(reference)) * moves)
 
 

@@ -1,0 +1,96 @@
+"""The forehead of a disguise: no brow is stretched, no skin is far, and hair lies over its rim."""
+
+import cv2
+import numpy as np
+import pytest
+
+from guise.aam.landmarks.schemes import BROW_TOPS, BROWS, FOREHEAD, HAIRLINE, JAW
+from guise.aam.reference import ReferenceFrame
+from guise.app.swapping.forehead import LIMITS, Forehead, strands
+from guise.app.swapping.place import outward
+from guise.common.arrays import F64, Bool
+
+FRAME = ReferenceFrame.canonical(160)
+REACH = 0.28
+BEYOND = outward(FRAME, 0.05, REACH)
+MIDDLE = round(FRAME.points[HAIRLINE, 0])
+BROWS_ROW = round(FRAME.points[BROW_TOPS, 1].mean())
+
+
+def test_a_forehead_that_stays_is_read_where_it_is() -> None:
+    y, x = np.mgrid[: FRAME.size[0], : FRAME.size[1]]
+    forehead = Forehead.of(FRAME, outward(FRAME, 0.05, 0.0))
+    np.testing.assert_allclose(forehead.places, np.dstack([x, y]), atol=1e-4)
+    assert not forehead.softened.any()
+
+
+def test_above_brows_the_texture_is_not_stretched() -> None:
+    rows = np.arange(BROWS_ROW - 9, BROWS_ROW - 2)
+    read = Forehead.of(FRAME, BEYOND).places[rows, MIDDLE, 1]
+    stretch = 1 + REACH * FRAME.resolution / (BROWS_ROW - FRAME.points[HAIRLINE, 1])
+    drawn_rows = stretch * np.diff(rows)
+    assert np.diff(read) == pytest.approx(drawn_rows, rel=0.15)
+    assert stretch > 2
+
+
+def test_what_is_read_is_skin_of_the_forehead() -> None:
+    places = Forehead.of(FRAME, BEYOND).places
+    hull = FRAME.points[FOREHEAD].astype(np.float32)
+    mirrored = Forehead.of(FRAME, BEYOND).softened > 0.99
+    assert mirrored.sum() > 500
+    read = places[mirrored]
+    rim = (LIMITS.above_brows + LIMITS.least - LIMITS.rim) * FRAME.resolution  # where brows are near it
+    inside = [cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in read]
+    assert min(inside) > -rim - 1
+    for brow in FRAME.points[BROWS]:
+        assert np.linalg.norm(read - brow, axis=1).min() > 0.5 * LIMITS.above_brows * FRAME.resolution
+
+
+def test_below_the_brows_nothing_changes() -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (*FRAME.size, 3), np.uint8)
+    made = Forehead.of(FRAME, BEYOND).continued(picture)
+    below = round(FRAME.points[[JAW[0], JAW[-1]], 1].max()) + 2
+    np.testing.assert_array_equal(made[below:], picture[below:])
+    assert (made[:BROWS_ROW] != picture[:BROWS_ROW]).any()
+
+
+def test_detail_is_read_where_the_texture_is() -> None:
+    y = np.mgrid[: FRAME.size[0], : FRAME.size[1]].astype(np.float32)[0]
+    forehead = Forehead.of(FRAME, BEYOND)
+    fine = cv2.resize(y, (2 * FRAME.size[1], 2 * FRAME.size[0]))
+    coarse = cv2.remap(y, forehead.places, None, cv2.INTER_LINEAR)
+    inner = np.s_[BROWS_ROW - 9 : BROWS_ROW - 2, MIDDLE]
+    assert forehead.detailed(fine)[::2, ::2][inner] == pytest.approx(coarse[inner], abs=1.5)
+
+
+def _drawn() -> tuple[F64, Bool]:
+    """A disguise's mesh at rest, and where it is drawn."""
+    mesh = FRAME.points + BEYOND
+    mesh = mesh - np.floor(mesh.min(0)) + 2
+    canvas = np.zeros(np.ceil(mesh.max(0)[::-1]).astype(int) + 3, np.uint8)
+    cv2.fillConvexPoly(canvas, cv2.convexHull(np.round(mesh).astype(np.int32)), 1)
+    return mesh, canvas > 0
+
+
+def test_strands_lie_over_the_rim_of_the_forehead_only() -> None:
+    mesh, inside = _drawn()
+    skin = strands(mesh, inside, BEYOND, FRAME.resolution)
+    depth = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    assert (skin[inside & (depth > (LIMITS.reach + 0.01) * FRAME.resolution)] == 1).all()
+    assert (skin[int(mesh[JAW[1], 1]) :] == 1).all()
+    top = round(mesh[HAIRLINE, 1])
+    columns = np.s_[round(mesh[HAIRLINE, 0]) - 30 : round(mesh[HAIRLINE, 0]) + 31]
+    means = [skin[top + row, columns].mean() for row in (1, 7, 20)]
+    assert means[0] < 0.2 < means[1] < 0.8 < means[2]
+    assert skin[top + 7, columns].std() > 0.1
+
+
+def test_strands_do_not_change_from_one_frame_to_the_next() -> None:
+    mesh, inside = _drawn()
+    first, second = (strands(mesh, inside, BEYOND, FRAME.resolution) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_without_a_higher_forehead_there_are_no_strands() -> None:
+    mesh, inside = _drawn()
+    assert (strands(mesh, inside, outward(FRAME, 0.05, 0.0), FRAME.resolution) == 1).all()
