@@ -34,7 +34,7 @@ def _drawn(eyeballs: Eyeballs, identity: Identity, x: float, mesh: F64 | None = 
     for _ in range(9):
         eyeballs.look(_middles(source, x), source)
     texture = np.full((identity.reference.mask.sum(), 3), 200, np.float32)
-    eyeballs.draw(texture, shape if mesh is None else mesh)
+    eyeballs.paint(texture, shape if mesh is None else mesh)
     return np.asarray(identity.reference.scatter(texture) @ LUMA)
 
 
@@ -81,7 +81,7 @@ def test_after_a_loss_eyes_look_as_at_rest(eyeballs: Eyeballs, identity: Identit
 
     def drawn() -> F32:
         texture = np.full((identity.reference.mask.sum(), 3), 200, np.float32)
-        eyeballs.draw(texture, shape)
+        eyeballs.paint(texture, shape)
         return texture
 
     before = drawn()

@@ -1,7 +1,7 @@
-"""The eyeballs of a disguise, drawn anew: they look where the source looks, and show nothing of the source's eyes.
+"""The eyeballs of a disguise, painted anew: they look where the source looks, and show nothing of the source's eyes.
 
 The identity's own, as its texture has them, look where they did when it was enrolled, and are squeezed when lids close.
-White, iris and pupil are the identity's (`iris.py`), with the shade of the upper lid and a reflection that are drawn.
+White, iris and pupil are the identity's (`iris.py`), with the shade of the upper lid and a reflection.
 Places in an eye are in its widths, see `in_eye`.  RGB 0..255.
 """
 
@@ -13,19 +13,17 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import Group
 from guise.aam.light import LUMA
-from guise.aam.mask import beyond_mask, soft_parts
+from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
-from guise.aam.reference import MeshSampler
 from guise.app.swapping.iris import EYES, IrisChange, in_eye, white, whole_width
-from guise.common.arrays import F32, F64, Int
+from guise.app.swapping.painted_part import PaintedPart
+from guise.common.arrays import F32, F64
 
 
 @dataclass(frozen=True)
 class EyeballLimits:
     """Eye widths, or radii of the iris where they say so."""
 
-    growth_face_widths: float = 0.01  # of what is drawn, so that no sliver of the texture's own shows
-    min_share: float = 0.15  # of a pixel that is drawn
     edge: float = 0.04  # over which an eyeball ends at the lids
     lashes: tuple[float, float] = (0.6, 0.25)  # their darkness at the upper and the lower lid,
     lashes_reach: float = 0.05  # and how far out
@@ -42,16 +40,17 @@ LIMITS = EyeballLimits()
 
 
 class Eyeballs:
-    """Draws both eyes of an identity into its texture.
+    """Paints both eyes of an identity into its texture.
 
-    source, target : Identity of whose gaze is followed, and of whose eyes are drawn; both share a reference frame.
+    source, target : Identity of whose gaze is followed, and of whose eyes are painted; both share a reference frame.
     """
 
     def __init__(self, source: Identity, target: Identity) -> None:
         change = IrisChange.of(source, target)
         self._gaze, self._irises = change.gaze, change.target
         self._source_at_rest, self._at_rest = change.at_rest, target.appearance.neutral_shape
-        self._eyes = [_Eye.of(target, group) for group in EYES]
+        self._parts = [PaintedPart.of(target.reference, group) for group in EYES]
+        self._whites = [_white(target, group) for group in EYES]
 
     def look(self, irises: F64, head: F64) -> None:
         """Follow irises (2, 2), pixels, that the parsing of a frame finds in the source's head (81, 2)."""
@@ -61,25 +60,21 @@ class Eyeballs:
         """Look as at rest."""
         self._gaze.reset()
 
-    def draw(self, texture: F32, mesh: F64) -> None:
-        """Draw them into a texture (n, 3) that will be drawn on a mesh (81, 2)."""
-        for eye, iris in zip(self._eyes, self._gaze.parsed, strict=True):
-            outline = mesh[eye.group]
-            whole = whole_width(eye.group, mesh, self._at_rest)
-            places, lids = (
-                in_eye(eye.sampler.positions(mesh), outline, whole),
-                in_eye(outline, outline, whole),
-            )
-            colours = self._seen(places - iris.astype(np.float32)) * eye.white
+    def paint(self, texture: F32, mesh: F64) -> None:
+        """Paint them into a texture (n, 3) that will be drawn on a mesh (81, 2)."""
+        for group, part, bright, iris in zip(EYES, self._parts, self._whites, self._gaze.parsed, strict=True):
+            outline = mesh[group]
+            whole = whole_width(group, mesh, self._at_rest)
+            places, lids = (in_eye(points, outline, whole) for points in (part.places(mesh), outline))
+            colours = self._seen(places - iris.astype(np.float32)) * np.float32(bright)
             colours *= _shade(places, lids)[:, None]
             inside = _inside(places, lids)
             dark = np.where(places[:, 1] < 0, *LIMITS.lashes) * np.exp(
                 inside.clip(max=0) / LIMITS.lashes_reach
             )
-            skin = texture[eye.skin] * (1 - dark)[:, None]
+            skin = texture[part.beside] * (1 - dark)[:, None]
             shown = np.clip(inside / LIMITS.edge + 0.5, 0, 1)[:, None]
-            here = texture[eye.pixels]
-            texture[eye.pixels] = here + eye.share[:, None] * (skin + shown * (colours - skin) - here)
+            part.paint(texture, skin + shown * (colours - skin))
 
     def _seen(self, from_middle: F32) -> F32:
         """(n, 3) shares of the white at places (n, 2) from the middle of the iris."""
@@ -91,6 +86,12 @@ class Eyeballs:
         left, up, width = LIMITS.reflection
         gleam = np.exp(-((x - left) ** 2 + (y - up) ** 2) / (2 * width**2))
         return np.asarray((seen + gleam * (LIMITS.reflected - seen)).T, np.float32)
+
+
+def _white(person: Identity, eye: Group) -> float:
+    """Brightness of an eye's white in the person's texture."""
+    inside = soft_parts(person.reference, (eye,), 0.0)[person.reference.mask] > 0.5
+    return float(white(person.appearance.neutral_texture[inside]) @ LUMA)
 
 
 def _inside(places: F32, lids: F32) -> F32:
@@ -106,36 +107,3 @@ def _shade(places: F32, outline: F32) -> F32:
     lid = outline[:, 1].min() * np.clip(1 - 4 * x * x, 0, 1)
     below = np.exp(-np.maximum(y - lid, 0) / LIMITS.lid_shade_reach)
     return np.asarray((1 - LIMITS.lid_shade * below) * (1 - LIMITS.corner_shade * np.minimum(4 * x * x, 1)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Eye:
-    """Pixels (n,) of the mask in and about an eye: the share that is drawn, where they lie, and the skin next to each.
-
-    white : brightness of it.
-    """
-
-    group: Group
-    pixels: Int
-    share: F32
-    skin: Int
-    sampler: MeshSampler
-    white: float
-
-    @classmethod
-    def of(cls, person: Identity, group: Group) -> _Eye:
-        reference = person.reference
-        drawn = soft_parts(reference, (group,), LIMITS.growth_face_widths)
-        outside, nearest = beyond_mask(drawn < LIMITS.min_share)
-        order = np.full(drawn.size, -1)
-        order[reference.pixels] = np.arange(len(reference.pixels))
-        ys, xs = np.divmod(outside, reference.size[1])
-        inside = soft_parts(reference, (group,), 0.0)[reference.mask] > 0.5
-        return cls(
-            group,
-            order[outside],
-            drawn.ravel()[outside],
-            order[nearest],
-            MeshSampler.build(reference, np.column_stack([xs, ys]).astype(np.float64)),
-            float(white(person.appearance.neutral_texture[inside]) @ LUMA),
-        )

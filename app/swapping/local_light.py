@@ -41,11 +41,7 @@ class LocalLightLimits:
 
 LIMITS = LocalLightLimits()
 PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
-MOUTH = 1  # of the parts
 DISGUISE_SIGMA_FACE_WIDTHS = 0.2  # of both means in a disguise: narrow ones follow the person's own features
-PALED_POWER = (
-    2.0  # of the brightening of a disguise's mouth, by which its colour is divided: teeth are not red
-)
 
 
 class LocalLight:
@@ -73,7 +69,6 @@ class LocalLight:
         self._parts = [soft_parts(reference, part, 0.0)[reference.mask] for part in PARTS]
         self._surface = 1 - np.maximum(*self._parts)
         self._part_texels = [np.flatnonzero(part[texels] > 0.5) for part in self._parts]
-        self._paled = np.flatnonzero(self._parts[MOUTH]) if disguise else np.zeros(0, np.intp)
         self.reset()
 
     def reset(self) -> None:
@@ -111,22 +106,11 @@ class LocalLight:
         lit *= self._surface
         for part, value in zip(self._parts, self._part_ratio, strict=True):
             gains += np.float32(value) * part
-        gains *= self._pale(texture).T
+        gains *= texture.T
         gains += lit
         out = to_stored.astype(np.float32) @ gains
         out += offset.astype(np.float32)[:, None]
         return np.asarray(out)
-
-    def _pale(self, texture: F32) -> F32:
-        """A texture (n, 3) with less colour in a disguise's mouth where it is brightened."""
-        ratio = float(self._part_ratio[MOUTH])
-        if not len(self._paled) or ratio <= 1:
-            return texture
-        mouth = texture[self._paled]
-        share = self._parts[MOUTH][self._paled, None] * np.float32(1 - ratio**-PALED_POWER)
-        paled = texture.copy()
-        paled[self._paled] = mouth + share * ((mouth @ LUMA)[:, None] - mouth)
-        return paled
 
     def _fitted(self, face: F32, seen: F32, visible: F32) -> tuple[F32, F32]:
         """The face's local mean over black and the ratio of colours (3, h, w), from the skin's texels (s, 3)."""

@@ -24,6 +24,7 @@ from guise.app.swapping.eyeballs import Eyeballs
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.folds import Folds
 from guise.app.swapping.forehead import Forehead, strands
+from guise.app.swapping.inner_mouth import InnerMouth
 from guise.app.swapping.iris import IrisChange
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
@@ -102,6 +103,7 @@ class Painter:
         self._source_at_rest = source.appearance.neutral_shape
         self._irises = IrisChange.of(source, target) if options.eyes_of_source else None
         self._eyeballs = Eyeballs(source, target) if options.disguise else None
+        self._inner_mouth = InnerMouth(target) if options.disguise else None
         self._kept: dict[bool, list[Aperture]] = {}
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -123,7 +125,9 @@ class Painter:
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         self._look(head)
         if self._eyeballs is not None:
-            self._eyeballs.draw(texture, mesh)
+            self._eyeballs.paint(texture, mesh)
+        if self._inner_mouth is not None:
+            self._inner_mouth.paint(texture, mesh)
         if texels is not None:
             visible = None if self._occlusion is None else self._occlusion.visible
             hidden = None if view is None else self._silhouette.visible(view.cosines)

@@ -41,7 +41,9 @@ from guise.aam.landmarks.schemes import IBUG68
 
 QUICK = ("leave_reenter", "occlusion_hand")
 ALL_HIDDEN = 0  # outcome of a report that all faces are swapped and every frame verified
-NEARLY_LOSSLESS = '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"]}'
+NEARLY_LOSSLESS = (
+    '{"codec": "libx264", "ffmpeg_params": ["-crf", "1", "-preset", "ultrafast"], "macro_block_size": 2}'
+)
 
 
 @dataclass
