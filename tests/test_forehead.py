@@ -46,6 +46,15 @@ def test_what_is_read_is_skin_of_the_forehead() -> None:
         assert np.linalg.norm(read - brow, axis=1).min() > 0.5 * LIMITS.above_brows * FRAME.resolution
 
 
+def test_only_what_is_drawn_above_the_hairline_is_added() -> None:
+    added = Forehead.of(FRAME, BEYOND).added
+    top = round(FRAME.points[HAIRLINE, 1])
+    assert added[top + 2, MIDDLE] == 1
+    assert not added[BROWS_ROW - 10 :, MIDDLE].any()
+    assert not added[round(FRAME.points[BROWS, 1].max()) + 12 :].any()
+    assert not Forehead.of(FRAME, outward(FRAME, 0.05, 0.0)).added.any()
+
+
 def test_below_the_brows_nothing_changes() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (*FRAME.size, 3), np.uint8)
     made = Forehead.of(FRAME, BEYOND).continued(picture)

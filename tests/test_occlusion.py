@@ -342,6 +342,27 @@ def test_where_no_part_of_the_person_may_show_only_objects_that_reach_in_stay_in
         assert left.min() < 0.1
 
 
+@pytest.mark.parametrize("shown", [FaceClass.BACKGROUND, FaceClass.HAIR])
+def test_what_is_drawn_beyond_the_persons_face_leaves_the_background(
+    p01: Identity, monkeypatch: pytest.MonkeyPatch, shown: FaceClass
+) -> None:
+    reference = p01.appearance.reference
+    beyond = np.zeros(reference.size, np.float32)
+    beyond[:20] = 1
+    sampler = ParameterEstimator(p01.appearance).sampler
+    wary = Occlusion(reference, sampler, only_objects=True, beyond=beyond)
+    parsing = fake_parsing(shown, slice(0, 64), slice(0, 64))
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
+    shape = reference.points * (64 / reference.resolution)
+    wary.update(Frame.from_rgb(np.zeros((8, 8, 3), np.uint8)), shape)
+    left = wary.uncovered(shape)
+    assert (left is not None) == (shown == FaceClass.BACKGROUND)
+    if left is not None:
+        middle = slice(reference.size[1] // 3, 2 * reference.size[1] // 3)
+        assert left[2:17, middle].max() < 0.1
+        assert left[24:].min() == 1
+
+
 def test_brows_are_shown_whatever_the_sources_mask_says() -> None:
     reference = ReferenceFrame.canonical(64)
     nothing = np.zeros(reference.size, bool)

@@ -48,18 +48,20 @@ class Forehead:
     places : (h, w, 2) where each pixel's texture is read.
     softened : (h, w) share in [0, 1] by which it is softened there: what is mirrored must not be seen twice.
     sigma : pixels, of that.
+    added : (h, w) share in [0, 1] by which a pixel is drawn beyond the face's own hairline.
     """
 
     places: F32
     softened: F32
     sigma: float
+    added: F32
 
     @classmethod
     def of(cls, reference: ReferenceFrame, beyond: F64) -> Forehead:
         """For points that are drawn moved by `beyond` (81, 2)."""
         height, width = reference.size
         y, x = np.mgrid[:height, :width].astype(np.float64)
-        found, softened = np.dstack([x, y]).reshape(-1, 2), np.zeros(height * width)
+        found, (softened, added) = np.dstack([x, y]).reshape(-1, 2), np.zeros((2, height * width))
         places = found[reference.pixels]
         moved = np.zeros_like(beyond)
         moved[FOREHEAD] = beyond[FOREHEAD]
@@ -76,10 +78,12 @@ class Forehead:
         read = centre + away[:, None] * np.column_stack([np.sin(inwards), -np.cos(inwards)])
         found[reference.pixels] = np.where(share[:, None] > 0, read, places)
         softened[reference.pixels] = share * np.clip(excess / rim + 1, 0, 1)
+        added[reference.pixels] = share * np.clip(excess / rim - 0.5, 0, 1)
         return cls(
             found.reshape(height, width, 2).astype(np.float32),
             softened.reshape(height, width).astype(np.float32),
             LIMITS.softening * reference.resolution,
+            added.reshape(height, width).astype(np.float32),
         )
 
     def continued(self, picture: U8) -> U8:

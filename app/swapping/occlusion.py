@@ -43,6 +43,7 @@ class OcclusionLimits:
     min_object_face_shares: float = 0.01  # of an object there, and of one beside the face, of the face
     rim_face_widths: float = 0.03  # of the face, which such an object reaches
     hair_share: tuple[float, float] = (0.5, 0.85)
+    background_share: tuple[float, float] = (0.5, 0.85)  # beyond the person's own face
     frame_share: tuple[float, float] = (0.2, 0.5)  # of glasses, beside the eyes
     lens_share: tuple[float, float] = (0.7, 0.95)  # of glasses, dark ones, before the eyes
     mirror_face_widths: float = 0.04  # within which glasses must be seen on the other side of the face, too
@@ -70,6 +71,7 @@ SURE_KINDS = (
     (FaceClass.OCCLUDER, LIMITS.object_share),
     (FaceClass.OCCLUDER, LIMITS.sure_object_share),
 )
+BESIDE = (FaceClass.BACKGROUND, LIMITS.background_share)
 
 
 class Occlusion:
@@ -80,13 +82,18 @@ class Occlusion:
     reference : ReferenceFrame.
     texels : sampler of the places at which light and expression are measured.
     only_objects : hair, glasses and whatever lies wholly within the face don't stay in front.
+    beyond : (h, w) share in [0, 1] by which what is drawn lies beyond the person's own face: no background there is
+        drawn over.
 
     Attributes
     ----------
     irises : (2, 2) pixels, middles of the right and the left one in the last frame; None if it wasn't parsed.
     """
 
-    def __init__(self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False) -> None:
+    def __init__(
+        self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False,
+        beyond: F32 | None = None,
+    ) -> None:  # fmt: skip
         self._reference, self._texels = reference, texels
         self._only_objects = only_objects
         self._kinds = SURE_KINDS if only_objects else KINDS
@@ -99,6 +106,7 @@ class Occlusion:
         self._depth = Relief.shipped(reference).at(places.astype(np.float64))[:, None]
         eyes = (RIGHT_EYE, LEFT_EYE)
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
+        self._beyond = None if beyond is None else beyond[y, x]
         around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *eyes), LIMITS.growth_face_widths)
         self._hair_weight = np.asarray(1 - around[y, x], np.float32)
         self._face = reference.mask[y, x].reshape(self._grid.size)
@@ -119,6 +127,7 @@ class Occlusion:
     def reset(self) -> None:
         """Measure the next frame without memory."""
         self._layers: _Layers | None = None  # of the last parsed frame, until it is drawn
+        self._beside: _Layers | None = None
         self.irises: F64 | None = None
         self._pause_frames = 0
         self._eyes: list[F32] = []  # as they looked in the last parsed frame
@@ -149,6 +158,7 @@ class Occlusion:
         parsing = parse_frame(self._parser, frame, shape)
         self.irises = parsing.irises[:, :2]
         self._layers = _Layers.of(parsing, self._kinds)
+        self._beside = None if self._beyond is None else _Layers.of(parsing, (BESIDE,))
         places = self._texels.positions(shape) if places is None else places
         self._visible = 1 - np.max(self._layers.at(places), axis=1)
 
@@ -172,18 +182,24 @@ class Occlusion:
         layers = self._layers.at(places).T
         self._layers = None
         hidden = self._reaching_in(layers[1]) if self._only_objects else self._in_front(*layers)
+        if self._beside is not None and self._beyond is not None:
+            hidden = np.maximum(hidden, self._steady(self._beside.at(places)[:, 0] * self._beyond))
         self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
         return self._uncovered
 
     def _in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> F32:
         """The share (n,) of the cells that anything hides."""
         glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
-        worn = np.maximum(hair * self._hair_weight, glasses)
-        self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
+        worn = self._steady(np.maximum(hair * self._hair_weight, glasses))
         moving = self._is_object(thing) and self._has_moved(thing)
         self._pause_frames = 0 if moving else LIMITS.pause_frames
         self._thing = thing
-        return np.maximum(thing, self._worn)
+        return np.maximum(thing, worn)
+
+    def _steady(self, worn: F32) -> F32:
+        """The share (n,) of the cells that what comes and goes slowly hides, with memory."""
+        self._worn = worn if self._worn is None else worn + np.float32(LIMITS.memory) * (self._worn - worn)
+        return self._worn
 
     def _have_moved(self, eyes: list[F32]) -> bool:
         """Whether eyes look otherwise than in the last parsed frame."""
