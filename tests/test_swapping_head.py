@@ -11,7 +11,15 @@ import guise.app
 from guise.aam.model import Identity
 from guise.aam.parsing import CELLS, FaceClass, FaceParser, FaceParsing
 from guise.app.media import Frame
-from guise.app.swapping.head import HeadPainter, Plate, gone, knows_head, matte, parse_head
+from guise.app.swapping.head import (
+    HeadPainter,
+    Plate,
+    _without_background,
+    gone,
+    knows_head,
+    matte,
+    parse_head,
+)
 
 GALLERY = Path(guise.app.__file__).parent / "gallery"
 
@@ -106,3 +114,14 @@ def test_a_plate_is_known_where_the_pictures_agree_without_heads() -> None:
     assert plate.known[22:38, 10:40].min() > 0.9
     assert plate.known[50:].max() < 0.1
     assert Plate.of(pictures, [np.ones_like(h) for h in heads]).known.max() == 0
+
+
+def test_a_still_without_its_background_has_the_colours_of_the_head_only() -> None:
+    picture = np.full((20, 30, 3), (250, 240, 230), np.uint8)
+    picture[5:15, 8:22] = np.random.default_rng(0).integers(20, 90, (10, 14, 3))
+    alpha = np.zeros((20, 30), np.float32)
+    alpha[4:16, 7:23] = 0.5
+    alpha[5:15, 8:22] = 1
+    made = _without_background(picture, alpha)
+    np.testing.assert_array_equal(made[5:15, 8:22], picture[5:15, 8:22])
+    assert made.max() < 90

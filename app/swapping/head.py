@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
+from guise.aam.mask import beyond_mask
 from guise.aam.model import Identity, RestFrame
 from guise.aam.parsing import CELLS, FaceClass, FaceParser, FaceParsing
 from guise.aam.similarity import align_planar
@@ -40,6 +41,7 @@ class HeadLimits:
     growth_cells: int = 2  # of hair below the chin
     soft_cells: float = 1.0  # standard deviation of the edges
     hair_share: float = 0.3
+    sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
         0.25  # of the rim above the chin that is hair: with more of it the head is not known
     )
@@ -175,13 +177,14 @@ class HeadPainter(Closing):
     def __init__(self, identity: Identity, renderer: str) -> None:
         still = identity.rest_frame
         self._points = np.concatenate([still.shape, _ring(still.shape)])
-        self._texture = np.ascontiguousarray(still.picture)
+        alpha = matte(FaceParser(), still)
+        self._texture = _without_background(still.picture, alpha)
         height, width = still.picture.shape[:2]
         self._compositor = make_compositor(
             renderer,
             Delaunay(self._points).simplices.astype(np.int32),
             np.clip(self._points, 0, (width - 1, height - 1)).astype(np.float32),
-            matte(FaceParser(), still),
+            alpha,
         )
 
     def draw(self, frame: Frame, shape: F64, mesh: F64, parsing: FaceParsing, plate: Plate | None) -> None:
@@ -226,6 +229,14 @@ def matte(parser: FaceParser, still: RestFrame) -> F32:
     height, width = still.picture.shape[:2]
     whole = _in_picture(np.where(only, shares, 0).astype(np.float32), parsing, (0, 0, width, height))
     return np.asarray(np.clip((whole - 0.5) / 0.4, 0, 1), np.float32)
+
+
+def _without_background(picture: U8, alpha: F32) -> U8:
+    """A still (h, w, 3) in which what isn't wholly head has the colour of the head beside it: no halo surrounds it."""
+    made = picture.reshape(-1, 3).copy()
+    beside, nearest = beyond_mask(alpha > LIMITS.sure_share)
+    made[beside] = made[nearest]
+    return made.reshape(picture.shape)
 
 
 def _ring(shape: F64) -> F64:

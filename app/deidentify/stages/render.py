@@ -35,7 +35,7 @@ class RenderLimits:
     """How far a swap reaches beyond the face's outline, and what follows what the audit finds."""
 
     jaw_face_widths: float = 0.05  # hides the own outline even where a rolled head is found less exactly
-    forehead_face_widths: float = 0.28
+    forehead_face_widths: float = 0.28  # with the region "face": a head brings its own hairline
     audit_margin_frames: int = 3  # covered before and after a detection of the audit
     max_repeats: int = 3  # of a segment in which the audit found faces
 
@@ -122,7 +122,7 @@ class SegmentRenderer:
                     alpha=options.alpha,
                     renderer=options.renderer,
                     jaw=LIMITS.jaw_face_widths,
-                    forehead=LIMITS.forehead_face_widths,
+                    forehead=LIMITS.forehead_face_widths if options.region == "face" else 0.0,
                     occluders="objects",
                     disguise=True,
                     # The privacy figures are measured with it: narrower means of light cost some privacy, and so
