@@ -27,7 +27,7 @@ from guise.render.mesh import (
 _EVERY_BYTE = np.arange(256)
 # How far a pixel is drawn, by its alpha, and its share by the sum over it and its eight neighbours, as in
 # shaders/blend.frag.glsl.
-_DRAWN = np.rint(np.minimum(_EVERY_BYTE * (32 / 255), 1) * 28).astype(np.uint8)
+_DRAWN = np.rint(np.minimum(_EVERY_BYTE * (96 / 255), 1) * 28).astype(np.uint8)
 _SHARES = np.rint(255 * np.clip(_EVERY_BYTE * (2 / (9 * 28)) - 1, 0, 1)).astype(np.uint8)
 
 

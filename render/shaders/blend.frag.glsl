@@ -13,7 +13,7 @@ void main() {
     float drawn = 0.0;
     for (int y = -1; y <= 1; y++)
         for (int x = -1; x <= 1; x++)
-            drawn += min(32.0 * texelFetch(warped, clamp(pixel + ivec2(x, y), ivec2(0), size - 1), 0).a, 1.0);
+            drawn += min(96.0 * texelFetch(warped, clamp(pixel + ivec2(x, y), ivec2(0), size - 1), 0).a, 1.0);
     float share = clamp(drawn * (2.0 / 9.0) - 1.0, 0.0, 1.0);
     vec3 behind = texelFetch(frame, pixel, 0).rgb;
     colour = vec4(mix(behind, face.rgb, face.a * share * opacity), 1.0);
