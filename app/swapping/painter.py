@@ -20,11 +20,10 @@ from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
-from guise.app.swapping.eyeballs import Eyeballs
+from guise.app.swapping.disguise import Disguise
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.folds import Folds
-from guise.app.swapping.forehead import Forehead, strands
-from guise.app.swapping.inner_mouth import InnerMouth
+from guise.app.swapping.forehead import strands
 from guise.app.swapping.iris import IrisChange
 from guise.app.swapping.learned_light import LearnedLight
 from guise.app.swapping.local_light import LocalLight
@@ -93,17 +92,15 @@ class Painter:
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
-        self._forehead = Forehead.of(self.reference, self._beyond) if options.disguise else None
-        if self._forehead is not None:
-            self._detail = self._forehead.detailed(self._detail)
+        self._disguise = Disguise(source, target, self._beyond) if options.disguise else None
+        if self._disguise is not None:
+            self._detail = self._disguise.forehead.detailed(self._detail)
         self._back = np.linalg.norm(self._beyond, axis=1, keepdims=True) / self.reference.resolution
         sigma, at_rest = width * self.reference.resolution, target.appearance.neutral_shape
         self._alpha = self._feathered(at_rest, sigma) if options.disguise else feather(mask, sigma)
         self._compositors: dict[bool, Compositor] = {}
         self._source_at_rest = source.appearance.neutral_shape
         self._irises = IrisChange.of(source, target) if options.eyes_of_source else None
-        self._eyeballs = Eyeballs(source, target) if options.disguise else None
-        self._inner_mouth = InnerMouth(target) if options.disguise else None
         self._kept: dict[bool, list[Aperture]] = {}
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
@@ -124,10 +121,8 @@ class Painter:
         across = STRAIGHT if view is None else view.across
         texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         self._look(head)
-        if self._eyeballs is not None:
-            self._eyeballs.paint(texture, mesh)
-        if self._inner_mouth is not None:
-            self._inner_mouth.paint(texture, mesh)
+        if self._disguise is not None:
+            self._disguise.paint(texture, mesh)
         if texels is not None:
             visible = None if self._occlusion is None else self._occlusion.visible
             hidden = None if view is None else self._silhouette.visible(view.cosines)
@@ -207,8 +202,8 @@ class Painter:
             return
         if self._irises is not None:
             self._irises.gaze.see(irises, head, self._irises.at_rest)
-        if self._eyeballs is not None:
-            self._eyeballs.look(irises, head)
+        if self._disguise is not None:
+            self._disguise.look(irises, head)
 
     def _feathered(self, shape: F64, sigma: float) -> F32:
         """(h, w) alpha with a border as soft as `sigma` grid pixels on the shape (81, 2) as it is drawn.
@@ -230,8 +225,8 @@ class Painter:
         self._palette.reset()
         if self._irises is not None:
             self._irises.gaze.reset()
-        if self._eyeballs is not None:
-            self._eyeballs.reset()
+        if self._disguise is not None:
+            self._disguise.reset()
         if self._finish is not None:
             self._finish.reset()
         if self._occlusion is not None:
@@ -252,8 +247,8 @@ class Painter:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
         planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
         picture = self._scattered(planes)
-        if self._forehead is not None:
-            picture = self._forehead.continued(picture)
+        if self._disguise is not None:
+            picture = self._disguise.forehead.continued(picture)
         if self._finish is not None:
             picture = self._finish.sharpness.apply(picture)
         if zoom < ZOOM.max_blur_zoom:
