@@ -170,7 +170,7 @@ def deidentify(
     gallery: Gallery = None,
     cover: Cover = CoverName.solid,
     region: RegionOption = RegionName.face,
-    alpha: Alpha = 1.0,
+    alpha: Alpha = 0.3,
     review: Review = False,
     tracks: Tracks = None,
     resume: Resume = False,

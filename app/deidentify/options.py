@@ -29,7 +29,8 @@ class DeidentifyOptions:
     donor : "auto", "same", "average:K", "mean:K", or NAME.guise; see `guise.app.swapping.donors.assign`.
     gallery : the user's own donors, NAME.guise files, instead of those that ship with the package.
     cover : how a face that is not swapped is covered.
-    alpha : share in [0, 1] of the expression outside the donor's own space that is let through.
+    alpha : share in [0, 1] of what the texture shows of the expression outside the donor's own space that is let
+        through; all of it brings moustaches and frames of glasses with it.
     seed : of the choice of donors.
     keyfile : where people and their donors are remembered, or None.
     audio : other than "keep" changes the sound.
@@ -46,7 +47,7 @@ class DeidentifyOptions:
     donor: str = "auto"
     gallery: tuple[Path, ...] = ()
     cover: CoverStyle = "solid"
-    alpha: float = 1.0
+    alpha: float = 0.3
     seed: int = 0
     keyfile: Path | None = None
     audio: Audio = "keep"

@@ -5,7 +5,7 @@ what the synthesised face shows there, averaged alike; the ratio is that of the 
 Brightness is averaged over a small neighbourhood, so that hard shadows keep their place, and colour over a larger one.
 Brows, lips and folds are differences from the face's own mean; they take the colour of the ratio, and its brightness
 within limits, so that they neither fade nor turn into noise.  Eyes and the inside of the mouth keep their own colours,
-in the brightness that the source's have.  RGB 0..255.
+in the brightness that the source's have and the tint of the light.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -104,8 +104,10 @@ class LocalLight:
         gains, lit = self._at_pixels(gain), self._at_pixels(self._own * (self._ratio - gain) - black)
         gains *= self._surface
         lit *= self._surface
+        tint = self._ratio.mean((1, 2))
+        tint /= LUMA @ tint
         for part, value in zip(self._parts, self._part_ratio, strict=True):
-            gains += np.float32(value) * part
+            gains += np.multiply.outer(np.float32(value) * tint, part)
         gains *= texture.T
         gains += lit
         out = to_stored.astype(np.float32) @ gains
