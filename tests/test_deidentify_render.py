@@ -40,6 +40,13 @@ def test_a_find_is_covered_in_the_frames_about_it_and_changes_nothing_else() -> 
     )
 
 
+def test_what_is_found_again_at_the_same_place_is_covered_in_all_frames() -> None:
+    finds = [AuditDetection(10, BOX, 0.9), AuditDetection(60, BOX + 2, 0.9)]
+    assert sorted(with_detections({}, finds, 0, 100)) == list(range(100))
+    elsewhere = [finds[0], AuditDetection(60, BOX + 100, 0.9)]
+    assert len(with_detections({}, elsewhere, 0, 100)) == 2 * (2 * LIMITS.audit_margin_frames + 1)
+
+
 def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
     rgb = np.full((100, 120, 3), 200, np.uint8)
     made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32), 0.0)

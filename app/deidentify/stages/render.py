@@ -6,13 +6,14 @@ What the audit finds is covered too, and the segment is rendered again.  Pixels 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from guise.aam.landmarks import iou
 from guise.aam.parsing import FaceParser
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, FaceTreatment
 from guise.app.deidentify.stages.case import Case
@@ -37,6 +38,7 @@ class RenderLimits:
     jaw_face_widths: float = 0.05  # hides the own outline even where a rolled head is found less exactly
     forehead_face_widths: float = 0.28  # with the region "face": a head brings its own hairline
     audit_margin_frames: int = 3  # covered before and after a detection of the audit
+    same_place_iou: float = 0.5  # of two detections
     max_repeats: int = 3  # of a segment in which the audit found faces
 
 
@@ -180,14 +182,24 @@ def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int
 
 
 def with_detections(
-    entries: dict[int, list[FaceTreatment]], detections: Iterable[AuditDetection], first: int, last: int
+    entries: dict[int, list[FaceTreatment]], detections: Sequence[AuditDetection], first: int, last: int
 ) -> dict[int, list[FaceTreatment]]:
-    """The entries, with the faces that the audit found covered in the frames about each."""
+    """The entries, with the faces that the audit found covered in the frames about each.
+
+    What is found once more at the same place, beyond those frames, rests there: it is covered in all of them.
+    """
     more = defaultdict(list, {frame: list(these) for frame, these in entries.items()})
     for one in detections:
-        for frame in range(
-            max(first, one.frame - LIMITS.audit_margin_frames),
-            min(last, one.frame + LIMITS.audit_margin_frames + 1),
-        ):
+        margin = last - first if _rests(one, detections) else LIMITS.audit_margin_frames
+        for frame in range(max(first, one.frame - margin), min(last, one.frame + margin + 1)):
             more[frame].append(FaceTreatment(0, COVERED, one.box, 1.0, one.turn))
     return more
+
+
+def _rests(one: AuditDetection, detections: Sequence[AuditDetection]) -> bool:
+    """Whether something is found at the same place in a frame beyond those covered about this one."""
+    return any(
+        abs(one.frame - other.frame) > LIMITS.audit_margin_frames
+        and iou(one.box, other.box) > LIMITS.same_place_iou
+        for other in detections
+    )
