@@ -175,14 +175,14 @@ def test_choices_are_kept(case: Any, studio_server: StudioServer, reviewed: str)
     case.get_by_role("button", name="Donor: Walter (fictional)").wait_for()
     case.locator("[role=slider][aria-label=Expression] [tabindex]").press("ArrowLeft")
     kept = studio_server.folder / "jobs" / reviewed.split("/")[-1] / "choices.json"
-    wanted = {"cover": "mosaic", "audio": "drop", "alpha": 0.9}
+    wanted = {"cover": "mosaic", "audio": "drop", "alpha": 0.2}
     wait_until(case, lambda: json.loads(kept.read_text()).items() >= wanted.items())
     case.reload()
     show_faces(case)
     assert pressed(case, "Mosaic")
     assert pressed(case, "Drop")
     case.get_by_role("button", name="Donor: Walter (fictional)").wait_for()
-    assert case.get_by_role("slider", name="Expression").get_attribute("aria-valuenow") == "0.9"
+    assert case.get_by_role("slider", name="Expression").get_attribute("aria-valuenow") == "0.2"
 
 
 def test_a_video_without_faces_is_told_as_such(
