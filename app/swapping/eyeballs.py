@@ -28,7 +28,6 @@ class EyeballLimits:
     lashes: tuple[float, float] = (0.6, 0.25)  # their darkness at the upper and the lower lid,
     lashes_reach: float = 0.05  # and how far out
     border: tuple[float, float] = (1.1, 0.94)  # radii, at which there is no iris, and all of it
-    profile: float = 1.0  # radii, up to which colours are the iris's
     lid_shade: float = 0.4  # just below the upper lid,
     lid_shade_reach: float = 0.06  # and how far down
     corner_shade: float = 0.15
@@ -82,7 +81,7 @@ class Eyeballs:
         away = np.hypot(x, y)
         outer, inner = LIMITS.border
         share = np.clip((outer - away) / np.float32(outer - inner), 0, 1)
-        seen = 1 + share * (self._irises.at(np.minimum(away, LIMITS.profile)) - 1)
+        seen = 1 + share * (self._irises.at(np.minimum(away, 1)) - 1)
         left, up, width = LIMITS.reflection
         gleam = np.exp(-((x - left) ** 2 + (y - up) ** 2) / (2 * width**2))
         return np.asarray((seen + gleam * (LIMITS.reflected - seen)).T, np.float32)

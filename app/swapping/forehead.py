@@ -28,8 +28,8 @@ class ForeheadLimits:
     least: float = 0.03  # height of it
     softening: float = 0.03  # standard deviation
     inwards: float = 0.4  # share by which that is read nearer to the middle, off the ends of brows
-    # Of the strands at the hairline: how far they reach in at the middle, how wide they
-    # and tufts of them are, and how soft their edges, as a share of their reach.
+    # Of the strands at the hairline: how far they reach in at the middle, how wide they and tufts of them are, how long
+    # they stay alike, and how soft their ends are, as a share of their reach.
     reach: float = 0.09
     widths: tuple[float, float] = (0.004, 0.012)
     length: float = 0.07
