@@ -19,14 +19,14 @@ BROWS_ROW = round(FRAME.points[BROW_TOPS, 1].mean())
 
 def test_a_forehead_that_stays_is_read_where_it_is() -> None:
     y, x = np.mgrid[: FRAME.size[0], : FRAME.size[1]]
-    forehead = Forehead.of(FRAME, outward(FRAME, 0.05, 0.0))
+    forehead = Forehead.of(FRAME, 0.0)
     np.testing.assert_allclose(forehead.places, np.dstack([x, y]), atol=1e-4)
     assert not forehead.softened.any()
 
 
 def test_above_brows_the_texture_is_not_stretched() -> None:
     rows = np.arange(BROWS_ROW - 9, BROWS_ROW - 2)
-    read = Forehead.of(FRAME, BEYOND).places[rows, MIDDLE, 1]
+    read = Forehead.of(FRAME, REACH).places[rows, MIDDLE, 1]
     stretch = 1 + REACH * FRAME.resolution / (BROWS_ROW - FRAME.points[HAIRLINE, 1])
     drawn_rows = stretch * np.diff(rows)
     assert np.diff(read) == pytest.approx(drawn_rows, rel=0.15)
@@ -34,9 +34,9 @@ def test_above_brows_the_texture_is_not_stretched() -> None:
 
 
 def test_what_is_read_is_skin_of_the_forehead() -> None:
-    places = Forehead.of(FRAME, BEYOND).places
+    places = Forehead.of(FRAME, REACH).places
     hull = FRAME.points[FOREHEAD].astype(np.float32)
-    mirrored = Forehead.of(FRAME, BEYOND).softened > 0.99
+    mirrored = Forehead.of(FRAME, REACH).softened > 0.99
     assert mirrored.sum() > 500
     read = places[mirrored]
     rim = (LIMITS.above_brows + LIMITS.least - LIMITS.rim) * FRAME.resolution  # where brows are near it
@@ -47,17 +47,17 @@ def test_what_is_read_is_skin_of_the_forehead() -> None:
 
 
 def test_only_what_is_drawn_above_the_hairline_is_added() -> None:
-    added = Forehead.of(FRAME, BEYOND).added
+    added = Forehead.of(FRAME, REACH).added
     top = round(FRAME.points[HAIRLINE, 1])
     assert added[top + 2, MIDDLE] == 1
     assert not added[BROWS_ROW - 10 :, MIDDLE].any()
     assert not added[round(FRAME.points[BROWS, 1].max()) + 12 :].any()
-    assert not Forehead.of(FRAME, outward(FRAME, 0.05, 0.0)).added.any()
+    assert not Forehead.of(FRAME, 0.0).added.any()
 
 
 def test_below_the_brows_nothing_changes() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (*FRAME.size, 3), np.uint8)
-    made = Forehead.of(FRAME, BEYOND).continued(picture)
+    made = Forehead.of(FRAME, REACH).continued(picture)
     below = round(FRAME.points[[JAW[0], JAW[-1]], 1].max()) + 2
     np.testing.assert_array_equal(made[below:], picture[below:])
     assert (made[:BROWS_ROW] != picture[:BROWS_ROW]).any()
@@ -65,7 +65,7 @@ def test_below_the_brows_nothing_changes() -> None:
 
 def test_detail_is_read_where_the_texture_is() -> None:
     y = np.mgrid[: FRAME.size[0], : FRAME.size[1]].astype(np.float32)[0]
-    forehead = Forehead.of(FRAME, BEYOND)
+    forehead = Forehead.of(FRAME, REACH)
     fine = cv2.resize(y, (2 * FRAME.size[1], 2 * FRAME.size[0]))
     coarse = cv2.remap(y, forehead.places, None, cv2.INTER_LINEAR)
     inner = np.s_[BROWS_ROW - 9 : BROWS_ROW - 2, MIDDLE]

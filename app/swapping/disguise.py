@@ -13,15 +13,15 @@ class Disguise:
     """Paints them into the texture of an identity.
 
     source, target : Identity of the head, whose gaze is followed, and of the face; both share a reference frame.
-    beyond : (81, 2) grid pixels by which the outline is drawn farther out, see `outward`.
+    forehead : face widths by which it is drawn farther up.
 
     Attributes
     ----------
     forehead : how the texture is read there.
     """
 
-    def __init__(self, source: Identity, target: Identity, beyond: F64) -> None:
-        self.forehead = Forehead.of(target.reference, beyond)
+    def __init__(self, source: Identity, target: Identity, forehead: float) -> None:
+        self.forehead = Forehead.of(target.reference, forehead)
         self._eyeballs, self._inner_mouth = Eyeballs(source, target), InnerMouth(target)
 
     def look(self, irises: F64, head: F64) -> None:

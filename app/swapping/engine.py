@@ -34,7 +34,6 @@ from guise.app.swapping.forehead import Forehead
 from guise.app.swapping.occlusion import Occlusion
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
-from guise.app.swapping.place import outward
 from guise.app.swapping.silhouette import View
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
@@ -250,7 +249,6 @@ def _occlusion(source: Identity, estimator: ParameterEstimator, options: EngineO
     """What hides the source's face and stays in front of the drawn one."""
     if options.in_front == "none":
         return None
-    reference, beyond = source.reference, None
-    if options.disguise:
-        beyond = Forehead.of(reference, outward(reference, options.jaw, options.forehead)).added
-    return Occlusion(reference, estimator.sampler, only_objects=options.in_front == "objects", beyond=beyond)
+    beyond = Forehead.of(source.reference, options.forehead).added if options.disguise else None
+    only_objects = options.in_front == "objects"
+    return Occlusion(source.reference, estimator.sampler, only_objects=only_objects, beyond=beyond)

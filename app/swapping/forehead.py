@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import BROWS, FOREHEAD, NOSE
 from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.app.swapping.place import outward
 from guise.common.arrays import F32, F64, U8, Bool
 
 
@@ -57,14 +59,17 @@ class Forehead:
     added: F32
 
     @classmethod
-    def of(cls, reference: ReferenceFrame, beyond: F64) -> Forehead:
-        """For points that are drawn moved by `beyond` (81, 2)."""
+    def of(cls, reference: ReferenceFrame, face_widths: float) -> Forehead:
+        """For a forehead that is drawn so much farther up, see `outward`."""
+        return _forehead(reference.resolution, face_widths)
+
+    @classmethod
+    def _made(cls, reference: ReferenceFrame, face_widths: float) -> Forehead:
         height, width = reference.size
         y, x = np.mgrid[:height, :width].astype(np.float64)
         found, (softened, added) = np.dstack([x, y]).reshape(-1, 2), np.zeros((2, height * width))
         places = found[reference.pixels]
-        moved = np.zeros_like(beyond)
-        moved[FOREHEAD] = beyond[FOREHEAD]
+        moved = outward(reference, 0.0, face_widths)
         stretched = MeshSampler.build(reference, places).positions(moved).astype(np.float64)
         drawn, centre = places + stretched, reference.points[NOSE].mean(0)
         along, away = _polar(drawn - centre)
@@ -97,6 +102,11 @@ class Forehead:
         height, width = self.softened.shape
         places = 2 * cv2.resize(self.places, (2 * width, 2 * height)) + np.float32(0.5)
         return np.asarray(cv2.remap(detail, places, None, cv2.INTER_LINEAR), np.float32)  # type: ignore[call-overload]
+
+
+@lru_cache(maxsize=4)
+def _forehead(resolution: int, face_widths: float) -> Forehead:
+    return Forehead._made(ReferenceFrame.canonical(resolution), face_widths)
 
 
 def strands(mesh: F64, inside: Bool, beyond: F64, face_width: float) -> F32:

@@ -92,7 +92,7 @@ class Painter:
         self._features = proportions(self.reference) if options.disguise else np.eye(POINTS)
         self._pull = outline_pull(self.reference)
         self._beyond = outward(self.reference, options.jaw, options.forehead)
-        self._disguise = Disguise(source, target, self._beyond) if options.disguise else None
+        self._disguise = Disguise(source, target, options.forehead) if options.disguise else None
         if self._disguise is not None:
             self._detail = self._disguise.forehead.detailed(self._detail)
         self._back = np.linalg.norm(self._beyond, axis=1, keepdims=True) / self.reference.resolution
