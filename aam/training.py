@@ -263,12 +263,7 @@ def train_identity(
         When too few of the frames show the whole face, or none shows it at rest.
     """
     reference = ReferenceFrame.canonical(options.resolution)
-    training = [observations[i] for i in choice.training if i in observations]
-    if len(training) < LIMITS.min_frames:
-        raise TrainingError(
-            f"only {len(training)} of the chosen frames show the whole face, {LIMITS.min_frames} are needed; "
-            "use another clip"
-        )
+    training = _seen(observations, choice.training)
     at_rest, rest_frame = _at_rest(observations, choice)
     textures = np.stack([o.texture for o in training])
     if options.equalise_light:
@@ -303,6 +298,17 @@ def train_identity(
         },
         views,
     )
+
+
+def _seen(observations: dict[int, Observation], frames: Int) -> list[Observation]:
+    """The observations of the frames that show the whole face.  TrainingError when they are too few."""
+    seen = [observations[i] for i in frames.tolist() if i in observations]
+    if len(seen) < LIMITS.min_frames:
+        raise TrainingError(
+            f"only {len(seen)} of the chosen frames show the whole face, {LIMITS.min_frames} are needed; "
+            "use another clip"
+        )
+    return seen
 
 
 def _judged(tracker: Tracker, held_out: Sequence[Observation]) -> Tracker:

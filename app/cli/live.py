@@ -148,11 +148,7 @@ def live(
                 "--output studio opens the browser, where everything else is chosen: give it alone"
             )
         return studio(quiet=quiet, json=json)
-    cast = faces_by_person(map)
-    if cast and (identity or person or enrol or mode is ModeName.puppet):
-        raise typer.BadParameter(
-            "--map says who gets which face: leave out --identity, --person, --enrol and puppet"
-        )
+    cast = _cast(map, alone=not (identity or person or enrol or mode is ModeName.puppet))
     console = Console(quiet=quiet, json=json)
     settings = LiveSettings(
         alpha=alpha, mode=mode.value, mirror=source is None if mirror is None else mirror,
@@ -171,6 +167,16 @@ def live(
         report = run_live(options, progress=stages, say=console.note)
     console.say(str(report))
     return console.result(report.as_json())
+
+
+def _cast(map: list[str] | None, *, alone: bool) -> dict[str, str]:
+    """Faces by person, if nothing else says who gets which face."""
+    cast = faces_by_person(map)
+    if cast and not alone:
+        raise typer.BadParameter(
+            "--map says who gets which face: leave out --identity, --person, --enrol and puppet"
+        )
+    return cast
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -23,12 +23,12 @@ from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.output import Output
 from guise.app.live.overlay import mesh_path
 from guise.app.live.session import SessionConfig
-from guise.app.live.stats import PipelineStats
 from guise.app.live.virtualcam import VirtualCamera
 from guise.app.media import MediaError
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
 from guise.app.studio.frame_socket import Peer, PeerOutput
+from guise.app.studio.live_elements import figures, graph, select, video
 from guise.app.studio.live_run import LiveRun
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, camera_error, page, script
@@ -55,7 +55,6 @@ KEYS = (
     "1 to 9 face, up and down expression, S swap, P puppet, O cover, M mirror, L mesh, K mask, R record, C snapshot, "
     "E enrol"
 )
-GREY = "#808080"  # readable in light and in dark
 GRAPH_POINTS = 120  # of the latency graph, one for each update
 LISTEN_SECONDS = 5.0  # that the browser gets to begin with its sound
 PERMISSION_SECONDS = 120.0  # that the user gets to allow the camera
@@ -123,11 +122,11 @@ class _LivePage:
     def _stage(self) -> None:
         with ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
             with ui.element("div").classes("relative") as self._camera_place:
-                self._own = _video("Your camera")
+                self._own = video("Your camera")
                 with ui.element("svg").classes("absolute inset-0 w-full h-full") as self._mesh_picture:
                     self._mesh_picture.props('aria-hidden="true" pointer-events="none"')
                     self._mesh = ui.element("path").props('fill="none" stroke="#5af082" d=""')
-            self._result = _video("The result")
+            self._result = video("The result")
         with ui.row().classes("w-full items-center no-wrap min-h-12"):
             self._ring = ui.circular_progress(0, min=0, max=1, show_value=False, size="3rem")
             self._ring.props('aria-label="Enrolment"')
@@ -152,10 +151,10 @@ class _LivePage:
         )  # fmt: skip
         clips = {clip.id: f"The clip {clip.name}" for clip in self.studio.store.clips()}
         with ui.card().classes("w-full"), ui.element("div").classes("w-full grid gap-4 sm:grid-cols-2"):
-            self._camera = _select("Camera", CAMERAS | clips, BROWSER, lambda _: self._update_state())
+            self._camera = select("Camera", CAMERAS | clips, BROWSER, lambda _: self._update_state())
             person = remembered if remembered in people else NOBODY
-            self._person = _select("Who is at the camera", people, person, self._choose_person)
-            _select("Cover style", STYLES, settings.style, self._changer("style"))
+            self._person = select("Who is at the camera", people, person, self._choose_person)
+            select("Cover style", STYLES, settings.style, self._changer("style"))
             with ui.column().classes("gap-0"):
                 ui.label("Mode").props("id=live-mode")
                 self._mode = ui.toggle(MODES, value=settings.mode, on_change=self._changer("mode"))
@@ -182,7 +181,7 @@ class _LivePage:
     def _readout(self) -> None:
         self._figures = ui.label().classes("tabular-nums opacity-70")
         with ui.expansion("Performance", icon="speed").classes("w-full") as self._performance:
-            self._graph = ui.echart(_graph(list(self._latencies))).classes("w-full h-40")
+            self._graph = ui.echart(graph(list(self._latencies))).classes("w-full h-40")
             self._graph.props('role=img aria-label="Recent latency from the camera on"')
 
     def _update_state(self) -> None:
@@ -199,8 +198,8 @@ class _LivePage:
             self._stranger.set_visibility(False)
             self._message.text = "Start asks for your camera; no picture leaves this computer."
             self._figures.text = ""
-        for video in (self._own, self._result, self._mesh_picture):
-            video.classes(**{"add" if self._controls.settings.mirror else "remove": "-scale-x-100"})
+        for picture in (self._own, self._result, self._mesh_picture):
+            picture.classes(**{"add" if self._controls.settings.mirror else "remove": "-scale-x-100"})
 
     # -- actions ---------------------------------------------------------------------------------------
 
@@ -473,45 +472,3 @@ def _computers_camera() -> CameraCapture:
         raise MediaError(
             "the computer's camera cannot be opened: connect one, or use this browser's camera"
         ) from error
-
-
-def figures(stats: PipelineStats) -> str:
-    """The readout in words."""
-    return (
-        f"{stats.fps:.0f} frames per second · median latency {stats.latency:.0f} ms, 95th percentile "
-        f"{stats.latency_95:.0f} ms · {stats.dropped + stats.skipped} dropped"
-    )
-
-
-def _video(name: str) -> ui.element:
-    """A video element."""
-    video = ui.element("video").props("autoplay muted playsinline")
-    video.props["aria-label"] = name
-    return video.classes("w-full rounded bg-black aspect-[4/3] object-contain")
-
-
-def _select(label: str, options: dict[Any, str], value: Any, change: Callable[[Any], Any]) -> ui.select:
-    return (
-        ui.select(options, label=label, value=value, on_change=change)
-        .classes("w-full")
-        .props("outlined dense")
-    )
-
-
-def _graph(latencies: list[float]) -> dict[str, Any]:
-    """Options of a line graph of latencies, milliseconds."""
-    return {
-        "animation": False,
-        "grid": {"left": 45, "right": 10, "top": 30, "bottom": 10},
-        "xAxis": {"type": "category", "show": False},
-        "yAxis": {
-            "type": "value",
-            "name": "ms",
-            "min": 0,
-            "splitNumber": 3,
-            "axisLabel": {"color": GREY},
-            "nameTextStyle": {"color": GREY},
-            "splitLine": {"lineStyle": {"color": GREY, "opacity": 0.4}},
-        },
-        "series": [{"type": "line", "data": latencies, "showSymbol": False}],
-    }
