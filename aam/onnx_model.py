@@ -69,7 +69,6 @@ def _session(model: bytes | str, threads: int) -> Any:
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    options.enable_cpu_mem_arena = False  # of its own, which would serve this network only
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 

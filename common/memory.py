@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from functools import cache
 
 _MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of mallopt, malloc.h
-_RETURNED_BYTES = 1 << 20  # size from which freed memory is returned to the system
+_RETURNED_BYTES = 1 << 22  # size from which freed memory is returned to the system
 _MAX_HEAPS = 2
 
 

@@ -63,6 +63,12 @@ class RolledBoxes:
         pairs = zip(vars(self).values(), vars(others).values(), strict=True)
         return RolledBoxes(*(np.concatenate(pair) for pair in pairs))
 
+    def scaled(self, factor: float) -> RolledBoxes:
+        """The boxes in a picture that is larger by a factor."""
+        return RolledBoxes(
+            (self.boxes + np.float32(0.5)) * np.float32(factor) - np.float32(0.5), self.scores, self.turns
+        )
+
     def distinct(self) -> RolledBoxes:
         """Of boxes that overlap, the one with the highest score; largest first.
 

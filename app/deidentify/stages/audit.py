@@ -11,7 +11,9 @@ radians, by which a face is rolled clockwise.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import open_detector
 from guise.aam.landmarks.builtin import BuiltinLandmarker
-from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.face import BoxDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
@@ -29,6 +31,7 @@ from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.media import Frame
 from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
 from guise.common.arrays import F32, F64, U8
+from guise.common.closing import Closing
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class AuditLimits:
 
 
 LIMITS = AuditLimits()
+THREADS = 2  # in which is searched while frames are drawn and read
 _BETWEEN_QUARTERS = tuple(np.pi / 8 + np.pi / 2 * np.arange(4))
 
 
@@ -95,7 +99,7 @@ class AuditSearch:
 
     def __init__(self, detector: str | None) -> None:
         self._given: BoxDetector | None = open_detector(detector) if detector else None
-        self._own = [FaceDetector(s, min_score=LIMITS.min_score) for s in LIMITS.smallest_face_pixels]
+        self._own = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score)
         self._landmarker = BuiltinLandmarker()
 
     def faces(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
@@ -125,15 +129,17 @@ class AuditSearch:
             ]
             placed = np.array(boxes, np.float32).reshape(-1, 4)
             return RolledBoxes(placed, found.scores, found.turns)[found.scores >= LIMITS.min_score]
-        chosen = self._own if turn_to is None else [self._own[turn_to % len(self._own)]]
+        sizes = LIMITS.smallest_face_pixels
         found = RolledBoxes.none()
-        for detector in chosen:
-            found = found.and_others(detect_at_turns(detector, rgb, _BETWEEN_QUARTERS))
-            found = found.and_others(detect_at_sides(detector, rgb))
+        for smallest in sizes if turn_to is None else (sizes[turn_to % len(sizes)],):
+            picture, factor = _scaled(rgb, MIN_FACE_PIXELS / smallest)
+            here = detect_at_turns(self._own, picture, _BETWEEN_QUARTERS)
+            here = here.and_others(detect_at_sides(self._own, picture))
+            found = found.and_others(here.scaled(1 / factor))
         return found
 
 
-class Audit:
+class Audit(Closing):
     """Looks at each frame before it is changed and at the result.
 
     Parameters
@@ -160,6 +166,8 @@ class Audit:
         self._kept: dict[int, U8] = {}
         self._original: dict[tuple[int, bool], RolledBoxes] = {}  # by frame, and whether as a negative
         self._is_negative = False  # as far as is known
+        self._threads = ThreadPoolExecutor(THREADS, "audit")
+        self._looks: deque[Future[None]] = deque()
 
     @property
     def searched(self) -> int:
@@ -172,11 +180,27 @@ class Audit:
             return
         pairs = ((e, patch_of(frame.luma, e.box)) for e in entries if e.done == SWAPPED)
         self._patches[frame.index] = [(entry, patch) for entry, patch in pairs if patch is not None]
-        for negative in self._ways(frame.index):
-            if (frame.index, negative) not in self._original:
-                self._original[frame.index, negative] = self._faces(frame, negative)
-                self._kept[frame.index] = _small(frame.luma)
-                self._is_negative |= negative and len(self._original[frame.index, True]) > 0
+        if frame.index not in self._searched:
+            return
+        self._kept[frame.index] = _small(frame.luma)
+        known = [entry.region for entry in entries]
+        last = self._looks[-1] if self._looks else None
+        self._looks.append(self._threads.submit(self._look, frame.quick_rgb(), frame.index, known, last))
+        if len(self._looks) > THREADS:
+            self._looks.popleft().result()
+
+    def _look(self, rgb: U8, index: int, known: Sequence[F64], last: Future[None] | None) -> None:
+        """Search the original, where that has not been done, after the frames before it.
+
+        A face that is known looks like one in its negative, too; another one tells that the pictures are negatives.
+        """
+        if last is not None:
+            last.result()
+        for negative in self._ways(index):
+            if (index, negative) not in self._original:
+                found = self._original[index, negative] = self._faces(rgb, index, negative)
+                new = (box for box in found.boxes if not any(_inside(box, place) for place in known))
+                self._is_negative |= negative and any(True for _ in new)
 
     def after(
         self,
@@ -188,13 +212,33 @@ class Audit:
 
         entries : what was done, by frame.   swapped_boxes : (4,) of what was drawn, by frame.
         """
+        while self._looks:
+            self._looks.popleft().result()
+        searched: deque[tuple[Frame, dict[bool, Future[RolledBoxes]]]] = deque()
+
+        def judged() -> Iterator[AuditDetection]:
+            frame, found = searched.popleft()
+            treatments, drawn = entries.get(frame.index, []), swapped_boxes.get(frame.index, [])
+            for negative, boxes in found.items():
+                yield from self._compared(frame, treatments, drawn, boxes.result(), negative)
+
         for frame in frames:
             for entry, patch in self._patches.get(frame.index, []):
                 if _is_unchanged(patch, patch_of(frame.luma, entry.box), LIMITS.max_unchanged_swapped):
                     yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
-            drawn = swapped_boxes.get(frame.index, [])
-            for negative in (way for way in self._ways(frame.index) if (frame.index, way) in self._original):
-                yield from self._compared(frame, entries.get(frame.index, []), drawn, negative)
+            ways = [way for way in self._ways(frame.index) if (frame.index, way) in self._original]
+            if ways:
+                rgb = frame.quick_rgb()
+                searches = {way: self._threads.submit(self._faces, rgb, frame.index, way) for way in ways}
+                searched.append((frame, searches))
+            if len(searched) > THREADS:
+                yield from judged()
+        while searched:
+            yield from judged()
+
+    def close(self) -> None:
+        """Stop searching."""
+        self._threads.shutdown(cancel_futures=True)
 
     def look_closer(self, found: Iterable[AuditDetection]) -> None:
         """Search all frames about what was found from now on, and as negatives if it was found in one."""
@@ -210,16 +254,15 @@ class Audit:
         regular = index % (LIMITS.negative_interval * LIMITS.interval_frames) == 0
         return (False, True) if self._every_frame or self._is_negative or regular else (False,)
 
-    def _faces(self, frame: Frame, negative: bool) -> RolledBoxes:
-        rgb = frame.quick_rgb()
-        size = None if self._every_frame else frame.index // LIMITS.interval_frames
+    def _faces(self, rgb: U8, index: int, negative: bool) -> RolledBoxes:
+        size = None if self._every_frame else index // LIMITS.interval_frames
         return self._search.faces(255 - rgb if negative else rgb, size)
 
     def _compared(
-        self, frame: Frame, entries: Sequence[FaceTreatment], swapped: Sequence[F64], negative: bool
-    ) -> Iterator[AuditDetection]:
+        self, frame: Frame, entries: Sequence[FaceTreatment], swapped: Sequence[F64], result: RolledBoxes,
+        negative: bool,
+    ) -> Iterator[AuditDetection]:  # fmt: skip
         """Faces that another way of searching finds in the original or in the result, where both are the same."""
-        result = self._faces(frame, negative)
         found = self._original[frame.index, negative].and_others(result).distinct()
         before, after = self._kept[frame.index], _small(frame.luma)
         scale = before.shape[1] / frame.width
@@ -281,9 +324,14 @@ def _sampled(frames: tuple[int, int], entries: dict[int, list[FaceTreatment]], r
 
 
 def _small(luma: NDArray[Any]) -> U8:
-    scale = min(1.0, LIMITS.kept_pixels / max(luma.shape))
-    size = [max(1, round(side * scale)) for side in luma.shape[::-1]]
-    return np.array(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.array(_scaled(luma, LIMITS.kept_pixels / max(luma.shape))[0])
+
+
+def _scaled(picture: NDArray[Any], factor: float) -> tuple[U8, float]:
+    """A picture made smaller by a factor, if that is below 1, and by how much it is."""
+    factor = min(1.0, factor)
+    size = [max(1, round(side * factor)) for side in picture.shape[1::-1]]
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8), factor
 
 
 def _inside(box: F32, place: NDArray[np.floating]) -> bool:

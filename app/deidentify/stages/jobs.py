@@ -139,7 +139,9 @@ def render(case: Case, segment: int) -> None:
     covered: list[AuditDetection] = []
     with ExitStack() as stack:
         media = stack.enter_context(open_input(case.input))
-        audit = _audit(case, (first, last), entries, every_frame=not isinstance(media, VideoInput))
+        audit = stack.enter_context(
+            _audit(case, (first, last), entries, every_frame=not isinstance(media, VideoInput))
+        )
         segment_renderer = stack.enter_context(SegmentRenderer(case, segment, entries, audit))
         for attempt in range(1 + LIMITS.max_repeats):
             segment_renderer.entries = with_detections(entries, covered, first, last)
