@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -222,3 +224,18 @@ def test_decoding_times_ascend_and_are_never_late(pts: list[int]) -> None:
     assert (dts <= pts).all()
     if pts == sorted(pts):
         assert dts.tolist() == pts
+
+
+ABANDON = """
+import sys
+from pathlib import Path
+from guise.app.media.packets import read_packets
+
+for _ in range(100):
+    next(read_packets(Path(sys.argv[1])))
+"""
+
+
+def test_a_piece_need_not_be_read_to_its_end(tmp_path: Path) -> None:
+    (part,) = make_pieces(SAMPLE, tmp_path, FAST, 1000)
+    subprocess.run([sys.executable, "-c", ABANDON, part], check=True, timeout=60)

@@ -143,7 +143,10 @@ class _Piece:
         """The packets in decoding order, without dts."""
         with self.path.open("rb") as file:
             for entry in self.entries:
-                packet: AnyPacket = Packet(file.read(entry.size))
+                # In FFmpeg's memory: a decoder's thread needs Python's lock to free Python's, and whoever closes the
+                # decoder before its end holds it.
+                packet: AnyPacket = Packet(entry.size)
+                packet.update(file.read(entry.size))
                 packet.pts, packet.duration, packet.time_base = entry.pts, entry.duration, self.time_base
                 packet.is_keyframe = bool(entry.key)
                 yield packet
