@@ -161,15 +161,15 @@ class _Training:
         targets = np.stack(
             [self.space.correction(*s, self.true[i]) for i, s in zip(self.owner, self.state, strict=True)]
         ).astype(np.float32)
-        gram, cross = features.T @ features, features.T @ targets
+        kernel = features @ features.T
         predicted = np.empty_like(targets)
         for k in range(self.options.folds):
             held = self.fold[self.owner] == k
-            g = gram - features[held].T @ features[held]
-            c = cross - features[held].T @ targets[held]
-            predicted[held] = features[held] @ _ridge(g, c, ridge)
+            seen = kernel[np.ix_(~held, ~held)]
+            weights = _ridge(seen, targets[~held], ridge, features.shape[1])
+            predicted[held] = kernel[np.ix_(held, ~held)] @ weights
         self.state = [self.space.corrected(*s, p) for s, p in zip(self.state, predicted, strict=True)]
-        return _ridge(gram, cross, ridge)
+        return np.asarray(features.T @ _ridge(kernel, targets, ridge, features.shape[1]), np.float32)
 
     def errors(self) -> F64:
         """(m,) mean landmark error of every copy, in inter-ocular distances."""
@@ -250,11 +250,18 @@ def _shape_components(
     )
 
 
-def _ridge(gram: F32, cross: F32, ridge: float) -> F32:
+def _ridge(kernel: F32, targets: F32, ridge: float, features: int) -> F32:
+    """Weights (m, k) of the samples, with which features.T @ weights is the ridge regression of targets (m, k).
+
+    kernel : (m, m) products of the samples' features; there are about as many samples as features, or fewer.
+    ridge : damping as a share of the mean variance of the features, of which there are so many.
+    """
     from scipy.linalg import cho_factor, cho_solve
 
-    damped = gram + np.eye(len(gram), dtype=np.float32) * np.float32(ridge * np.trace(gram) / len(gram))
-    return np.asarray(cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), cross), np.float32)
+    damped = kernel + np.eye(len(kernel), dtype=np.float32) * np.float32(ridge * np.trace(kernel) / features)
+    return np.asarray(
+        cho_solve(cho_factor(damped, overwrite_a=True, check_finite=False), targets), np.float32
+    )
 
 
 def _texture_components(features: F32) -> Components:
