@@ -59,7 +59,7 @@ def found(
     by_frame = {index: entries}
     audit = Audit(search(), FRAMES, by_frame, RATE, every_frame=True)
     before, after = (Frame.from_rgb(rgb.copy(), index=index) for _ in range(2))
-    audit.before(before, entries)
+    audit.before([before], by_frame)
     for entry in entries:
         if entry.done == COVERED:
             cover(after, entry.region, style)
@@ -79,6 +79,23 @@ def test_a_face_under_a_cover_is_not_found(degrees: int, style: CoverStyle) -> N
     assert not found(rgb, [treated(box, COVERED, np.radians(degrees))], style)
 
 
+@pytest.mark.parametrize(("aside", "missed"), [(0.0, False), (0.7, True)])
+def test_a_face_beside_its_cover_is_found_before_it_is_drawn(aside: float, missed: bool) -> None:
+    rgb, box = still()
+    cover = treated(box + np.array([aside, 0, aside, 0], np.float32) * (box[2] - box[0]), COVERED)
+    audit = Audit(search(), FRAMES, {0: [cover]}, RATE, every_frame=True)
+    found = audit.before([Frame.from_rgb(rgb)], {0: [cover]})
+    assert any(iou(one.box, box) > 0.4 for one in found) == missed
+
+
+@pytest.mark.parametrize("done", [SWAPPED, LEFT])
+def test_what_will_be_swapped_or_left_is_not_missed(done: int) -> None:
+    rgb, box = still()
+    audit = Audit(search(), FRAMES, {}, RATE, every_frame=True)
+    assert not audit.before([Frame.from_rgb(rgb)], {0: [treated(box, done)]})
+    assert 0 not in audit.unsearched
+
+
 def test_a_negative_is_searched_as_a_positive() -> None:
     rgb, box = still(180.0)
     assert max(iou(one.box, box) for one in found(255 - rgb, []) if one.negative) > 0.4
@@ -90,7 +107,7 @@ def test_once_a_negative_has_a_face_all_are_searched() -> None:
     index = LIMITS.interval_frames  # not one of those whose negatives are searched at first
     looked = []
     for _ in range(2):
-        audit.before(Frame.from_rgb(255 - rgb, index=index), [])
+        audit.before([Frame.from_rgb(255 - rgb, index=index)], {})
         looked.append(list(audit.after([Frame.from_rgb(255 - rgb, index=index)], {}, {})))
         audit.look_closer([AuditDetection(0, box, 0.9, negative=True)])
     assert not any(one.negative for one in looked[0])
@@ -122,7 +139,7 @@ def test_a_swap_that_changes_nothing_is_found_in_frames_that_are_not_searched() 
     entries = {k: [treated(box, SWAPPED)] for k in range(*FRAMES)}
     audit = Audit(search(), FRAMES, entries, RATE, every_frame=False)
     index = 1
-    audit.before(Frame.from_rgb(rgb, index=index), entries[index])
+    audit.before([Frame.from_rgb(rgb, index=index)], entries)
     drawn = {index: [box.astype(np.float64)]}
     (one,) = audit.after([Frame.from_rgb(rgb, index=index)], entries, drawn)
     assert (one.frame, one.box.tolist()) == (index, box.tolist())
@@ -186,6 +203,6 @@ def test_what_only_a_cover_s_edge_makes_a_face_is_none() -> None:
     rgb, _ = still()
     ground = np.full_like(rgb, 90)
     audit = Audit(search(), FRAMES, {}, RATE, every_frame=True)
-    audit.before(Frame.from_rgb(ground), [])
+    audit.before([Frame.from_rgb(ground)], {})
     assert not list(audit.after([Frame.from_rgb(rgb)], {}, {}))
     assert search().faces(rgb, None).boxes.size

@@ -75,6 +75,6 @@ def test_a_cut_face_of_a_segment_is_held_in_every_frame(is_left: bool) -> None:
 def test_the_audit_finds_a_cut_face_that_nothing_was_done_to(is_left: bool) -> None:
     frames, points = cut("p02", is_left, 0.7)
     audit = Audit(AuditSearch(None), (0, 1), {}, 30.0, every_frame=True)
-    audit.before(Frame.from_rgb(frames[0]), [])
+    audit.before([Frame.from_rgb(frames[0])], {})
     found = np.array([one.box for one in audit.after([Frame.from_rgb(frames[0])], {}, {})])
     assert holds_what_is_seen(found, points[0], frames[0].shape[1])

@@ -140,7 +140,7 @@ class AuditSearch:
 
 
 class Audit(Closing):
-    """Looks at each frame before it is changed and at the result.
+    """Looks at the original and at the result.
 
     Parameters
     ----------
@@ -163,44 +163,68 @@ class Audit(Closing):
         self._search, self._frames, self._every_frame = search, frames, every_frame
         self._searched = set(range(*frames)) if every_frame else _sampled(frames, entries, rate)
         self._patches: dict[int, list[tuple[FaceTreatment, U8]]] = {}
-        self._kept: dict[int, U8] = {}
+        self._kept: dict[int, tuple[U8, float]] = {}  # small, and by how much
         self._original: dict[tuple[int, bool], RolledBoxes] = {}  # by frame, and whether as a negative
         self._is_negative = False  # as far as is known
         self._threads = ThreadPoolExecutor(THREADS, "audit")
-        self._looks: deque[Future[None]] = deque()
 
     @property
     def searched(self) -> int:
         """How many frames are searched."""
         return len(self._searched)
 
-    def before(self, frame: Frame, entries: Sequence[FaceTreatment]) -> None:
-        """Look at a frame of the original."""
-        if not self._frames[0] <= frame.index < self._frames[1]:
-            return
-        pairs = ((e, patch_of(frame.luma, e.box)) for e in entries if e.done == SWAPPED)
-        self._patches[frame.index] = [(entry, patch) for entry, patch in pairs if patch is not None]
-        if frame.index not in self._searched:
-            return
-        self._kept[frame.index] = _small(frame.luma)
-        known = [entry.region for entry in entries]
-        last = self._looks[-1] if self._looks else None
-        self._looks.append(self._threads.submit(self._look, frame.quick_rgb(), frame.index, known, last))
-        if len(self._looks) > THREADS:
-            self._looks.popleft().result()
+    @property
+    def unsearched(self) -> list[int]:
+        """The frames that are still to be looked at."""
+        return sorted(
+            i for i in self._searched if any((i, way) not in self._original for way in self._ways(i))
+        )
 
-    def _look(self, rgb: U8, index: int, known: Sequence[F64], last: Future[None] | None) -> None:
-        """Search the original, where that has not been done, after the frames before it.
+    def before(
+        self, frames: Iterable[Frame], entries: dict[int, list[FaceTreatment]]
+    ) -> list[AuditDetection]:
+        """Look at frames of the original; the faces there with which nothing is done.
 
-        A face that is known looks like one in its negative, too; another one tells that the pictures are negatives.
+        entries : what will be done, by frame.
         """
-        if last is not None:
-            last.result()
-        for negative in self._ways(index):
-            if (index, negative) not in self._original:
-                found = self._original[index, negative] = self._faces(rgb, index, negative)
-                new = (box for box in found.boxes if not any(_inside(box, place) for place in known))
-                self._is_negative |= negative and any(True for _ in new)
+        searched: deque[tuple[int, dict[bool, Future[RolledBoxes]]]] = deque()
+        missed: list[AuditDetection] = []
+
+        def known() -> None:
+            index, found = searched.popleft()
+            for negative, boxes in found.items():
+                self._original[index, negative] = boxes.result()
+                missed.extend(self._missed(index, negative, entries.get(index, [])))
+
+        for frame in frames:
+            index = frame.index
+            if index not in self._patches:
+                swapped = (e for e in entries.get(index, []) if e.done == SWAPPED)
+                pairs = ((entry, patch_of(frame.luma, entry.box)) for entry in swapped)
+                self._patches[index] = [(entry, patch) for entry, patch in pairs if patch is not None]
+            ways = [way for way in self._ways(index) if (index, way) not in self._original]
+            if ways:
+                self._kept[index] = _small(frame.luma)
+                searched.append((index, self._searches(frame, ways)))
+            if len(searched) > THREADS:
+                known()
+        while searched:
+            known()
+        return missed
+
+    def _missed(
+        self, index: int, negative: bool, entries: Sequence[FaceTreatment]
+    ) -> Iterator[AuditDetection]:
+        """What was found in a frame of the original where nothing is done; its negative shows known faces, too."""
+        (luma, scale), found = self._kept[index], self._original[index, negative]
+        places = [entry.box for entry in entries if entry.done in (SWAPPED, LEFT)]
+        covers = [entry.region for entry in entries if entry.done == COVERED]
+        for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
+            is_known = any(_inside(box, place) for place in places)
+            if is_known or _share_within(box, covers) > 1 - LIMITS.max_unchanged_covered:
+                continue
+            if self._is_in_original(luma, box * scale, float(turn), negative):
+                yield AuditDetection(index, box, float(score), float(turn), negative)
 
     def after(
         self,
@@ -212,8 +236,6 @@ class Audit(Closing):
 
         entries : what was done, by frame.   swapped_boxes : (4,) of what was drawn, by frame.
         """
-        while self._looks:
-            self._looks.popleft().result()
         searched: deque[tuple[Frame, dict[bool, Future[RolledBoxes]]]] = deque()
 
         def judged() -> Iterator[AuditDetection]:
@@ -228,9 +250,7 @@ class Audit(Closing):
                     yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
             ways = [way for way in self._ways(frame.index) if (frame.index, way) in self._original]
             if ways:
-                rgb = frame.quick_rgb()
-                searches = {way: self._threads.submit(self._faces, rgb, frame.index, way) for way in ways}
-                searched.append((frame, searches))
+                searched.append((frame, self._searches(frame, ways)))
             if len(searched) > THREADS:
                 yield from judged()
         while searched:
@@ -254,6 +274,10 @@ class Audit(Closing):
         regular = index % (LIMITS.negative_interval * LIMITS.interval_frames) == 0
         return (False, True) if self._every_frame or self._is_negative or regular else (False,)
 
+    def _searches(self, frame: Frame, ways: Iterable[bool]) -> dict[bool, Future[RolledBoxes]]:
+        rgb = frame.quick_rgb()
+        return {way: self._threads.submit(self._faces, rgb, frame.index, way) for way in ways}
+
     def _faces(self, rgb: U8, index: int, negative: bool) -> RolledBoxes:
         size = None if self._every_frame else index // LIMITS.interval_frames
         return self._search.faces(255 - rgb if negative else rgb, size)
@@ -264,8 +288,7 @@ class Audit(Closing):
     ) -> Iterator[AuditDetection]:  # fmt: skip
         """Faces that another way of searching finds in the original or in the result, where both are the same."""
         found = self._original[frame.index, negative].and_others(result).distinct()
-        before, after = self._kept[frame.index], _small(frame.luma)
-        scale = before.shape[1] / frame.width
+        (before, scale), (after, _) = self._kept[frame.index], _small(frame.luma)
         left = [e.box for e in entries if e.done == LEFT]
         covered = [e.region for e in entries if e.done == COVERED]
         for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
@@ -298,6 +321,16 @@ def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:
     return np.asarray(small, np.uint8)
 
 
+def _share_within(box: F32, places: Sequence[F64]) -> float:
+    """Share of the middle of a box (4,) that lies in any of some places (4,)."""
+    centre, half = (box[:2] + box[2:]) / 2, LIMITS.compared_share * (box[2:] - box[:2]) / 2
+    at = np.linspace(-1, 1, LIMITS.patch_pixels)[:, None] * half + centre
+    within = [
+        np.logical_and.outer(*(((at > low) & (at < high)).T)) for low, high in np.reshape(places, (-1, 2, 2))
+    ]
+    return float(np.any(within, axis=0).mean()) if within else 0.0
+
+
 def _is_unchanged(one: U8 | None, other: U8 | None, most: float) -> bool:
     """Whether two patches show the same, or a larger share of them than `most` does."""
     if one is None or other is None:
@@ -323,15 +356,15 @@ def _sampled(frames: tuple[int, int], entries: dict[int, list[FaceTreatment]], r
     return chosen
 
 
-def _small(luma: NDArray[Any]) -> U8:
-    return np.array(_scaled(luma, LIMITS.kept_pixels / max(luma.shape))[0])
+def _small(luma: NDArray[Any]) -> tuple[U8, float]:
+    return _scaled(luma, LIMITS.kept_pixels / max(luma.shape))
 
 
 def _scaled(picture: NDArray[Any], factor: float) -> tuple[U8, float]:
     """A picture made smaller by a factor, if that is below 1, and by how much it is."""
     factor = min(1.0, factor)
     size = [max(1, round(side * factor)) for side in picture.shape[1::-1]]
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8), factor
+    return np.array(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8), factor
 
 
 def _inside(box: F32, place: NDArray[np.floating]) -> bool:

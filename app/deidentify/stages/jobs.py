@@ -5,7 +5,7 @@ Any process may do a job, at any time after the stage before; a job whose result
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,17 +134,28 @@ def picture(frame: Frame, box: NDArray[np.floating], turn: float) -> NDArray[np.
 
 def render(case: Case, segment: int) -> None:
     """Swap and cover, encode, audit; and pictures of the result."""
-    (first, last), piece = case.span(segment), case.scan.segments[segment]
-    entries = entries_of(case.plan, piece.first, last)
+    first, last = case.span(segment)
+    planned = entries_of(case.plan, case.scan.segments[segment].first, last)
     covered: list[AuditDetection] = []
+
+    def entries() -> dict[int, list[FaceTreatment]]:
+        return with_detections(planned, covered, first, last)
+
     with ExitStack() as stack:
         media = stack.enter_context(open_input(case.input))
+        every_frame = case.options.audit == "full" or not isinstance(media, VideoInput)
         audit = stack.enter_context(
-            _audit(case, (first, last), entries, every_frame=not isinstance(media, VideoInput))
+            Audit(
+                AuditSearch(case.options.detector), (first, last), planned, case.rate, every_frame=every_frame
+            )
         )
-        segment_renderer = stack.enter_context(SegmentRenderer(case, segment, entries, audit))
+        segment_renderer = stack.enter_context(SegmentRenderer(case, segment, planned))
+        _look(case, audit, range(first, last), entries(), covered)
         for attempt in range(1 + LIMITS.max_repeats):
-            segment_renderer.entries = with_detections(entries, covered, first, last)
+            for _ in range(LIMITS.max_repeats):
+                if audit.unsearched:
+                    _look(case, audit, audit.unsearched, entries(), covered)
+            segment_renderer.entries = entries()
             _encode(case, media, segment, segment_renderer)
             result, drawn = read_piece(case, segment), segment_renderer.swapped_boxes
             detections = list(audit.after(result, segment_renderer.entries, drawn))
@@ -162,11 +173,14 @@ def render(case: Case, segment: int) -> None:
     )
 
 
-def _audit(
-    case: Case, frames: tuple[int, int], entries: dict[int, list[FaceTreatment]], *, every_frame: bool
-) -> Audit:
-    every_frame |= case.options.audit == "full"
-    return Audit(AuditSearch(case.options.detector), frames, entries, case.rate, every_frame=every_frame)
+def _look(
+    case: Case, audit: Audit, frames: Sequence[int], entries: dict[int, list[FaceTreatment]],
+    missed: list[AuditDetection],
+) -> None:  # fmt: skip
+    """Show the audit the original between some frames; what was missed there is added, and looked at closer."""
+    found = audit.before(read_frames(case.input, case.scan, frames[0], frames[-1] + 1), entries)
+    audit.look_closer(found)
+    missed += found
 
 
 @given_back()
@@ -193,6 +207,8 @@ def _output_pictures(
         return {}
     pictures, origins = {}, {track.number: track.origin for track in case.tracks}
     for frame in read_piece(case, segment):
+        if frame.index > max(wanted):
+            break
         for entry in segment_renderer.entries.get(frame.index, []):
             if entry.track in origins and wanted.get(frame.index) == origins[entry.track]:
                 pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box, entry.turn)

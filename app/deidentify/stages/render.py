@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import iou
 from guise.aam.parsing import FaceParser
-from guise.app.deidentify.stages.audit import Audit, AuditDetection, FaceTreatment
+from guise.app.deidentify.stages.audit import AuditDetection, FaceTreatment
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
@@ -53,13 +53,10 @@ class SegmentRenderer:
     case : Case.
     segment : its number.
     entries : by frame; may be replaced between two passes.
-    audit : sees each frame first; None where the frames are only looked at.
     """
 
-    def __init__(
-        self, case: Case, segment: int, entries: dict[int, list[FaceTreatment]], audit: Audit | None = None
-    ) -> None:
-        self._case, self.entries, self._audit = case, entries, audit
+    def __init__(self, case: Case, segment: int, entries: dict[int, list[FaceTreatment]]) -> None:
+        self._case, self.entries = case, entries
         self._tracks = {track.number: track for track in case.tracks}
         self._shapes = _shapes(case, segment)
         self._segment = segment
@@ -74,8 +71,6 @@ class SegmentRenderer:
     def draw(self, frame: Frame) -> None:
         """Change a frame in place: swaps first, so that covers lie over them."""
         entries = self.entries.get(frame.index, [])
-        if self._audit is not None:
-            self._audit.before(frame, entries)
         self.swapped_boxes[frame.index].clear()
         for entry in entries:
             if entry.done == SWAPPED:
