@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import guise.app
 from guise.aam.model import Identity
-from guise.aam.parsing import CELLS, FaceClass, FaceParser, FaceParsing
+from guise.aam.parsing import FaceParser
 from guise.app.media import Frame
-from guise.app.swapping.head import (
-    HeadPainter,
-    Plate,
-    _without_background,
-    gone,
-    knows_head,
-    matte,
-    parse_head,
-)
+from guise.app.swapping.head import HeadPainter, Plate, _without_background, gone, knows_head
+from guise.app.swapping.head_matte import FoundHead, find_head, matte
 
 GALLERY = Path(guise.app.__file__).parent / "gallery"
 
@@ -30,42 +25,53 @@ def source() -> Identity:
 
 
 @pytest.fixture(scope="module")
-def parsing(source: Identity) -> FaceParsing:
-    return parse_head(FaceParser(), Frame.from_rgb(source.rest_frame.picture), source.rest_frame.shape)
+def head(source: Identity) -> FoundHead:
+    return find_head(FaceParser(), Frame.from_rgb(source.rest_frame.picture), source.rest_frame.shape)
 
 
-def changed(parsing: FaceParsing, kind: FaceClass, part: tuple[slice, slice]) -> FaceParsing:
-    shares = parsing.shares.copy()
-    shares[:, *part] = 0
-    shares[kind, *part] = 1
-    return FaceParsing(shares, parsing.to_picture, parsing.irises)
+def test_a_frontal_head_with_long_hair_is_known(source: Identity, head: FoundHead) -> None:
+    assert knows_head(head, source.rest_frame.shape)
 
 
-def test_a_frontal_head_with_long_hair_is_known(source: Identity, parsing: FaceParsing) -> None:
-    assert knows_head(parsing, source.rest_frame.shape)
+def test_a_head_behind_a_hand_is_not_known(source: Identity, head: FoundHead) -> None:
+    objects = np.where(head.places.face & (np.indices(head.mask.shape)[1] < head.mask.shape[1] / 2), 1, 0)
+    assert not knows_head(replace(head, objects=objects.astype(np.float32)), source.rest_frame.shape)
 
 
-@pytest.mark.parametrize(
-    ("kind", "part"),
-    [
-        (FaceClass.OCCLUDER, np.s_[25:40, 20:40]),  # a hand
-        (FaceClass.HAIR, np.s_[:50, :]),  # hair as large as what is seen
-    ],
-)
-def test_a_head_behind_a_hand_or_beyond_the_crop_is_not_known(
-    source: Identity, parsing: FaceParsing, kind: FaceClass, part: tuple[slice, slice]
+def test_a_head_that_reaches_beyond_where_it_is_looked_for_is_not_known(
+    source: Identity, head: FoundHead
 ) -> None:
-    assert not knows_head(changed(parsing, kind, part), source.rest_frame.shape)
+    assert not knows_head(replace(head, mask=np.ones_like(head.mask)), source.rest_frame.shape)
 
 
-def test_all_hair_above_the_chin_goes_and_the_neck_stays(source: Identity, parsing: FaceParsing) -> None:
-    away = gone(parsing, source.rest_frame.shape)
-    hair = parsing.share(FaceClass.HAIR) > 0.5
+def test_the_same_head_is_found_at_any_size_and_again(source: Identity, head: FoundHead) -> None:
+    still = source.rest_frame
+    height, width = still.picture.shape[:2]
+    small = cv2.resize(still.picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    found = find_head(FaceParser(), Frame.from_rgb(small), (still.shape + 0.5) / 2 - 0.5)
+    both = [
+        one.in_picture(one.mask, (0, 0, w, h)) > 0.5
+        for one, w, h in ((found, width // 2, height // 2), (head, width, height))
+    ]
+    assert (both[0] & both[1][::2, ::2]).sum() > 0.95 * (both[0] | both[1][::2, ::2]).sum()
+    again = find_head(FaceParser(), Frame.from_rgb(still.picture), still.shape)
+    np.testing.assert_array_equal(again.mask, head.mask)
+
+
+def test_a_face_outside_the_picture_has_no_head_there(source: Identity) -> None:
+    still = source.rest_frame
+    found = find_head(FaceParser(), Frame.from_rgb(still.picture), still.shape + 5000)
+    assert not knows_head(found, still.shape)
+
+
+def test_all_hair_goes_and_the_neck_and_what_is_far_stay(source: Identity, head: FoundHead) -> None:
+    away = gone(head)
+    hair = (head.hair > 0.8) & head.mask
     assert hair.sum() > 200
-    inside = np.zeros_like(hair)
-    inside[2:-2, 2:-2] = True  # not at the crop's rim
-    assert away[hair & inside].min() > 0.99
-    assert away[-6:-3, CELLS // 2 - 2 : CELLS // 2 + 2].max() < 0.1
+    assert away[hair].min() > 0.99
+    assert away[:, :2].max() == 0
+    neck = head.places.below_jaw & (head.hair < 0.1)
+    assert away[neck].mean() < 0.3
 
 
 def test_the_matte_is_the_head_without_background_and_body(source: Identity) -> None:
@@ -79,22 +85,32 @@ def test_the_matte_is_the_head_without_background_and_body(source: Identity) -> 
     assert alpha[above, x] == 1  # hair
 
 
-def test_the_head_is_drawn_and_the_swapped_face_is_kept(source: Identity, parsing: FaceParsing) -> None:
+@pytest.mark.parametrize("name", ["p01", "p02", "p04", "p05", "p06", "p07", "p08", "p09"])
+def test_no_shelves_or_pictures_behind_a_donor_are_head(name: str) -> None:
+    still = Identity.load(GALLERY / f"{name}.guise").rest_frame
+    alpha = matte(FaceParser(), still)
+    width = np.ptp(still.shape[:, 0])
+    x, y = (still.shape.min(0) + still.shape.max(0)) / 2
+    beyond = np.hypot(*(np.indices(alpha.shape)[::-1] - np.array([x, y])[:, None, None])) > 1.45 * width
+    assert alpha[beyond].max() == 0
+    assert 0.9 < alpha.sum() / width**2 < 2.2
+    edge = (alpha > 0.02) & (alpha < 0.98)
+    assert edge.sum() < 0.1 * alpha.sum()
+
+
+def test_the_head_is_drawn_and_the_swapped_face_is_kept(source: Identity, head: FoundHead) -> None:
     still = source.rest_frame
     frame = Frame.from_rgb(still.picture)
     with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
-        painter.draw(frame, still.shape, still.shape, parsing, None)
+        painter.draw(frame, still.shape, head, None)
     made, before = frame.rgb().astype(int), still.picture.astype(int)
     x, y = still.shape.mean(0).round().astype(int)
     np.testing.assert_array_equal(
         made[y - 20 : y + 20, x - 20 : x + 20], before[y - 20 : y + 20, x - 20 : x + 20]
     )
-    away = gone(parsing, still.shape)
-    cells = np.argwhere((parsing.share(FaceClass.HAIR) > 0.9) & (away > 0.9))[:, ::-1]
-    points = (cells @ parsing.to_picture[:, :2].T + parsing.to_picture[:, 2]).round().astype(int)
-    inside = ((points >= 0) & (points < (640, 480))).all(1)
-    px, py = points[inside].T
-    assert np.median(np.abs(made[py, px] - before[py, px]).max(1)) > 20
+    height, width = before.shape[:2]
+    hair = head.in_picture((head.hair > 0.9) & head.mask, (0, 0, width, height)) > 0.9
+    assert np.median(np.abs(made - before).max(2)[hair]) > 20
     np.testing.assert_array_equal(made[:, :20], before[:, :20])
 
 

@@ -1,9 +1,8 @@
 """Another head in place of the source's: hair, ears and outline too, around a face that has been swapped.
 
-The identity's still is warped so that its face lies on the drawn one, as in `guise.app.swapping.puppet`, and its head
-is cut out by the parsing network.  What was behind the source's head is a plate where one is known, and otherwise the
-blurred surroundings.  Above the chin nothing of the source stays within an ellipse that is far larger than a face;
-below it, whatever isn't certainly neck or background goes.  Pixels, x right, y down; RGB.
+The identity's still is warped so that its face lies on the drawn one, as in `guise.app.swapping.puppet`; its head and
+the source's are found as `head_matte` tells.  What was behind the source's head is a plate where one is known, and
+otherwise the blurred surroundings; its neck stays.  Pixels, x right, y down; RGB.
 """
 
 from __future__ import annotations
@@ -13,17 +12,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
 from guise.aam.mask import beyond_mask
-from guise.aam.model import Identity, RestFrame
-from guise.aam.parsing import CELLS, FaceClass, FaceParser, FaceParsing
+from guise.aam.model import Identity
+from guise.aam.parsing import FaceParser
 from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior
 from guise.app.media import Frame
-from guise.app.swapping.occlusion import parse_frame
+from guise.app.swapping.head_matte import FoundHead, matte
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.render import make_compositor
@@ -31,27 +29,21 @@ from guise.render import make_compositor
 
 @dataclass(frozen=True)
 class HeadLimits:
-    """Sizes and thresholds.  Cells are those of the parsing of a head, 64 on a side."""
+    """Sizes and thresholds."""
 
-    crop_growth: float = 1.5  # of a face's crop, and by how much of its side it is moved up, to hold the head
-    crop_rise: float = 0.15
-    half_width_cells: float = 24.0  # of the ellipse
-    rim_cells: int = 2  # at the crop's sides
-    below_chin_cells: float = 1.0  # that also count as head
-    growth_cells: int = 2  # of hair below the chin
-    soft_cells: float = 1.0  # standard deviation of the edges
-    hair_share: float = 0.3
+    hair_share: float = 0.3  # of a pixel that is hair and not neck
+    sure_hair: float = 0.8  # the same of what goes in any case, beside the face and below
+    growth_face_widths: float = 0.04  # of what goes
     sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
-        0.25  # of the rim above the chin that is hair: with more of it the head is not known
+        0.1  # of where heads end at the latest, above the chin: with more the head is not known
     )
-    max_object_share: float = 0.08  # of the ellipse that is an object, likewise
+    max_hidden_share: float = 0.15  # of the head behind objects, likewise
     max_turn_degrees: float = 30.0
     face_edge_widths: tuple[float, float] = (
         0.06,
         0.14,
     )  # within the drawn face, which passes into the head there
-    neck_cells: float = 6.0  # below the chin, over which the head ends
     light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
     light_gain: tuple[float, float] = (0.5, 1.6)
     ring_face_widths: float = 0.9  # from the face to the still points around it
@@ -63,63 +55,28 @@ class HeadLimits:
 
 
 LIMITS = HeadLimits()
-Bools = NDArray[np.bool_]
-_HEAD = (*(c for c in FaceClass if c not in (FaceClass.BACKGROUND, FaceClass.OCCLUDER)),)
-_GONE = (FaceClass.HAIR, FaceClass.FACIAL_HAIR, FaceClass.OCCLUDER)
 
 
-def parse_head(parser: FaceParser, frame: Frame, shape: F64) -> FaceParsing:
-    """Parse the whole head of the face at a shape (81, 2)."""
-    return parse_frame(parser, frame, shape, LIMITS.crop_growth, LIMITS.crop_rise)
-
-
-def knows_head(parsing: FaceParsing, shape: F64) -> bool:
-    """Whether a head can be replaced: near the front, all of it within the crop, nothing before it."""
-    above = np.broadcast_to(np.arange(CELLS)[:, None] < _row_of_chin(parsing, shape), (CELLS, CELLS))
-    rim = above & _rim()
-    objects = parsing.share(FaceClass.OCCLUDER)
+def knows_head(head: FoundHead, shape: F64) -> bool:
+    """Whether a head can be replaced: near the front, all of it where it is looked for, nothing before it."""
     yaw, pitch, _ = SolidPrior.shipped().fit(shape).pose.angles
+    rim = head.places.rim()
     return bool(
         np.hypot(yaw, pitch) <= LIMITS.max_turn_degrees
-        and _connected(parsing)[rim].mean() <= LIMITS.max_rim_share
-        and (objects[above & _ellipse()] > LIMITS.hair_share).mean() <= LIMITS.max_object_share
+        and head.mask[rim].sum() <= LIMITS.max_rim_share * rim.sum()
+        and head.hidden_share <= LIMITS.max_hidden_share
     )
 
 
-def _connected(parsing: FaceParsing) -> Bools:
-    """(64, 64) hair and what else may be the head, as far as it hangs together with the face."""
-    seen = parsing.share(*_HEAD, FaceClass.OCCLUDER) > LIMITS.hair_share
-    seen[CELLS // 2 :, CELLS // 2] = True  # from the face down to the neck
-    _, labels = cv2.connectedComponents(seen.astype(np.uint8))
-    return np.asarray(labels == labels[CELLS // 2, CELLS // 2])
-
-
-def gone(parsing: FaceParsing, shape: F64) -> F32:
-    """(64, 64) share in [0, 1] of each cell that may show the source's head."""
-    rows, ellipse = np.arange(CELLS)[:, None], _ellipse()
-    chin = _row_of_chin(parsing, shape)
-    side = 2 * LIMITS.growth_cells + 1
-    hair = cv2.dilate((parsing.share(*_GONE) > LIMITS.hair_share).astype(np.uint8), np.ones((side, side)))
-    cells = (((rows < chin) & ellipse) | ((hair > 0) & ~_rim())).astype(np.float32)
-    return np.asarray(np.maximum(cells, cv2.GaussianBlur(cells, (0, 0), LIMITS.soft_cells)), np.float32)
-
-
-def _row_of_chin(parsing: FaceParsing, shape: F64) -> float:
-    places = cv2.transform(np.asarray(shape, np.float32)[None], parsing.to_cells)[0]
-    return float(places[:, 1].max()) + LIMITS.below_chin_cells
-
-
-def _ellipse() -> Bools:
-    """(64, 64) whether a cell lies in the superellipse, whose height is the crop's."""
-    y, x = np.mgrid[:CELLS, :CELLS] - (CELLS - 1) / 2
-    half = (LIMITS.half_width_cells, CELLS / 2 - LIMITS.rim_cells)
-    return np.asarray((x / half[0]) ** 4 + (y / half[1]) ** 4 <= 1)
-
-
-def _rim() -> Bools:
-    """(64, 64) whether a cell lies at the crop's sides, top or bottom."""
-    place = np.minimum(np.arange(CELLS), np.arange(CELLS)[::-1]) < LIMITS.rim_cells
-    return np.asarray(place[:, None] | place)
+def gone(head: FoundHead) -> F32:
+    """(h, w) share in [0, 1] of each pixel of a found head's picture that is not to be seen any more."""
+    neck = head.places.below_jaw & (head.hair < LIMITS.hair_share)
+    cells = (head.mask & ~neck) | ((head.hair > LIMITS.sure_hair) & head.places.low)
+    side = 2 * round(LIMITS.growth_face_widths * head.places.width) + 1
+    grown = cv2.dilate(cells.astype(np.uint8), np.ones((side, side), np.uint8))
+    grown[head.places.below_jaw & ~cells] = 0
+    soft = cv2.GaussianBlur(grown.astype(np.float32), (0, 0), 1.0)
+    return np.asarray(np.maximum(grown, soft), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,36 +133,34 @@ class HeadPainter(Closing):
 
     def __init__(self, identity: Identity, renderer: str) -> None:
         still = identity.rest_frame
-        self._points = np.concatenate([still.shape, _ring(still.shape)])
+        height, width = still.picture.shape[:2]
+        around = np.clip(_ring(still.shape), 0, (width - 1, height - 1))
+        self._points = np.concatenate([still.shape, around])
         alpha = matte(FaceParser(), still)
         self._texture = _without_background(still.picture, alpha)
-        height, width = still.picture.shape[:2]
         self._compositor = make_compositor(
             renderer,
             Delaunay(self._points).simplices.astype(np.int32),
-            np.clip(self._points, 0, (width - 1, height - 1)).astype(np.float32),
+            self._points.astype(np.float32),
             alpha,
         )
 
-    def draw(self, frame: Frame, shape: F64, mesh: F64, parsing: FaceParsing, plate: Plate | None) -> None:
-        """Replace the head of the source, whose face (81, 2) was at `shape` and is drawn at `mesh`, in place.
-
-        parsing : of the frame before the swap, see `parse_head`.
-        """
-        still = self._points[: len(shape)]
+    def draw(self, frame: Frame, mesh: F64, head: FoundHead, plate: Plate | None) -> None:
+        """Replace the head of the source, found before its face was drawn at `mesh` (81, 2), in place."""
+        still = self._points[: len(mesh)]
         fit = align_planar(still, mesh, RIGID_WEIGHTS)
-        vertices = np.concatenate([mesh, fit.apply(self._points[len(shape) :])])
-        roi = _rectangle(frame, parsing, vertices)
+        vertices = np.concatenate([mesh, fit.apply(self._points[len(mesh) :])])
+        roi = _rectangle(frame, head, vertices)
         x0, y0, w, h = roi
         if w < 2 or h < 2:
             return
         seen = frame.rgb_roi(*roi).astype(np.float32)
-        away = _in_picture(gone(parsing, shape), parsing, roi)[..., None]
+        away = head.in_picture(gone(head), roi)[..., None]
         made = seen + away * (_behind(frame, seen, away, roi, plate) - seen)
-        head = self._compositor.warp((h, w), self._texture, vertices - (x0, y0)).astype(np.float32)
+        other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0)).astype(np.float32)
         face = _face(mesh - (x0, y0), (h, w))
-        lit = _lit(head[..., :3], seen, face, float(np.ptp(mesh[:, 0])))
-        made = made + head[..., 3:] / 255 * (lit - made)
+        lit = _lit(other[..., :3], seen, face, float(np.ptp(mesh[:, 0])))
+        made = made + other[..., 3:] / 255 * (lit - made)
         made = made + face[..., None] * (seen - made)
         stored = cv2.transform(made, frame.colour.from_rgb)
         frame.write_roi(x0, y0, np.rint(stored).clip(0, 255).astype(np.uint8))
@@ -213,22 +168,6 @@ class HeadPainter(Closing):
     def close(self) -> None:
         """Release the compositor."""
         self._compositor.close()
-
-
-def matte(parser: FaceParser, still: RestFrame) -> F32:
-    """(h, w) share in [0, 1] of a still that is the head, without the neck."""
-    frame = Frame.from_rgb(still.picture)
-    parsing = parse_head(parser, frame, still.shape)
-    below = np.arange(CELLS)[:, None] - _row_of_chin(parsing, still.shape)
-    neck = np.clip(1 - below / LIMITS.neck_cells, 0, 1)
-    shares = np.maximum(parsing.share(FaceClass.HAIR), parsing.share(*_HEAD) * neck)
-    shares[-3:] = 0
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((shares > LIMITS.hair_share).astype(np.uint8))
-    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])) if len(stats) > 1 else 0
-    only = cv2.dilate((labels == largest).astype(np.uint8), np.ones((3, 3))) > 0
-    height, width = still.picture.shape[:2]
-    whole = _in_picture(np.where(only, shares, 0).astype(np.float32), parsing, (0, 0, width, height))
-    return np.asarray(np.clip((whole - 0.5) / 0.4, 0, 1), np.float32)
 
 
 def _without_background(picture: U8, alpha: F32) -> U8:
@@ -247,19 +186,11 @@ def _ring(shape: F64) -> F64:
     return np.asarray(centre + reach * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
-def _rectangle(frame: Frame, parsing: FaceParsing, vertices: F64) -> tuple[int, int, int, int]:
-    """The rectangle of a parsed crop and of what is drawn, in the frame."""
-    corners = np.array([[0, 0], [CELLS, 0], [0, CELLS], [CELLS, CELLS]]) - 0.5
-    reached = np.concatenate([corners @ parsing.to_picture[:, :2].T + parsing.to_picture[:, 2], vertices])
+def _rectangle(frame: Frame, head: FoundHead, vertices: F64) -> tuple[int, int, int, int]:
+    """The rectangle of a found head and of what is drawn, in the frame."""
+    far = head.corner + np.array(head.mask.shape[::-1]) / head.scale
+    reached = np.concatenate([[head.corner, far], vertices])
     return frame.align_roi(*reached.min(0), *(reached.max(0) + 1))
-
-
-def _in_picture(cells: F32, parsing: FaceParsing, roi: tuple[int, int, int, int]) -> F32:
-    """Cells (64, 64) in the pixels of a rectangle x0, y0, w, h."""
-    x0, y0, w, h = roi
-    to_roi = parsing.to_picture.copy()
-    to_roi[:, 2] -= (x0, y0)
-    return np.asarray(cv2.warpAffine(cells, to_roi, (w, h), flags=cv2.INTER_LINEAR), np.float32)
 
 
 def _behind(frame: Frame, seen: F32, away: F32, roi: tuple[int, int, int, int], plate: Plate | None) -> F32:

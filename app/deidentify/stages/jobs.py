@@ -30,7 +30,8 @@ from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.people.faces import detect_faces
-from guise.app.swapping.head import knows_head, parse_head
+from guise.app.swapping.head import knows_head
+from guise.app.swapping.head_matte import find_head
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back
@@ -109,7 +110,7 @@ def fit(case: Case, segment: int) -> None:
 
 def _with_head(parser: FaceParser, frame: Frame, placed: LocatedFace) -> LocatedFace:
     """A placed face, not trusted unless the whole head can be replaced."""
-    if not placed.confidence or knows_head(parse_head(parser, frame, placed.shape), placed.shape):
+    if not placed.confidence or knows_head(find_head(parser, frame, placed.shape), placed.shape):
         return placed
     return LocatedFace(placed.shape, 0.0)
 

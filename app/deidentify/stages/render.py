@@ -26,7 +26,8 @@ from guise.app.swapping.cover import cover
 from guise.app.swapping.decide import COVERED, SWAPPED
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.head import HeadPainter, Plate, parse_head
+from guise.app.swapping.head import HeadPainter, Plate
+from guise.app.swapping.head_matte import find_head
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64
 
@@ -96,14 +97,14 @@ class SegmentRenderer:
 
     def _with_head(self, frame: Frame, track: Track, shape: F64, parser: FaceParser) -> F64:
         """Swap the face, and then replace the head about it; returns the mesh (81, 2) of the face."""
-        parsing = parse_head(parser, frame, shape)
+        head = find_head(parser, frame, shape)
         mesh = self._engine(track).draw(frame, shape)
         if track.number not in self._heads:
             self._heads[track.number] = HeadPainter(open_donor(track.donor), self._case.options.renderer)
         shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
         if shot not in self._plates:
             self._plates[shot] = plate_of(self._case, self._segment, shot)
-        self._heads[track.number].draw(frame, shape, mesh, parsing, self._plates[shot])
+        self._heads[track.number].draw(frame, mesh, head, self._plates[shot])
         return mesh
 
     def _engine(self, track: Track) -> Engine:

@@ -1,0 +1,211 @@
+"""Where a head is in a picture: hair, ears and neck, without what is behind and below.
+
+The parsing network tells roughly what is head; GrabCut (Rother, Kolmogorov and Blake, *GrabCut: interactive foreground
+extraction using iterated graph cuts*, SIGGRAPH 2004) finds the edges in the picture.  Lengths are widths of the face,
+about a place a little above its middle; x right, y down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guise.aam.landmarks.schemes import CHIN, JAW
+from guise.aam.model import RestFrame
+from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.app.media import Frame
+from guise.app.swapping.occlusion import parse_frame
+from guise.common.arrays import F32, F64, U8, Bool
+
+CROP_GROWTH, CROP_RISE = 1.5, 0.15  # of a face's crop, to hold the head, see `parse_frame`
+_HEAD = tuple(c for c in FaceClass if c not in (FaceClass.BACKGROUND, FaceClass.OCCLUDER))
+Ellipse = tuple[float, float, float]  # half axes: aside, up, down
+
+
+@dataclass(frozen=True)
+class MatteLimits:
+    """What is head for certain, likely, or not at all; shares are the parsing's."""
+
+    still_face_pixels: float = 185.0  # width of the face at which a still is divided,
+    face_pixels: float = 48.0  # and a frame
+    rise: float = 0.1  # of the ellipses' middle from the face's
+    sure_share: float = 0.85
+    sure_ellipse: Ellipse = (0.6, 0.85, 0.9)
+    sure_margin: float = 0.05  # of what is sure within what the parsing calls so
+    likely_share: float = 0.55
+    likely_ellipse: Ellipse = (0.72, 1.0, 1.2)
+    likely_hair: float = 0.8  # anywhere
+    possible_ellipse: Ellipse = (1.15, 1.3, 2.1)  # of long hair
+    short_ellipse: Ellipse = (0.8, 1.08, 9.0)  # beyond which only hair is head
+    object_share: float = 0.5
+    min_hair: float = 0.3
+    neck: float = 0.2  # below the chin, beyond which only hair is head
+    fade: float = 0.2  # above that and above the ends of long hair, over which the head ends
+    long_hair_aside: float = 0.42  # beside the neck
+    specks: float = 0.027  # narrower ones are no head
+    edge: tuple[float, float] = (0.55, 0.95)  # of a soft edge, where the matte begins and is full
+    iterations: int = 2
+    min_pixels: int = 50  # on either side, with which there is something to divide
+
+
+LIMITS = MatteLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class FoundHead:
+    """A head in a part of a picture, made smaller.
+
+    mask : (h, w) whether a pixel shows the head.   hair, objects : (h, w) the parsing's shares of them.
+    places : where its parts may be.   corner, scale : of the part in the picture, and small pixels per pixel there.
+    """
+
+    mask: Bool
+    hair: F32
+    objects: F32
+    places: HeadPlaces
+    corner: F64
+    scale: float
+
+    @property
+    def hidden_share(self) -> float:
+        """Share of the head's middle that is behind objects."""
+        middle = self.mask & self.places.within(LIMITS.sure_ellipse)
+        return float((self.objects[middle] > LIMITS.object_share).mean()) if middle.any() else 1.0
+
+    def in_picture(self, values: F32, roi: tuple[int, int, int, int]) -> F32:
+        """Values (h, w) of the small part in a rectangle x0, y0, w, h of the picture."""
+        x0, y0, w, h = roi
+        offset = (np.array([x0, y0]) + 0.5 - self.corner) * self.scale - 0.5
+        to_small = np.column_stack([np.eye(2) * self.scale, offset])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return np.asarray(
+            cv2.warpAffine(np.asarray(values, np.float32), to_small, (w, h), flags=flags), np.float32
+        )
+
+
+def find_head(
+    parser: FaceParser, frame: Frame, shape: F64, face_pixels: float = LIMITS.face_pixels
+) -> FoundHead:
+    """The head of the face at a shape (81, 2) in a frame.
+
+    face_pixels : width of the face as it is looked at.
+    """
+    width = max(float(np.ptp(shape[:, 0])), 1.0)
+    centre = (shape.min(0) + shape.max(0)) / 2 - (0, LIMITS.rise * width)
+    aside, up, down = (width * axis for axis in LIMITS.possible_ellipse)
+    x0, y0, w, h = frame.align_roi(centre[0] - aside, centre[1] - up, centre[0] + aside, centre[1] + down)
+    scale = min(1.0, face_pixels / width)
+    size = max(2, round(w * scale)), max(2, round(h * scale))
+    picture = frame.rgb_roi(x0, y0, w, h) if w and h else np.zeros((2, 2, 3), np.uint8)
+    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+    corner = np.array([x0, y0], np.float64)
+    parsing = parse_frame(parser, frame, shape, CROP_GROWTH, CROP_RISE)
+    shares = [parsing.share(*kinds) for kinds in ((FaceClass.HAIR,), _HEAD, (FaceClass.OCCLUDER,))]
+    hair, head, objects = (_of_cells(s, parsing, corner, scale, size) for s in shares)
+    places = HeadPlaces((shape - corner + 0.5) * scale - 0.5, small.shape[:2])
+    found = _divided(small, places.seeds(hair, head))
+    return FoundHead(places.one_piece(found), hair, objects, places, corner, scale)
+
+
+def matte(parser: FaceParser, still: RestFrame) -> F32:
+    """(h, w) share in [0, 1] of a still that is the head, with edges that hold nothing of what is behind it."""
+    found = find_head(parser, Frame.from_rgb(still.picture), still.shape, LIMITS.still_face_pixels)
+    soft = cv2.GaussianBlur(found.mask * found.places.ends(found.hair), (0, 0), 1.0)
+    height, width = still.picture.shape[:2]
+    first, last = LIMITS.edge
+    whole = found.in_picture(np.asarray(soft, np.float32), (0, 0, width, height))
+    return np.asarray(np.clip((whole - first) / (last - first), 0, 1), np.float32)
+
+
+class HeadPlaces:
+    """Where the parts of a head may be about a face's shape (81, 2) in a picture of a size (h, w)."""
+
+    def __init__(self, shape: F64, size: tuple[int, int]) -> None:
+        self.width = max(float(np.ptp(shape[:, 0])), 1.0)
+        self._middle = (shape.min(0) + shape.max(0)) / 2
+        y, x = np.mgrid[: size[0], : size[1]]
+        self._aside = (x - self._middle[0]) / self.width
+        self._down = (y - self._middle[1]) / self.width + LIMITS.rise
+        self._below_chin = (y - shape[CHIN][1]) / self.width
+        face, jaw = np.zeros((2, *size), np.uint8)
+        cv2.fillConvexPoly(face, cv2.convexHull(np.round(shape).astype(np.int32)), 1)
+        cv2.fillPoly(jaw, [np.round(shape[JAW]).astype(np.int32)], 1)
+        self.face = face > 0
+        self.low = self._down > LIMITS.rise  # than the face's middle
+        self.below_jaw = (np.cumsum(jaw, axis=0) > 0) & ~self.face
+
+    def within(self, ellipse: Ellipse) -> Bool:
+        """(h, w) whether a pixel lies in an ellipse."""
+        aside, up, down = ellipse
+        y = self._down / np.where(self._down < 0, up, down)
+        return np.asarray((self._aside / aside) ** 2 + y**2 < 1)
+
+    def rim(self) -> Bool:
+        """(h, w) the edge of where a head can be, above the chin."""
+        aside, up, down = LIMITS.possible_ellipse
+        inner = self.within((0.95 * aside, 0.95 * up, 0.95 * down))
+        return np.asarray(self.within(LIMITS.possible_ellipse) & ~inner & (self._below_chin < 0))
+
+    def seeds(self, hair: F32, head: F32) -> U8:
+        """(h, w) GrabCut's mask for the parsing's shares (h, w) of hair and of the head as a whole."""
+        limits = LIMITS
+        mask = np.full(hair.shape, cv2.GC_PR_BGD, np.uint8)
+        either = np.maximum(hair, head)
+        likely = (either > limits.likely_share) & self.within(limits.likely_ellipse)
+        mask[likely | (hair > limits.likely_hair)] = cv2.GC_PR_FGD
+        core = cv2.erode((either > limits.sure_share).astype(np.uint8), self._square(limits.sure_margin)) > 0
+        mask[(core & self.within(limits.sure_ellipse)) | self.face] = cv2.GC_FGD
+        beyond = ~self.within(limits.possible_ellipse)
+        beyond |= ~self.within(limits.short_ellipse) & (hair < limits.min_hair) & (self._below_chin < 0)
+        beyond |= (self._below_chin > limits.neck) & ~self._long_hair(hair)
+        mask[beyond & ~self.face] = cv2.GC_BGD
+        return mask
+
+    def one_piece(self, found: Bool) -> Bool:
+        """(h, w) of what was found, the piece with the face, without specks."""
+        square = self._square(LIMITS.specks)
+        solid = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_OPEN, square)
+        solid = cv2.morphologyEx(solid | self.face.astype(np.uint8), cv2.MORPH_CLOSE, square)
+        _, labels = cv2.connectedComponents(solid)
+        x, y = np.clip(np.round(self._middle), 0, np.array(found.shape[::-1]) - 1).astype(int)
+        return np.asarray((labels == labels[y, x]) & (solid > 0))
+
+    def ends(self, hair: F32) -> F32:
+        """(h, w) share that is left where the head ends: at the neck, and at the ends of long hair."""
+        neck = np.clip((LIMITS.neck - self._below_chin) / LIMITS.fade, 0, 1)
+        falling = np.clip((LIMITS.possible_ellipse[2] - self._down) / LIMITS.fade, 0, 1)
+        return np.asarray(np.where(self._long_hair(hair), falling, neck), np.float32)
+
+    def _long_hair(self, hair: F32) -> Bool:
+        """(h, w) where hair may fall below the chin: beside the neck and where it is seen, if on either side."""
+        rows = np.abs(self._below_chin) < 0.03
+        beside = [self._aside < -LIMITS.long_hair_aside, self._aside > LIMITS.long_hair_aside]
+        if not all((hair[rows & side] > 0.5).any() for side in beside):
+            return np.zeros(hair.shape, bool)
+        return np.asarray(beside[0] | beside[1] | (hair > LIMITS.min_hair))
+
+    def _square(self, share: float) -> U8:
+        side = max(1, round(share * self.width))
+        return np.ones((side, side), np.uint8)
+
+
+def _of_cells(cells: F32, parsing: FaceParsing, corner: F64, scale: float, size: tuple[int, int]) -> F32:
+    """The parsing's cells (64, 64) in a small picture of a size w, h."""
+    to_small = parsing.to_picture * scale
+    to_small[:, 2] += (0.5 - corner) * scale - 0.5
+    return np.asarray(
+        cv2.warpAffine(np.asarray(cells, np.float32), to_small, size, flags=cv2.INTER_LINEAR), np.float32
+    )
+
+
+def _divided(picture: U8, mask: U8) -> Bool:
+    """(h, w) whether a picture shows the head, by what a mask tells of it."""
+    likely = (mask == cv2.GC_FGD) | (mask == cv2.GC_PR_FGD)
+    if min(likely.sum(), (~likely).sum()) < LIMITS.min_pixels:
+        return np.asarray(likely)
+    cv2.setRNGSeed(0)  # of the models' first guess, so that all runs find the same
+    behind, head = np.zeros((2, 1, 65))
+    cv2.grabCut(picture, mask, (0, 0, 1, 1), behind, head, LIMITS.iterations, cv2.GC_INIT_WITH_MASK)
+    return np.asarray((mask == cv2.GC_FGD) | (mask == cv2.GC_PR_FGD))
