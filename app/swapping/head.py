@@ -46,8 +46,9 @@ class HeadLimits:
     )  # within the drawn face, which passes into the head there
     light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
     light_gain: tuple[float, float] = (0.5, 1.6)
-    ring_face_widths: float = 0.9  # from the face to the still points around it
+    rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # from the face to the still points around it
     ring_points: int = 28
+    depth_face_widths: float = 0.55  # of where the head's outline lies, behind the face
     plate_spread_levels: float = 8.0  # of a pixel in time, up to which what is behind the head is known
     plate_min_pictures: int = 3
     plate_side_pixels: int = 960  # the longer one
@@ -134,8 +135,10 @@ class HeadPainter(Closing):
     def __init__(self, identity: Identity, renderer: str) -> None:
         still = identity.rest_frame
         height, width = still.picture.shape[:2]
-        around = np.clip(_ring(still.shape), 0, (width - 1, height - 1))
+        rings = (_ring(still.shape, reach) for reach in LIMITS.rings_face_widths)
+        around = np.clip(np.concatenate([*rings]), 0, (width - 1, height - 1))
         self._points = np.concatenate([still.shape, around])
+        self._depth = _depth(still.shape)
         alpha = matte(FaceParser(), still)
         self._texture = _without_background(still.picture, alpha)
         self._compositor = make_compositor(
@@ -149,7 +152,8 @@ class HeadPainter(Closing):
         """Replace the head of the source, found before its face was drawn at `mesh` (81, 2), in place."""
         still = self._points[: len(mesh)]
         fit = align_planar(still, mesh, RIGID_WEIGHTS)
-        vertices = np.concatenate([mesh, fit.apply(self._points[len(mesh) :])])
+        turned = LIMITS.depth_face_widths * (_depth(mesh) - self._depth @ fit.linear)
+        vertices = np.concatenate([mesh, fit.apply(self._points[len(mesh) :]) + turned])
         roi = _rectangle(frame, head, vertices)
         x0, y0, w, h = roi
         if w < 2 or h < 2:
@@ -178,12 +182,17 @@ def _without_background(picture: U8, alpha: F32) -> U8:
     return made.reshape(picture.shape)
 
 
-def _ring(shape: F64) -> F64:
-    """Points (n, 2) on an ellipse around a face, which move with it as a whole."""
+def _ring(shape: F64, reach: float) -> F64:
+    """Points (n, 2) on an ellipse around a face, at a distance in its widths."""
     centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
     turn = np.linspace(0, 2 * np.pi, LIMITS.ring_points, endpoint=False)
-    reach = half + LIMITS.ring_face_widths * np.ptp(shape[:, 0])
-    return np.asarray(centre + reach * np.column_stack([np.cos(turn), np.sin(turn)]))
+    axes = half + reach * np.ptp(shape[:, 0])
+    return np.asarray(centre + axes * np.column_stack([np.cos(turn), np.sin(turn)]))
+
+
+def _depth(shape: F64) -> F64:
+    """(2,) pixels by which what lies a face width behind a face (81, 2) is seen elsewhere, as the head is turned."""
+    return np.asarray(SolidPrior.shipped().fit(shape).pose.linear[2])
 
 
 def _rectangle(frame: Frame, head: FoundHead, vertices: F64) -> tuple[int, int, int, int]:
