@@ -23,6 +23,7 @@ from guise.app.swapping.donors import (
     KeyFile,
     assign,
     gallery,
+    head_for,
     open_donor,
     open_face,
     parts,
@@ -195,6 +196,26 @@ def test_own_donors_replace_the_gallery_wherever_they_lie() -> None:
 def test_own_donors_are_model_files() -> None:
     with pytest.raises(DonorError, match=r"a donor is a file NAME\.guise, got photo\.jpg; make one with"):
         assign([1], "auto", own=[Path("photo.jpg")], seed=0, salt="x")
+
+
+def test_heads_are_of_others_than_the_faces_and_differ_from_video_to_video() -> None:
+    heads = [head_for("p02", "auto", seed=0, salt=f"{k}.mp4 1") for k in range(60)]
+    assert set(heads) == set(gallery()) - {"p02"}
+    assert head_for("mean:p01+p02", "mean:2", seed=0, salt="x") not in ("p01", "p02")
+    assert head_for("p02", "auto", seed=0, salt="x") == head_for("p02", "auto", seed=0, salt="x")
+    every = "mean:" + "+".join(gallery())
+    assert head_for(every, "mean:9", seed=0, salt="x") in gallery()
+
+
+def test_somebody_whom_the_user_names_keeps_their_own_head() -> None:
+    assert head_for("x.guise", "x.guise", seed=0, salt="x") == "x.guise"
+    assert head_for("mean:p01+p04", "mean:p01+p04", seed=0, salt="x") in gallery()
+
+
+@pytest.mark.parametrize("donor", ["same", "average:3"])
+def test_who_share_a_face_share_a_head(donor: str) -> None:
+    given = {assign([1], donor, seed=0, salt=salt)[1] for salt in "abcdef"}
+    assert len({head_for(face, donor, seed=0, salt=salt) for face in given for salt in "abcdef"}) == 1
 
 
 def test_known_donors_go_before_the_choice_and_stay_distinct_from_it() -> None:

@@ -12,6 +12,7 @@ import pytest
 import guise.app
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.app.media import Frame
 from guise.app.swapping.head import HeadPainter, Plate, _without_background, gone, knows_head
 from guise.app.swapping.head_matte import FoundHead, find_head, matte
@@ -112,6 +113,29 @@ def test_the_head_is_drawn_and_the_swapped_face_is_kept(source: Identity, head: 
     hair = head.in_picture((head.hair > 0.9) & head.mask, (0, 0, width, height)) > 0.9
     assert np.median(np.abs(made - before).max(2)[hair]) > 20
     np.testing.assert_array_equal(made[:, :20], before[:, :20])
+
+
+def drawn_turned(painter: HeadPainter, yaw: float) -> tuple[np.ndarray, np.ndarray]:
+    """A head turned by an angle in degrees, on grey: where it is drawn, and its mesh (81, 2)."""
+    angle = np.radians(yaw)
+    turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
+    mesh = HeadPose(turn, 180.0, np.array([320.0, 280.0])).apply(SolidPrior.shipped().mean)
+    frame = Frame.from_rgb(np.full((520, 640, 3), 90, np.uint8))
+    nothing = find_head(FaceParser(), frame, mesh)
+    painter.draw(frame, mesh, replace(nothing, mask=np.zeros_like(nothing.mask)), None)
+    return np.abs(frame.rgb().astype(int) - 90).max(2) > 25, mesh
+
+
+def test_the_head_lies_behind_its_face_when_it_turns() -> None:
+    with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
+        beyond = []
+        for yaw in (-25.0, 0.0, 25.0):
+            drawn, mesh = drawn_turned(painter, yaw)
+            columns = np.flatnonzero(drawn[int(mesh[:, 1].min()) - 20])  # hair above the forehead
+            beyond.append((columns[0] + columns[-1]) / 2 - mesh[27:31, 0].mean())
+    assert beyond[0] > 15
+    assert abs(beyond[1]) < 12
+    assert beyond[2] < -15
 
 
 def test_a_plate_is_known_where_the_pictures_agree_without_heads() -> None:

@@ -183,6 +183,25 @@ def assign(
     return {person: fixed[person] if person in fixed else next(order) for person in people}
 
 
+def head_for(face: str, asked: str, *, own: Sequence[Path] = (), seed: int, salt: str) -> str:
+    """The spec of the single donor whose head, with its hair, goes about an assigned face: by lot, of somebody else.
+
+    With faces and heads drawn apart there are many more people to be, and two takes of a person are linked less often.
+    Somebody whom the user named keeps their own head; an average has none.
+
+    face : the spec that was assigned.   asked, own, seed : as for `assign`.
+    salt : the video's name and the person's number; it doesn't count where all people share a face.
+    """
+    if face == asked and len(parts(face)) == 1:
+        return face
+    names = _names(own)
+    shared = _shared(asked, names, seed) is not None
+    order = sorted(
+        names, key=lambda name: _digest(seed, "" if shared else salt, "head", face, Path(name).name)
+    )
+    return next((name for name in order if name not in parts(face)), order[0])
+
+
 def _shared(donor: str, names: Sequence[str], seed: int) -> str | None:
     """The donor that all people of all videos share, if that is what is asked for."""
     if donor != SAME and not donor.startswith(AVERAGE_PREFIX):

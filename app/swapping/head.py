@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
+from guise.aam.light import LUMA
 from guise.aam.mask import beyond_mask
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
@@ -236,7 +237,10 @@ def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
     weight = face[..., None]
     total = max(float(face.sum()), 1e-6)
     ratio = (seen * weight).sum((0, 1)) / np.maximum((head * weight).sum((0, 1)), total)
-    lit = head * np.clip(ratio, *LIMITS.light_gain).astype(np.float32)
+    gain = np.clip(ratio, *LIMITS.light_gain).astype(np.float32)
+    own = head @ LUMA
+    skin = float((own * face).sum()) / total
+    lit = head * gain ** np.clip(own / max(skin, 1.0), 0, 1)[..., None]  # dark hair stays dark on fair skin
     sigma = max(1.0, LIMITS.light_face_widths * face_width)
     spread = cv2.GaussianBlur((seen - lit) * weight, (0, 0), sigma)
     share = cv2.GaussianBlur(face, (0, 0), sigma)
