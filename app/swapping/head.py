@@ -33,14 +33,14 @@ class HeadLimits:
     """Sizes and thresholds."""
 
     hair_share: float = 0.3  # of a pixel that is hair and not neck
-    sure_hair: float = 0.8  # the same of what goes in any case, beside the face and below
+    sure_hair: float = 0.5  # the same of what goes in any case, beside the face and below
     growth_face_widths: float = 0.04  # of what goes
     sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
         0.1  # of where heads end at the latest, above the chin: with more the head is not known
     )
-    max_hidden_share: float = 0.15  # of the head behind objects, likewise
-    max_turn_degrees: float = 30.0
+    max_hidden_share: float = 0.22  # of the face behind objects, likewise
+    max_turn_degrees: float = 40.0
     face_edge_widths: tuple[float, float] = (
         0.06,
         0.14,

@@ -35,10 +35,10 @@ class MatteLimits:
     sure_ellipse: Ellipse = (0.6, 0.85, 0.9)
     sure_margin: float = 0.05  # of what is sure within what the parsing calls so
     likely_share: float = 0.55
-    likely_ellipse: Ellipse = (0.72, 1.0, 1.2)
+    likely_ellipse: Ellipse = (0.72, 1.1, 1.2)
     likely_hair: float = 0.8  # anywhere
-    possible_ellipse: Ellipse = (1.15, 1.3, 2.1)  # of long hair
-    short_ellipse: Ellipse = (0.8, 1.08, 9.0)  # beyond which only hair is head
+    possible_ellipse: Ellipse = (1.15, 1.5, 2.1)  # of long hair
+    short_ellipse: Ellipse = (0.8, 1.2, 9.0)  # beyond which only hair is head
     object_share: float = 0.5
     min_hair: float = 0.3
     neck: float = 0.2  # below the chin, beyond which only hair is head
@@ -70,9 +70,9 @@ class FoundHead:
 
     @property
     def hidden_share(self) -> float:
-        """Share of the head's middle that is behind objects."""
-        middle = self.mask & self.places.within(LIMITS.sure_ellipse)
-        return float((self.objects[middle] > LIMITS.object_share).mean()) if middle.any() else 1.0
+        """Share of the face that is behind objects; 1 where no face is in the picture."""
+        face = self.places.face
+        return float((self.objects[face] > LIMITS.object_share).mean()) if face.any() else 1.0
 
     def in_picture(self, values: F32, roi: tuple[int, int, int, int]) -> F32:
         """Values (h, w) of the small part in a rectangle x0, y0, w, h of the picture."""
