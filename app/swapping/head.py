@@ -32,8 +32,7 @@ from guise.render import make_compositor
 class HeadLimits:
     """Sizes and thresholds."""
 
-    hair_share: float = 0.3  # of a pixel that is hair and not neck
-    sure_hair: float = 0.5  # the same of what goes in any case, beside the face and below
+    sure_hair: float = 0.5  # of a pixel that goes in any case, beside the face and below
     growth_face_widths: float = 0.04  # of what goes
     sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
@@ -72,11 +71,11 @@ def knows_head(head: FoundHead, shape: F64) -> bool:
 
 def gone(head: FoundHead) -> F32:
     """(h, w) share in [0, 1] of each pixel of a found head's picture that is not to be seen any more."""
-    neck = head.places.below_jaw & (head.hair < LIMITS.hair_share)
-    cells = (head.mask & ~neck) | ((head.hair > LIMITS.sure_hair) & head.places.low)
+    neck = head.places.below_jaw
+    cells = (head.mask | ((head.hair > LIMITS.sure_hair) & head.places.low)) & ~neck
     side = 2 * round(LIMITS.growth_face_widths * head.places.width) + 1
     grown = cv2.dilate(cells.astype(np.uint8), np.ones((side, side), np.uint8))
-    grown[head.places.below_jaw & ~cells] = 0
+    grown[neck] = 0
     soft = cv2.GaussianBlur(grown.astype(np.float32), (0, 0), 1.0)
     return np.asarray(np.maximum(grown, soft), np.float32)
 
@@ -238,9 +237,12 @@ def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
     total = max(float(face.sum()), 1e-6)
     ratio = (seen * weight).sum((0, 1)) / np.maximum((head * weight).sum((0, 1)), total)
     gain = np.clip(ratio, *LIMITS.light_gain).astype(np.float32)
-    own = head @ LUMA
-    skin = float((own * face).sum()) / total
-    lit = head * gain ** np.clip(own / max(skin, 1.0), 0, 1)[..., None]  # dark hair stays dark on fair skin
+    brightness = np.float32(gain @ LUMA)
+    # What is darker or greyer than skin, as hair is, takes less of its change of brightness or colour.
+    dark, grey = head @ LUMA, np.ptp(head, axis=2) / np.maximum(head.max(2), 1)
+    alike = (np.clip(v * total / max(float((v * face).sum()), 1e-3), 0, 1)[..., None] for v in (dark, grey))
+    as_bright, as_coloured = alike
+    lit = head * brightness**as_bright * (gain / brightness) ** as_coloured
     sigma = max(1.0, LIMITS.light_face_widths * face_width)
     spread = cv2.GaussianBlur((seen - lit) * weight, (0, 0), sigma)
     share = cv2.GaussianBlur(face, (0, 0), sigma)

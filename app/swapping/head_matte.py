@@ -41,8 +41,9 @@ class MatteLimits:
     short_ellipse: Ellipse = (0.8, 1.2, 9.0)  # beyond which only hair is head
     object_share: float = 0.5
     min_hair: float = 0.3
-    neck: float = 0.2  # below the chin, beyond which only hair is head
-    fade: float = 0.2  # above that and above the ends of long hair, over which the head ends
+    neck: float = 0.1  # below the chin, beyond which only hair is head
+    fade: float = 0.1  # above that, over which the head ends
+    hair_fade: float = 0.25  # above the ends of long hair, likewise
     long_hair_aside: float = 0.42  # beside the neck
     specks: float = 0.027  # narrower ones are no head
     edge: tuple[float, float] = (0.55, 0.95)  # of a soft edge, where the matte begins and is full
@@ -175,7 +176,7 @@ class HeadPlaces:
     def ends(self, hair: F32) -> F32:
         """(h, w) share that is left where the head ends: at the neck, and at the ends of long hair."""
         neck = np.clip((LIMITS.neck - self._below_chin) / LIMITS.fade, 0, 1)
-        falling = np.clip((LIMITS.possible_ellipse[2] - self._down) / LIMITS.fade, 0, 1)
+        falling = np.clip((LIMITS.possible_ellipse[2] - self._down) / LIMITS.hair_fade, 0, 1)
         return np.asarray(np.where(self._long_hair(hair), falling, neck), np.float32)
 
     def _long_hair(self, hair: F32) -> Bool:
