@@ -19,7 +19,7 @@ from PIL import Image
 import guise
 from guise.aam.model import Identity
 from guise.analogy.formats.files import read_mesh, read_rig
-from guise.app.deidentify.options import DeidentifyOptions
+from guise.app.deidentify.options import DeidentifyOptions, Region
 from guise.app.deidentify.run.job import deidentify_file
 from guise.app.deidentify.run.registry import open_engine
 from guise.app.media import open_input
@@ -118,22 +118,26 @@ def swaps(folder: Path) -> None:
     """The pictures of swap, puppet and deidentify, and of a model."""
     report = run_demo(SAMPLES, folder / "demo", SwapSettings(say=print))
     head, face = (Identity.load(folder / "demo" / f"{name}.guise") for name in (HEAD, FACE))
-    clip, puppet, private = SAMPLES / HEAD / "talk2.mp4", folder / "puppet.mp4", folder / "private.mp4"
+    clip, puppet = SAMPLES / HEAD / "talk2.mp4", folder / "puppet.mp4"
+    private, whole = folder / "private.mp4", folder / "whole.mp4"
     puppet_file(clip, face, puppet, source=head)
-    deidentify_file(
-        clip, private, DeidentifyOptions(donor=FICTIONAL), open_engine("local", 1),
-        progress=lambda stage, share: None, say=print,
-    )  # fmt: skip
+    regions: tuple[tuple[Path, Region], ...] = ((private, "face"), (whole, "head"))
+    for video, region in regions:
+        deidentify_file(
+            clip, video, DeidentifyOptions(donor=FICTIONAL, region=region), open_engine("local", 1),
+            progress=lambda stage, share: None, say=print,
+        )  # fmt: skip
     swapped = Path(report.swap.output)
     rows = [
         captioned(frames(clip), "the video"),
         captioned(frames(swapped), "guise swap: another face"),
         captioned(frames(puppet), "guise puppet: another head"),
         captioned(frames(private), "guise deidentify: a fictional face"),
+        captioned(frames(whole), "guise deidentify --region head: a fictional head"),
     ]
     save_picture(IMAGES / "swap.jpg", sheet(rows))
     save_picture(IMAGES / "model.jpg", montage(face, modes=4))
-    save_moving(IMAGES / "swap.webp", moving((clip, swapped, private)), FPS)
+    save_moving(IMAGES / "swap.webp", moving((clip, swapped, private, whole)), FPS)
 
 
 def moving(videos: Sequence[Path]) -> list[Picture]:

@@ -239,11 +239,16 @@ def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
     gain = np.clip(ratio, *LIMITS.light_gain).astype(np.float32)
     brightness = np.float32(gain @ LUMA)
     # What is darker or greyer than skin, as hair is, takes less of its change of brightness or colour.
-    dark, grey = head @ LUMA, np.ptp(head, axis=2) / np.maximum(head.max(2), 1)
-    alike = (np.clip(v * total / max(float((v * face).sum()), 1e-3), 0, 1)[..., None] for v in (dark, grey))
-    as_bright, as_coloured = alike
+    as_bright = _as_on_skin(head @ LUMA, face)
+    as_coloured = _as_on_skin(np.ptp(head, axis=2) / np.maximum(head.max(2), 1), face)
     lit = head * brightness**as_bright * (gain / brightness) ** as_coloured
     sigma = max(1.0, LIMITS.light_face_widths * face_width)
     spread = cv2.GaussianBlur((seen - lit) * weight, (0, 0), sigma)
     share = cv2.GaussianBlur(face, (0, 0), sigma)
     return np.asarray(np.clip(lit + spread / np.maximum(share, 0.15)[..., None], 0, 255), np.float32)
+
+
+def _as_on_skin(values: F32, face: F32) -> F32:
+    """(h, w, 1) share in [0, 1] of values (h, w) of their mean over the face."""
+    mean = float((values * face).sum()) / max(float(face.sum()), 1e-6)
+    return np.asarray(np.clip(values / max(mean, 1e-3), 0, 1)[..., None], np.float32)
