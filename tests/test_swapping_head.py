@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import guise.app
+from guise.aam.landmarks.schemes import NOSE_ROOT
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
 from guise.aam.solid_shape import HeadPose, SolidPrior
@@ -132,7 +133,7 @@ def test_the_head_lies_behind_its_face_when_it_turns() -> None:
         for yaw in (-25.0, 0.0, 25.0):
             drawn, mesh = drawn_turned(painter, yaw)
             columns = np.flatnonzero(drawn[int(mesh[:, 1].min()) - 20])  # hair above the forehead
-            beyond.append((columns[0] + columns[-1]) / 2 - mesh[27:31, 0].mean())
+            beyond.append((columns[0] + columns[-1]) / 2 - mesh[NOSE_ROOT, 0])
     assert beyond[0] > 15
     assert abs(beyond[1]) < 12
     assert beyond[2] < -15
