@@ -139,6 +139,17 @@ def test_the_head_lies_behind_its_face_when_it_turns() -> None:
     assert beyond[2] < -15
 
 
+def test_what_is_behind_a_head_stays_from_frame_to_frame() -> None:
+    with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
+        painter._last = 4, (10, 20), np.full((30, 40, 3), 100, np.float32)
+        next_, later = (
+            painter._steadied(np.zeros((30, 40, 3), np.float32), index, (15, 20)) for index in (5, 7)
+        )
+    assert next_[:, :35].min() > 80
+    assert next_[:, 35:].max() == 0
+    assert later.max() == 0
+
+
 def test_a_plate_is_known_where_the_pictures_agree_without_heads() -> None:
     rng = np.random.default_rng(0)
     wall = rng.integers(0, 255, (60, 80, 3)).astype(np.uint8)

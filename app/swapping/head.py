@@ -2,7 +2,7 @@
 
 The identity's still is warped so that its face lies on the drawn one, as in `guise.app.swapping.puppet`; its head and
 the source's are found as `head_matte` tells.  What was behind the source's head is a plate where one is known, and
-otherwise the blurred surroundings; its neck stays.  Pixels, x right, y down; RGB.
+otherwise the surroundings, continued; its neck stays.  Pixels, x right, y down; RGB.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from guise.render import make_compositor
 class HeadLimits:
     """Sizes and thresholds."""
 
-    sure_hair: float = 0.5  # of a pixel that goes in any case, beside the face and below
+    sure_hair: float = 0.5  # of a pixel that goes in any case, beside the face, below and before the neck
     growth_face_widths: float = 0.04  # of what goes
     sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
@@ -52,7 +52,9 @@ class HeadLimits:
     plate_spread_levels: float = 8.0  # of a pixel in time, up to which what is behind the head is known
     plate_min_pictures: int = 3
     plate_side_pixels: int = 960  # the longer one
-    reduction: int = 8  # of the surroundings before they are blurred
+    reduction: int = 4  # of the surroundings before they are continued
+    continued_from: int = 4  # pixels of them, from which a pixel is
+    memory: float = 0.9  # share of what is behind the head that is as in the frame before
 
 
 LIMITS = HeadLimits()
@@ -71,8 +73,9 @@ def knows_head(head: FoundHead, shape: F64) -> bool:
 
 def gone(head: FoundHead) -> F32:
     """(h, w) share in [0, 1] of each pixel of a found head's picture that is not to be seen any more."""
-    neck = head.places.below_jaw
-    cells = (head.mask | ((head.hair > LIMITS.sure_hair) & head.places.low)) & ~neck
+    hair = head.hair > LIMITS.sure_hair
+    neck = head.places.below_jaw & ~hair
+    cells = (head.mask | (hair & head.places.low)) & ~neck
     side = 2 * round(LIMITS.growth_face_widths * head.places.width) + 1
     grown = cv2.dilate(cells.astype(np.uint8), np.ones((side, side), np.uint8))
     grown[neck] = 0
@@ -139,6 +142,9 @@ class HeadPainter(Closing):
         around = np.clip(np.concatenate([*rings]), 0, (width - 1, height - 1))
         self._points = np.concatenate([still.shape, around])
         self._depth = _depth(still.shape)
+        self._last: tuple[int, tuple[int, int], F32] | None = (
+            None  # index, corner, and the picture without the head
+        )
         alpha = matte(FaceParser(), still)
         self._texture = _without_background(still.picture, alpha)
         self._compositor = make_compositor(
@@ -160,7 +166,9 @@ class HeadPainter(Closing):
             return
         seen = frame.rgb_roi(*roi).astype(np.float32)
         away = head.in_picture(gone(head), roi)[..., None]
-        made = seen + away * (_behind(frame, seen, away, roi, plate) - seen)
+        behind = self._steadied(_behind(frame, seen, away, roi, plate), frame.index, (x0, y0))
+        made = seen + away * (behind - seen)
+        self._last = frame.index, (x0, y0), made
         other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0)).astype(np.float32)
         face = _face(mesh - (x0, y0), (h, w))
         lit = _lit(other[..., :3], seen, face, float(np.ptp(mesh[:, 0])))
@@ -168,6 +176,21 @@ class HeadPainter(Closing):
         made = made + face[..., None] * (seen - made)
         stored = cv2.transform(made, frame.colour.from_rgb)
         frame.write_roi(x0, y0, np.rint(stored).clip(0, 255).astype(np.uint8))
+
+    def _steadied(self, behind: F32, index: int, corner: tuple[int, int]) -> F32:
+        """What is behind the head (h, w, 3), most of it as in the frame before, which may have seen it."""
+        if self._last is None or self._last[0] != index - 1:
+            return behind
+        _, before, last = self._last
+        low = np.maximum(corner, before)
+        high = np.minimum(np.add(corner, behind.shape[1::-1]), np.add(before, last.shape[1::-1]))
+        if (high > low).all():
+            now, then = (
+                picture[low[1] - y : high[1] - y, low[0] - x : high[0] - x]
+                for picture, (x, y) in ((behind, corner), (last, before))
+            )
+            now += LIMITS.memory * (then - now)
+        return behind
 
     def close(self) -> None:
         """Release the compositor."""
@@ -203,19 +226,21 @@ def _rectangle(frame: Frame, head: FoundHead, vertices: F64) -> tuple[int, int, 
 
 
 def _behind(frame: Frame, seen: F32, away: F32, roi: tuple[int, int, int, int], plate: Plate | None) -> F32:
-    """What is shown (h, w, 3) where the source's head was: the plate, or else the surroundings, blurred."""
+    """What is shown (h, w, 3) where the source's head was: the plate, or else the surroundings, continued.
+
+    Telea, *An image inpainting technique based on the fast marching method*, Journal of Graphics Tools 9(1), 2004.
+    """
     h, w = seen.shape[:2]
     size = (max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction))
-    kept = cv2.resize((away[..., 0] <= 0).astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    colours = cv2.resize(seen * (away <= 0), size, interpolation=cv2.INTER_AREA)
-    total, weight = np.full_like(colours, 0.0), np.zeros_like(kept)
-    for share in (0.05, 0.15, 0.5):
-        sigma = share * max(size)
-        factor = np.float32(1e-3 ** (share / 0.5))  # nearer surroundings count more
-        total = total + factor * cv2.GaussianBlur(colours, (0, 0), sigma)
-        weight = weight + factor * cv2.GaussianBlur(kept, (0, 0), sigma)
-    unknown = np.where(weight[..., None] > 1e-9, total / np.maximum(weight, 1e-9)[..., None], 128.0)
-    found = cv2.resize(unknown.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
+    lost = cv2.resize((away[..., 0] > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
+    small = cv2.resize(seen, size, interpolation=cv2.INTER_AREA)
+    filled = cv2.inpaint(
+        np.clip(small, 0, 255).astype(np.uint8),
+        lost.astype(np.uint8),
+        LIMITS.continued_from,
+        cv2.INPAINT_TELEA,
+    )
+    found = cv2.resize(filled.astype(np.float32), (w, h), interpolation=cv2.INTER_CUBIC)
     if plate is None:
         return np.asarray(found, np.float32)
     picture, known = plate.within(frame, roi)
