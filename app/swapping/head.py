@@ -265,12 +265,17 @@ def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
     brightness = np.float32(gain @ LUMA)
     # What is darker or greyer than skin, as hair is, takes less of its change of brightness or colour.
     as_bright = _as_on_skin(head @ LUMA, face)
-    as_coloured = _as_on_skin(np.ptp(head, axis=2) / np.maximum(head.max(2), 1), face)
+    red, green, blue = cv2.split(head)
+    most, least = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
+    as_coloured = _as_on_skin(np.asarray((most - least) / np.maximum(most, 1), np.float32), face)
     lit = head * brightness**as_bright * (gain / brightness) ** as_coloured
-    sigma = max(1.0, LIMITS.light_face_widths * face_width)
-    spread = cv2.GaussianBlur((seen - lit) * weight, (0, 0), sigma)
-    share = cv2.GaussianBlur(face, (0, 0), sigma)
-    return np.asarray(np.clip(lit + spread / np.maximum(share, 0.15)[..., None], 0, 255), np.float32)
+    h, w = face.shape
+    size = (max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction))
+    left, share = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in ((seen - lit) * weight, face))
+    sigma = max(1.0, LIMITS.light_face_widths * face_width / LIMITS.reduction)
+    left, share = (cv2.GaussianBlur(p, (0, 0), sigma) for p in (left, share))
+    spread = cv2.resize(left / np.maximum(share, 0.15)[..., None], (w, h), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.clip(lit + spread, 0, 255), np.float32)
 
 
 def _as_on_skin(values: F32, face: F32) -> F32:
