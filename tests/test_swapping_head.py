@@ -139,13 +139,16 @@ def test_the_head_lies_behind_its_face_when_it_turns() -> None:
     assert beyond[2] < -15
 
 
-def test_what_is_behind_a_head_stays_from_frame_to_frame() -> None:
+def test_what_was_shown_behind_a_head_stays_and_nothing_that_was_seen() -> None:
     with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
-        painter._last = 4, (10, 20), np.full((30, 40, 3), 100, np.float32)
+        away = np.ones((30, 40, 1), np.float32)
+        away[:10] = 0
+        painter._last = 4, (10, 20), np.full((30, 40, 3), 100, np.float32), away
         next_, later = (
             painter._steadied(np.zeros((30, 40, 3), np.float32), index, (15, 20)) for index in (5, 7)
         )
-    assert next_[:, :35].min() > 80
+    assert next_[10:, :35].min() > 80
+    assert next_[:10].max() == 0
     assert next_[:, 35:].max() == 0
     assert later.max() == 0
 

@@ -142,9 +142,8 @@ class HeadPainter(Closing):
         around = np.clip(np.concatenate([*rings]), 0, (width - 1, height - 1))
         self._points = np.concatenate([still.shape, around])
         self._depth = _depth(still.shape)
-        self._last: tuple[int, tuple[int, int], F32] | None = (
-            None  # index, corner, and the picture without the head
-        )
+        # Index, corner, what was shown behind the head, and where.
+        self._last: tuple[int, tuple[int, int], F32, F32] | None = None
         alpha = matte(FaceParser(), still)
         self._texture = _without_background(still.picture, alpha)
         self._compositor = make_compositor(
@@ -167,8 +166,8 @@ class HeadPainter(Closing):
         seen = frame.rgb_roi(*roi).astype(np.float32)
         away = head.in_picture(gone(head), roi)[..., None]
         behind = self._steadied(_behind(frame, seen, away, roi, plate), frame.index, (x0, y0))
+        self._last = frame.index, (x0, y0), behind, away
         made = seen + away * (behind - seen)
-        self._last = frame.index, (x0, y0), made
         other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0)).astype(np.float32)
         face = _face(mesh - (x0, y0), (h, w))
         lit = _lit(other[..., :3], seen, face, float(np.ptp(mesh[:, 0])))
@@ -178,18 +177,21 @@ class HeadPainter(Closing):
         frame.write_roi(x0, y0, np.rint(stored).clip(0, 255).astype(np.uint8))
 
     def _steadied(self, behind: F32, index: int, corner: tuple[int, int]) -> F32:
-        """What is behind the head (h, w, 3), most of it as in the frame before, which may have seen it."""
+        """What is behind the head (h, w, 3), most of it as it was shown in the frame before.
+
+        Nothing that was seen there comes back: it may be a face that something else has yet to hide.
+        """
         if self._last is None or self._last[0] != index - 1:
             return behind
-        _, before, last = self._last
+        _, before, last, away = self._last
         low = np.maximum(corner, before)
         high = np.minimum(np.add(corner, behind.shape[1::-1]), np.add(before, last.shape[1::-1]))
         if (high > low).all():
-            now, then = (
+            now, then, share = (
                 picture[low[1] - y : high[1] - y, low[0] - x : high[0] - x]
-                for picture, (x, y) in ((behind, corner), (last, before))
+                for picture, (x, y) in ((behind, corner), (last, before), (away, before))
             )
-            now += LIMITS.memory * (then - now)
+            now += LIMITS.memory * share * (then - now)
         return behind
 
     def close(self) -> None:
