@@ -142,11 +142,7 @@ def live(
     from guise.app.media import EncodeOptions
     from guise.app.swapping.options import EngineOptions
 
-    if output and "studio" in output:
-        if output != ["studio"] or source or identity or person:
-            raise typer.BadParameter(
-                "--output studio opens the browser, where everything else is chosen: give it alone"
-            )
+    if _is_for_studio(output, alone=not (source or identity or person)):
         return studio(quiet=quiet, json=json)
     cast = _cast(map, alone=not (identity or person or enrol or mode is ModeName.puppet))
     console = Console(quiet=quiet, json=json)
@@ -167,6 +163,17 @@ def live(
         report = run_live(options, progress=stages, say=console.note)
     console.say(str(report))
     return console.result(report.as_json())
+
+
+def _is_for_studio(output: list[str] | None, *, alone: bool) -> bool:
+    """Whether the browser is to be opened, with nothing else given."""
+    if not output or "studio" not in output:
+        return False
+    if output != ["studio"] or not alone:
+        raise typer.BadParameter(
+            "--output studio opens the browser, where everything else is chosen: give it alone"
+        )
+    return True
 
 
 def _cast(map: list[str] | None, *, alone: bool) -> dict[str, str]:

@@ -233,7 +233,7 @@ def _behind(frame: Frame, seen: F32, away: F32, roi: tuple[int, int, int, int], 
     Telea, *An image inpainting technique based on the fast marching method*, Journal of Graphics Tools 9(1), 2004.
     """
     h, w = seen.shape[:2]
-    size = (max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction))
+    size = _reduced(seen)
     lost = cv2.resize((away[..., 0] > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
     small = cv2.resize(seen, size, interpolation=cv2.INTER_AREA)
     filled = cv2.inpaint(
@@ -272,12 +272,18 @@ def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
     as_coloured = _as_on_skin(np.asarray((most - least) / np.maximum(most, 1), np.float32), face)
     lit = head * brightness**as_bright * (gain / brightness) ** as_coloured
     h, w = face.shape
-    size = (max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction))
+    size = _reduced(face)
     left, share = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in ((seen - lit) * weight, face))
     sigma = max(1.0, LIMITS.light_face_widths * face_width / LIMITS.reduction)
     left, share = (cv2.GaussianBlur(p, (0, 0), sigma) for p in (left, share))
     spread = cv2.resize(left / np.maximum(share, 0.15)[..., None], (w, h), interpolation=cv2.INTER_LINEAR)
     return np.asarray(np.clip(lit + spread, 0, 255), np.float32)
+
+
+def _reduced(picture: F32) -> tuple[int, int]:
+    """Width and height of a picture (h, w, ..) made smaller for what is smooth."""
+    h, w = picture.shape[:2]
+    return max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction)
 
 
 def _as_on_skin(values: F32, face: F32) -> F32:

@@ -154,8 +154,8 @@ def render(case: Case, segment: int) -> None:
         _look(case, audit, range(first, last), entries(), covered)
         for attempt in range(1 + LIMITS.max_repeats):
             for _ in range(LIMITS.max_repeats):
-                if audit.unsearched:
-                    _look(case, audit, audit.unsearched, entries(), covered)
+                if wanted := audit.unsearched:
+                    _look(case, audit, wanted, entries(), covered)
             segment_renderer.entries = entries()
             _encode(case, media, segment, segment_renderer)
             result, drawn = read_piece(case, segment), segment_renderer.swapped_boxes
