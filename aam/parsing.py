@@ -1,8 +1,8 @@
-"""What each part of a face's surroundings shows, and where the irises are, by a small network that ships with Guise.
+"""What each part of a face or of a head shows, and where the irises are, by small networks that ship with Guise.
 
-`aam/data/face.onnx` is made by scripts in `training/`; `aam/data/face.md` says from what data and how large the errors
-are.  The network sees the upright crop of 128 x 128 pixels about a face whose points are known, and divides it into
-64 x 64 cells.
+`aam/data/face.onnx` and `head.onnx` are made by scripts in `training/`; `face.md` and `head.md` beside them say from
+what data and how large the errors are.  A network sees an upright crop of 128 x 128 pixels about a face whose points
+are known, and divides it into 64 x 64 cells.
 
 Pixels, x right, y down, pixel centres at integers; images RGB uint8 (h, w, 3).  Not for several threads at once.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
+from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -63,26 +64,35 @@ class FaceClass(IntEnum):
     OCCLUDER = 9
 
 
+@dataclass(frozen=True)
+class Framing:
+    """What a crop shows, in longer sides of the box of the 81 points.
+
+    side : of the crop.   drop : of its middle below the face's.
+    """
+
+    side: float
+    drop: float = 0.0
+
+
+FACE_FRAMING = Framing(CROP.side_head_boxes)
+HEAD_FRAMING = Framing(2.5, 0.15)  # long hair reaches below
+
 FACE_CLASSES = (
     FaceClass.SKIN, FaceClass.BROWS, FaceClass.EYES, FaceClass.LIPS, FaceClass.INNER_MOUTH, FaceClass.FACIAL_HAIR,
 )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class FaceParsing:
-    """The maps of one face.
+class Parsing:
+    """The maps of one face or head.
 
-    Parameters
-    ----------
     shares : (10, 64, 64) float32, share in [0, 1] of each `FaceClass` in each cell; they sum to 1.
     to_picture : (2, 3) affine map from cells to pixels of the picture.
-    irises : (2, 4) float64: x, y, radius and standard deviation of the centre in pixels of the picture, of the
-        person's right eye and of the left one.  Of a shut or hidden eye they are a guess.
     """
 
     shares: F32
     to_picture: F64
-    irises: F64
 
     def share(self, *classes: FaceClass) -> F32:
         """(64, 64) share of all these classes together."""
@@ -92,6 +102,22 @@ class FaceParsing:
         """(n,) or (n, c) bilinear values, at points (n, 2) of the picture, of maps (64, 64, ...); 0 outside."""
         places = cv2.transform(np.asarray(points, np.float32)[None], self.to_cells)[0]
         return read_cells(cells, places)
+
+    @property
+    def to_cells(self) -> F64:
+        """(2, 3) affine map from pixels of the picture to cells."""
+        return np.asarray(cv2.invertAffineTransform(self.to_picture), np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class FaceParsing(Parsing):
+    """The maps of one face, and its irises.
+
+    irises : (2, 4) float64: x, y, radius and standard deviation of the centre in pixels of the picture, of the
+        person's right eye and of the left one.  Of a shut or hidden eye they are a guess.
+    """
+
+    irises: F64
 
     def open_irises(self, points: Floating) -> F64:
         """(2, 3) x, y and radius of the irises of a face with points (81, 2), pixels; NaN where the eye is shut."""
@@ -105,10 +131,19 @@ class FaceParsing:
                 iris[:] = np.nan
         return irises
 
+
+Parsed = TypeVar("Parsed", bound=Parsing, covariant=True)
+
+
+class Parser(Protocol[Parsed]):
+    """Parses crops of one framing."""
+
     @property
-    def to_cells(self) -> F64:
-        """(2, 3) affine map from pixels of the picture to cells."""
-        return np.asarray(cv2.invertAffineTransform(self.to_picture), np.float64)
+    def framing(self) -> Framing:
+        """What a crop shows."""
+
+    def of_crop(self, crop: U8, to_picture: F64) -> Parsed:
+        """The maps of a crop (128, 128, 3), given the map (2, 3) from its pixels to those of the picture."""
 
 
 class FaceParser:
@@ -119,8 +154,10 @@ class FaceParser:
     threads : of onnxruntime.
     """
 
+    framing = FACE_FRAMING
+
     def __init__(self, threads: int = 1) -> None:
-        self._session = session(threads)
+        self._session = session("face.onnx", threads)
 
     def parse(self, rgb: U8, points: Floating) -> FaceParsing:
         """The maps of the face with points (81, 2) in a picture."""
@@ -133,19 +170,37 @@ class FaceParser:
         irises = iris[0].astype(np.float64)
         irises[:, :2] = irises[:, :2] @ to_picture[:, :2].T + to_picture[:, 2]
         irises[:, 2:] *= float(np.hypot(*to_picture[:, 0]))
-        first = np.full(
-            2, (CROP_PIXELS_PER_CELL - 1) / 2
-        )  # of the crop's pixels, the middle of the first cell
-        linear = to_picture[:, :2] * CROP_PIXELS_PER_CELL
-        return FaceParsing(
-            shares[0], np.column_stack([linear, to_picture[:, :2] @ first + to_picture[:, 2]]), irises
-        )
+        return FaceParsing(shares[0], _from_cells(to_picture), irises)
+
+
+class HeadParser:
+    """Parses heads whose face's points are known, with long hair and what is around them.
+
+    threads : of onnxruntime.
+    """
+
+    framing = HEAD_FRAMING
+
+    def __init__(self, threads: int = 1) -> None:
+        self._session = session("head.onnx", threads)
+
+    def of_crop(self, crop: U8, to_picture: F64) -> Parsing:
+        """The maps of a crop (128, 128, 3), given the map (2, 3) from its pixels to those of the picture."""
+        (shares,) = self._session.run(["parsing"], {"crop": crop[None]})
+        return Parsing(shares[0], _from_cells(to_picture))
+
+
+def _from_cells(to_picture: F64) -> F64:
+    """The map (2, 3) from cells to pixels of the picture, given that from the crop's pixels to those."""
+    middle = np.full(2, (CROP_PIXELS_PER_CELL - 1) / 2)  # of the first cell
+    linear = to_picture[:, :2]
+    return np.column_stack([linear * CROP_PIXELS_PER_CELL, linear @ middle + to_picture[:, 2]])
 
 
 @cache
-def session(threads: int) -> ShippedNetwork:
-    """The network that ships with the package, which all parsers share: opening it takes as long as many passes."""
-    return ShippedNetwork("face.onnx", threads)
+def session(name: str, threads: int) -> ShippedNetwork:
+    """A network that ships with the package, which all parsers share: opening it takes as long as many passes."""
+    return ShippedNetwork(name, threads)
 
 
 _FOLDED_COLUMNS = 256  # of places, as cv2.remap takes at most 32767

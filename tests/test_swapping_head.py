@@ -12,11 +12,12 @@ import pytest
 import guise.app
 from guise.aam.landmarks.schemes import NOSE_ROOT
 from guise.aam.model import Identity
-from guise.aam.parsing import FaceParser
+from guise.aam.parsing import HeadParser
 from guise.aam.solid_shape import HeadPose, SolidPrior
+from guise.app.deidentify.stages.gaps import packed, unpacked
 from guise.app.media import Frame
-from guise.app.swapping.head import HeadPainter, Plate, _without_background, gone, knows_head
-from guise.app.swapping.head_matte import FoundHead, find_head, matte
+from guise.app.swapping.head import HeadPainter, Plate, _continued, _without_background, knows_head
+from guise.app.swapping.head_matte import FoundHead, Gap, find_head, matte
 
 GALLERY = Path(guise.app.__file__).parent / "gallery"
 
@@ -28,7 +29,7 @@ def source() -> Identity:
 
 @pytest.fixture(scope="module")
 def head(source: Identity) -> FoundHead:
-    return find_head(FaceParser(), Frame.from_rgb(source.rest_frame.picture), source.rest_frame.shape)
+    return find_head(HeadParser(), Frame.from_rgb(source.rest_frame.picture), source.rest_frame.shape)
 
 
 def test_a_frontal_head_with_long_hair_is_known(source: Identity, head: FoundHead) -> None:
@@ -50,35 +51,67 @@ def test_the_same_head_is_found_at_any_size_and_again(source: Identity, head: Fo
     still = source.rest_frame
     height, width = still.picture.shape[:2]
     small = cv2.resize(still.picture, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-    found = find_head(FaceParser(), Frame.from_rgb(small), (still.shape + 0.5) / 2 - 0.5)
+    found = find_head(HeadParser(), Frame.from_rgb(small), (still.shape + 0.5) / 2 - 0.5)
     both = [
         one.in_picture(one.mask, (0, 0, w, h)) > 0.5
         for one, w, h in ((found, width // 2, height // 2), (head, width, height))
     ]
     assert (both[0] & both[1][::2, ::2]).sum() > 0.95 * (both[0] | both[1][::2, ::2]).sum()
-    again = find_head(FaceParser(), Frame.from_rgb(still.picture), still.shape)
+    again = find_head(HeadParser(), Frame.from_rgb(still.picture), still.shape)
     np.testing.assert_array_equal(again.mask, head.mask)
 
 
 def test_a_face_outside_the_picture_has_no_head_there(source: Identity) -> None:
     still = source.rest_frame
-    found = find_head(FaceParser(), Frame.from_rgb(still.picture), still.shape + 5000)
+    found = find_head(HeadParser(), Frame.from_rgb(still.picture), still.shape + 5000)
     assert not knows_head(found, still.shape)
 
 
 def test_all_hair_goes_and_the_neck_and_what_is_far_stay(source: Identity, head: FoundHead) -> None:
-    away = gone(head)
-    hair = (head.hair > 0.8) & head.mask & ~head.places.below_jaw
-    assert hair.sum() > 200
-    assert away[hair].min() > 0.99
-    assert away[:, :2].max() < 0.01
-    neck = head.places.below_jaw
+    height, width = source.rest_frame.picture.shape[:2]
+    whole = (0, 0, width, height)
+    away = Gap.of(head).share(whole)
+    hair, neck = (
+        head.in_picture(cells, whole) > 0.9
+        for cells in ((head.hair > 0.8) & head.mask & ~head.places.below_jaw, head.places.below_jaw)
+    )
+    assert hair.sum() > 2000
+    assert away[hair].min() > 0.9
+    assert away[:, :5].max() < 0.01
     assert away[neck].mean() < 0.3
+    body = Gap.of(head).body_share(whole)
+    assert body[neck & (away < 0.1)].mean() > 0.3
+    assert (body * away).sum() < 0.2 * body.sum()
+
+
+def test_gaps_are_kept_as_they_are(head: FoundHead) -> None:
+    gap = Gap.of(head)
+    other = Gap(np.eye(3, 5) > 0, np.zeros((3, 5), bool), np.array([7.5, -2.0]), 0.25)
+    kept = unpacked(packed({(1, 4): gap, (2, 4): other}))
+    assert list(kept) == [(1, 4), (2, 4)]
+    for one, again in zip((gap, other), kept.values(), strict=True):
+        np.testing.assert_array_equal(one.cells, again.cells)
+        np.testing.assert_array_equal(one.body, again.body)
+        np.testing.assert_array_equal(one.corner, again.corner)
+        assert one.scale == again.scale
+    assert unpacked(packed({})) == {}
+
+
+def test_surroundings_are_continued_smoothly_and_kept() -> None:
+    across = np.linspace(20, 200, 90, dtype=np.float32)
+    picture = np.repeat(np.broadcast_to(across, (70, 90))[..., None], 3, axis=2).copy()
+    known = np.ones((70, 90), np.float32)
+    known[15:50, 30:60] = 0
+    holed = picture * known[..., None]
+    made = _continued(holed, known)
+    np.testing.assert_allclose(made[known > 0], picture[known > 0], atol=0.1)
+    assert np.abs(made - picture).max() < 20
+    assert np.isfinite(_continued(holed, np.zeros_like(known))).all()
 
 
 def test_the_matte_is_the_head_without_background_and_body(source: Identity) -> None:
     still = source.rest_frame
-    alpha = matte(FaceParser(), still)
+    alpha = matte(HeadParser(), still)
     x, y = still.shape.mean(0).round().astype(int)
     assert alpha[y, x] == 1
     assert alpha[:, :40].max() == 0
@@ -90,7 +123,7 @@ def test_the_matte_is_the_head_without_background_and_body(source: Identity) -> 
 @pytest.mark.parametrize("name", ["p01", "p02", "p04", "p05", "p06", "p07", "p08", "p09"])
 def test_no_shelves_or_pictures_behind_a_donor_are_head(name: str) -> None:
     still = Identity.load(GALLERY / f"{name}.guise").rest_frame
-    alpha = matte(FaceParser(), still)
+    alpha = matte(HeadParser(), still)
     width = np.ptp(still.shape[:, 0])
     x, y = (still.shape.min(0) + still.shape.max(0)) / 2
     beyond = np.hypot(*(np.indices(alpha.shape)[::-1] - np.array([x, y])[:, None, None])) > 1.45 * width
@@ -104,7 +137,7 @@ def test_the_head_is_drawn_and_the_swapped_face_is_kept(source: Identity, head: 
     still = source.rest_frame
     frame = Frame.from_rgb(still.picture)
     with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
-        painter.draw(frame, still.shape, head, None)
+        painter.draw(frame, still.shape, Gap.of(head), None)
     made, before = frame.rgb().astype(int), still.picture.astype(int)
     x, y = still.shape.mean(0).round().astype(int)
     np.testing.assert_array_equal(
@@ -122,8 +155,8 @@ def drawn_turned(painter: HeadPainter, yaw: float) -> tuple[np.ndarray, np.ndarr
     turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
     mesh = HeadPose(turn, 180.0, np.array([320.0, 280.0])).apply(SolidPrior.shipped().mean)
     frame = Frame.from_rgb(np.full((520, 640, 3), 90, np.uint8))
-    nothing = find_head(FaceParser(), frame, mesh)
-    painter.draw(frame, mesh, replace(nothing, mask=np.zeros_like(nothing.mask)), None)
+    nothing = Gap(np.zeros((2, 2), bool), np.zeros((2, 2), bool), mesh.mean(0), 1.0)
+    painter.draw(frame, mesh, nothing, None)
     return np.abs(frame.rgb().astype(int) - 90).max(2) > 25, mesh
 
 
@@ -141,7 +174,7 @@ def test_the_head_lies_behind_its_face_when_it_turns() -> None:
 
 def test_what_was_shown_behind_a_head_stays_and_nothing_that_was_seen() -> None:
     with HeadPainter(Identity.load(GALLERY / "p02.guise"), "cpu") as painter:
-        away = np.ones((30, 40, 1), np.float32)
+        away = np.ones((30, 40), np.float32)
         away[:10] = 0
         painter._last = 4, (10, 20), np.full((30, 40, 3), 100, np.float32), away
         next_, later = (

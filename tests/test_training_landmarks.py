@@ -120,10 +120,10 @@ def test_a_square_keeps_face_and_points_together() -> None:
     image = np.zeros((900, 1200, 3), np.uint8)
     shape = face(176, 250.0) + 400
     cv2.circle(image, tuple(np.round(shape[CHIN]).astype(int)), 25, (255, 255, 255), -1)
-    small, points = square(image, shape, 208)
+    small, points = square(image, shape)
     ys, xs = np.nonzero(small[..., 0] > 128)
     assert np.hypot(xs.mean() - points[CHIN, 0], ys.mean() - points[CHIN, 1]) < 1
-    assert np.ptp(points, axis=0).max() == pytest.approx(0.62 * 208)
+    assert np.ptp(points, axis=0).max() == pytest.approx(208 / (1.29 * 1.25))
 
 
 def write_part(file: Path, source: Pictures, person: list[int]) -> None:

@@ -24,6 +24,7 @@ DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
 REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
+HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD, HEAD_BATCHES, HEAD_RATE = 560, 30_000, 12, 6500, 6e-4  # of 32
 GROUPS = 60  # of people whose faces are swapped
 
 
@@ -77,6 +78,7 @@ class Plan:
         yield from self._pictures()
         yield from self._landmark_training()
         yield from self._parsing_training()
+        yield from self._head_training()
         yield from self._other_models()
         yield from self._light_training()
         yield from self._view_training()
@@ -94,7 +96,8 @@ class Plan:
         return {"parts": self._parts, "real": self.data, "hands": self.work / "hands.npz"}
 
     def _pictures(self) -> Iterator[Task]:
-        yield Task("people", self._rendering(self._parts), self._parts / "complete")
+        render = self._rendering(self._parts, 0, self.people, per_person=PICTURES_PER_PERSON)
+        yield Task("people", render, self._parts / "complete")
         hands = self.work / "hands.npz"
         render = command("render_hands", program=self.program, people=HAND_PEOPLE, out=hands)
         yield Task("hands", [render], hands)
@@ -130,6 +133,22 @@ class Plan:
         )  # fmt: skip
         yield Task("refinement", [refine], refined / "complete")
         yield Task("parsing report", [command("finish_parsing", run=refined, **given)], refined / "face.md")
+
+    def _head_training(self) -> Iterator[Task]:
+        """The parsing of whole heads, from that of faces."""
+        parts, head = self.work / "head parts", self.work / "head"
+        render = self._rendering(
+            parts, FIRST_HEAD, HEAD_PEOPLE, per_person=PICTURES_PER_HEAD, size=208, hands=0.12
+        )
+        share = ("--face-share", "0.25", "0.31")
+        yield Task("heads", [(*one, *share) for one in render], parts / "complete")
+        given = {"parts": parts, "real": self.data, "alignment": self.work / "alignment.json"}
+        train = command(
+            "train_face", "--resume", goal="head", device=self.device, output=head, steps=HEAD_BATCHES, rate=HEAD_RATE,
+            batch=32, first_weights=self.work / "refined" / "face.onnx", **given,
+        )  # fmt: skip
+        yield Task("head", [train], head / "complete")
+        yield Task("head report", [command("finish_head", run=head, **given)], head / "head.md")
 
     def _other_models(self) -> Iterator[Task]:
         solid, relief = self.work / "solid_shape.npz", self.work / "relief.npz"
@@ -177,16 +196,14 @@ class Plan:
             for first in range(0, self.groups, share)
         ]  # fmt: skip
 
-    def _rendering(self, parts: Path) -> list[tuple[str, ...]]:
-        """Commands that divide the people among the processes, in whole parts."""
-        share = -(-self.people // (10 * self.processes)) * 10
+    def _rendering(self, parts: Path, first: int, people: int, **given: object) -> list[tuple[str, ...]]:
+        """Commands that divide people, from that number on, among the processes, in whole parts."""
+        share = -(-people // (10 * self.processes)) * 10
+        render = command("render_people", program=self.program, out=parts, **given)
         return [
-            command(
-                "render_people", program=self.program, first=first, people=min(share, self.people - first),
-                per_person=PICTURES_PER_PERSON, out=parts,
-            )
-            for first in range(0, self.people, share)
-        ]  # fmt: skip
+            (*render, *options(first=first + k, people=min(share, people - k)))
+            for k in range(0, people, share)
+        ]
 
     def shipped(self) -> dict[Path, Path]:
         """Destination of each file that ships."""
@@ -197,6 +214,8 @@ class Plan:
             face / "face.md": DATA / "landmarks.md",
             refined / "face.onnx": DATA / "face.onnx",
             refined / "face.md": DATA / "face.md",
+            self.work / "head" / "head.onnx": DATA / "head.onnx",
+            self.work / "head" / "head.md": DATA / "head.md",
             self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
             self.work / "light" / "light.onnx": DATA / "light.onnx",

@@ -33,13 +33,13 @@ from guise.aam.landmarks.schemes import (
     RIGHT_TEMPLE,
     UPPER_LIP_TOP,
 )
+from guise.aam.parsing import FACE_FRAMING, HEAD_FRAMING, Framing
 from guise.common.arrays import F32, F64, U8, Bool
 from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps, whole
 from training.data import Labelled
 from training.occluders import Cutout, occluder, strands_of_hair
 from training.parsing_labels import BACKGROUND, FACIAL_HAIR, GLASSES, HAIR, OCCLUDER
 
-ENLARGE = 1.25  # crop side / longer side of the box of the 81 points
 # Standard deviations of plain crops.
 PLAIN_TURN_DEGREES = 4.0
 PLAIN_LOG_SIZE = 0.05
@@ -51,19 +51,23 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Strength:
-    """How far the crop is off a face's own box: standard deviations of turn, log size and shift."""
+    """How far the crop is off its place: standard deviations of turn, log size and shift."""
 
     turn: float = 18.0
     size: float = 0.11
     shift: float = 0.055
     wild: float = 0.2  # share of samples that are turned by up to 60 degrees
     hidden: float = 0.42  # share of samples with an object in front of the face
+    dyed: float = 0.0  # share of samples with hair of another colour
+    framing: Framing = FACE_FRAMING
 
 
 # Crops of faces that are mostly upright and in sight.
 NEARLY_PLAIN = Strength(turn=9.0, size=0.09, shift=0.04, wild=0.08, hidden=0.2)
 # What the crops of a face that is being followed are like, where parsing is asked for.
 FOLLOWED = Strength(turn=9.0, size=0.1, shift=0.045, wild=0.06, hidden=0.62)
+# Likewise, of whole heads.
+HEADS = Strength(turn=9.0, size=0.14, shift=0.04, wild=0.04, hidden=0.35, dyed=0.4, framing=HEAD_FRAMING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +112,17 @@ def sample(rng: Rng, face: Labelled, props: Props, strength: Strength = Strength
     if face.mask is not None and rng.random() < 0.75:
         alpha = cv2.warpAffine(face.mask * np.uint8(255), matrix, (SIZE, SIZE))
         canvas.crop = _before(rng, canvas.crop, alpha, props.backgrounds)
+    if canvas.exact and rng.random() < strength.dyed:
+        _dye(rng, canvas)
     _things(rng, canvas, props, strength.hidden)
     canvas.crop = camera(rng, light(rng, canvas.crop))
     _cut(rng, canvas)
     return canvas.finish()
 
 
-def plain(rng: Rng, face: Labelled, props: Props | None = None) -> Sample:
+def plain(rng: Rng, face: Labelled, props: Props | None = None, framing: Framing = FACE_FRAMING) -> Sample:
     """A crop as a good detector would give it, for measurements: unchanged, or with one occluder from `props`."""
-    canvas = _plain(rng, face, rng.normal(0, PLAIN_TURN_DEGREES))
+    canvas = _plain(rng, face, rng.normal(0, PLAIN_TURN_DEGREES), framing)
     if props is not None:
         occluder(rng, canvas, lambda: background(rng, props.backgrounds), props.hands)
     return canvas.finish()
@@ -127,14 +133,19 @@ def turned(rng: Rng, face: Labelled, degrees: float) -> Sample:
     return _plain(rng, face, degrees).finish()
 
 
-def _plain(rng: Rng, face: Labelled, degrees: float) -> Canvas:
+def _plain(rng: Rng, face: Labelled, degrees: float, framing: Framing = FACE_FRAMING) -> Canvas:
     angle = np.radians(degrees)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    side = ENLARGE * float(np.ptp(face.points @ turn.T, axis=0).max())
+    side = framing.side * float(np.ptp(face.points @ turn.T, axis=0).max())
     linear = SIZE / side * np.exp(rng.normal(0, PLAIN_LOG_SIZE)) * turn
     middle = (face.points.min(0) + face.points.max(0)) / 2
-    shift = (SIZE - 1) / 2 + rng.normal(0, PLAIN_SHIFT_CROP_SIDES, 2) * SIZE - linear @ middle
+    shift = _middle(framing) + rng.normal(0, PLAIN_SHIFT_CROP_SIDES, 2) * SIZE - linear @ middle
     return _start(rng, face, np.column_stack([linear, shift]), mirrored=False)
+
+
+def _middle(framing: Framing) -> F64:
+    """Where the middle of a face lies in a crop, pixels."""
+    return (SIZE - 1) / 2 - np.array([0, framing.drop / framing.side * SIZE])
 
 
 def _start(rng: Rng, face: Labelled, matrix: F64, mirrored: bool) -> Canvas:
@@ -190,7 +201,7 @@ def negative(rng: Rng, image: Picture, points: F32, backgrounds: U8) -> Picture:
 def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[F64, bool]:
     """Affine (2, 3) from pixels of the picture to those of the crop, and whether it mirrors."""
     low, high = points.min(0), points.max(0)
-    side = ENLARGE * float((high - low).max())
+    side = strength.framing.side * float((high - low).max())
     angle = rng.normal(0, strength.turn) if rng.random() > strength.wild else rng.uniform(-60, 60)
     scale = SIZE / side * float(np.exp(rng.normal(0, strength.size)))
     shift = rng.normal(0, strength.shift, 2) * SIZE
@@ -199,7 +210,7 @@ def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[F64, bool]:
     mirrored = bool(rng.random() < 0.5)
     if mirrored:
         linear = linear @ np.diag([-1.0, 1.0])
-    return np.column_stack([linear, (SIZE - 1) / 2 + shift - linear @ (low + high) / 2]), mirrored
+    return np.column_stack([linear, _middle(strength.framing) + shift - linear @ (low + high) / 2]), mirrored
 
 
 def background(rng: Rng, backgrounds: U8) -> Picture:
@@ -270,6 +281,16 @@ def _hair_over(rng: Rng, canvas: Canvas, area: Picture, softness: float, most: f
     mixed = crop * (1 - alpha[..., None]) + hair * shade * alpha[..., None]
     canvas.crop = np.asarray(np.clip(mixed, 0, 255), np.uint8)
     canvas.cover(np.asarray(soft * min(1.0, 1.4 * most), np.uint8), kind)
+
+
+def _dye(rng: Rng, canvas: Canvas) -> None:
+    """Give the hair another colour, as light and as dark in parts as it was."""
+    share = cv2.resize(canvas.maps[HAIR], (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)[..., None]
+    if share.sum() < 1:
+        return
+    mean = (canvas.crop * share).sum((0, 1)) / share.sum()
+    factor = np.clip(_colour_of_hair(rng) / np.maximum(mean, 4), 0.1, 8)
+    canvas.crop = np.asarray(np.clip(canvas.crop * (1 + share * (factor - 1)), 0, 255), np.uint8)
 
 
 def _beard(rng: Rng, canvas: Canvas) -> None:

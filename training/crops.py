@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from guise.aam.parsing import FACE_FRAMING, Framing
 from guise.common.arrays import F32, U8, Int
 from training.augment import Props, Sample, plain
 from training.data import Pictures
 
 
-def plain_samples(pictures: Pictures, count: int, seed: int = 7, props: Props | None = None) -> list[Sample]:
+def plain_samples(
+    pictures: Pictures, count: int, seed: int = 7, props: Props | None = None, framing: Framing = FACE_FRAMING
+) -> list[Sample]:
     """Samples of `count` evenly spaced pictures; with `props`, one occluder in front of each face."""
     rng = np.random.default_rng(seed)
-    return [plain(rng, pictures[int(i)], props) for i in evenly_spaced(pictures, count)]
+    return [plain(rng, pictures[int(i)], props, framing) for i in evenly_spaced(pictures, count)]
 
 
 def evenly_spaced(pictures: Pictures, count: int) -> Int:

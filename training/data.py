@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
+from guise.aam.parsing import FACE_FRAMING, Framing
 from guise.common.arrays import F32, I32, U8, Bool
 
 HELD_OUT = 10  # rendered people whose number is a multiple of this are for evaluation only
 REAL_SIZE = 208  # pixels, the side of a real picture's square
-REAL_SHARE = 0.62  # of that square, taken by the longer side of the face's box
+REAL_MARGIN = 1.29  # of that square, in sides of the crop that it is for
 EVERY = 5  # a clip gives every fifth frame
 VALIDATION_PEOPLE = 8  # people of the photographs that are kept for validation
 
@@ -201,14 +203,17 @@ def by_hands(pictures: Pictures) -> tuple[Pictures, Pictures]:
     return pictures.only(~held), pictures.only(held)
 
 
-def load_real(data: Path, *, held_out: bool) -> Pictures:
+def load_real(data: Path, *, held_out: bool, framing: Framing = FACE_FRAMING) -> Pictures:
     """The real pictures that may be trained on, or those of their people that are kept for validation.
 
     Photographs of pairs/london (CC BY 4.0; people of evaluation_only.txt are never read) and frames of the clips
     real/grid_* (CC BY 4.0), labelled with MediaPipe's points; the ends of the brows, which MediaPipe's mesh does not
     follow, are moved by their mean distance from hand-placed ones.
+
+    framing : of the crops that they are for.
     """
-    rows = [*_london(data / "pairs" / "london", held_out), *_clips(data / "real", held_out)]
+    found = chain(_london(data / "pairs" / "london", held_out), _clips(data / "real", held_out))
+    rows = [(*square(image, points, framing), person) for image, points, person in found]
     if not rows:
         raise FileNotFoundError(f"no trainable pictures in {data}")
     images, labels, person = zip(*rows, strict=True)
@@ -236,7 +241,7 @@ def _london(folder: Path, held_out: bool) -> Iterator[tuple[Any, ...]]:
             points = labels.get(name)
             image = cv2.imread(str(folder / f"{name}.jpg"), cv2.IMREAD_COLOR)
             if points is not None and image is not None:
-                yield *square(np.ascontiguousarray(image[..., ::-1]), points), f"london{person}"
+                yield np.ascontiguousarray(image[..., ::-1]), points, f"london{person}"
 
 
 def _clips(folder: Path, held_out: bool) -> Iterator[tuple[Any, ...]]:
@@ -250,13 +255,14 @@ def _clips(folder: Path, held_out: bool) -> Iterator[tuple[Any, ...]]:
                 break
             finite = [s for s in shapes[index] if np.isfinite(s).all()]
             if index % EVERY == 0 and finite:
-                yield *square(np.ascontiguousarray(image[..., ::-1]), finite[0]), file.stem
+                yield np.ascontiguousarray(image[..., ::-1]), finite[0], file.stem
 
 
-def square(image: U8, points: F32, size: int = REAL_SIZE) -> tuple[U8, F32]:
-    """The face's surroundings as a square of `size` pixels, and the points (81, 2) in it."""
+def square(image: U8, points: F32, framing: Framing = FACE_FRAMING) -> tuple[U8, F32]:
+    """The face's surroundings as a square of REAL_SIZE pixels, and the points (81, 2) in it."""
+    size = REAL_SIZE
     low, high = points.min(0), points.max(0)
-    scale = REAL_SHARE * size / float((high - low).max())
+    scale = size / (REAL_MARGIN * framing.side * float((high - low).max()))
     shift = (size - 1) / 2 - scale * (low + high) / 2
     matrix = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
     if scale < 0.6:  # as area averaging, so that nothing aliases

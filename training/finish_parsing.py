@@ -44,10 +44,13 @@ class _Parser(nn.Module):
 
     def forward(self, images: Tensor) -> tuple[Tensor, ...]:
         stem, pyramid, _ = self.net.features(images)
-        chance = torch.exp(
-            self.net.parsing_of(stem, pyramid).clamp(-40, 40)
-        )  # faster than the softmax of the runtime
-        return self.net.irises_of(pyramid), chance / chance.sum(1, keepdim=True)
+        return self.net.irises_of(pyramid), shares_of(self.net, stem, pyramid)
+
+
+def shares_of(net: FaceNet, stem: Tensor, pyramid: Tensor) -> Tensor:
+    """Share of each class (n, classes, 64, 64), from features; faster than the softmax of the runtime."""
+    chance = torch.exp(net.parsing_of(stem, pyramid).clamp(-40, 40))
+    return chance / chance.sum(1, keepdim=True)
 
 
 CARD = """# Model card: irises and face parsing

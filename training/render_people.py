@@ -41,6 +41,7 @@ AO_DIRECTIONS, AO_SIZE = 40, 256
 PEOPLE_PER_PART = 10
 DENSE_POINTS = 160  # further points on the face
 SEED = 610_000
+FACE_SHARE = (0.44, 0.58)  # of a picture's side, the least and the largest width of the face
 HANDS_SHARE = 0.3  # of the pictures with the person's hand before the face
 MAX_NECK_YAW_DEGREES = 40  # beyond which the shoulders turn as well
 IRIS_RADIUS_DECIMETRES = 0.054  # of the limbus
@@ -54,6 +55,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--people", type=int, default=500)
     parser.add_argument("--per-person", type=int, default=30)
     parser.add_argument("--size", type=int, default=176)
+    parser.add_argument(
+        "--face-share", type=float, nargs=2, default=FACE_SHARE, help="of a picture's side, the face's width"
+    )
     parser.add_argument(
         "--hands", type=float, default=HANDS_SHARE, help="share of pictures with a hand in front"
     )
@@ -202,7 +206,7 @@ def irises(who, gaze: np.ndarray, skull: np.ndarray, euler, camera) -> np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What all pictures share: the program's modules, renderer, labeller, dense vertices, side in pixels, hands."""
+    """What all pictures share: the program's modules, renderer, labeller, dense vertices, side in pixels, shares."""
 
     program: dict
     renderer: object
@@ -210,6 +214,7 @@ class Setup:
     dense: np.ndarray
     size: int
     hands: float
+    face_share: tuple[float, float] = FACE_SHARE
 
 
 class Person:
@@ -271,7 +276,7 @@ class Person:
 
     def _camera(self, skull: np.ndarray):
         rng, size, who = self.rng, self.setup.size, self.who
-        distance, width = rng.uniform(4.8, 20), rng.uniform(0.44, 0.58) * size
+        distance, width = rng.uniform(4.8, 20), rng.uniform(*self.setup.face_share) * size
         middle = skull[:3, :3] @ who.face_c + skull[:3, 3]
         shift = rng.normal(0, 0.08, 2)
         at = (middle[0] + shift[0], middle[1] + shift[1] + 0.15, middle[2] + distance)
@@ -365,7 +370,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     p = load_program(options.program, options.size)
     renderer, start = make_renderer(p["render"]), time.time()
-    setup = Setup(p, renderer, Labeller(renderer, regions(p)), dense_vertices(p), options.size, options.hands)
+    labeller, dense = Labeller(renderer, regions(p)), dense_vertices(p)
+    setup = Setup(p, renderer, labeller, dense, options.size, options.hands, options.face_share)
     names = {
         "attribute_names": ["male", "age", *p["train_set"].RACES, "hair", "beard", "glasses", "hand"],
         "expression_names": list(p["human"].WEIGHT_NAMES),

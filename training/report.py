@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from guise.aam.parsing import FACE_FRAMING, Framing
 from guise.common.arrays import Bool
 from training.augment import Props, turned
 from training.crops import evenly_spaced, plain_samples
@@ -86,9 +87,11 @@ def _only(found: Answers, who: Bool) -> Answers:
     return Answers(*(None if p is None else p[who] for p in parts))  # type: ignore[arg-type]
 
 
-def by_class(answer: Answer, pictures: Pictures, count: int, props: Props | None) -> dict[str, float]:
+def by_class(
+    answer: Answer, pictures: Pictures, count: int, props: Props | None, framing: Framing = FACE_FRAMING
+) -> dict[str, float]:
     """IoU of every class, their mean, and the percentage of the face's cells classified as occluder."""
-    figures = figures_of(answer, plain_samples(pictures, count, props=props))
+    figures = figures_of(answer, plain_samples(pictures, count, props=props, framing=framing))
     if "each" not in figures:
         return {}
     each = dict(zip(CLASSES, np.asarray(figures["each"]).tolist(), strict=True))

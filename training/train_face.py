@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training.augment import FOLLOWED, NEARLY_PLAIN, SIZE, Props, Sample, Strength, negative, sample
+from training.augment import FOLLOWED, HEADS, NEARLY_PLAIN, SIZE, Props, Sample, Strength, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, join, load_part, load_real, part_files
@@ -72,7 +72,7 @@ class Goal:
 
 # `points`: one network for everything.  `landmarks`: its points alone, in half the time.  `parsing`: a network of its
 # own for irises and parsing, which runs on crops of a face that is followed; the points then merely steady its trunk.
-# `refinement`: the same from weights that have no points any more.
+# `refinement`: the same from weights that have no points any more.  `head`: parsing of crops that hold the whole head.
 GOALS = {
     "points": Goal(),
     "landmarks": Goal(strength=NEARLY_PLAIN, iris=0.0, parsing=0.0),
@@ -80,6 +80,7 @@ GOALS = {
     "refinement": Goal(
         negative=0.0, real=0.25, strength=replace(FOLLOWED, hidden=0.5), points=0.0, iris=0.6, parsing=4.0
     ),
+    "head": Goal(negative=0.0, real=0.2, strength=HEADS, points=0.0, iris=0.0, parsing=4.0),
 }
 
 
@@ -400,14 +401,16 @@ def held_back(
 ) -> dict[str, list[Sample]]:
     """What a trainer is judged by: faces of people it does not see, behind hands and behind other things."""
     unseen, behind = by_hands(shelf.pictures(held_out=True))
+    framing = GOALS[options.goal].strength.framing
     props = make_props(options.seed + 1, options.hands, held_out=True)
     validation = {
-        "unseen": plain_samples(unseen, 240),
-        "hand": plain_samples(behind, 120),
-        "occluded": plain_samples(unseen, 240, props=props),
+        "unseen": plain_samples(unseen, 240, framing=framing),
+        "hand": plain_samples(behind, 120, framing=framing),
+        "occluded": plain_samples(unseen, 240, props=props, framing=framing),
     }
     if alignment:
-        validation["real"] = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
+        real = load_real(options.real, held_out=True, framing=framing)
+        validation["real"] = plain_samples(alignment.real(real), 40, framing=framing)
     return validation
 
 
@@ -417,7 +420,9 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(0)  # before OpenCV starts any: the workers are forked
     alignment = None if options.as_given else read_alignment(options.alignment)
-    shelf, real = Shelf(options.parts, alignment, options.limit), load_real(options.real, held_out=False)
+    shelf = Shelf(options.parts, alignment, options.limit)
+    framing = GOALS[options.goal].strength.framing
+    real = load_real(options.real, held_out=False, framing=framing)
     real = alignment.real(real) if alignment else real
     shelf.refresh()
     trainer = Trainer(

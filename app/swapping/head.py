@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -17,12 +18,12 @@ from scipy.spatial import Delaunay
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS, SILHOUETTE
 from guise.aam.light import LUMA
 from guise.aam.mask import beyond_mask
-from guise.aam.model import Identity
-from guise.aam.parsing import FaceParser
+from guise.aam.model import Identity, RestFrame
+from guise.aam.parsing import HeadParser
 from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior
 from guise.app.media import Frame
-from guise.app.swapping.head_matte import FoundHead, matte
+from guise.app.swapping.head_matte import FoundHead, Gap, Roi, matte
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.render import make_compositor
@@ -32,8 +33,6 @@ from guise.render import make_compositor
 class HeadLimits:
     """Sizes and thresholds."""
 
-    sure_hair: float = 0.5  # of a pixel that goes in any case, beside the face, below and before the neck
-    growth_face_widths: float = 0.04  # of what goes
     sure_share: float = 0.98  # of the head in a pixel of the still, from which its colour is the head's
     max_rim_share: float = (
         0.1  # of where heads end at the latest, above the chin: with more the head is not known
@@ -46,18 +45,20 @@ class HeadLimits:
     )  # within the drawn face, which passes into the head there
     light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
     light_gain: tuple[float, float] = (0.5, 1.6)
-    rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # from the face to the still points around it
+    rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # from the face to the still points around it,
+    rings_depth_face_widths: tuple[float, ...] = (0.12, 0.35)  # which lie so far behind the face's edge
     ring_points: int = 28
-    depth_face_widths: float = 0.55  # of where the head's outline lies, behind the face
     plate_spread_levels: float = 8.0  # of a pixel in time, up to which what is behind the head is known
     plate_min_pictures: int = 3
     plate_side_pixels: int = 960  # the longer one
-    reduction: int = 4  # of the surroundings before they are continued
-    continued_from: int = 4  # pixels of them, from which a pixel is
+    smooth_face_pixels: float = 48.0  # width of the face at which what is smooth is worked out
+    surroundings_face_widths: float = 0.2  # of a head, that are continued behind it
+    steps: int = 8  # of the membrane that continues the surroundings, at each size
     memory: float = 0.9  # share of what is behind the head that is as in the frame before
 
 
 LIMITS = HeadLimits()
+Picture = TypeVar("Picture", U8, F32)
 
 
 def knows_head(head: FoundHead, shape: F64) -> bool:
@@ -69,18 +70,6 @@ def knows_head(head: FoundHead, shape: F64) -> bool:
         and head.mask[rim].sum() <= LIMITS.max_rim_share * rim.sum()
         and head.hidden_share <= LIMITS.max_hidden_share
     )
-
-
-def gone(head: FoundHead) -> F32:
-    """(h, w) share in [0, 1] of each pixel of a found head's picture that is not to be seen any more."""
-    hair = head.hair > LIMITS.sure_hair
-    neck = head.places.below_jaw & ~hair
-    cells = (head.mask | (hair & head.places.low)) & ~neck
-    side = 2 * round(LIMITS.growth_face_widths * head.places.width) + 1
-    grown = cv2.dilate(cells.astype(np.uint8), np.ones((side, side), np.uint8))
-    grown[neck] = 0
-    soft = cv2.GaussianBlur(grown.astype(np.float32), (0, 0), 1.0)
-    return np.asarray(np.maximum(grown, soft), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +94,7 @@ class Plate:
         soft = cv2.GaussianBlur(cv2.erode(known, np.ones((5, 5))), (0, 0), 2.0)
         return cls(middle, np.asarray(soft, np.float32))
 
-    def within(self, frame: Frame, roi: tuple[int, int, int, int]) -> tuple[F32, F32]:
+    def within(self, frame: Frame, roi: Roi) -> tuple[F32, F32]:
         """Picture and known of a rectangle x0, y0, w, h of the frame, in its pixels."""
         x0, y0, w, h = roi
         scale = self.picture.shape[1] / frame.width
@@ -137,14 +126,11 @@ class HeadPainter(Closing):
 
     def __init__(self, identity: Identity, renderer: str) -> None:
         still = identity.rest_frame
-        height, width = still.picture.shape[:2]
-        rings = (_ring(still.shape, reach) for reach in LIMITS.rings_face_widths)
-        around = np.clip(np.concatenate([*rings]), 0, (width - 1, height - 1))
-        self._points = np.concatenate([still.shape, around])
+        alpha = matte(HeadParser(), still)
+        self._points, self._near, self._depths = _around(still, alpha)
         self._depth = _depth(still.shape)
         # Index, corner, what was shown behind the head, and where.
         self._last: tuple[int, tuple[int, int], F32, F32] | None = None
-        alpha = matte(FaceParser(), still)
         self._texture = _without_background(still.picture, alpha)
         self._compositor = make_compositor(
             renderer,
@@ -153,28 +139,34 @@ class HeadPainter(Closing):
             alpha,
         )
 
-    def draw(self, frame: Frame, mesh: F64, head: FoundHead, plate: Plate | None) -> None:
+    def draw(self, frame: Frame, mesh: F64, gap: Gap, plate: Plate | None) -> None:
         """Replace the head of the source, found before its face was drawn at `mesh` (81, 2), in place."""
         still = self._points[: len(mesh)]
         fit = align_planar(still, mesh, RIGID_WEIGHTS)
-        turned = LIMITS.depth_face_widths * (_depth(mesh) - self._depth @ fit.linear)
-        vertices = np.concatenate([mesh, fit.apply(self._points[len(mesh) :]) + turned])
-        roi = _rectangle(frame, head, vertices)
+        edge = self._near @ (mesh - fit.apply(still))[SILHOUETTE]
+        turned = self._depths * (_depth(mesh) - self._depth @ fit.linear)
+        vertices = np.concatenate([mesh, fit.apply(self._points[len(mesh) :]) + edge + turned])
+        reached = np.concatenate([gap.corners, vertices])
+        width = float(np.ptp(mesh[:, 0]))
+        margin = LIMITS.surroundings_face_widths * width
+        roi = frame.align_roi(*(reached.min(0) - margin), *(reached.max(0) + margin))
         x0, y0, w, h = roi
         if w < 2 or h < 2:
             return
-        seen = frame.rgb_roi(*roi).astype(np.float32)
-        away = head.in_picture(gone(head), roi)[..., None]
-        behind = self._steadied(_behind(frame, seen, away, roi, plate), frame.index, (x0, y0))
+        reduced = max(1.0, width / LIMITS.smooth_face_pixels)
+        size = max(2, round(w / reduced)), max(2, round(h / reduced))
+        seen = frame.rgb_roi(*roi)
+        away = gap.share(roi)
+        behind = self._steadied(_behind(frame, seen, gap, size, roi, plate), frame.index, (x0, y0))
         self._last = frame.index, (x0, y0), behind, away
-        made = seen + away * (behind - seen)
-        other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0)).astype(np.float32)
+        made = _mixed(seen, np.asarray(cv2.convertScaleAbs(behind), np.uint8), away)
+        other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0))
+        head = np.asarray(cv2.cvtColor(other, cv2.COLOR_RGBA2RGB), np.uint8)
         face = _face(mesh - (x0, y0), (h, w))
-        lit = _lit(other[..., :3], seen, face, float(np.ptp(mesh[:, 0])))
-        made = made + other[..., 3:] / 255 * (lit - made)
-        made = made + face[..., None] * (seen - made)
-        stored = cv2.transform(made, frame.colour.from_rgb)
-        frame.write_roi(x0, y0, np.rint(stored).clip(0, 255).astype(np.uint8))
+        lit = _lit(head, seen, face, size, LIMITS.light_face_widths * width / reduced)
+        made = _mixed(made, lit, np.asarray(other[..., 3] / np.float32(255), np.float32))
+        made = _mixed(made, seen, face)
+        frame.write_roi(x0, y0, np.asarray(cv2.transform(made, frame.colour.from_rgb), np.uint8))
 
     def _steadied(self, behind: F32, index: int, corner: tuple[int, int]) -> F32:
         """What is behind the head (h, w, 3), most of it as it was shown in the frame before.
@@ -191,7 +183,7 @@ class HeadPainter(Closing):
                 picture[low[1] - y : high[1] - y, low[0] - x : high[0] - x]
                 for picture, (x, y) in ((behind, corner), (last, before), (away, before))
             )
-            now += LIMITS.memory * share * (then - now)
+            now[:] = _mixed(now, then, LIMITS.memory * share)
         return behind
 
     def close(self) -> None:
@@ -207,12 +199,21 @@ def _without_background(picture: U8, alpha: F32) -> U8:
     return made.reshape(picture.shape)
 
 
-def _ring(shape: F64, reach: float) -> F64:
-    """Points (n, 2) on an ellipse around a face, at a distance in its widths."""
+def _around(still: RestFrame, alpha: F32) -> tuple[F64, F64, F64]:
+    """What is drawn of a still: its face's points and others on ellipses around it, none far beyond its head (n, 2).
+
+    Also the weights (m, k) of the face's edge near each of the m others, and how far they lie behind it (m, 1).
+    """
+    shape = still.shape
     centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
     turn = np.linspace(0, 2 * np.pi, LIMITS.ring_points, endpoint=False)
-    axes = half + reach * np.ptp(shape[:, 0])
-    return np.asarray(centre + axes * np.column_stack([np.cos(turn), np.sin(turn)]))
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    rings = [centre + (half + reach * 2 * half[0]) * circle for reach in LIMITS.rings_face_widths]
+    x, y, w, h = cv2.boundingRect((alpha > 0).astype(np.uint8))
+    others = np.clip(np.concatenate(rings), (x - 1, y - 1), (x + w, y + h))
+    near = 1 / (np.square(others[:, None] - shape[SILHOUETTE]).sum(2) + 1)
+    depths = np.repeat(LIMITS.rings_depth_face_widths, LIMITS.ring_points)[:, None]
+    return np.concatenate([shape, others]), near / near.sum(1, keepdims=True), depths
 
 
 def _depth(shape: F64) -> F64:
@@ -220,33 +221,50 @@ def _depth(shape: F64) -> F64:
     return np.asarray(SolidPrior.shipped().fit(shape).pose.linear[2])
 
 
-def _rectangle(frame: Frame, head: FoundHead, vertices: F64) -> tuple[int, int, int, int]:
-    """The rectangle of a found head and of what is drawn, in the frame."""
-    far = head.corner + np.array(head.mask.shape[::-1]) / head.scale
-    reached = np.concatenate([[head.corner, far], vertices])
-    return frame.align_roi(*reached.min(0), *(reached.max(0) + 1))
-
-
-def _behind(frame: Frame, seen: F32, away: F32, roi: tuple[int, int, int, int], plate: Plate | None) -> F32:
+def _behind(
+    frame: Frame, seen: U8, gap: Gap, size: tuple[int, int], roi: Roi, plate: Plate | None
+) -> F32:  # fmt: skip
     """What is shown (h, w, 3) where the source's head was: the plate, or else the surroundings, continued.
 
-    Telea, *An image inpainting technique based on the fast marching method*, Journal of Graphics Tools 9(1), 2004.
+    They are continued at a smaller size w, h.
     """
     h, w = seen.shape[:2]
-    size = _reduced(seen)
-    lost = cv2.resize((away[..., 0] > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
+    lost = np.maximum(gap.share(roi) > 0, gap.body_share(roi) > 0).astype(np.float32)
+    unknown = cv2.resize(lost, size, interpolation=cv2.INTER_AREA) > 0
+    unknown = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     small = cv2.resize(seen, size, interpolation=cv2.INTER_AREA)
-    filled = cv2.inpaint(
-        np.clip(small, 0, 255).astype(np.uint8),
-        lost.astype(np.uint8),
-        LIMITS.continued_from,
-        cv2.INPAINT_TELEA,
-    )
-    found = cv2.resize(filled.astype(np.float32), (w, h), interpolation=cv2.INTER_CUBIC)
+    filled = _continued(small.astype(np.float32), np.asarray(~unknown, np.float32))
+    found = cv2.resize(filled, (w, h), interpolation=cv2.INTER_LINEAR)
     if plate is None:
         return np.asarray(found, np.float32)
     picture, known = plate.within(frame, roi)
-    return np.asarray(found + known[..., None] * (picture - found), np.float32)
+    return _mixed(np.asarray(found, np.float32), picture, known)
+
+
+def _continued(picture: F32, known: F32) -> F32:
+    """A picture (h, w, 3) with what is not known (h, w) continued from around it as a membrane, from coarse to fine.
+
+    Gortler, Grzeszczuk, Szeliski and Cohen, *The Lumigraph*, SIGGRAPH 1996, section 3.6 (pull and push), with Jacobi
+    steps of Laplace's equation at each size.
+    """
+    h, w = known.shape
+    if min(h, w) < 2:
+        mean = (picture * known[..., None]).sum((0, 1)) / max(float(known.sum()), 1e-6)
+        return np.full(picture.shape, mean, np.float32)
+    size = (w + 1) // 2, (h + 1) // 2
+    share = cv2.resize(known, size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(picture * known[..., None], size, interpolation=cv2.INTER_AREA)
+    mean = np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32)
+    coarse = _continued(mean, np.minimum(2 * share, 1, dtype=np.float32))
+    filled = np.asarray(cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+    for _ in range(LIMITS.steps):
+        filled = _mixed(np.asarray(cv2.blur(filled, (3, 3)), np.float32), picture, known)
+    return filled
+
+
+def _mixed(under: Picture, over: Picture, share: F32) -> Picture:
+    """Two pictures (h, w, 3), over each other by its share (h, w) in [0, 1]."""
+    return np.asarray(cv2.blendLinear(under, over, 1 - share, share), under.dtype)
 
 
 def _face(mesh: F64, size: tuple[int, int]) -> F32:
@@ -258,32 +276,32 @@ def _face(mesh: F64, size: tuple[int, int]) -> F32:
     return np.asarray(np.clip((near - first) / max(last - first, 1.0), 0, 1), np.float32)
 
 
-def _lit(head: F32, seen: F32, face: F32, face_width: float) -> F32:
-    """The head (h, w, 3) in the light of the drawn face, which it meets without a seam."""
-    weight = face[..., None]
-    total = max(float(face.sum()), 1e-6)
-    ratio = (seen * weight).sum((0, 1)) / np.maximum((head * weight).sum((0, 1)), total)
-    gain = np.clip(ratio, *LIMITS.light_gain).astype(np.float32)
+def _lit(head: U8, seen: U8, face: F32, size: tuple[int, int], sigma: float) -> U8:
+    """The head (h, w, 3) in the light of the drawn face, which it meets without a seam.
+
+    The light is worked out at a smaller size w, h; sigma is how far it is carried, pixels of that size.
+    """
+    reduced = (
+        cv2.resize(p, size, interpolation=cv2.INTER_AREA).astype(np.float32) for p in (head, seen, face)
+    )
+    small, target, weight = (np.asarray(p, np.float32) for p in reduced)
+    total = max(float(weight.sum()), 1e-6)
+    mean, wanted = ((p * weight[..., None]).sum((0, 1)) for p in (small, target))
+    gain = np.clip(wanted / np.maximum(mean, total), *LIMITS.light_gain).astype(np.float32)
     brightness = np.float32(gain @ LUMA)
     # What is darker or greyer than skin, as hair is, takes less of its change of brightness or colour.
-    as_bright = _as_on_skin(head @ LUMA, face)
-    red, green, blue = cv2.split(head)
-    most, least = cv2.max(cv2.max(red, green), blue), cv2.min(cv2.min(red, green), blue)
-    as_coloured = _as_on_skin(np.asarray((most - least) / np.maximum(most, 1), np.float32), face)
-    lit = head * brightness**as_bright * (gain / brightness) ** as_coloured
-    h, w = face.shape
-    size = _reduced(face)
-    left, share = (cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in ((seen - lit) * weight, face))
-    sigma = max(1.0, LIMITS.light_face_widths * face_width / LIMITS.reduction)
-    left, share = (cv2.GaussianBlur(p, (0, 0), sigma) for p in (left, share))
-    spread = cv2.resize(left / np.maximum(share, 0.15)[..., None], (w, h), interpolation=cv2.INTER_LINEAR)
-    return np.asarray(np.clip(lit + spread, 0, 255), np.float32)
-
-
-def _reduced(picture: F32) -> tuple[int, int]:
-    """Width and height of a picture (h, w, ..) made smaller for what is smooth."""
-    h, w = picture.shape[:2]
-    return max(2, w // LIMITS.reduction), max(2, h // LIMITS.reduction)
+    as_bright = _as_on_skin(small @ LUMA, weight)
+    most = small.max(2)
+    as_coloured = _as_on_skin((most - small.min(2)) / np.maximum(most, 1), weight)
+    factor = brightness**as_bright * (gain / brightness) ** as_coloured
+    left, share = (
+        cv2.GaussianBlur(p, (0, 0), max(1.0, sigma))
+        for p in ((target - small * factor) * weight[..., None], weight)
+    )
+    spread = left / np.maximum(share, 0.15)[..., None]
+    whole = [cv2.resize(p, face.shape[::-1], interpolation=cv2.INTER_LINEAR) for p in (factor, spread)]
+    lit = cv2.add(cv2.multiply(head, whole[0], dtype=cv2.CV_32F), whole[1], dtype=cv2.CV_8U)
+    return np.asarray(lit, np.uint8)
 
 
 def _as_on_skin(values: F32, face: F32) -> F32:

@@ -7,21 +7,21 @@ about a place a little above its middle; x right, y down.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import CHIN, JAW
 from guise.aam.model import RestFrame
-from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.aam.parsing import FaceClass, HeadParser, Parsing
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import parse_frame
 from guise.common.arrays import F32, F64, U8, Bool
 
-CROP_GROWTH, CROP_RISE = 1.5, 0.15  # of a face's crop, to hold the head, see `parse_frame`
 _HEAD = tuple(c for c in FaceClass if c not in (FaceClass.BACKGROUND, FaceClass.OCCLUDER))
 Ellipse = tuple[float, float, float]  # half axes: aside, up, down
+Roi = tuple[int, int, int, int]  # x0, y0, width and height of a rectangle in a picture
 
 
 @dataclass(frozen=True)
@@ -31,39 +31,44 @@ class MatteLimits:
     still_face_pixels: float = 185.0  # width of the face at which a still is divided,
     face_pixels: float = 48.0  # and a frame
     rise: float = 0.1  # of the ellipses' middle from the face's
+    head_share: float = 0.5
     sure_share: float = 0.85
     sure_ellipse: Ellipse = (0.6, 0.85, 0.9)
     sure_margin: float = 0.05  # of what is sure within what the parsing calls so
     likely_share: float = 0.55
     likely_ellipse: Ellipse = (0.72, 1.1, 1.2)
     likely_hair: float = 0.8  # anywhere
-    possible_ellipse: Ellipse = (1.15, 1.5, 2.1)  # of long hair
+    possible_ellipse: Ellipse = (1.3, 1.25, 2.1)  # of long hair
     short_ellipse: Ellipse = (0.8, 1.2, 9.0)  # beyond which only hair is head
     object_share: float = 0.5
     min_hair: float = 0.3
     neck: float = 0.1  # below the chin, beyond which only hair is head
-    fade: float = 0.1  # above that, over which the head ends
+    overlap: float = 0.04  # of a still's head with the neck, below the jaw,
+    fade: float = 0.05  # over which it ends there
     hair_fade: float = 0.25  # above the ends of long hair, likewise
-    long_hair_aside: float = 0.42  # beside the neck
     specks: float = 0.027  # narrower ones are no head
     edge: tuple[float, float] = (0.55, 0.95)  # of a soft edge, where the matte begins and is full
-    iterations: int = 2
+    sure_hair: float = 0.5  # of a pixel that goes in any case, beside the face, below and before the neck
+    growth: float = 0.04  # of what goes
+    iterations: int = 2  # of GrabCut
     min_pixels: int = 50  # on either side, with which there is something to divide
 
 
 LIMITS = MatteLimits()
+SOFT_CELLS = 3  # around a gap, over which it ends
 
 
 @dataclass(frozen=True, eq=False)
 class FoundHead:
     """A head in a part of a picture, made smaller.
 
-    mask : (h, w) whether a pixel shows the head.   hair, objects : (h, w) the parsing's shares of them.
+    mask : (h, w) whether a pixel shows the head.   hair, head, objects : (h, w) the parsing's shares of them.
     places : where its parts may be.   corner, scale : of the part in the picture, and small pixels per pixel there.
     """
 
     mask: Bool
     hair: F32
+    head: F32
     objects: F32
     places: HeadPlaces
     corner: F64
@@ -75,45 +80,99 @@ class FoundHead:
         face = self.places.face
         return float((self.objects[face] > LIMITS.object_share).mean()) if face.any() else 1.0
 
-    def in_picture(self, values: F32, roi: tuple[int, int, int, int]) -> F32:
-        """Values (h, w) of the small part in a rectangle x0, y0, w, h of the picture."""
-        x0, y0, w, h = roi
-        offset = (np.array([x0, y0]) + 0.5 - self.corner) * self.scale - 0.5
-        to_small = np.column_stack([np.eye(2) * self.scale, offset])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return np.asarray(
-            cv2.warpAffine(np.asarray(values, np.float32), to_small, (w, h), flags=flags), np.float32
-        )
+    def in_picture(self, values: F32 | Bool, roi: Roi) -> F32:
+        """Values (h, w) of the small part in a rectangle of the picture."""
+        return _in_picture(values, self.corner, self.scale, roi)
 
 
-def find_head(
-    parser: FaceParser, frame: Frame, shape: F64, face_pixels: float = LIMITS.face_pixels
-) -> FoundHead:
-    """The head of the face at a shape (81, 2) in a frame.
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """What a head leaves in a picture when it is taken away.
 
-    face_pixels : width of the face as it is looked at.
+    cells : (h, w) of a part of the picture, made smaller; whether nothing that was there may be seen.
+    body : (h, w) whether the person's neck or shoulder is there, which tells nothing of what was behind the head.
+    corner, scale : of the part, as for a `FoundHead`.
     """
+
+    cells: Bool
+    body: Bool
+    corner: F64
+    scale: float
+
+    @classmethod
+    def of(cls, head: FoundHead) -> Gap:
+        """The head and its hair, and a little around them; its neck stays."""
+        hair = head.hair > LIMITS.sure_hair
+        neck = head.places.below_jaw & ~hair
+        cells = (head.mask | (hair & head.places.low)) & ~neck
+        side = 2 * round(LIMITS.growth * head.places.width) + 1
+        grown = (cv2.dilate(cells.astype(np.uint8), np.ones((side, side), np.uint8)) > 0) & ~neck
+        x, y, w, h = cv2.boundingRect(grown.astype(np.uint8))
+        part = np.s_[y : y + h, x : x + w]
+        body = (head.head > LIMITS.head_share) & ~grown
+        return cls(grown[part], body[part], head.corner + np.array([x, y]) / head.scale, head.scale)
+
+    @property
+    def corners(self) -> F64:
+        """(2, 2) the first and last corner of the part in the picture."""
+        return np.array([self.corner, self.corner + np.array(self.cells.shape[::-1]) / self.scale])
+
+    def share(self, roi: Roi) -> F32:
+        """(h, w) share in [0, 1] of each pixel of a rectangle that is not to be seen any more."""
+        grown = np.pad(self.cells.astype(np.float32), SOFT_CELLS)
+        soft = np.maximum(grown, cv2.GaussianBlur(grown, (0, 0), 1.0))
+        return _in_picture(soft, self.corner - SOFT_CELLS / self.scale, self.scale, roi)
+
+    def body_share(self, roi: Roi) -> F32:
+        """(h, w) share in [0, 1] of each pixel of a rectangle that is body."""
+        return _in_picture(self.body, self.corner, self.scale, roi)
+
+
+def _in_picture(values: F32 | Bool, corner: F64, scale: float, roi: Roi) -> F32:
+    """Values (h, w) of a part of a picture, made smaller, in a rectangle of the picture; 0 beyond the part."""
+    x0, y0, w, h = roi
+    offset = (np.array([x0, y0]) + 0.5 - corner) * scale - 0.5
+    to_small = np.column_stack([np.eye(2) * scale, offset])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(
+        cv2.warpAffine(np.asarray(values, np.float32), to_small, (w, h), flags=flags), np.float32
+    )
+
+
+def find_head(parser: HeadParser, frame: Frame, shape: F64) -> FoundHead:
+    """The head of the face at a shape (81, 2) in a frame, as the parsing tells it."""
+    found = _looked_at(parser, frame, shape, LIMITS.face_pixels)
+    likely = (found.head > LIMITS.head_share) & ~found.places.beyond(found.hair)
+    return replace(found, mask=found.places.one_piece(likely))
+
+
+def _looked_at(parser: HeadParser, frame: Frame, shape: F64, face_pixels: float) -> FoundHead:
+    """Where a head may be, and what the parsing tells of it; face_pixels : width of the face as it is looked at."""
     width = max(float(np.ptp(shape[:, 0])), 1.0)
     centre = (shape.min(0) + shape.max(0)) / 2 - (0, LIMITS.rise * width)
     aside, up, down = (width * axis for axis in LIMITS.possible_ellipse)
     x0, y0, w, h = frame.align_roi(centre[0] - aside, centre[1] - up, centre[0] + aside, centre[1] + down)
     scale = min(1.0, face_pixels / width)
     size = max(2, round(w * scale)), max(2, round(h * scale))
-    picture = frame.rgb_roi(x0, y0, w, h) if w and h else np.zeros((2, 2, 3), np.uint8)
-    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
     corner = np.array([x0, y0], np.float64)
-    parsing = parse_frame(parser, frame, shape, CROP_GROWTH, CROP_RISE)
+    parsing = parse_frame(parser, frame, shape)
     shares = [parsing.share(*kinds) for kinds in ((FaceClass.HAIR,), _HEAD, (FaceClass.OCCLUDER,))]
     hair, head, objects = (_of_cells(s, parsing, corner, scale, size) for s in shares)
-    places = HeadPlaces((shape - corner + 0.5) * scale - 0.5, small.shape[:2])
-    found = _divided(small, places.seeds(hair, head))
-    return FoundHead(places.one_piece(found), hair, objects, places, corner, scale)
+    places = HeadPlaces((shape - corner + 0.5) * scale - 0.5, size[::-1])
+    return FoundHead(places.face, hair, head, objects, places, corner, scale)
 
 
-def matte(parser: FaceParser, still: RestFrame) -> F32:
+def matte(parser: HeadParser, still: RestFrame) -> F32:
     """(h, w) share in [0, 1] of a still that is the head, with edges that hold nothing of what is behind it."""
-    found = find_head(parser, Frame.from_rgb(still.picture), still.shape, LIMITS.still_face_pixels)
-    soft = cv2.GaussianBlur(found.mask * found.places.ends(found.hair), (0, 0), 1.0)
+    found = _looked_at(parser, Frame.from_rgb(still.picture), still.shape, LIMITS.still_face_pixels)
+    (x0, y0), (small_height, small_width) = found.corner.astype(int), found.mask.shape
+    part = still.picture[
+        y0 : y0 + round(small_height / found.scale), x0 : x0 + round(small_width / found.scale)
+    ]
+    small = np.asarray(cv2.resize(part, (small_width, small_height), interpolation=cv2.INTER_AREA), np.uint8)
+    ends = found.places.ends(found.hair)
+    mask = _divided(small, found.places.seeds(found.hair, found.head)) & (ends > 0)
+    soft = cv2.GaussianBlur(found.places.one_piece(mask) * ends, (0, 0), 1.0)
     height, width = still.picture.shape[:2]
     first, last = LIMITS.edge
     whole = found.in_picture(np.asarray(soft, np.float32), (0, 0, width, height))
@@ -149,19 +208,23 @@ class HeadPlaces:
         inner = self.within((0.95 * aside, 0.95 * up, 0.95 * down))
         return np.asarray(self.within(LIMITS.possible_ellipse) & ~inner & (self._below_chin < 0))
 
+    def beyond(self, hair: F32) -> Bool:
+        """(h, w) where no head can be, given the parsing's share (h, w) of hair."""
+        limits = LIMITS
+        beyond = ~self.within(limits.possible_ellipse)
+        beyond |= ~self.within(limits.short_ellipse) & (hair < limits.min_hair) & (self._below_chin < 0)
+        beyond |= (self._below_chin > limits.neck) & ~self._long_hair(hair)
+        return np.asarray(beyond & ~self.face)
+
     def seeds(self, hair: F32, head: F32) -> U8:
         """(h, w) GrabCut's mask for the parsing's shares (h, w) of hair and of the head as a whole."""
         limits = LIMITS
         mask = np.full(hair.shape, cv2.GC_PR_BGD, np.uint8)
-        either = np.maximum(hair, head)
-        likely = (either > limits.likely_share) & self.within(limits.likely_ellipse)
+        likely = (head > limits.likely_share) & self.within(limits.likely_ellipse)
         mask[likely | (hair > limits.likely_hair)] = cv2.GC_PR_FGD
-        core = cv2.erode((either > limits.sure_share).astype(np.uint8), self._square(limits.sure_margin)) > 0
+        core = cv2.erode((head > limits.sure_share).astype(np.uint8), self._square(limits.sure_margin)) > 0
         mask[(core & self.within(limits.sure_ellipse)) | self.face] = cv2.GC_FGD
-        beyond = ~self.within(limits.possible_ellipse)
-        beyond |= ~self.within(limits.short_ellipse) & (hair < limits.min_hair) & (self._below_chin < 0)
-        beyond |= (self._below_chin > limits.neck) & ~self._long_hair(hair)
-        mask[beyond & ~self.face] = cv2.GC_BGD
+        mask[self.beyond(hair)] = cv2.GC_BGD
         return mask
 
     def one_piece(self, found: Bool) -> Bool:
@@ -175,24 +238,25 @@ class HeadPlaces:
 
     def ends(self, hair: F32) -> F32:
         """(h, w) share that is left where the head ends: at the neck, and at the ends of long hair."""
-        neck = np.clip((LIMITS.neck - self._below_chin) / LIMITS.fade, 0, 1)
+        away = cv2.distanceTransform((~self.face).astype(np.uint8), cv2.DIST_L2, 5) / self.width
+        neck = np.where(
+            self.below_jaw,
+            np.clip(1 - (away - LIMITS.overlap) / LIMITS.fade, 0, 1),
+            self._below_chin < LIMITS.neck,
+        )
         falling = np.clip((LIMITS.possible_ellipse[2] - self._down) / LIMITS.hair_fade, 0, 1)
         return np.asarray(np.where(self._long_hair(hair), falling, neck), np.float32)
 
     def _long_hair(self, hair: F32) -> Bool:
-        """(h, w) where hair may fall below the chin: beside the neck and where it is seen, if on either side."""
-        rows = np.abs(self._below_chin) < 0.03
-        beside = [self._aside < -LIMITS.long_hair_aside, self._aside > LIMITS.long_hair_aside]
-        if not all((hair[rows & side] > 0.5).any() for side in beside):
-            return np.zeros(hair.shape, bool)
-        return np.asarray(beside[0] | beside[1] | (hair > LIMITS.min_hair))
+        """(h, w) where hair falls below the chin."""
+        return np.asarray(hair > LIMITS.min_hair)
 
     def _square(self, share: float) -> U8:
         side = max(1, round(share * self.width))
         return np.ones((side, side), np.uint8)
 
 
-def _of_cells(cells: F32, parsing: FaceParsing, corner: F64, scale: float, size: tuple[int, int]) -> F32:
+def _of_cells(cells: F32, parsing: Parsing, corner: F64, scale: float, size: tuple[int, int]) -> F32:
     """The parsing's cells (64, 64) in a small picture of a size w, h."""
     to_small = parsing.to_picture * scale
     to_small[:, 2] += (0.5 - corner) * scale - 0.5

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.builtin import CROP, SIZE, cut
+from guise.aam.landmarks.builtin import SIZE, cut
 from guise.aam.landmarks.crops import crop_to_picture, upright_square
 from guise.aam.landmarks.rolls import upward
 from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, NOSE_ROOT, RIGHT_BROW, RIGHT_EYE
 from guise.aam.mask import soft_parts
-from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.aam.parsing import FaceClass, FaceParser, FaceParsing, Parsed, Parser
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
 from guise.app.media import Frame
@@ -262,16 +262,11 @@ class _Layers:
         return self.parsing.at(points, self.hidden)
 
 
-def parse_frame(
-    parser: FaceParser, frame: Frame, shape: F64, growth: float = 1.0, rise: float = 0.0
-) -> FaceParsing:
-    """Parse the face at a shape (81, 2) of a frame, of which only the face's surroundings are converted.
-
-    growth : of the crop.   rise : by which it is moved towards the forehead, of the longer side of the face's box.
-    """
+def parse_frame(parser: Parser[Parsed], frame: Frame, shape: F64) -> Parsed:
+    """Parse the face or head at a shape (81, 2) of a frame, of which only its surroundings are converted."""
     centre, side, turn = upright_square(shape)
-    centre = centre + rise * side * upward(turn)
-    side *= growth * CROP.side_head_boxes
+    centre = centre - parser.framing.drop * side * upward(turn)
+    side *= parser.framing.side
     to_picture = crop_to_picture(centre, side, turn, (SIZE, SIZE))
     corners = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
     reached = corners @ to_picture[:, :2].T + to_picture[:, 2]

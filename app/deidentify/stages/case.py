@@ -1,8 +1,8 @@
 """A file that is being de-identified: what its work folder says of it.
 
 Results in the folder: manifest.json, scan.json, detect.K.npz, link.json, person.P.guise or person.P.json (why there is
-none), region.json, fit.K.npz, tracks.json, plan.npz, render.K.packets, render.K.json and render.K.npz, for segments K
-and persons P.
+none), region.json, gaps.K.npz, fit.K.npz, tracks.json, plan.npz, render.K.packets, render.K.json and render.K.npz, for
+segments K and persons P.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from guise.aam.model import Identity
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.stages.fit import Fits
+from guise.app.deidentify.stages.gaps import Gaps, unpacked
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.segments import Scan
@@ -84,6 +85,11 @@ class Case:
     def fits(self, segment: int) -> Fits:
         """The placed faces of a segment."""
         return Fits(**self.work.load_arrays(f"fit.{segment}.npz"))
+
+    def gaps(self, segment: int) -> Gaps:
+        """What the heads of a segment leave; nothing unless they are to be replaced."""
+        name = f"gaps.{segment}.npz"
+        return unpacked(self.work.load_arrays(name)) if self.work.has(name) else {}
 
     @cached_property
     def cuts(self) -> list[int]:

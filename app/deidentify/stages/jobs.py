@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
-from guise.aam.parsing import FaceParser
+from guise.aam.parsing import HeadParser
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch, FaceTreatment
 from guise.app.deidentify.stages.case import Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
+from guise.app.deidentify.stages.gaps import Gaps, packed
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_of, with_detections
@@ -31,7 +32,7 @@ from guise.app.media.reader import ProblemLog
 from guise.app.media.segments import read_frames
 from guise.app.people.faces import detect_faces
 from guise.app.swapping.head import knows_head
-from guise.app.swapping.head_matte import find_head
+from guise.app.swapping.head_matte import Gap, find_head
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back
@@ -83,7 +84,8 @@ def person(case: Case, index: int) -> None:
 def fit(case: Case, segment: int) -> None:
     """Fit each person in a segment, and take pictures of the tracks."""
     found, judge = case.found(segment), TrustJudge()
-    parser = FaceParser() if case.options.region == "head" else None
+    parser = HeadParser() if case.options.region == "head" else None
+    gaps: Gaps = {}
     wanted: dict[int, list[tuple[LinkedTrack, int]]] = {}
     for track in case.linked:
         for number in (n for s, n in track.pieces if s == segment):
@@ -97,22 +99,21 @@ def fit(case: Case, segment: int) -> None:
                 model, points = case.model_of(track.number), found.points[row].astype(np.float64)
                 if model is not None and np.isfinite(points).all():
                     placed = judge.locate(model.tracker, frame, points, float(found.confidence[row]))
-                    if parser is not None:
-                        placed = _with_head(parser, frame, placed)
+                    if parser is not None and placed.confidence:
+                        head = find_head(parser, frame, placed.shape)
+                        if knows_head(head, placed.shape):
+                            gaps[track.number, frame.index] = Gap.of(head)
+                        else:
+                            placed = LocatedFace(placed.shape, 0.0)
                     rows.append((track.number, frame.index, placed))
                 if frame.index in track.shown:
                     pictures[f"{track.number}.{frame.index}"] = picture(
                         frame, found.box[row], found.turn[row]
                     )
     case.work.save_arrays(f"pictures.{segment}.npz", **pictures)
+    if parser is not None:
+        case.work.save_arrays(f"gaps.{segment}.npz", **packed(gaps))
     case.work.save_arrays(f"fit.{segment}.npz", **vars(Fits.of(rows)))
-
-
-def _with_head(parser: FaceParser, frame: Frame, placed: LocatedFace) -> LocatedFace:
-    """A placed face, not trusted unless the whole head can be replaced."""
-    if not placed.confidence or knows_head(find_head(parser, frame, placed.shape), placed.shape):
-        return placed
-    return LocatedFace(placed.shape, 0.0)
 
 
 def picture(frame: Frame, box: NDArray[np.floating], turn: float) -> NDArray[np.uint8]:

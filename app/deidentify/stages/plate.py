@@ -7,6 +7,7 @@ import numpy as np
 
 from guise.aam.landmarks.heads import region
 from guise.app.deidentify.stages.case import Case
+from guise.app.deidentify.stages.gaps import Gaps
 from guise.app.media.segments import read_frames
 from guise.app.swapping.head import LIMITS, Plate
 from guise.common.arrays import U8
@@ -15,8 +16,11 @@ PICTURES = 24  # of a shot in a segment
 HEAD_GROWTH = 1.3  # of the region about a face, covers included, that is not looked at
 
 
-def plate_of(case: Case, segment: int, shot: int) -> Plate | None:
-    """The plate of a shot (counted from 0), as far as it lies in the segment; None when that is too short."""
+def plate_of(case: Case, segment: int, shot: int, gaps: Gaps) -> Plate | None:
+    """The plate of a shot (counted from 0), as far as it lies in the segment; None when that is too short.
+
+    gaps : what heads leave, by track and frame.
+    """
     edges = [0, *case.cuts, case.scan.frames]
     first, last = (
         max(edges[shot], case.scan.segments[segment].first),
@@ -31,7 +35,11 @@ def plate_of(case: Case, segment: int, shot: int) -> Plate | None:
             scale = min(1.0, LIMITS.plate_side_pixels / max(frame.width, frame.height))
             size = [max(1, round(side * scale)) for side in (frame.width, frame.height)]
             pictures.append(np.asarray(cv2.resize(frame.rgb(), size, interpolation=cv2.INTER_AREA), np.uint8))
-            heads.append(_heads(case, frame.index, scale, (size[1], size[0])))
+            inside = _heads(case, frame.index, scale, (size[1], size[0]))
+            for gap in (gap for (_, index), gap in gaps.items() if index == frame.index):
+                whole = gap.share((0, 0, frame.width, frame.height)) > 0
+                inside[cv2.resize(whole.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0] = 1
+            heads.append(inside)
     return Plate.of(pictures, heads) if len(pictures) >= LIMITS.plate_min_pictures else None
 
 

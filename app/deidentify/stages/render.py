@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import iou
 from guise.aam.model import Identity
-from guise.aam.parsing import FaceParser
+from guise.aam.parsing import HeadParser
 from guise.app.deidentify.stages.audit import AuditDetection, FaceTreatment
 from guise.app.deidentify.stages.case import Case
+from guise.app.deidentify.stages.gaps import Gaps
 from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
@@ -28,7 +29,7 @@ from guise.app.swapping.decide import COVERED, SWAPPED
 from guise.app.swapping.donors import head_for, open_donor
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.head import HeadPainter, Plate
-from guise.app.swapping.head_matte import find_head
+from guise.app.swapping.head_matte import Gap, find_head
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64
 
@@ -65,7 +66,7 @@ class SegmentRenderer:
         self._engines: dict[int, Engine] = {}
         self._heads: dict[int, HeadPainter] = {}
         self._plates: dict[int, Plate | None] = {}  # by shot
-        self._parser = FaceParser() if case.options.region == "head" else None
+        self._gaps = _gaps(case, segment)
         self._label: Label | None = None
         self.swapped_boxes: dict[int, list[F64]] = defaultdict(list)  # by frame
         self.renderer = ""
@@ -90,22 +91,28 @@ class SegmentRenderer:
             cover(frame, entry.region, self._case.options.cover)
             return
         track = self._tracks[entry.track]
-        if self._parser is None:
-            mesh = self._engine(track).draw(frame, shape)
-        else:
-            mesh = self._with_head(frame, track, shape, self._parser)
+        gap = self._gap(frame, track, shape) if self._case.options.region == "head" else None
+        mesh = (
+            self._engine(track).draw(frame, shape)
+            if gap is None
+            else self._with_head(frame, track, shape, gap)
+        )
         self.swapped_boxes[frame.index].append(np.concatenate([mesh.min(0), mesh.max(0)]))
 
-    def _with_head(self, frame: Frame, track: Track, shape: F64, parser: FaceParser) -> F64:
+    def _gap(self, frame: Frame, track: Track, shape: F64) -> Gap:
+        """What the head of a track leaves; found now if another region was to be replaced, as before a review."""
+        kept = self._gaps.get((track.origin, frame.index))
+        return kept or Gap.of(find_head(HeadParser(), frame, shape))
+
+    def _with_head(self, frame: Frame, track: Track, shape: F64, gap: Gap) -> F64:
         """Swap the face, and then replace the head about it; returns the mesh (81, 2) of the face."""
-        head = find_head(parser, frame, shape)
         mesh = self._engine(track).draw(frame, shape)
         if track.number not in self._heads:
             self._heads[track.number] = HeadPainter(self._head_of(track), self._case.options.renderer)
         shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
         if shot not in self._plates:
-            self._plates[shot] = plate_of(self._case, self._segment, shot)
-        self._heads[track.number].draw(frame, mesh, head, self._plates[shot])
+            self._plates[shot] = plate_of(self._case, self._segment, shot, self._gaps)
+        self._heads[track.number].draw(frame, mesh, gap, self._plates[shot])
         return mesh
 
     def _head_of(self, track: Track) -> Identity:
@@ -167,6 +174,12 @@ def _shapes(case: Case, segment: int) -> dict[tuple[int, int], F64]:
         for frame, shape in zip(frames[inside], smooth(frames[inside], seen[inside], case.cuts), strict=True):
             shapes[track, int(frame)] = shape
     return shapes
+
+
+def _gaps(case: Case, segment: int) -> Gaps:
+    """What the heads in the frames of a rendered segment leave."""
+    near = [k for k in (segment, segment + 1) if k < len(case.scan.segments)]
+    return {key: gap for k in near for key, gap in case.gaps(k).items()}
 
 
 def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int, list[FaceTreatment]]:
