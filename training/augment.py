@@ -37,7 +37,7 @@ from guise.aam.parsing import FACE_FRAMING, HEAD_FRAMING, Framing
 from guise.common.arrays import F32, F64, U8, Bool
 from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps, whole
 from training.data import Labelled
-from training.occluders import Cutout, occluder, strands_of_hair
+from training.occluders import Cutout, locks_of_hair, occluder, strands_of_hair
 from training.parsing_labels import BACKGROUND, FACIAL_HAIR, GLASSES, HAIR, OCCLUDER
 
 # Standard deviations of plain crops.
@@ -58,7 +58,7 @@ class Strength:
     shift: float = 0.055
     wild: float = 0.2  # share of samples that are turned by up to 60 degrees
     hidden: float = 0.42  # share of samples with an object in front of the face
-    dyed: float = 0.0  # share of samples with hair of another colour
+    hair: float = 0.0  # share of samples with hair of another colour, and of those with longer hair
     framing: Framing = FACE_FRAMING
 
 
@@ -67,7 +67,7 @@ NEARLY_PLAIN = Strength(turn=9.0, size=0.09, shift=0.04, wild=0.08, hidden=0.2)
 # What the crops of a face that is being followed are like, where parsing is asked for.
 FOLLOWED = Strength(turn=9.0, size=0.1, shift=0.045, wild=0.06, hidden=0.62)
 # Likewise, of whole heads.
-HEADS = Strength(turn=9.0, size=0.14, shift=0.04, wild=0.04, hidden=0.35, dyed=0.4, framing=HEAD_FRAMING)
+HEADS = Strength(turn=9.0, size=0.14, shift=0.04, wild=0.04, hidden=0.35, hair=0.35, framing=HEAD_FRAMING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +112,10 @@ def sample(rng: Rng, face: Labelled, props: Props, strength: Strength = Strength
     if face.mask is not None and rng.random() < 0.75:
         alpha = cv2.warpAffine(face.mask * np.uint8(255), matrix, (SIZE, SIZE))
         canvas.crop = _before(rng, canvas.crop, alpha, props.backgrounds)
-    if canvas.exact and rng.random() < strength.dyed:
+    if canvas.exact and rng.random() < strength.hair:
         _dye(rng, canvas)
+    if canvas.exact and rng.random() < strength.hair:
+        locks_of_hair(rng, canvas, _hair_of(canvas) if rng.random() < 0.8 else _colour_of_hair(rng))
     _things(rng, canvas, props, strength.hidden)
     canvas.crop = camera(rng, light(rng, canvas.crop))
     _cut(rng, canvas)
@@ -283,13 +285,16 @@ def _hair_over(rng: Rng, canvas: Canvas, area: Picture, softness: float, most: f
     canvas.cover(np.asarray(soft * min(1.0, 1.4 * most), np.uint8), kind)
 
 
+def _hair_of(canvas: Canvas) -> F32:
+    """Mean colour (3,) of the hair; dark without any."""
+    share = cv2.resize(canvas.maps[HAIR], (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)[..., None]
+    return np.asarray((canvas.crop * share).sum((0, 1)) / max(float(share.sum()), 100.0), np.float32)
+
+
 def _dye(rng: Rng, canvas: Canvas) -> None:
     """Give the hair another colour, as light and as dark in parts as it was."""
     share = cv2.resize(canvas.maps[HAIR], (SIZE, SIZE), interpolation=cv2.INTER_LINEAR)[..., None]
-    if share.sum() < 1:
-        return
-    mean = (canvas.crop * share).sum((0, 1)) / share.sum()
-    factor = np.clip(_colour_of_hair(rng) / np.maximum(mean, 4), 0.1, 8)
+    factor = np.clip(_colour_of_hair(rng) / np.maximum(_hair_of(canvas), 4), 0.1, 8)
     canvas.crop = np.asarray(np.clip(canvas.crop * (1 + share * (factor - 1)), 0, 255), np.uint8)
 
 

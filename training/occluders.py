@@ -17,13 +17,15 @@ from guise.aam.landmarks.schemes import (
     FOREHEAD,
     JAW,
     LEFT_MOUTH_CORNER,
+    LEFT_TEMPLE,
     NOSE_BASE,
     NOSE_ROOT,
     NOSE_TIP,
     RIGHT_MOUTH_CORNER,
+    RIGHT_TEMPLE,
 )
 from guise.common.arrays import F32, F64, I32, U8, Floating
-from training.canvas import SIZE, Canvas, blend
+from training.canvas import SIZE, Canvas, blend, whole
 from training.parsing_labels import HAIR, OCCLUDER
 
 Picture = U8
@@ -88,6 +90,34 @@ def strands_of_hair(rng: Rng, canvas: Canvas, colour: F32) -> None:
         cv2.polylines(alpha, [_fixed(way)], False, strength, thickness, cv2.LINE_AA, shift=4)
     shade = 1 + 0.1 * rng.normal(0, 1, (SIZE, SIZE, 1)).astype(np.float32)
     canvas.put(np.asarray(np.clip(colour * shade, 0, 255), np.uint8), alpha, HAIR)
+
+
+def locks_of_hair(rng: Rng, canvas: Canvas, colour: F32) -> None:
+    """Long hair beside the face, one side or both, from the temples down to the neck or the chest."""
+    picture, alpha = np.zeros((SIZE, SIZE, 3), np.uint8), np.zeros((SIZE, SIZE), np.uint8)
+    right, left = canvas.points[RIGHT_TEMPLE], canvas.points[LEFT_TEMPLE]
+    down, sides = (
+        canvas.points[CHIN] - canvas.points[NOSE_ROOT],
+        ((right, right - left), (left, left - right)),
+    )
+    t = np.linspace(0, 1, 16)[:, None]
+    reach, waves = rng.uniform(1, 2.9), rng.uniform(0, 3)
+    for temple, outward in sides:
+        if rng.random() < 0.2:
+            continue
+        bulge, drift, swing = rng.normal(0.08, 0.06), rng.normal(0.1, 0.15), rng.uniform(0, 0.05)
+        for _ in range(int(rng.integers(12, 60))):
+            start = temple + rng.uniform(-0.06, 0.2) * outward - rng.uniform(0, 0.7) * down
+            wave = np.sin(2 * np.pi * (waves * t + rng.normal(0, 0.1)))
+            aside = bulge * np.sin(np.pi * t) + drift * t**2 + swing * wave + rng.normal(0, 0.03) * t
+            way = start + t * rng.uniform(0.8, 1.1) * reach * down + aside * outward
+            thickness = max(1, round(float(np.linalg.norm(outward)) * rng.uniform(0.01, 0.07)))
+            shade = tuple(int(c) for c in np.clip(colour * rng.uniform(0.55, 1.25), 0, 255))
+            for layer, value in ((picture, shade), (alpha, 255)):
+                cv2.polylines(layer, [_fixed(way)], False, value, thickness, cv2.LINE_AA, shift=4)
+    middle = canvas.points.mean(0)
+    cv2.fillConvexPoly(alpha, whole(cv2.convexHull(middle + 0.97 * (canvas.points - middle))), 0)
+    canvas.put(picture, np.asarray(cv2.GaussianBlur(alpha, (0, 0), 0.5), np.uint8), HAIR)
 
 
 # -- the objects --------------------------------------------------------------------------------------------------

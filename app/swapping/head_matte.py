@@ -38,7 +38,8 @@ class MatteLimits:
     likely_share: float = 0.55
     likely_ellipse: Ellipse = (0.72, 1.1, 1.2)
     likely_hair: float = 0.8  # anywhere
-    possible_ellipse: Ellipse = (1.3, 1.25, 2.1)  # of long hair
+    possible_ellipse: Ellipse = (1.3, 1.5, 2.1)  # of long hair
+    rim: float = 0.06  # of where a head can be
     short_ellipse: Ellipse = (0.8, 1.2, 9.0)  # beyond which only hair is head
     object_share: float = 0.5
     min_hair: float = 0.3
@@ -158,7 +159,8 @@ def _looked_at(parser: HeadParser, frame: Frame, shape: F64, face_pixels: float)
     parsing = parse_frame(parser, frame, shape)
     shares = [parsing.share(*kinds) for kinds in ((FaceClass.HAIR,), _HEAD, (FaceClass.OCCLUDER,))]
     hair, head, objects = (_of_cells(s, parsing, corner, scale, size) for s in shares)
-    places = HeadPlaces((shape - corner + 0.5) * scale - 0.5, size[::-1])
+    seen = _of_cells(np.ones_like(parsing.shares[0]), parsing, corner, scale, size) > 0.5
+    places = HeadPlaces((shape - corner + 0.5) * scale - 0.5, seen)
     return FoundHead(places.face, hair, head, objects, places, corner, scale)
 
 
@@ -180,15 +182,20 @@ def matte(parser: HeadParser, still: RestFrame) -> F32:
 
 
 class HeadPlaces:
-    """Where the parts of a head may be about a face's shape (81, 2) in a picture of a size (h, w)."""
+    """Where the parts of a head may be about a face's shape (81, 2) in a picture.
 
-    def __init__(self, shape: F64, size: tuple[int, int]) -> None:
+    seen : (h, w) whether a pixel of the picture has been looked at.
+    """
+
+    def __init__(self, shape: F64, seen: Bool) -> None:
+        size = seen.shape
         self.width = max(float(np.ptp(shape[:, 0])), 1.0)
         self._middle = (shape.min(0) + shape.max(0)) / 2
         y, x = np.mgrid[: size[0], : size[1]]
         self._aside = (x - self._middle[0]) / self.width
         self._down = (y - self._middle[1]) / self.width + LIMITS.rise
         self._below_chin = (y - shape[CHIN][1]) / self.width
+        self._possible = seen & self.within(LIMITS.possible_ellipse)
         face, jaw = np.zeros((2, *size), np.uint8)
         cv2.fillConvexPoly(face, cv2.convexHull(np.round(shape).astype(np.int32)), 1)
         cv2.fillPoly(jaw, [np.round(shape[JAW]).astype(np.int32)], 1)
@@ -203,15 +210,14 @@ class HeadPlaces:
         return np.asarray((self._aside / aside) ** 2 + y**2 < 1)
 
     def rim(self) -> Bool:
-        """(h, w) the edge of where a head can be, above the chin."""
-        aside, up, down = LIMITS.possible_ellipse
-        inner = self.within((0.95 * aside, 0.95 * up, 0.95 * down))
-        return np.asarray(self.within(LIMITS.possible_ellipse) & ~inner & (self._below_chin < 0))
+        """(h, w) the edge of where a head can be, above the chin, but for the picture's own edges."""
+        inner = cv2.erode(self._possible.astype(np.uint8), self._square(2 * LIMITS.rim)) > 0
+        return np.asarray(self._possible & ~inner & (self._below_chin < 0))
 
     def beyond(self, hair: F32) -> Bool:
         """(h, w) where no head can be, given the parsing's share (h, w) of hair."""
         limits = LIMITS
-        beyond = ~self.within(limits.possible_ellipse)
+        beyond = ~self._possible
         beyond |= ~self.within(limits.short_ellipse) & (hair < limits.min_hair) & (self._below_chin < 0)
         beyond |= (self._below_chin > limits.neck) & ~self._long_hair(hair)
         return np.asarray(beyond & ~self.face)
