@@ -14,7 +14,7 @@ from guise.aam.landmarks.schemes import NOSE_ROOT
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.aam.solid_shape import HeadPose, SolidPrior
-from guise.app.deidentify.stages.gaps import packed, unpacked
+from guise.app.deidentify.stages.gaps import packed, steadied, unpacked
 from guise.app.media import Frame
 from guise.app.swapping.head import HeadPainter, Plate, _continued, _without_background, knows_head
 from guise.app.swapping.head_matte import FoundHead, Gap, find_head, matte
@@ -95,6 +95,26 @@ def test_gaps_are_kept_as_they_are(head: FoundHead) -> None:
         np.testing.assert_array_equal(one.corner, again.corner)
         assert one.scale == again.scale
     assert unpacked(packed({})) == {}
+
+
+def test_gaps_are_steady_and_follow_the_face() -> None:
+    rng = np.random.default_rng(0)
+    disc = np.hypot(*(np.indices((60, 50)) - np.array([[[30]], [[25]]]))) < 20
+    shape = rng.uniform(-40, 40, (81, 2))
+    gaps, shapes = {}, {}
+    for k in range(9):
+        cells = disc.copy()
+        if k == 4:
+            cells[:, 30:] = False  # overlooked once
+        moved = np.array([3.0 * k, -2.0 * k])
+        size = 1 + 0.02 * k
+        gaps[1, k] = Gap(cells, np.zeros_like(cells), size * np.array([-50.0, -60.0]) + moved, 0.5 / size)
+        shapes[1, k] = size * shape + moved
+    made = steadied(gaps, shapes)[1, 4]
+    whole = Gap(disc, np.zeros_like(disc), gaps[1, 4].corner, gaps[1, 4].scale)
+    roi = (-60, -70, 150, 150)
+    found, wanted = (one.share(roi) > 0.5 for one in (made, whole))
+    assert (found & wanted).sum() > 0.93 * (found | wanted).sum()
 
 
 def test_surroundings_are_continued_smoothly_and_kept() -> None:

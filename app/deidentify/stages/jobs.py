@@ -21,7 +21,7 @@ from guise.aam.parsing import HeadParser
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch, FaceTreatment
 from guise.app.deidentify.stages.case import Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
-from guise.app.deidentify.stages.gaps import Gaps, packed
+from guise.app.deidentify.stages.gaps import Gaps, packed, steadied
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_of, with_detections
@@ -112,7 +112,8 @@ def fit(case: Case, segment: int) -> None:
                     )
     case.work.save_arrays(f"pictures.{segment}.npz", **pictures)
     if parser is not None:
-        case.work.save_arrays(f"gaps.{segment}.npz", **packed(gaps))
+        shapes = {(track, frame): placed.shape for track, frame, placed in rows}
+        case.work.save_arrays(f"gaps.{segment}.npz", **packed(steadied(gaps, shapes)))
     case.work.save_arrays(f"fit.{segment}.npz", **vars(Fits.of(rows)))
 
 
