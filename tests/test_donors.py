@@ -23,7 +23,7 @@ from guise.app.swapping.donors import (
     KeyFile,
     assign,
     gallery,
-    head_for,
+    heads_for,
     open_donor,
     open_face,
     parts,
@@ -199,23 +199,38 @@ def test_own_donors_are_model_files() -> None:
 
 
 def test_heads_are_of_others_than_the_faces_and_differ_from_video_to_video() -> None:
-    heads = [head_for("p02", "auto", seed=0, salt=f"{k}.mp4 1") for k in range(60)]
-    assert set(heads) == set(gallery()) - {"p02"}
-    assert head_for("mean:p01+p02", "mean:2", seed=0, salt="x") not in ("p01", "p02")
-    assert head_for("p02", "auto", seed=0, salt="x") == head_for("p02", "auto", seed=0, salt="x")
+    def head(face: str, asked: str = "auto", salt: str = "x") -> str:
+        return heads_for({1: face}, asked, seed=0, salt=salt)[1]
+
+    assert {head("p02", salt=f"{k}.mp4") for k in range(60)} == set(gallery()) - {"p02"}
+    assert head("mean:p01+p02", "mean:2") not in ("p01", "p02")
+    assert head("p02") == head("p02")
     every = "mean:" + "+".join(gallery())
-    assert head_for(every, "mean:9", seed=0, salt="x") in gallery()
+    assert head(every, "mean:9") in gallery()
+
+
+def test_nobody_in_a_video_has_the_head_of_another_while_there_are_enough() -> None:
+    faces = dict(enumerate(gallery() * 2, 1))
+    heads = heads_for(faces, "auto", seed=0, salt="x")
+    assert len({heads[k] for k in range(1, 9)}) == 8
+    assert all(heads[k] != faces[k] for k in faces)
+    assert heads_for(dict(list(faces.items())[:3]), "auto", seed=0, salt="x") == {
+        k: heads[k] for k in (1, 2, 3)
+    }
+    known = heads_for(faces, "auto", seed=0, salt="")
+    assert known[1] == known[10], "the same face of a key file"
 
 
 def test_somebody_whom_the_user_names_keeps_their_own_head() -> None:
-    assert head_for("x.guise", "x.guise", seed=0, salt="x") == "x.guise"
-    assert head_for("mean:p01+p04", "mean:p01+p04", seed=0, salt="x") in gallery()
+    assert heads_for({1: "x.guise"}, "x.guise", seed=0, salt="x") == {1: "x.guise"}
+    assert heads_for({1: "mean:p01+p04"}, "mean:p01+p04", seed=0, salt="x")[1] in gallery()
 
 
 @pytest.mark.parametrize("donor", ["same", "average:3"])
 def test_who_share_a_face_share_a_head(donor: str) -> None:
     given = {assign([1], donor, seed=0, salt=salt)[1] for salt in "abcdef"}
-    assert len({head_for(face, donor, seed=0, salt=salt) for face in given for salt in "abcdef"}) == 1
+    heads = {heads_for({1: face}, donor, seed=0, salt=salt)[1] for face in given for salt in "abcdef"}
+    assert len(heads) == 1
 
 
 def test_known_donors_go_before_the_choice_and_stay_distinct_from_it() -> None:

@@ -183,23 +183,30 @@ def assign(
     return {person: fixed[person] if person in fixed else next(order) for person in people}
 
 
-def head_for(face: str, asked: str, *, own: Sequence[Path] = (), seed: int, salt: str) -> str:
-    """The spec of the single donor whose head, with its hair, goes about an assigned face: by lot, of somebody else.
+def heads_for(
+    faces: Mapping[int, str], asked: str, *, own: Sequence[Path] = (), seed: int, salt: str
+) -> dict[int, str]:  # fmt: skip
+    """By person, the spec of the single donor whose head, with its hair, goes about an assigned face.
 
-    With faces and heads drawn apart there are many more people to be, and two takes of a person are linked less often.
-    Somebody whom the user named keeps their own head; an average has none.
+    By lot, of somebody else, and each of a video another while there are enough: with faces and heads drawn apart there
+    are many more people to be, and two takes of a person are linked less often.  Somebody whom the user named keeps
+    their own head; an average has none.
 
-    face : the spec that was assigned.   asked, own, seed : as for `assign`.
-    salt : the video's name and the person's number; it doesn't count where all people share a face.
+    faces : by person, the spec that was assigned.   asked, own, seed : as for `assign`.
+    salt : the video's name; "" if a face has the same head in all videos.
     """
-    if face == asked and len(parts(face)) == 1:
-        return face
-    names = _names(own)
-    shared = _shared(asked, names, seed) is not None
-    order = sorted(
-        names, key=lambda name: _digest(seed, "" if shared else salt, "head", face, Path(name).name)
-    )
-    return next((name for name in order if name not in parts(face)), order[0])
+    names, given = _names(own), {}
+    everywhere = not salt or _shared(asked, names, seed) is not None
+    for person, face in sorted(faces.items()):
+        if face == asked and len(parts(face)) == 1:
+            given[person] = face
+            continue
+        lot = "" if everywhere else f"{salt} {person}"
+        order = sorted(names, key=lambda name: _digest(seed, lot, "head", face, Path(name).name))
+        others = [name for name in order if name not in parts(face)] or order
+        free = [name for name in others if everywhere or name not in given.values()]
+        given[person] = (free or others)[0]
+    return given
 
 
 def _shared(donor: str, names: Sequence[str], seed: int) -> str | None:

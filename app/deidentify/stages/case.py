@@ -23,6 +23,7 @@ from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.segments import Scan
 from guise.app.people.faces import SegmentFaces
+from guise.app.swapping.donors import heads_for
 
 LEAD_FRAMES = 16  # by which a rendered segment begins after its keyframe, for the light to be measured over
 
@@ -124,6 +125,13 @@ class Case:
     def tracks(self) -> tuple[Track, ...]:
         """The tracks with what is to be done."""
         return tuple(track_from(entry) for entry in self.work.load_json("tracks.json"))
+
+    @cached_property
+    def heads(self) -> dict[int, str]:
+        """By person, whose head is drawn about the face; people of a key file keep theirs in all videos."""
+        faces = {track.person: track.donor for track in self.tracks if track.donor}
+        options, salt = self.options, "" if self.options.keyfile else str(self.manifest["name"])
+        return heads_for(faces, options.donor, own=options.gallery, seed=options.seed, salt=salt)
 
     @cached_property
     def plan(self) -> dict[str, NDArray[Any]]:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import iou
-from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.app.deidentify.stages.audit import AuditDetection, FaceTreatment
 from guise.app.deidentify.stages.case import Case
@@ -26,7 +25,7 @@ from guise.app.deidentify.tracks import Track
 from guise.app.media import Frame
 from guise.app.swapping.cover import cover
 from guise.app.swapping.decide import COVERED, SWAPPED
-from guise.app.swapping.donors import head_for, open_donor
+from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.head import HeadPainter, Plate
 from guise.app.swapping.head_matte import Gap, find_head
@@ -108,20 +107,13 @@ class SegmentRenderer:
         """Swap the face, and then replace the head about it; returns the mesh (81, 2) of the face."""
         mesh = self._engine(track).draw(frame, shape)
         if track.number not in self._heads:
-            self._heads[track.number] = HeadPainter(self._head_of(track), self._case.options.renderer)
+            donor = open_donor(self._case.heads[track.person])
+            self._heads[track.number] = HeadPainter(donor, self._case.options.renderer)
         shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
         if shot not in self._plates:
             self._plates[shot] = plate_of(self._case, self._segment, shot, self._gaps)
         self._heads[track.number].draw(frame, mesh, gap, self._plates[shot])
         return mesh
-
-    def _head_of(self, track: Track) -> Identity:
-        """Whose head is drawn about a track's face; people of a key file keep theirs, too."""
-        options = self._case.options
-        salt = "" if options.keyfile else f"{self._case.manifest['name']} {track.person}"
-        return open_donor(
-            head_for(track.donor, options.donor, own=options.gallery, seed=options.seed, salt=salt)
-        )
 
     def _engine(self, track: Track) -> Engine:
         if track.number not in self._engines:
