@@ -1,6 +1,7 @@
 """Labels of what a crop shows stay exact: maps, occluders, beards and glasses; how they are measured."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,9 +25,9 @@ from guise.aam.landmarks.schemes import (
     UPPER_LIP_TOP,
     mean_geometry,
 )
-from guise.aam.parsing import CELLS
+from guise.aam.parsing import CELLS, HEAD_FRAMING
 from training import occluders
-from training.augment import Props, Sample, plain, sample
+from training.augment import HEADS, Props, Sample, _dye, plain, sample
 from training.canvas import SIZE, Canvas, class_maps, possible_maps
 from training.clutter import clutter
 from training.data import Labelled
@@ -37,6 +38,7 @@ from training.parsing_labels import (
     CLASSES,
     EYES,
     FACIAL_HAIR,
+    HAIR,
     INNER_MOUTH,
     LIPS,
     OCCLUDER,
@@ -103,6 +105,39 @@ def test_samples_of_labelled_people_are_exact_and_sum_to_one() -> None:
         assert made.maps.min() >= 0
         opened += int(made.iris_seen.sum())
     assert 20 < opened <= 80
+
+
+def test_a_crop_of_a_head_holds_what_is_around_it() -> None:
+    made = plain(np.random.default_rng(2), labelled(), framing=HEAD_FRAMING)
+    size = np.ptp(made.points, axis=0).max()
+    assert size == pytest.approx(SIZE / HEAD_FRAMING.side, rel=0.2)
+    middle = (made.points.min(0) + made.points.max(0)) / 2
+    raised = (SIZE - 1) / 2 - HEAD_FRAMING.drop / HEAD_FRAMING.side * SIZE
+    np.testing.assert_allclose(middle, [(SIZE - 1) / 2, raised], atol=9)
+
+
+def test_longer_and_other_hair_is_labelled_as_hair() -> None:
+    rng, longer = np.random.default_rng(3), replace(HEADS, hair=1.0, hidden=0.0)
+    shares = []
+    for _ in range(12):
+        made = sample(rng, labelled(), PROPS, longer)
+        np.testing.assert_allclose(made.maps.sum(0), 1, atol=2e-3)
+        shares.append(made.maps[HAIR].mean())
+    assert np.median(shares) > 0.02
+    canvas = canvas_of_hair(40)
+    _dye(np.random.default_rng(0), canvas)
+    left, right = canvas.crop[:, :60].mean((0, 1)), canvas.crop[:, 70:].mean((0, 1))
+    assert np.abs(left - 40).max() > 10
+    np.testing.assert_allclose(right, 40, atol=1)
+
+
+def canvas_of_hair(grey: int) -> Canvas:
+    """A grey crop whose left half is hair."""
+    maps = np.zeros((len(CLASSES), CELLS, CELLS), np.float32)
+    maps[HAIR, :, : CELLS // 2] = 1
+    maps[BACKGROUND, :, CELLS // 2 :] = 1
+    crop = np.full((SIZE, SIZE, 3), grey, np.uint8)
+    return Canvas(crop, points(), np.ones(81, bool), np.zeros((2, 3), np.float32), False, maps, True)
 
 
 def test_an_open_iris_lies_in_the_eyes_of_the_map() -> None:
