@@ -10,13 +10,21 @@ import numpy as np
 import pytest
 
 import guise.app
-from guise.aam.landmarks.schemes import NOSE_ROOT
+from guise.aam.landmarks.schemes import LEFT_TEMPLE, NOSE_ROOT, RIGHT_TEMPLE
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.app.deidentify.stages.gaps import packed, steadied, unpacked
 from guise.app.media import Frame
-from guise.app.swapping.head import HeadPainter, Plate, _continued, _without_background, knows_head
+from guise.app.swapping.head import (
+    Around,
+    HeadPainter,
+    Plate,
+    _continued,
+    _face,
+    _without_background,
+    knows_head,
+)
 from guise.app.swapping.head_matte import FoundHead, Gap, find_head, matte
 
 GALLERY = Path(guise.app.__file__).parent / "gallery"
@@ -190,6 +198,32 @@ def test_the_head_lies_behind_its_face_when_it_turns() -> None:
     assert beyond[0] > 15
     assert abs(beyond[1]) < 12
     assert beyond[2] < -15
+
+
+def test_the_far_edge_of_a_turned_face_stays_as_it_is_drawn(source: Identity) -> None:
+    mesh, size = source.rest_frame.shape, source.rest_frame.picture.shape[:2]
+    width = np.ptp(mesh[:, 0])
+    front, turned = (_face(mesh, np.array([aside * width, 0.0]), size) for aside in (0.0, 0.4))
+    temple, other = (mesh[k] + (way * 0.03 * width, 0) for k, way in ((RIGHT_TEMPLE, 1), (LEFT_TEMPLE, -1)))
+    for at, share in ((temple, 1.0), (other, 0.0)):
+        x, y = at.round().astype(int)
+        assert front[y, x] == 0
+        assert turned[y, x] == pytest.approx(share, abs=0.1)
+    assert (turned > 0).sum() < 1.2 * (front > 0).sum()
+
+
+def test_hair_beside_the_forehead_turns_with_the_ears(source: Identity) -> None:
+    still = source.rest_frame
+    around = Around(still, matte(HeadParser(), still))
+    width = np.ptp(still.shape[:, 0])
+    depth = around._depth + np.array([0.4 * width, 0.0])  # what lies behind is seen more to the right
+    moved = (around.placed(still.shape, depth) - around.points)[:, 0] / (0.4 * width)
+    middle = (still.shape.min(0) + still.shape.max(0)) / 2
+    x, y = ((around.points - middle) / np.ptp(still.shape, axis=0)).T
+    here, away = ((np.abs(x - side * 0.55) < 0.1) & (y < -0.1) & (y > -0.35) for side in (1, -1))
+    assert moved[here].min() > 0.3
+    assert moved[away].max() < 0.2
+    assert around.placed(still.shape, around._depth) == pytest.approx(around.points)
 
 
 def test_what_was_shown_behind_a_head_stays_and_nothing_that_was_seen() -> None:

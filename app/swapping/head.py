@@ -42,11 +42,21 @@ class HeadLimits:
     face_edge_widths: tuple[float, float] = (
         0.06,
         0.14,
-    )  # within the drawn face, which passes into the head there
+    )  # within the drawn face, which passes into the head there,
+    far_depth_shares: tuple[float, float] = (
+        0.1,
+        0.3,
+    )  # of a face width; but not where it is turned away like that
     light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
     light_gain: tuple[float, float] = (0.5, 1.6)
-    rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # from the face to the still points around it,
-    rings_depth_face_widths: tuple[float, ...] = (0.12, 0.35)  # which lie so far behind the face's edge
+    edge_face_widths: float = 0.06  # from the face's edge to the still points beside it,
+    rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # and to those around the face,
+    depth_face_widths: tuple[float, ...] = (0.04, 0.12, 0.35)  # which lie so far behind that edge,
+    ears_face_widths: float = (
+        0.46  # or, beside a forehead turned here and an ear turned away, as far back as ears
+    )
+    ears_sines: tuple[float, float] = (-0.1, 0.5)  # of the places of ears on the ellipses
+    ears_share: float = 0.1  # of a face width, by which ears must be seen aside for that
     ring_points: int = 28
     plate_spread_levels: float = 8.0  # of a pixel in time, up to which what is behind the head is known
     plate_min_pictures: int = 3
@@ -127,25 +137,22 @@ class HeadPainter(Closing):
     def __init__(self, identity: Identity, renderer: str) -> None:
         still = identity.rest_frame
         alpha = matte(HeadParser(), still)
-        self._points, self._near, self._depths = _around(still, alpha)
-        self._depth = _depth(still.shape)
+        self._around = Around(still, alpha)
         # Index, corner, what was shown behind the head, and where.
         self._last: tuple[int, tuple[int, int], F32, F32] | None = None
         self._texture = _without_background(still.picture, alpha)
+        points = np.concatenate([still.shape, self._around.points])
         self._compositor = make_compositor(
             renderer,
-            Delaunay(self._points).simplices.astype(np.int32),
-            self._points.astype(np.float32),
+            Delaunay(points).simplices.astype(np.int32),
+            points.astype(np.float32),
             alpha,
         )
 
     def draw(self, frame: Frame, mesh: F64, gap: Gap, plate: Plate | None) -> None:
         """Replace the head of the source, found before its face was drawn at `mesh` (81, 2), in place."""
-        still = self._points[: len(mesh)]
-        fit = align_planar(still, mesh, RIGID_WEIGHTS)
-        edge = self._near @ (mesh - fit.apply(still))[SILHOUETTE]
-        turned = self._depths * (_depth(mesh) - self._depth @ fit.linear)
-        vertices = np.concatenate([mesh, fit.apply(self._points[len(mesh) :]) + edge + turned])
+        depth = _depth(mesh)
+        vertices = np.concatenate([mesh, self._around.placed(mesh, depth)])
         reached = np.concatenate([gap.corners, vertices])
         width = float(np.ptp(mesh[:, 0]))
         margin = LIMITS.surroundings_face_widths * width
@@ -162,7 +169,7 @@ class HeadPainter(Closing):
         made = _mixed(seen, np.asarray(cv2.convertScaleAbs(behind), np.uint8), away)
         other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0))
         head = np.asarray(cv2.cvtColor(other, cv2.COLOR_RGBA2RGB), np.uint8)
-        face = _face(mesh - (x0, y0), (h, w))
+        face = _face(mesh - (x0, y0), depth, (h, w))
         lit = _lit(head, seen, face, size, LIMITS.light_face_widths * width / reduced)
         made = _mixed(made, lit, np.asarray(other[..., 3] / np.float32(255), np.float32))
         made = _mixed(made, seen, face)
@@ -199,21 +206,45 @@ def _without_background(picture: U8, alpha: F32) -> U8:
     return made.reshape(picture.shape)
 
 
-def _around(still: RestFrame, alpha: F32) -> tuple[F64, F64, F64]:
-    """What is drawn of a still: its face's points and others on ellipses around it, none far beyond its head (n, 2).
+class Around:
+    """Points (n, 2) of a still around its face, none far beyond its head, and how they move with the face.
 
-    Also the weights (m, k) of the face's edge near each of the m others, and how far they lie behind it (m, 1).
+    They lie behind the face's edge, or as far back as the ears: hair beside a forehead that is turned here, and the ear
+    that is turned away.
     """
-    shape = still.shape
-    centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
-    turn = np.linspace(0, 2 * np.pi, LIMITS.ring_points, endpoint=False)
-    circle = np.column_stack([np.cos(turn), np.sin(turn)])
-    rings = [centre + (half + reach * 2 * half[0]) * circle for reach in LIMITS.rings_face_widths]
-    x, y, w, h = cv2.boundingRect((alpha > 0).astype(np.uint8))
-    others = np.clip(np.concatenate(rings), (x - 1, y - 1), (x + w, y + h))
-    near = 1 / (np.square(others[:, None] - shape[SILHOUETTE]).sum(2) + 1)
-    depths = np.repeat(LIMITS.rings_depth_face_widths, LIMITS.ring_points)[:, None]
-    return np.concatenate([shape, others]), near / near.sum(1, keepdims=True), depths
+
+    def __init__(self, still: RestFrame, alpha: F32) -> None:
+        shape = self._shape = still.shape
+        edge, width = shape[SILHOUETTE], float(np.ptp(shape[:, 0]))
+        centre, half = (shape.min(0) + shape.max(0)) / 2, np.ptp(shape, axis=0) / 2
+        turn = np.linspace(0, 2 * np.pi, LIMITS.ring_points, endpoint=False)
+        circle = np.column_stack([np.cos(turn), np.sin(turn)])
+        outward = (edge - centre) / np.linalg.norm(edge - centre, axis=1, keepdims=True)
+        rings = [centre + (half + reach * width) * circle for reach in LIMITS.rings_face_widths]
+        x, y, w, h = cv2.boundingRect((alpha > 0).astype(np.uint8))
+        points = np.concatenate([edge + LIMITS.edge_face_widths * width * outward, *rings])
+        self.points = np.clip(points, (x - 1, y - 1), (x + w, y + h))
+        near = 1 / (np.square(self.points[:, None] - edge).sum(2) + 1)
+        self._near = near / near.sum(1, keepdims=True)
+        counts = (len(edge), *(len(ring) for ring in rings))
+        self._behind = np.repeat(LIMITS.depth_face_widths, counts)[:, None]
+        self._aside, down = np.concatenate([outward, *[circle] * len(rings)]).T
+        self._above = np.abs(self._aside) * (down < 0)
+        first, last = LIMITS.ears_sines
+        self._ears = (first < down) & (down < last)
+        self._depth = _depth(shape)
+
+    def placed(self, mesh: F64, depth: F64) -> F64:
+        """Where they are (n, 2) about a mesh (81, 2); depth : as of `_depth`."""
+        fit = align_planar(self._shape, mesh, RIGID_WEIGHTS)
+        edge = self._near @ (mesh - fit.apply(self._shape))[SILHOUETTE]
+        turned = depth - self._depth @ fit.linear
+        here = self._aside * depth[0] / float(np.ptp(mesh[:, 0]))
+        near, far = (np.interp(side * here, (0, LIMITS.ears_share), (0, 1)) for side in (1, -1))
+        as_ears = np.maximum(self._above * near, self._ears * far)[:, None]
+        behind_edge = edge + self._behind * turned
+        moved = behind_edge + as_ears * (LIMITS.ears_face_widths * turned - behind_edge)
+        return np.asarray(fit.apply(self.points) + moved)
 
 
 def _depth(shape: F64) -> F64:
@@ -267,13 +298,21 @@ def _mixed(under: Picture, over: Picture, share: F32) -> Picture:
     return np.asarray(cv2.blendLinear(under, over, 1 - share, share), under.dtype)
 
 
-def _face(mesh: F64, size: tuple[int, int]) -> F32:
-    """(h, w) share in [0, 1] of the drawn face that stays."""
-    first, last = (share * float(np.ptp(mesh[:, 0])) for share in LIMITS.face_edge_widths)
-    inside = np.zeros(size, np.uint8)
-    cv2.fillPoly(inside, [np.round(mesh[SILHOUETTE]).astype(np.int32)], 1)
-    near = cv2.distanceTransform(np.pad(inside, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    return np.asarray(np.clip((near - first) / max(last - first, 1.0), 0, 1), np.float32)
+def _face(mesh: F64, depth: F64, size: tuple[int, int]) -> F32:
+    """(h, w) share in [0, 1] of the drawn face that stays: on the far side of a turned head up to its very edge.
+
+    depth : as of `_depth`.
+    """
+    width, edge = float(np.ptp(mesh[:, 0])), mesh[SILHOUETTE]
+    first, last = (share * width for share in LIMITS.face_edge_widths)
+    outward = edge - mesh.mean(0)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    far = np.interp(-outward @ depth / width, LIMITS.far_depth_shares, (0, 1))[:, None]
+    inside, wider = np.zeros((2, *size), np.uint8)
+    for area, outline in ((inside, edge), (wider, edge + far * last * outward)):
+        cv2.fillPoly(area, [np.round(outline).astype(np.int32)], 1)
+    near = cv2.distanceTransform(np.pad(wider, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.asarray(inside * np.clip((near - first) / max(last - first, 1.0), 0, 1), np.float32)
 
 
 def _lit(head: U8, seen: U8, face: F32, size: tuple[int, int], sigma: float) -> U8:
