@@ -24,7 +24,8 @@ DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
 REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
-HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD, HEAD_BATCHES, HEAD_RATE = 560, 30_000, 12, 6500, 6e-4  # of 32
+HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD = 560, 30_000, 12
+HEAD_COURSES = (6500, 6e-4), (5000, 4e-4)  # batches of 32, rate
 GROUPS = 60  # of people whose faces are swapped
 
 
@@ -135,19 +136,22 @@ class Plan:
         yield Task("parsing report", [command("finish_parsing", run=refined, **given)], refined / "face.md")
 
     def _head_training(self) -> Iterator[Task]:
-        """The parsing of whole heads, from that of faces."""
-        parts, head = self.work / "head parts", self.work / "head"
+        """The parsing of whole heads, from that of faces, in two courses."""
+        parts, first, head = self.work / "head parts", self.work / "first head", self.work / "head"
         render = self._rendering(
             parts, FIRST_HEAD, HEAD_PEOPLE, per_person=PICTURES_PER_HEAD, size=208, hands=0.12
         )
         share = ("--face-share", "0.25", "0.31")
         yield Task("heads", [(*one, *share) for one in render], parts / "complete")
         given = {"parts": parts, "real": self.data, "alignment": self.work / "alignment.json"}
-        train = command(
-            "train_face", "--resume", goal="head", device=self.device, output=head, steps=HEAD_BATCHES, rate=HEAD_RATE,
-            batch=32, first_weights=self.work / "refined" / "face.onnx", **given,
-        )  # fmt: skip
-        yield Task("head", [train], head / "complete")
+        weights = self.work / "refined" / "face.onnx"
+        for run, (steps, rate) in zip((first, head), HEAD_COURSES, strict=True):
+            train = command(
+                "train_face", "--resume", goal="head", device=self.device, output=run, steps=steps, rate=rate, batch=32,
+                seed=1 + (run == head), first_weights=weights, **given,
+            )  # fmt: skip
+            yield Task(run.name, [train], run / "complete")
+            weights = run / "face.pt"
         yield Task("head report", [command("finish_head", run=head, **given)], head / "head.md")
 
     def _other_models(self) -> Iterator[Task]:

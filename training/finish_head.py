@@ -48,7 +48,8 @@ Made by `training/train_face.py --goal {goal}` and `training/finish_head.py`; th
   {real_people} real people under CC BY 4.0: photographs of the Face Research Lab London Set (DeBruine and Jones 2017,
   doi:10.6084/m9.figshare.5047666), without those kept for evaluation, and frames of clips of the GRID corpus (Cooke et
   al. 2006). In real pictures it is only known which classes a cell cannot show.
-- Training: {done} batches of {batch} augmented crops, seed {seed}, from the weights of the parsing of faces.
+- Training: {done} batches of {batch} augmented crops, seed {seed}, from the weights of a first course, which began with
+  those of the parsing of faces.
 - Meant for faces from about 30 pixels up, turned by up to 60 degrees, in a crop made upright by their points.
 - Not meant for recognising people; it does not.
 
