@@ -24,7 +24,7 @@ from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior
 from guise.app.media import Frame
 from guise.app.swapping.head_matte import FoundHead, Gap, Roi, matte
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
 from guise.render import make_compositor
 
@@ -63,7 +63,7 @@ class HeadLimits:
     plate_side_pixels: int = 960  # the longer one
     smooth_face_pixels: float = 48.0  # width of the face at which what is smooth is worked out
     surroundings_face_widths: float = 0.2  # of a head, that are continued behind it
-    steps: int = 8  # of the membrane that continues the surroundings, at each size
+    continued_pixels: float = 3.0  # of the smaller size, standard deviation of what is continued
     memory: float = 0.9  # share of what is behind the head that is as in the frame before
 
 
@@ -128,6 +128,14 @@ def _quartiles(stack: F32) -> tuple[F32, F32, F32]:
     return low, middle, high
 
 
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """What is shown in place of a head: a rectangle of the frame, and its picture (h, w, 3), RGB."""
+
+    roi: Roi
+    picture: F32
+
+
 class HeadPainter(Closing):
     """Draws an identity's head around a swapped face; use it by `with`.
 
@@ -149,28 +157,46 @@ class HeadPainter(Closing):
             alpha,
         )
 
-    def draw(self, frame: Frame, mesh: F64, gap: Gap, plate: Plate | None) -> None:
-        """Replace the head of the source, found before its face was drawn at `mesh` (81, 2), in place."""
-        depth = _depth(mesh)
-        vertices = np.concatenate([mesh, self._around.placed(mesh, depth)])
-        reached = np.concatenate([gap.corners, vertices])
-        width = float(np.ptp(mesh[:, 0]))
+    def behind(
+        self, frame: Frame, width: float, gap: Gap, others: Sequence[Gap], plate: Plate | None
+    ) -> Behind:
+        """What is behind the source's head in a frame in which nothing has been drawn yet.
+
+        width : of the source's face, pixels.   others : what other heads leave that are to be replaced.
+        """
         margin = LIMITS.surroundings_face_widths * width
-        roi = frame.align_roi(*(reached.min(0) - margin), *(reached.max(0) + margin))
+        (left, top), (right, bottom) = gap.corners
+        roi = frame.align_roi(left - margin, top - margin, right + margin, bottom + margin)
+        if min(roi[2:]) < 2:
+            return Behind(roi, np.zeros((roi[3], roi[2], 3), np.float32))
+        reduced = max(1.0, width / LIMITS.smooth_face_pixels)
+        away = gap.share(roi)
+        lost = np.maximum.reduce([away, gap.body_share(roi), *(other.share(roi) for other in others)])
+        made = self._steadied(_behind(frame, lost > 0, reduced, roi, plate), frame.index, roi[:2])
+        self._last = frame.index, roi[:2], made, away
+        return Behind(roi, made)
+
+    def draw(self, frame: Frame, mesh: F64, gap: Gap, behind: Behind) -> None:
+        """Replace the head of the source, whose face has been drawn at `mesh` (81, 2), in place."""
+        depth, width = _depth(mesh), float(np.ptp(mesh[:, 0]))
+        vertices = np.concatenate([mesh, self._around.placed(mesh, depth)])
+        x, y, wide, high = behind.roi
+        reached = np.concatenate([[(x, y), (x + wide, y + high)], vertices + 1, vertices - 1])
+        roi = frame.align_roi(*reached.min(0), *reached.max(0))
         x0, y0, w, h = roi
         if w < 2 or h < 2:
             return
-        reduced = max(1.0, width / LIMITS.smooth_face_pixels)
-        size = max(2, round(w / reduced)), max(2, round(h / reduced))
         seen = frame.rgb_roi(*roi)
-        away = gap.share(roi)
-        behind = self._steadied(_behind(frame, seen, gap, size, roi, plate), frame.index, (x0, y0))
-        self._last = frame.index, (x0, y0), behind, away
-        made = _mixed(seen, np.asarray(cv2.convertScaleAbs(behind), np.uint8), away)
+        made = seen.copy()
+        if wide and high:
+            part = made[y - y0 : y - y0 + high, x - x0 : x - x0 + wide]
+            filled = np.asarray(cv2.convertScaleAbs(behind.picture), np.uint8)
+            part[:] = _mixed(np.ascontiguousarray(part), filled, gap.share(behind.roi))
         other = self._compositor.warp((h, w), self._texture, vertices - (x0, y0))
         head = np.asarray(cv2.cvtColor(other, cv2.COLOR_RGBA2RGB), np.uint8)
         face = _face(mesh - (x0, y0), depth, (h, w))
-        lit = _lit(head, seen, face, size, LIMITS.light_face_widths * width / reduced)
+        reduced = max(1.0, width / LIMITS.smooth_face_pixels)
+        lit = _lit(head, seen, face, reduced, LIMITS.light_face_widths * width)
         made = _mixed(made, lit, np.asarray(other[..., 3] / np.float32(255), np.float32))
         made = _mixed(made, seen, face)
         frame.write_roi(x0, y0, np.asarray(cv2.transform(made, frame.colour.from_rgb), np.uint8))
@@ -252,45 +278,49 @@ def _depth(shape: F64) -> F64:
     return np.asarray(SolidPrior.shipped().fit(shape).pose.linear[2])
 
 
-def _behind(
-    frame: Frame, seen: U8, gap: Gap, size: tuple[int, int], roi: Roi, plate: Plate | None
-) -> F32:  # fmt: skip
-    """What is shown (h, w, 3) where the source's head was: the plate, or else the surroundings, continued.
+def _behind(frame: Frame, lost: Bool, reduced: float, roi: Roi, plate: Plate | None) -> F32:
+    """What is shown (h, w, 3) where a picture is lost (h, w): the plate, or else the surroundings, continued.
 
-    They are continued at a smaller size w, h.
+    They are continued in a picture that is smaller by a factor.
     """
-    h, w = seen.shape[:2]
-    lost = np.maximum(gap.share(roi) > 0, gap.body_share(roi) > 0).astype(np.float32)
-    unknown = cv2.resize(lost, size, interpolation=cv2.INTER_AREA) > 0
-    unknown = cv2.dilate(unknown.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    small = cv2.resize(seen, size, interpolation=cv2.INTER_AREA)
+    h, w = lost.shape
+    size = _reduced(lost.shape, reduced)
+    unknown = cv2.resize(lost.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
+    unknown = cv2.dilate(unknown.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    small = cv2.resize(frame.rgb_roi(*roi), size, interpolation=cv2.INTER_AREA)
     filled = _continued(small.astype(np.float32), np.asarray(~unknown, np.float32))
-    found = cv2.resize(filled, (w, h), interpolation=cv2.INTER_LINEAR)
+    found = np.asarray(cv2.resize(filled, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
     if plate is None:
-        return np.asarray(found, np.float32)
+        return found
     picture, known = plate.within(frame, roi)
-    return _mixed(np.asarray(found, np.float32), picture, known)
+    return _mixed(found, picture, known)
+
+
+def _reduced(shape: tuple[int, ...], factor: float) -> tuple[int, int]:
+    """Width and height of a picture (h, w) made smaller by a factor."""
+    h, w = shape
+    return max(2, round(w / factor)), max(2, round(h / factor))
 
 
 def _continued(picture: F32, known: F32) -> F32:
-    """A picture (h, w, 3) with what is not known (h, w) continued from around it as a membrane, from coarse to fine.
+    """A picture (h, w, 3) whose pixels that are not known (h, w) look like the nearest that are, softly.
 
-    Gortler, Grzeszczuk, Szeliski and Cohen, *The Lumigraph*, SIGGRAPH 1996, section 3.6 (pull and push), with Jacobi
-    steps of Laplace's equation at each size.
+    Shoulders and background go on behind a head up to where they meet.
     """
-    h, w = known.shape
-    if min(h, w) < 2:
-        mean = (picture * known[..., None]).sum((0, 1)) / max(float(known.sum()), 1e-6)
-        return np.full(picture.shape, mean, np.float32)
-    size = (w + 1) // 2, (h + 1) // 2
-    share = cv2.resize(known, size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(picture * known[..., None], size, interpolation=cv2.INTER_AREA)
-    mean = np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32)
-    coarse = _continued(mean, np.minimum(2 * share, 1, dtype=np.float32))
-    filled = np.asarray(cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
-    for _ in range(LIMITS.steps):
-        filled = _mixed(np.asarray(cv2.blur(filled, (3, 3)), np.float32), picture, known)
-    return filled
+    if not known.any():
+        return picture
+    soft = cv2.GaussianBlur(known, (0, 0), LIMITS.continued_pixels)[..., None]
+    smooth = cv2.GaussianBlur(picture * known[..., None], (0, 0), LIMITS.continued_pixels) / np.maximum(
+        soft, 1e-3
+    )
+    _, labels = cv2.distanceTransformWithLabels(
+        (known == 0).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    sources = np.zeros(labels.max() + 1, np.intp)
+    sources[labels[known > 0]] = np.flatnonzero(known)
+    nearest = smooth.reshape(-1, 3)[sources[labels]]
+    filled = np.asarray(cv2.GaussianBlur(nearest, (0, 0), LIMITS.continued_pixels / 2), np.float32)
+    return _mixed(filled, picture, known)
 
 
 def _mixed(under: Picture, over: Picture, share: F32) -> Picture:
@@ -315,11 +345,12 @@ def _face(mesh: F64, depth: F64, size: tuple[int, int]) -> F32:
     return np.asarray(inside * np.clip((near - first) / max(last - first, 1.0), 0, 1), np.float32)
 
 
-def _lit(head: U8, seen: U8, face: F32, size: tuple[int, int], sigma: float) -> U8:
+def _lit(head: U8, seen: U8, face: F32, factor: float, reach: float) -> U8:
     """The head (h, w, 3) in the light of the drawn face, which it meets without a seam.
 
-    The light is worked out at a smaller size w, h; sigma is how far it is carried, pixels of that size.
+    reach : how far the light is carried, pixels.   factor : by which pictures are made smaller for it.
     """
+    size = _reduced(face.shape, factor)
     reduced = (
         cv2.resize(p, size, interpolation=cv2.INTER_AREA).astype(np.float32) for p in (head, seen, face)
     )
@@ -332,13 +363,13 @@ def _lit(head: U8, seen: U8, face: F32, size: tuple[int, int], sigma: float) -> 
     as_bright = _as_on_skin(small @ LUMA, weight)
     most = small.max(2)
     as_coloured = _as_on_skin((most - small.min(2)) / np.maximum(most, 1), weight)
-    factor = brightness**as_bright * (gain / brightness) ** as_coloured
+    change = brightness**as_bright * (gain / brightness) ** as_coloured
     left, share = (
-        cv2.GaussianBlur(p, (0, 0), max(1.0, sigma))
-        for p in ((target - small * factor) * weight[..., None], weight)
+        cv2.GaussianBlur(p, (0, 0), max(1.0, reach / factor))
+        for p in ((target - small * change) * weight[..., None], weight)
     )
     spread = left / np.maximum(share, 0.15)[..., None]
-    whole = [cv2.resize(p, face.shape[::-1], interpolation=cv2.INTER_LINEAR) for p in (factor, spread)]
+    whole = [cv2.resize(p, face.shape[::-1], interpolation=cv2.INTER_LINEAR) for p in (change, spread)]
     lit = cv2.add(cv2.multiply(head, whole[0], dtype=cv2.CV_32F), whole[1], dtype=cv2.CV_8U)
     return np.asarray(lit, np.uint8)
 

@@ -27,7 +27,7 @@ from guise.app.swapping.cover import cover
 from guise.app.swapping.decide import COVERED, SWAPPED
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.head import HeadPainter, Plate
+from guise.app.swapping.head import Behind, HeadPainter, Plate
 from guise.app.swapping.head_matte import Gap, find_head
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64
@@ -74,9 +74,10 @@ class SegmentRenderer:
         """Change a frame in place: swaps first, so that covers lie over them."""
         entries = self.entries.get(frame.index, [])
         self.swapped_boxes[frame.index].clear()
-        for entry in entries:
-            if entry.done == SWAPPED:
-                self._swap(frame, entry)
+        swapped = [entry for entry in entries if entry.done == SWAPPED]
+        heads = self._heads_in(frame, swapped) if self._case.options.region == "head" else {}
+        for entry in swapped:
+            self._swap(frame, entry, heads)
         for entry in entries:
             if entry.done == COVERED:
                 cover(frame, entry.region, self._case.options.cover)
@@ -84,36 +85,44 @@ class SegmentRenderer:
             self._label = self._label or Label(frame.width, frame.height)
             self._label.draw(frame)
 
-    def _swap(self, frame: Frame, entry: FaceTreatment) -> None:
-        shape = self._shapes.get((self._tracks[entry.track].origin, frame.index))
+    def _swap(self, frame: Frame, entry: FaceTreatment, heads: dict[int, tuple[Gap, Behind]]) -> None:
+        shape, track = self._shape(frame, entry), self._tracks[entry.track]
         if shape is None:
             cover(frame, entry.region, self._case.options.cover)
             return
-        track = self._tracks[entry.track]
-        gap = self._gap(frame, track, shape) if self._case.options.region == "head" else None
-        mesh = (
-            self._engine(track).draw(frame, shape)
-            if gap is None
-            else self._with_head(frame, track, shape, gap)
-        )
+        mesh = self._engine(track).draw(frame, shape)
+        if track.number in heads:
+            self._head(track).draw(frame, mesh, *heads[track.number])
         self.swapped_boxes[frame.index].append(np.concatenate([mesh.min(0), mesh.max(0)]))
+
+    def _shape(self, frame: Frame, entry: FaceTreatment) -> F64 | None:
+        return self._shapes.get((self._tracks[entry.track].origin, frame.index))
+
+    def _heads_in(self, frame: Frame, swapped: list[FaceTreatment]) -> dict[int, tuple[Gap, Behind]]:
+        """By track, what its head leaves in a frame and what is behind, before anything is drawn."""
+        shapes = {entry.track: self._shape(frame, entry) for entry in swapped}
+        known = {number: shape for number, shape in shapes.items() if shape is not None}
+        gaps = {number: self._gap(frame, self._tracks[number], shape) for number, shape in known.items()}
+        shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
+        if gaps and shot not in self._plates:
+            self._plates[shot] = plate_of(self._case, self._segment, shot, self._gaps)
+        found = {}
+        for number, gap in gaps.items():
+            others = [other for k, other in gaps.items() if k != number]
+            width, painter = float(np.ptp(known[number][:, 0])), self._head(self._tracks[number])
+            found[number] = gap, painter.behind(frame, width, gap, others, self._plates[shot])
+        return found
 
     def _gap(self, frame: Frame, track: Track, shape: F64) -> Gap:
         """What the head of a track leaves; found now if another region was to be replaced, as before a review."""
         kept = self._gaps.get((track.origin, frame.index))
         return kept or Gap.of(find_head(HeadParser(), frame, shape))
 
-    def _with_head(self, frame: Frame, track: Track, shape: F64, gap: Gap) -> F64:
-        """Swap the face, and then replace the head about it; returns the mesh (81, 2) of the face."""
-        mesh = self._engine(track).draw(frame, shape)
+    def _head(self, track: Track) -> HeadPainter:
         if track.number not in self._heads:
             donor = open_donor(self._case.heads[track.person])
             self._heads[track.number] = HeadPainter(donor, self._case.options.renderer)
-        shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
-        if shot not in self._plates:
-            self._plates[shot] = plate_of(self._case, self._segment, shot, self._gaps)
-        self._heads[track.number].draw(frame, mesh, gap, self._plates[shot])
-        return mesh
+        return self._heads[track.number]
 
     def _engine(self, track: Track) -> Engine:
         if track.number not in self._engines:
