@@ -68,6 +68,7 @@ class HeadLimits:
 
 
 LIMITS = HeadLimits()
+PLATE_EDGE_PIXELS = 12  # of a plate, about where heads are
 Picture = TypeVar("Picture", U8, F32)
 
 
@@ -94,15 +95,24 @@ class Plate:
 
     @classmethod
     def of(cls, pictures: Sequence[U8], heads: Sequence[U8]) -> Plate:
-        """The median over pictures of a shot where no head is; heads (h, w) are not 0 where one may be."""
-        stack = np.stack(pictures).astype(np.float32)
-        stack[np.stack(heads) > 0] = np.nan
+        """The median over pictures of a shot where no head is; heads (h, w) are not 0 where one may be.
+
+        It is known only about where a head may be at some time.
+        """
+        x, y, w, h = cv2.boundingRect(np.maximum.reduce(heads))
+        edge = PLATE_EDGE_PIXELS
+        part = np.s_[max(0, y - edge) : y + h + edge, max(0, x - edge) : x + w + edge]
+        stack = np.stack([picture[part] for picture in pictures]).astype(np.float32)
+        stack[np.stack([head[part] for head in heads]) > 0] = np.nan
         count = np.isfinite(stack[..., 0]).sum(0)
         low, middle, high = _quartiles(stack)
         steady = (high - low).max(2) <= LIMITS.plate_spread_levels
-        known = (steady & (count >= LIMITS.plate_min_pictures)).astype(np.float32)
+        known = np.zeros(heads[0].shape, np.float32)
+        known[part] = steady & (count >= LIMITS.plate_min_pictures)
+        picture = np.zeros(pictures[0].shape, np.float32)
+        picture[part] = middle
         soft = cv2.GaussianBlur(cv2.erode(known, np.ones((5, 5))), (0, 0), 2.0)
-        return cls(middle, np.asarray(soft, np.float32))
+        return cls(picture, np.asarray(soft, np.float32))
 
     def within(self, frame: Frame, roi: Roi) -> tuple[F32, F32]:
         """Picture and known of a rectangle x0, y0, w, h of the frame, in its pixels."""
