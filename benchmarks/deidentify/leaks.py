@@ -108,7 +108,7 @@ def measured(
     source, faces, form = clip
     video, truths = in_form(source, faces, form, folder, options.frames)
     name, output = f"{source.stem} {form}", folder / "out.mkv"
-    report = deidentified(video, output, *LOSSLESS_OPTIONS)
+    report = deidentified(video, output, *LOSSLESS_OPTIONS, "--region", options.region)
     swapped = SwappedFaces(report)
     ours = [s for truth in truths for s in shares(video, output, truth, LOSSLESS, swapped)]
     leaked = sum(s.is_leaked for s in ours)
@@ -165,6 +165,7 @@ def parser() -> argparse.ArgumentParser:
         help=f"degrees clockwise, {', '.join(SPOILED)} (default: every 15 degrees, and these)",
     )  # fmt: skip
     made.add_argument("--every", type=int, default=1, help="take each clip in every so many-th form, in turn")
+    made.add_argument("--region", default="face", choices=("face", "head"), help="what a swap replaces")
     made.add_argument("--frames", type=int, help="only the first frames of each clip")
     made.add_argument("--only", nargs="*", default=[], help="names of hard clips; all by default")
     made.add_argument("--real", nargs="*", default=[], help="names of clips of data/real, to measure as well")
