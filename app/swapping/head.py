@@ -378,7 +378,7 @@ def _lit(head: U8, seen: U8, face: F32, factor: float, reach: float) -> U8:
         cv2.GaussianBlur(p, (0, 0), max(1.0, reach / factor))
         for p in ((target - small * change) * weight[..., None], weight)
     )
-    spread = left / np.maximum(share, 0.15)[..., None]
+    spread = as_bright * left / np.maximum(share, 0.15)[..., None]
     whole = [cv2.resize(p, face.shape[::-1], interpolation=cv2.INTER_LINEAR) for p in (change, spread)]
     lit = cv2.add(cv2.multiply(head, whole[0], dtype=cv2.CV_32F), whole[1], dtype=cv2.CV_8U)
     return np.asarray(lit, np.uint8)
