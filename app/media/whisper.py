@@ -26,7 +26,7 @@ class WhisperShape:
     mean_seconds: float = 1.0  # over which a band's mean is taken
     speech_share: float = 0.05  # of the loudest mean so far: what is below it is a pause
     drift_seconds: float = 0.3  # from one stretch of the mel scale to the next,
-    max_drift: float = 0.25  # which is at most this share
+    max_drift: float = 0.4  # which is at most this share
     max_gain: float = 100.0  # of a band's energy
     slope_knee_hz: float = 500.0  # from which the energy of speech falls, by 9 dB an octave
 
