@@ -73,6 +73,8 @@ def test_a_face_outside_the_picture_has_no_head_there(source: Identity) -> None:
     still = source.rest_frame
     found = find_head(HeadParser(), Frame.from_rgb(still.picture), still.shape + 5000)
     assert not knows_head(found, still.shape)
+    gap = Gap.of(found)
+    assert gap.share((0, 0, 30, 20)).max() == gap.body_share((0, 0, 30, 20)).max() == 0
 
 
 def test_all_hair_goes_and_the_neck_and_what_is_far_stay(source: Identity, head: FoundHead) -> None:

@@ -39,22 +39,15 @@ class HeadLimits:
     )
     max_hidden_share: float = 0.22  # of the face behind objects, likewise
     max_turn_degrees: float = 40.0
-    face_edge_widths: tuple[float, float] = (
-        0.06,
-        0.14,
-    )  # within the drawn face, which passes into the head there,
-    far_depth_shares: tuple[float, float] = (
-        0.1,
-        0.3,
-    )  # of a face width; but not where it is turned away like that
+    # Within the drawn face, which passes into the head there unless it is turned away by these shares of its width.
+    face_edge_widths: tuple[float, float] = (0.06, 0.14)
+    far_depth_shares: tuple[float, float] = (0.1, 0.3)
     light_face_widths: float = 0.15  # over which the light of the drawn face is carried into the head
     light_gain: tuple[float, float] = (0.5, 1.6)
     edge_face_widths: float = 0.06  # from the face's edge to the still points beside it,
     rings_face_widths: tuple[float, ...] = (0.18, 0.9)  # and to those around the face,
     depth_face_widths: tuple[float, ...] = (0.04, 0.12, 0.35)  # which lie so far behind that edge,
-    ears_face_widths: float = (
-        0.46  # or, beside a forehead turned here and an ear turned away, as far back as ears
-    )
+    ears_face_widths: float = 0.46  # or as far back as ears, where a forehead is turned here, or an ear away
     ears_sines: tuple[float, float] = (-0.1, 0.5)  # of the places of ears on the ellipses
     ears_share: float = 0.1  # of a face width, by which ears must be seen aside for that
     ring_points: int = 28

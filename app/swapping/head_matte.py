@@ -132,6 +132,8 @@ class Gap:
 def _in_picture(values: F32 | Bool, corner: F64, scale: float, roi: Roi) -> F32:
     """Values (h, w) of a part of a picture, made smaller, in a rectangle of the picture; 0 beyond the part."""
     x0, y0, w, h = roi
+    if not values.size:
+        return np.zeros((h, w), np.float32)
     offset = (np.array([x0, y0]) + 0.5 - corner) * scale - 0.5
     to_small = np.column_stack([np.eye(2) * scale, offset])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
