@@ -56,7 +56,7 @@ class MatteLimits:
 
 
 LIMITS = MatteLimits()
-SOFT_CELLS = 3  # around a gap, over which it ends
+SOFT_CELLS = 3  # around a gap or a body, over which it ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +125,10 @@ class Gap:
         return _in_picture(soft, self.corner - SOFT_CELLS / self.scale, self.scale, roi)
 
     def body_share(self, roi: Roi) -> F32:
-        """(h, w) share in [0, 1] of each pixel of a rectangle that is body."""
-        return _in_picture(self.body, self.corner, self.scale, roi)
+        """(h, w) share in [0, 1] of each pixel of a rectangle that is body, or shaded by it."""
+        square = np.ones((2 * SOFT_CELLS + 1,) * 2, np.uint8)
+        near = cv2.dilate(np.pad(self.body.astype(np.uint8), SOFT_CELLS), square) > 0
+        return _in_picture(near, self.corner - SOFT_CELLS / self.scale, self.scale, roi)
 
 
 def _in_picture(values: F32 | Bool, corner: F64, scale: float, roi: Roi) -> F32:
