@@ -27,10 +27,11 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.parsing import CELLS, HEAD_FRAMING
 from training import occluders
-from training.augment import HEADS, Props, Sample, _dye, plain, sample
+from training.augment import HEADS, Props, Sample, plain, sample
 from training.canvas import SIZE, Canvas, class_maps, possible_maps
 from training.clutter import clutter
 from training.data import Labelled
+from training.hair import dye
 from training.hands import HandBeforeFace, view
 from training.measure import Answers, figures_of, iou, iris_errors
 from training.parsing_labels import (
@@ -125,7 +126,7 @@ def test_longer_and_other_hair_is_labelled_as_hair() -> None:
         shares.append(made.maps[HAIR].mean())
     assert np.median(shares) > 0.02
     canvas = canvas_of_hair(40)
-    _dye(np.random.default_rng(0), canvas)
+    dye(np.random.default_rng(0), canvas)
     left, right = canvas.crop[:, :60].mean((0, 1)), canvas.crop[:, 70:].mean((0, 1))
     assert np.abs(left - 40).max() > 10
     np.testing.assert_allclose(right, 40, atol=1)

@@ -10,24 +10,18 @@ With --ship they go to aam/data.
 from __future__ import annotations
 
 import copy
-import json
 import shutil
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import torch
 from torch import Tensor, nn
 
 from guise.aam.parsing import HEAD_FRAMING
 from training.crops import plain_samples
-from training.cutouts import make_props
-from training.data import by_hands, load_parts, load_real
-from training.definitions import read_alignment
 from training.face_net import FaceNet
-from training.finish_face import DATA, arguments, eight_bit, export, milliseconds
-from training.finish_parsing import MAX_IOU_LOSS, shares_of
+from training.finish_face import arguments, eight_bit, export, milliseconds
+from training.finish_parsing import MAX_IOU_LOSS, begun, finish, shares_of
 from training.measure import answers_of_file, figures_of
 from training.parsing_labels import CLASSES
 from training.report import by_class
@@ -93,18 +87,12 @@ def main() -> None:
         "Turn trained weights for the parsing of heads into what ships.",
         "copy the network and its card to aam/data",
     )
-    cv2.setNumThreads(0)
-    torch.set_num_threads(1)
     run: Path = options.run
-    alignment = read_alignment(options.alignment)
-    unseen, behind = by_hands(alignment.rendered(load_parts(options.parts, held_out=True)))
-    real = alignment.real(load_real(options.real, held_out=True, framing=HEAD_FRAMING))
-    props = make_props(99, options.hands, held_out=True, backgrounds=300)
+    net, held_out = begun(options, HEAD_FRAMING)
+    unseen, props = held_out.unseen, held_out.props
     plain = plain_samples(unseen, min(options.count, 300), framing=HEAD_FRAMING)
     hidden = plain_samples(unseen, 150, props=props, framing=HEAD_FRAMING)
-    crops = np.stack([s.crop for s in hidden + plain[::3] + plain_samples(real, 40, framing=HEAD_FRAMING)])
-    net = FaceNet()
-    net.load_state_dict(torch.load(run / "face.pt", map_location="cpu"))
+    crops = np.stack([s.crop for s in hidden + plain[::3] + held_out.real])
     files = run / "head_float32.onnx", run / "head_8bit.onnx"
     export(_HeadParser(copy.deepcopy(net).float()), files[0], ("parsing",))
     eight_bit(*files, crops)
@@ -117,16 +105,9 @@ def main() -> None:
     facts: dict[str, Any] = {
         "plain": by_class(answer, unseen, options.count, None, HEAD_FRAMING),
         "occluded": by_class(answer, unseen, options.count, props, HEAD_FRAMING),
-        "hand": by_class(answer, behind, options.count, None, HEAD_FRAMING),
-        "ms": times[chosen], "bytes": (run / "head.onnx").stat().st_size,
-        "training": json.loads((run / "facts.json").read_text()),
-    }  # fmt: skip
-    (run / "report.json").write_text(json.dumps(facts, indent=1) + "\n")
-    (run / "head.md").write_text(card(facts))
-    print(card(facts))
-    if options.ship:
-        for name in ("head.onnx", "head.md"):
-            shutil.copy(run / name, DATA / name)
+        "hand": by_class(answer, held_out.behind, options.count, None, HEAD_FRAMING),
+    }
+    finish(options, run / "head.onnx", times[chosen], facts, card)
 
 
 if __name__ == "__main__":

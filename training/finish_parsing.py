@@ -9,9 +9,12 @@ aam/data.
 
 from __future__ import annotations
 
+import argparse
 import copy
 import json
 import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +23,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from guise.aam.parsing import FACE_FRAMING, Framing
+from training.augment import Props, Sample
 from training.crops import plain_samples
 from training.cutouts import make_props
-from training.data import by_hands, load_parts, load_real
+from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import read_alignment
 from training.face_net import FaceNet
 from training.finish_face import DATA, arguments, eight_bit, export, milliseconds
@@ -33,6 +38,9 @@ from training.report import by_class, by_group
 
 MAX_IOU_LOSS = 0.01  # of the 8-bit file, beside the float32 one
 MAX_IRIS_RATIO = 1.05
+
+
+Card = Callable[[dict[str, Any]], str]
 
 
 class _Parser(nn.Module):
@@ -112,27 +120,58 @@ def card(facts: dict[str, Any]) -> str:
     ).rstrip() + "\n"  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What is measured on: rendered people without and with a hand before the face, real crops, and objects."""
+
+    unseen: Pictures
+    behind: Pictures
+    real: list[Sample]
+    props: Props
+
+
+def begun(options: argparse.Namespace, framing: Framing) -> tuple[FaceNet, HeldOut]:
+    """A run's network, and what it is measured on."""
+    cv2.setNumThreads(0)
+    torch.set_num_threads(1)
+    alignment = read_alignment(options.alignment)
+    unseen, behind = by_hands(alignment.rendered(load_parts(options.parts, held_out=True)))
+    real = alignment.real(load_real(options.real, held_out=True, framing=framing))
+    props = make_props(99, options.hands, held_out=True, backgrounds=300)
+    net = FaceNet()
+    net.load_state_dict(torch.load(options.run / "face.pt", map_location="cpu"))
+    return net, HeldOut(unseen, behind, plain_samples(real, 40, framing=framing), props)
+
+
+def finish(options: argparse.Namespace, file: Path, ms: float, facts: dict[str, Any], card: Card) -> None:
+    """Write a network's report and card beside its file, and ship it if that is asked for."""
+    facts |= {
+        "ms": ms, "bytes": file.stat().st_size, "training": json.loads((options.run / "facts.json").read_text()),
+    }  # fmt: skip
+    (options.run / "report.json").write_text(json.dumps(facts, indent=1) + "\n")
+    page = file.with_suffix(".md")
+    page.write_text(card(facts))
+    print(card(facts))
+    if options.ship:
+        for one in (file, page):
+            shutil.copy(one, DATA / one.name)
+
+
 def main() -> None:
     options = arguments(
         "Turn trained weights for irises and parsing into what ships.",
         "copy the network and its card to aam/data",
     )
-    cv2.setNumThreads(0)
-    torch.set_num_threads(1)
     run: Path = options.run
-    alignment = read_alignment(options.alignment)
-    unseen, behind = by_hands(alignment.rendered(load_parts(options.parts, held_out=True)))
-    real = plain_samples(alignment.real(load_real(options.real, held_out=True)), 40)
-    props = make_props(99, options.hands, held_out=True, backgrounds=300)
-    net = FaceNet()
-    net.load_state_dict(torch.load(run / "face.pt", map_location="cpu"))
+    net, held_out = begun(options, FACE_FRAMING)
+    unseen, behind, props = held_out.unseen, held_out.behind, held_out.props
     plain = plain_samples(unseen, min(options.count, 300))
     hidden = plain_samples(unseen, 150, props=props) + plain_samples(behind, 100)
-    calibration = np.stack([s.crop for s in hidden + plain[::3] + real])
+    calibration = np.stack([s.crop for s in hidden + plain[::3] + held_out.real])
     files = run / "face_float32.onnx", run / "face_8bit.onnx"
     export(_Parser(copy.deepcopy(net).float()), files[0], ("iris", "parsing"))
     eight_bit(*files, calibration)
-    times = milliseconds(list(files), real[0].crop)
+    times = milliseconds(list(files), held_out.real[0].crop)
     rows = [figures_of(answers_of_file(file), plain) for file in files]
     print(
         [
@@ -156,15 +195,8 @@ def main() -> None:
         "occluded": by_class(answer, unseen, options.count, props),
         "hand": by_class(answer, behind, options.count, None) if len(behind) else {},
         "outlined": outlined_figures(parsing, outlined),
-        "ms": times[chosen], "bytes": (run / "face.onnx").stat().st_size,
-        "training": json.loads((run / "facts.json").read_text()),
-    }  # fmt: skip
-    (run / "report.json").write_text(json.dumps(facts, indent=1) + "\n")
-    (run / "face.md").write_text(card(facts))
-    print(card(facts))
-    if options.ship:
-        for name in ("face.onnx", "face.md"):
-            shutil.copy(run / name, DATA / name)
+    }
+    finish(options, run / "face.onnx", times[chosen], facts, card)
 
 
 if __name__ == "__main__":
