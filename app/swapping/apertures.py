@@ -27,7 +27,7 @@ class ApertureLimits:
 
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
     shut_growth_face_widths: float = 0.05  # of the source's part while it is shut
-    brow_growth_face_widths: float = 0.02  # within which no brow of the source's shows
+    brow_growth_face_widths: float = 0.04  # within which no brow of the source's shows
     sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
     growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
     lid_growth_face_widths: float = 0.015  # of an eye over which a lid is drawn

@@ -202,7 +202,8 @@ class Engine(Closing):
         if self._shape_transfer is None:
             return None
         enrolled = self._enrolled @ align_planar(self.source.reference.points, shape, RIGID_WEIGHTS).linear
-        return View.of(self._shape_transfer.solid, solid.pose, self.painter.relief, enrolled)
+        at_rest = self._shape_transfer.at_rest(shape, solid.pose)
+        return View.of(self._shape_transfer.solid, solid.pose, self.painter.relief, enrolled, at_rest)
 
     def places(self, shape: F64, view: View | None) -> F32:
         """(t, 2) pixels, where the texels of a face at a shape (81, 2) lie."""

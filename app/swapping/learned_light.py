@@ -19,6 +19,7 @@ from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.onnx_model import ShippedNetwork
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.brow_hair import BrowHair
+from guise.app.swapping.brow_shadow import FLOOR, BrowShadow, brightness
 from guise.app.swapping.coarse_grid import CellReader, TexelSums, gaussian_kernel
 from guise.common.arrays import F32, Bool, Int
 
@@ -48,7 +49,6 @@ class LearnedLightLimits:
 
 
 LIMITS = LearnedLightLimits()
-FLOOR = 1e-4  # of the weight of a mean
 INPUTS = "skin", "other", "own", "rest"  # of the network
 PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
 
@@ -98,6 +98,7 @@ class LearnedLight:
         self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows]
         person, face = (float((texture[texels[self._kinds[0]]] @ LUMA).mean()) for texture in enrolled)
         self._hair = BrowHair(reference, face / max(person, 1.0))
+        self._brow_shadow = BrowShadow(reference, mask, GRID, places(reference), CELL_FACE_WIDTHS)
         self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
         self._session = session()
         self.reset()
@@ -193,11 +194,10 @@ class LearnedLight:
 
         skin : (3,) RGB on which lights are compared.
         """
+        found = self._brow_shadow.without(found, seen, skin)
         rows, columns = self._wide
         wide = (rows @ (found * seen) @ columns.T) / np.maximum(rows @ seen @ columns.T, FLOOR)
-        near, far = (
-            np.maximum(np.tensordot(LUMA, m[:3] * skin[:, None, None] + m[3:], 1), 1) for m in (found, wide)
-        )
+        near, far = brightness(found, skin), brightness(np.asarray(wide, np.float32), skin)
         share = LIMITS.wide_share * np.exp(-0.5 * (np.log(near / far) / LIMITS.shadow_edge) ** 2)
         return np.asarray(found + share.astype(np.float32) * (wide - found))
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import NOSE_WINGS
+from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_WINGS, RIGHT_BROW
 from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import Relief
@@ -27,6 +27,7 @@ class OwnSkinLimits:
     band_face_widths: float = 0.012  # standard deviation, below which structure is fine
     fold_grey_levels: float = 3.0  # standard deviation, of which structure is a fold or an edge and stays out
     feature_growth_face_widths: float = 0.035  # around eyes, brows, lips and nostrils of either face
+    brow_growth_face_widths: float = 0.09  # around brows, which rise
     rim_face_widths: float = 0.02  # standard deviation by which it fades at the edge of skin
     cell_grid_pixels: int = 4  # between which places are interpolated
 
@@ -50,6 +51,7 @@ class OwnSkin:
             skin_mask(reference).astype(np.float32), (0, 0), LIMITS.rim_face_widths * self._width
         )
         self._share = skin * (1 - soft_parts(reference, features, LIMITS.feature_growth_face_widths))
+        self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)
         h, w = reference.size
         self._cells = -(-h // LIMITS.cell_grid_pixels), -(-w // LIMITS.cell_grid_pixels)
         axes = ((np.arange(n) + 0.5) * side / n - 0.5 for n, side in zip(self._cells, (h, w), strict=True))

@@ -20,6 +20,7 @@ from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
+from guise.app.swapping.brow_strips import BrowStrips
 from guise.app.swapping.disguise import Disguise
 from guise.app.swapping.finish import Finish
 from guise.app.swapping.folds import Folds
@@ -103,6 +104,7 @@ class Painter:
         self._irises = IrisChange.of(source, target) if options.eyes_of_source else None
         self._kept: dict[bool, list[Aperture]] = {}
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
+        self._brow_strips = [BrowStrips(self.reference, factor) for factor in (1, 2)]
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
         self._beside, self._nearest = beyond_mask(self.reference.mask)
@@ -132,7 +134,10 @@ class Painter:
             warp_outline(frame, head, mesh, zoom * self.reference.resolution)
         if view is not None and not self.options.disguise:  # it covers what is seen at a grazing angle, too
             uncovered = _product(uncovered, self._silhouette.share(view.cosines))
-        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across)
+        stretch = None
+        if view is not None and view.at_rest is not None:
+            stretch = self._brow_strips[0].stretch(self._features @ shape, view.at_rest)
+        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across, stretch)
         return mesh
 
     def sampler(self, texels: Int) -> MeshSampler:
@@ -158,7 +163,7 @@ class Painter:
 
     def blend(
         self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,
-        finish: Finish | None = None, head: F64 | None = None, across: F64 = STRAIGHT,
+        finish: Finish | None = None, head: F64 | None = None, across: F64 = STRAIGHT, stretch: F64 | None = None,
     ) -> None:  # fmt: skip
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
 
@@ -166,6 +171,7 @@ class Painter:
         finish : measures the frame's sharpness and grain and gives them to the texture; None changes nothing.
         across : see `View`.
         head : (81, 2) pixels of the source, whose own eyes or mouth are kept if the options say so.
+        stretch : of the brows, see `BrowStrips`.
         """
         drawn_mesh = self.relief.seen(mesh, across)
         x0, y0, w, h = frame.align_roi(*(drawn_mesh.min(0) - 1), *(drawn_mesh.max(0) + 2))
@@ -176,6 +182,8 @@ class Painter:
         for left in reversed(range(1 if finish is None else finish.draws)):
             drawn = roi.copy() if left else roi
             picture = self._stored(texture, frame.colour, zoom, fine)
+            if stretch is not None:
+                self._brow_strips[fine].keep(picture, stretch)
             if finish is not None:
                 finish.before(drawn, picture, frame.index)
                 if self._own_skin is not None and finish.sharpness.own_share > 0:

@@ -41,19 +41,23 @@ class View:
     across : (2,) pixels of the picture by which what lies one face width farther back is seen elsewhere.
     cosines : (81 + k,) between the camera's direction and the normals of the relief's points; of a head that is hardly
         turned, of which nothing is hidden, they are larger.
+    at_rest : (81, 2) the face's shape at rest as it is seen, grid pixels, anywhere; None if that isn't known.
     """
 
     across: F64
     cosines: F64
+    at_rest: F64 | None = None
 
     @classmethod
-    def of(cls, solid: F64, pose: HeadPose, relief: Relief, enrolled: F64 = STRAIGHT) -> View:
+    def of(
+        cls, solid: F64, pose: HeadPose, relief: Relief, enrolled: F64 = STRAIGHT, at_rest: F64 | None = None
+    ) -> View:
         """The view of solid points (81, 3) in a pose.
 
         enrolled : (2,) pixels, `across` of a head in that place that is turned as its texture was enrolled.
         """
         cosines = facing(relief.solid(solid), pose.rotation, relief.triangles)
-        return cls(depth_across(pose, enrolled), cosines + (1 - turned_share(pose)))
+        return cls(depth_across(pose, enrolled), cosines + (1 - turned_share(pose)), at_rest)
 
 
 class Silhouette:
