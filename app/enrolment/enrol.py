@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
 
+from guise.aam.brow_lift import BrowLift
 from guise.aam.landmarks import (
     Annotations,
     FaceTracker,
@@ -22,6 +23,7 @@ from guise.aam.landmarks import (
     load_annotations,
     open_landmarker,
 )
+from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.schemes import NOSE_TIP
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
@@ -175,9 +177,16 @@ def _detected(clip: Path, landmarker: Landmarker, progress: Progress, say: Say) 
     missing = np.full((81, 2), np.nan)
     with open_input(clip) as source:
         tracker = FaceTracker(landmarker, report=lambda text: say(f"{clip.name}: {text}"))
+        parser, lift, lifted = FaceParser(), BrowLift(), isinstance(landmarker, BuiltinLandmarker)
         for frame in source:
-            face = tracker.update(frame.rgb())
-            rows.append(missing if face is None else face.points.astype(np.float64))
+            rgb = frame.rgb()
+            face = tracker.update(rgb)
+            points = missing if face is None else face.points.astype(np.float64)
+            if face is None:
+                lift.reset()
+            elif lifted:
+                lift.see(parser.parse(rgb, points), points)
+            rows.append(lift(points))
             progress("landmarks", min(1.0, len(rows) / max(1, source.frame_count or 1)))
         for problem in source.problems:
             say(f"{clip.name}: {problem}")

@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from guise.aam.brow_lift import BrowLift
 from guise.aam.landmarks import Face, Landmarker, tight_box
+from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.aam.parsing import FaceParser
@@ -151,6 +153,7 @@ class _VideoFaces:
         self._smooth = smooth
         self._filters: dict[int, LandmarkFilter] = {}
         self._solids: dict[int, SolidTracker] = {}
+        self._lifts: dict[int, BrowLift] = {}
         self._parser = FaceParser()
 
     def __call__(self, frame: Frame) -> list[TrackedFace]:
@@ -159,7 +162,7 @@ class _VideoFaces:
         if self._tracker is None:
             faces = self._landmarker.detect(rgb)
             return [
-                self._described(rgb, face, SolidTracker())
+                self._described(rgb, face, SolidTracker(), BrowLift())
                 for face in faces
                 if face.confidence >= self._min_confidence
             ]
@@ -167,12 +170,26 @@ class _VideoFaces:
         if self._smooth:
             tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
         self._solids = {number: self._solids.get(number) or SolidTracker() for number in tracked}
-        return [self._described(rgb, face, self._solids[number], number) for number, face in tracked.items()]
+        self._lifts = {
+            number: self._lifts[number] if self._smooth and number in self._lifts else BrowLift()
+            for number in tracked
+        }
+        return [
+            self._described(rgb, face, self._solids[number], self._lifts[number], number)
+            for number, face in tracked.items()
+        ]
 
-    def _described(self, rgb: U8, face: Face, solid: SolidTracker, track: int | None = None) -> TrackedFace:
-        """A face with the turn of the head and the irises."""
+    def _described(
+        self, rgb: U8, face: Face, solid: SolidTracker, lift: BrowLift, track: int | None = None
+    ) -> TrackedFace:
+        """A face with its brows on their hair, the turn of the head and the irises."""
         points = face.points.astype(np.float64)
-        irises = self._parser.parse(rgb, points).open_irises(points)
+        parsing = self._parser.parse(rgb, points)
+        irises = parsing.open_irises(points)
+        if isinstance(self._landmarker, BuiltinLandmarker):
+            lift.see(parsing, points)
+            points = lift(points)
+            face = _moved(face, points.astype(np.float32))
         return TrackedFace(face, solid.update(points).pose.angles, track, irises)
 
     def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:

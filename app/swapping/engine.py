@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.brow_lift import BrowLift
 from guise.aam.brows import BrowFollower
 from guise.aam.even_light import evenly_lit
 from guise.aam.extrapolation import Extrapolator
@@ -123,6 +124,7 @@ class Engine(Closing):
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
         self._in_profile, self._missed_frames, self._doubt = False, 0, 0.0
         self._brows = BrowFollower(source.appearance) if full else None
+        self._lift = BrowLift()
         self._last: tuple[F64, F32, View | None] | None = None
 
     def _enrolled_across(self) -> F64:
@@ -165,6 +167,7 @@ class Engine(Closing):
         self._last = None
         if self._brows is not None:
             self._brows.reset()
+        self._lift.reset()
         self.painter.reset()
         return SwapResult("lost", fit)
 
@@ -187,15 +190,27 @@ class Engine(Closing):
     def _drawn(self, frame: Frame, shape: F64, solid: SolidFit) -> F64:
         if self._shape_transfer is not None:
             shape = pulled(shape, solid)
+        found = shape
         if self._brows is not None:
-            shape = self._brows.corrected(frame.luma, shape)
+            if self.occlusion is not None and not self._lift.has_seen:
+                self.occlusion.update(frame, shape)
+                self._see(shape)
+            shape = self._brows.corrected(frame.luma, self._lift(shape))
         view = self.view(shape, solid)
         places = self.places(shape, view)
         texels = frame.sample_rgb(places)
         parameters = self.estimator(shape, self.clear(frame, shape, places, texels))
+        if self._brows is not None:
+            self._see(found)
         appearance = self.synthesise(parameters, shape, solid)
         self._last = shape, appearance, view
         return self.painter.paint(frame, shape, appearance, texels, view)
+
+    def _see(self, shape: F64) -> None:
+        """Look at the brows of a shape (81, 2) as it was tracked, if the last frame was parsed."""
+        parsing = None if self.occlusion is None else self.occlusion.parsing
+        if parsing is not None:
+            self._lift.see(parsing, shape)
 
     def view(self, shape: F64, solid: SolidFit) -> View | None:
         """How the target's face is seen where the source's lies at a shape (81, 2); None with the transfer "paper"."""

@@ -87,7 +87,7 @@ class Occlusion:
 
     Attributes
     ----------
-    irises : (2, 2) pixels, middles of the right and the left one in the last frame; None if it wasn't parsed.
+    parsing : of the last frame; None if it wasn't parsed.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class Occlusion:
         """Measure the next frame without memory."""
         self._layers: _Layers | None = None  # of the last parsed frame, until it is drawn
         self._beside: _Layers | None = None
-        self.irises: F64 | None = None
+        self.parsing: FaceParsing | None = None
         self._pause_frames = 0
         self._eyes: list[F32] = []  # as they looked in the last parsed frame
         self._worn: F32 | None = None
@@ -149,14 +149,13 @@ class Occlusion:
 
         seen : the frame's RGB (t, 3) at the texels, if it matters whether the eyes move.
         """
-        self.irises = None
+        self.parsing = None
         eyes = [] if seen is None else [_even(seen[eye]) for eye in self._in_eyes]
         if self._pause_frames and not self._have_moved(eyes):
             self._pause_frames -= 1
             return
         self._eyes = eyes
-        parsing = parse_frame(self._parser, frame, shape)
-        self.irises = parsing.irises[:, :2]
+        parsing = self.parsing = parse_frame(self._parser, frame, shape)
         self._layers = _Layers.of(parsing, self._kinds)
         self._beside = None if self._beyond is None else _Layers.of(parsing, (BESIDE,))
         places = self._texels.positions(shape) if places is None else places

@@ -205,9 +205,10 @@ class Painter:
 
     def _look(self, head: F64) -> None:
         """See where the head (81, 2) looks, if the frame was parsed."""
-        irises = None if self._occlusion is None else self._occlusion.irises
-        if irises is None:
+        parsing = None if self._occlusion is None else self._occlusion.parsing
+        if parsing is None:
             return
+        irises = parsing.irises[:, :2]
         if self._irises is not None:
             self._irises.gaze.see(irises, head, self._irises.at_rest)
         if self._disguise is not None:

@@ -28,9 +28,12 @@ from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import Bools, depth, lag, mean_of, motion, opening, root_mean_square
-from guise.aam.landmarks import Face, FaceTracker, Landmarker, interocular
+from guise.aam.brow_lift import BrowLift
+from guise.aam.landmarks import FaceTracker, Landmarker, interocular
+from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.landmark_filter import LandmarkFilter
 from guise.aam.landmarks.schemes import LOWER_INNER_LIP, LOWER_LIDS, UPPER_INNER_LIP, UPPER_LIDS
+from guise.aam.parsing import FaceParser
 
 NAME, TITLE = "landmarks.jitter", "Jitter and lag"
 CLIPS = (
@@ -55,22 +58,27 @@ class Tracks:
 
 
 def tracks(landmarker: Landmarker, frames: Iterator[tuple[Picture, float]]) -> Tracks:
-    """Follow one face through pictures with their times in seconds."""
+    """Follow one face through pictures with their times in seconds, as `guise landmarks` does."""
     tracker, landmark_filter = FaceTracker(landmarker), LandmarkFilter()
-    rows = [
-        (face, _filtered(landmark_filter, face, time))
-        for face, time in ((tracker.update(p), t) for p, t in frames)
-    ]
-    missing = np.full((81, 2), np.nan)
-    raw = [missing if face is None else face.points for face, _ in rows]
-    return Tracks(np.array(raw, np.float64), np.array([s for _, s in rows], np.float64))
-
-
-def _filtered(landmark_filter: LandmarkFilter, face: Face | None, seconds: float) -> F64:
-    if face is None:
-        landmark_filter.reset()
-        return np.full((81, 2), np.nan)
-    return np.asarray(landmark_filter.update(face.points, face.point_confidence, seconds), np.float64)
+    lift = BrowLift() if isinstance(landmarker, BuiltinLandmarker) else None
+    parser, missing = FaceParser(), np.full((81, 2), np.nan)
+    raw: list[F64] = []
+    smoothed: list[F64] = []
+    for picture, seconds in frames:
+        face = tracker.update(picture)
+        if face is None:
+            landmark_filter.reset()
+            lift = lift and BrowLift()
+            raw.append(missing)
+            smoothed.append(missing)
+            continue
+        points = landmark_filter.update(face.points, face.point_confidence, seconds).astype(np.float64)
+        if lift is not None:
+            lift.see(parser.parse(picture, points), points)
+            points = lift(points)
+        raw.append(face.points.astype(np.float64))
+        smoothed.append(points)
+    return Tracks(np.array(raw), np.array(smoothed))
 
 
 def timed(clip: Clip, count: int | None) -> Iterator[tuple[Picture, float]]:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,11 @@ from benchmarks.landmarks.annotated import SETS, Still, stills
 from benchmarks.landmarks.mediapipe_mesh import face81
 from benchmarks.landmarks.metrics import Accuracy, accuracy, matches
 from benchmarks.landmarks.peers import MISSING, Peer
-from guise.aam.landmarks import OnnxLandmarker
+from guise.aam.brow_lift import BrowLift
+from guise.aam.landmarks import Face, OnnxLandmarker
+from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.schemes import IBUG68
+from guise.aam.parsing import FaceParser
 
 NAME, TITLE = "landmarks.stills", "Landmarks on annotated stills"
 Finder = Callable[[Picture, Still], F64]  # points (n, 68, 2) of the faces of a still, NaN of those not found
@@ -52,12 +56,22 @@ def at_faces(found: F64, still: Still) -> F64:
     return answer
 
 
+def lifted(parser: FaceParser, rgb: Picture, face: Face) -> Face:
+    """A face with its brows on their hair, as `guise landmarks` writes it."""
+    points, lift = face.points.astype(np.float64), BrowLift()
+    lift.see(parser.parse(rgb, points), points)
+    return replace(face, points=lift(points).astype(np.float32))
+
+
 def own_faces(landmarker: Any) -> tuple[Finder, list[int]]:
     """A finder by detection, and the number of faces found with too little confidence for each still."""
     unsure: list[int] = []
+    parser = FaceParser() if isinstance(landmarker, BuiltinLandmarker) else None
 
     def find(rgb: Picture, still: Still) -> F64:
         faces = landmarker.detect(rgb)
+        if parser is not None:
+            faces = [lifted(parser, rgb, face) for face in faces]
         every = at_faces(setting.points_of(faces), still)
         taken = at_faces(setting.points_of(setting.sure(faces)), still)
         unsure.append(int((np.isfinite(every).all((1, 2)) & ~np.isfinite(taken).all((1, 2))).sum()))

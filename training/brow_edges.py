@@ -1,0 +1,56 @@
+"""Measure where the hair of brows begins, seen from their landmarks: `USUAL_EDGE` of `aam/brow_lift.py`.
+
+    python -m training.brow_edges CLIP [CLIP ...]
+
+The clips show a person each, best rendered ones, as these have no brows that are always raised.  Landmarks are the
+built-in landmarker's.  Prints the median over people and both brows, in thousandths of the face's width.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from guise.aam.brow_lift import BROW_PAIR, edge_of_hair
+from guise.aam.landmarks import FaceTracker, open_landmarker
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.parsing import FaceParser
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import align_planar
+from guise.app.media import open_input
+from guise.common.arrays import F64
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("clips", type=Path, nargs="+")
+    people = np.array([edges_of(clip) for clip in parser.parse_args().clips])
+    print(np.round(1000 * np.median(people, axis=0)).astype(int).tolist())
+
+
+def edges_of(clip: Path) -> F64:
+    """(12,) median of a person's edges, from the outer end to the inner one, face widths."""
+    reference, parser, tracker = (
+        ReferenceFrame.canonical(),
+        FaceParser(),
+        FaceTracker(open_landmarker("builtin")),
+    )
+    found = []
+    with open_input(clip) as source:
+        for frame in source:
+            rgb = frame.rgb()
+            face = tracker.update(rgb)
+            if face is None:
+                continue
+            points = face.points.astype(np.float64)
+            parsing = parser.parse(rgb, points)
+            down = reference.resolution * align_planar(reference.points, points, RIGID_WEIGHTS).linear[1]
+            right, left = (edge_of_hair(parsing, points[brow], down)[0] for brow in BROW_PAIR)
+            found += [right, left[::-1]]
+    return np.median(found, axis=0)
+
+
+if __name__ == "__main__":
+    main()
