@@ -18,6 +18,7 @@ from guise.aam.even_light import evenly_lit
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.lid_closing import LidCloser
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
@@ -124,7 +125,7 @@ class Engine(Closing):
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
         self._in_profile, self._missed_frames, self._doubt = False, 0, 0.0
         self._brows = BrowFollower(source.appearance) if full else None
-        self._lift = BrowLift()
+        self._lift, self._lids = BrowLift(), LidCloser()
         self._last: tuple[F64, F32, View | None] | None = None
 
     def _enrolled_across(self) -> F64:
@@ -168,6 +169,7 @@ class Engine(Closing):
         if self._brows is not None:
             self._brows.reset()
         self._lift.reset()
+        self._lids.reset()
         self.painter.reset()
         return SwapResult("lost", fit)
 
@@ -202,15 +204,17 @@ class Engine(Closing):
         parameters = self.estimator(shape, self.clear(frame, shape, places, texels))
         if self._brows is not None:
             self._see(found)
+            shape = self._lids(shape)
         appearance = self.synthesise(parameters, shape, solid)
         self._last = shape, appearance, view
         return self.painter.paint(frame, shape, appearance, texels, view)
 
     def _see(self, shape: F64) -> None:
-        """Look at the brows of a shape (81, 2) as it was tracked, if the last frame was parsed."""
+        """Look at brows and lids of a shape (81, 2) as it was tracked, if the last frame was parsed."""
         parsing = None if self.occlusion is None else self.occlusion.parsing
         if parsing is not None:
             self._lift.see(parsing, shape)
+            self._lids.see(parsing, shape)
 
     def view(self, shape: F64, solid: SolidFit) -> View | None:
         """How the target's face is seen where the source's lies at a shape (81, 2); None with the transfer "paper"."""

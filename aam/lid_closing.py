@@ -1,0 +1,81 @@
+"""Lids shut by their looks: where a landmarker leaves those of a shut eye apart, the parsing sees no eye between them.
+
+How much of the outline of an eye the parsing (`parsing.py`) takes for eye differs between people, pictures and glasses;
+so what is seen is compared with the most that was seen of the same eye lately.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import (
+    LEFT_EYE_CORNERS,
+    LEFT_LOWER_LID,
+    LEFT_UPPER_LID,
+    RIGHT_EYE_CORNERS,
+    RIGHT_LOWER_LID,
+    RIGHT_UPPER_LID,
+)
+from guise.aam.parsing import FaceClass, Parsing
+from guise.common.arrays import F64
+
+
+@dataclass(frozen=True)
+class LidClosingLimits:
+    """Shares of the area between lids."""
+
+    seen: tuple[float, float] = (0.3, 0.6)  # share of eye in a cell, at which nothing and all of it counts
+    closed: tuple[float, float] = (0.25, 0.6)  # of the usual, at which lids are shut, and as they were found
+    least: float = 0.5  # that is usual of eyes of which the parsing can tell
+    forgotten: float = 0.004  # of the usual, a parsed frame
+    columns: int = 9
+    rows: int = 5
+
+
+LIMITS = LidClosingLimits()
+EYES = (
+    (RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
+    (LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
+)
+
+
+class LidCloser:
+    """Shuts the lids of one face, frame by frame."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the next face."""
+        self._usual, self._open = np.zeros(len(EYES)), np.ones(len(EYES))
+
+    def see(self, parsing: Parsing, points: F64) -> None:
+        """Look at the eyes of a parsed face with points (81, 2), pixels."""
+        seen = np.array([_seen(parsing, points, *eye) for eye in EYES])
+        self._usual = np.maximum((1 - LIMITS.forgotten) * self._usual, seen)
+        share = np.interp(seen / np.maximum(self._usual, LIMITS.least), LIMITS.closed, (0, 1))
+        self._open = np.where(self._usual > LIMITS.least, share, 1.0)
+
+    def __call__(self, points: F64) -> F64:
+        """The points (81, 2) with upper lids as far down as they were seen last."""
+        closed = points.copy()
+        for (_, upper, lower), share in zip(EYES, self._open, strict=True):
+            closed[upper] = points[lower] + share * (points[upper] - points[lower])
+        return closed
+
+
+def _seen(parsing: Parsing, points: F64, corners: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> float:
+    """Share of the area between lids in which there is an eye."""
+    first, last = points[corners]
+    along = np.linspace(0, 3, LIMITS.columns + 2)[1:-1]
+    top, bottom = (
+        np.column_stack(
+            [np.interp(along, range(4), axis) for axis in np.vstack([first, points[lid], last]).T]
+        )
+        for lid in (upper, lower)
+    )
+    down = (np.arange(LIMITS.rows) + 0.5)[:, None, None] / LIMITS.rows
+    places = (top + down * (bottom - top)).reshape(-1, 2)
+    return float(np.interp(parsing.at(places, parsing.shares[FaceClass.EYES]), LIMITS.seen, (0, 1)).mean())
