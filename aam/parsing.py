@@ -103,6 +103,10 @@ class Parsing:
         places = cv2.transform(np.asarray(points, np.float32)[None], self.to_cells)[0]
         return read_cells(cells, places)
 
+    def from_place(self, x: float, y: float) -> Parsing:
+        """The same in pixels of a part of the picture that begins at a place."""
+        return Parsing(self.shares, self.to_picture - [[0, 0, x], [0, 0, y]])
+
     @property
     def to_cells(self) -> F64:
         """(2, 3) affine map from pixels of the picture to cells."""

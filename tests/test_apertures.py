@@ -8,9 +8,10 @@ from models import model_file
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
+from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import ReferenceFrame
 from guise.app.media import ColourMatrix, Frame, open_input
-from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
+from guise.app.swapping.apertures import Aperture, DrawnLid, _eye_seen, eye_openings
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 
@@ -58,6 +59,62 @@ def test_an_eye_may_be_the_sources_only_while_it_is_shut(lids: float, beside: fl
     Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points).fill(picture, np.zeros_like(picture), head, SAME)
     x, y = FRAME.points[LEFT_EYE].mean(0).round().astype(int)
     assert float(picture[y, x, 0]) == pytest.approx(expected, abs=3)
+
+
+def parsed(shares: dict[FaceClass, np.ndarray]) -> Parsing:
+    """A parsing of the grid, given shares of some classes (64, 64)."""
+    maps = np.zeros((len(FaceClass), 64, 64), np.float32)
+    for kind, share in shares.items():
+        maps[kind] = share
+    h, w = FRAME.size
+    return Parsing(maps, np.array([[w / 64, 0, 0], [0, h / 64, 0]]))
+
+
+def shown(parsing: Parsing) -> np.ndarray:
+    """(h, w) share of a black source in the texture while its left eye is shut."""
+    head = FRAME.points.copy()
+    head[LEFT_EYE, 1] = head[LEFT_EYE, 1].mean()
+    picture = np.full((*FRAME.size, 3), 255, np.uint8)
+    eye = Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points)
+    eye.fill(picture, np.zeros_like(picture), head, SAME, None, parsing)
+    return 1 - picture[..., 0] / 255
+
+
+def test_no_brow_of_the_source_shows_above_a_shut_eye() -> None:
+    brow_above_lid = np.zeros((64, 64), np.float32)
+    brow_above_lid[: int(FRAME.points[LEFT_EYE, 1].mean() * 64 / FRAME.size[0]) - 1] = 1
+    bare, hairy = shown(parsed({})), shown(parsed({FaceClass.BROWS: brow_above_lid}))
+    top = int(FRAME.points[LEFT_EYE, 1].min()) - 3
+    assert bare[top].max() > 0.5
+    assert hairy[top].max() == 0
+    lower = int(FRAME.points[LEFT_EYE, 1].max())
+    assert bare[lower:].max() > 0.5
+    assert np.allclose(bare[lower:], hairy[lower:], atol=0.02)
+
+
+@pytest.mark.parametrize(("most", "lid"), [(1.0, 0.0), (0.3, 1.0)])
+def test_what_the_parsing_takes_for_lid_is_no_eye_unless_it_sees_no_eye_at_all(
+    most: float, lid: float
+) -> None:
+    lower_half = np.zeros((64, 64), np.float32)
+    lower_half[32:] = most
+    places = np.stack(np.meshgrid(np.arange(20, 40), np.arange(20, 80)), -1).astype(np.float32)
+    seen = _eye_seen(parsed({FaceClass.EYES: lower_half}), places)
+    middle = FRAME.size[0] / 2
+    assert (seen[places[..., 1] > middle + 3] == 1).all()
+    assert seen[places[..., 1] < middle - 3] == pytest.approx(lid)
+    assert (_eye_seen(None, places) == 1).all()
+
+
+def test_a_parsing_can_be_read_from_a_part_of_its_picture() -> None:
+    shares = np.arange(64.0)[None].repeat(64, 0)
+    whole = parsed({FaceClass.SKIN: shares})
+    part = whole.from_place(7, -3)
+    point = np.array([[30.0, 40.0]])
+    skin = [
+        one.at(there, one.shares[FaceClass.SKIN]) for one, there in ((whole, point), (part, point - [7, -3]))
+    ]
+    assert skin[0] == pytest.approx(skin[1], abs=0.05)
 
 
 @pytest.mark.parametrize("factor", [1, 2])

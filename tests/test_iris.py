@@ -103,7 +103,7 @@ def test_a_lighter_iris_leaves_the_shade_of_the_lids() -> None:
 
 def test_a_shut_eye_keeps_its_colours() -> None:
     source = eye(GREEN, 41)
-    assert np.array_equal(tint(GREEN, BROWN).apply(source, PLACES, 0.0), source)
+    assert np.array_equal(tint(GREEN, BROWN).apply(source, PLACES, np.zeros_like(LIDS)), source)
 
 
 def test_no_eye_is_seen_through_lids_of_no_height() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, RIGHT_BROW, Group
 from guise.aam.mask import soft_parts
+from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.media import ColourMatrix
 from guise.app.swapping.iris import EYES, IrisChange, IrisTint, in_eye, whole_width
@@ -26,8 +27,14 @@ class ApertureLimits:
     """Where and when the source shows."""
 
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
-    shut_growth_face_widths: float = 0.05  # of the source's part while it is shut
-    brow_growth_face_widths: float = 0.04  # within which no brow of the source's shows
+    shut_growth_face_widths: float = 0.08  # of the source's part while it is shut
+    brow_growth_face_widths: float = 0.025  # within which no brow of the source's shows
+    brow_share: tuple[float, float] = (
+        0.08,
+        0.3,
+    )  # of a parsed cell, at which none and all is a brow of the source's
+    eye_share: tuple[float, float] = (0.2, 0.5)  # likewise an eye, of the largest in it,
+    known_eye_share: tuple[float, float] = (0.4, 0.7)  # which is believed from and at such a largest one
     sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
     growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
     lid_growth_face_widths: float = 0.015  # of an eye over which a lid is drawn
@@ -82,11 +89,13 @@ class Aperture:
             self._hidden, self._at_rest = ShutShare(part, irises.at_rest), irises.at_rest
 
     def fill(
-        self, picture: U8, roi: U8, head: F64, colour: ColourMatrix, openings: F64 | None = None
-    ) -> None:
+        self, picture: U8, roi: U8, head: F64, colour: ColourMatrix, openings: F64 | None = None,
+        parsing: Parsing | None = None,
+    ) -> None:  # fmt: skip
         """Lay what a rectangle shows on the source's shape (81, 2), in its pixels, into a texture in place.
 
         colour : the matrix of both pictures.   openings : `eye_openings` of the shape, if they are known.
+        parsing : of the rectangle, if it is known, which tells brows and lids from what is to show.
         """
         openings = eye_openings(head) if openings is None else openings
         shown = 1.0 if self._shut is None else self._shut(openings)
@@ -101,12 +110,38 @@ class Aperture:
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
             whole = whole_width(self._part, head, self._at_rest)
             within = in_eye(places, head[self._part], whole)
-            eye = self._tint.apply(np.asarray(eye, np.float32), within, 1 - self._hidden(openings))
+            seen = np.float32(1 - self._hidden(openings)) * _eye_seen(parsing, places)
+            eye = self._tint.apply(np.asarray(eye, np.float32), within, seen)
             eye = cv2.transform(eye, colour.from_rgb)
             own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(picture[self._place])
         share = self._share * np.float32(shown)
+        if self._shut is not None and parsing is not None:
+            share *= 1 - _ramp(_shares(parsing, FaceClass.BROWS, places), LIMITS.brow_share)
         picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
+
+
+def _eye_seen(parsing: Parsing | None, places: F32) -> F32:
+    """(h, w) share in [0, 1] by which the parsing takes places (h, w, 2) about an eye for eye, not lid."""
+    if parsing is None:
+        return np.ones(places.shape[:2], np.float32)
+    shares = _shares(parsing, FaceClass.EYES, places)
+    most = float(shares.max())
+    known = np.float32(np.interp(most, LIMITS.known_eye_share, (0, 1)))
+    return np.asarray(
+        1 - known * (1 - _ramp(shares / np.float32(max(most, 1e-6)), LIMITS.eye_share)), np.float32
+    )
+
+
+def _shares(parsing: Parsing, what: FaceClass, places: F32) -> F32:
+    """(h, w) share of a class at places (h, w, 2)."""
+    return parsing.at(places.reshape(-1, 2), parsing.shares[what]).reshape(places.shape[:2])
+
+
+def _ramp(shares: F32, limits: tuple[float, float]) -> F32:
+    """Shares in [0, 1] between the limits, at which they are 0 and 1."""
+    first, last = limits
+    return np.asarray(np.clip((shares - first) / (last - first), 0, 1), np.float32)
 
 
 class ShutShare:

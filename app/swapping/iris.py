@@ -313,16 +313,17 @@ class IrisTint:
         self._contrast = 1 - own
         self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
 
-    def apply(self, picture: F32, places: F32, strength: float = 1.0) -> F32:
-        """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by a share in [0, 1]: a shut eye has none."""
-        if strength == 0 or not len(self._inside):
+    def apply(self, picture: F32, places: F32, seen: F32 | None = None) -> F32:
+        """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by shares (h, w) of eye that is seen there."""
+        if not len(self._inside) or (seen is not None and not seen.any()):
             return picture
+        shown = self._lids if seen is None else self._lids * seen.ravel()
         pixels = picture.reshape(-1, 3)
         bright = white(pixels.take(self._inside, 0))
-        seen = (pixels.take(self._looked_at, 0) / bright).T
+        colours = (pixels.take(self._looked_at, 0) / bright).T
         if self._lightness < 0.5:
-            seen = self._direction @ (1 - seen)
-        found = self._found(seen, places.reshape(-1, 2).take(self._looked_at, 0))
+            colours = self._direction @ (1 - colours)
+        found = self._found(colours, places.reshape(-1, 2).take(self._looked_at, 0))
         x, y = np.moveaxis(places - self._change.gaze.settle(self._eye, found), -1, 0)
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
         near = np.flatnonzero(away < max(LIMITS.border[0], LIMITS.painted_border[0]))
@@ -338,7 +339,7 @@ class IrisTint:
         if light > 0:
             change += light * _within(there, LIMITS.painted_border) * (painted - before)
         changed = pixels.copy()
-        changed[near] = (before + change * (np.float32(strength) * self._lids.take(near))).T
+        changed[near] = (before + change * shown.take(near)).T
         return changed.reshape(picture.shape)
 
     def _found(self, seen: F32, places: F32) -> F64:

@@ -15,6 +15,7 @@ from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_W
 from guise.aam.mask import beyond_mask
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
+from guise.aam.parsing import Parsing
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
@@ -104,6 +105,7 @@ class Painter:
         self._irises = IrisChange.of(source, target) if options.eyes_of_source else None
         self._kept: dict[bool, list[Aperture]] = {}
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
+        self._parsed: tuple[Parsing, F64] | None = None  # the last one, and the head (81, 2) in it
         self._brow_strips = [BrowStrips(self.reference, factor) for factor in (1, 2)]
         self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
@@ -192,8 +194,9 @@ class Painter:
                     )
             if head is not None:
                 own, openings = head - (x0, y0), eye_openings(head)
+                parsing = self._parsed_at(head, x0, y0)
                 for aperture in self._apertures(fine):
-                    aperture.fill(picture, drawn, own, frame.colour, openings)
+                    aperture.fill(picture, drawn, own, frame.colour, openings, parsing)
                 for lid in self._lids(fine):
                     lid.fill(picture, openings)
             if across.any():
@@ -208,11 +211,18 @@ class Painter:
         parsing = None if self._occlusion is None else self._occlusion.parsing
         if parsing is None:
             return
-        irises = parsing.irises[:, :2]
+        self._parsed, irises = (parsing, head), parsing.irises[:, :2]
         if self._irises is not None:
             self._irises.gaze.see(irises, head, self._irises.at_rest)
         if self._disguise is not None:
             self._disguise.look(irises, head)
+
+    def _parsed_at(self, head: F64, x: float, y: float) -> Parsing | None:
+        """The last parsing moved along with the head (81, 2), in pixels of a part of the frame that begins at x, y."""
+        if self._parsed is None:
+            return None
+        parsing, then = self._parsed
+        return parsing.from_place(*((x, y) - (head - then).mean(0)))
 
     def _feathered(self, shape: F64, sigma: float) -> F32:
         """(h, w) alpha with a border as soft as `sigma` grid pixels on the shape (81, 2) as it is drawn.
@@ -231,6 +241,7 @@ class Painter:
 
     def reset(self) -> None:
         """Fit palette and occlusion afresh to the next face."""
+        self._parsed = None
         self._palette.reset()
         if self._irises is not None:
             self._irises.gaze.reset()
