@@ -14,6 +14,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 from benchmarks import run_all
 from benchmarks.common import F64, Clip
 from benchmarks.picture import pairs, program, sheets, truth
+from benchmarks.picture.turned import distances_from_line
 from guise.aam.landmarks.schemes import BROWS, EYES, LOWER_LIP_INNER
 
 FRAMES = 40
@@ -130,3 +131,9 @@ def test_what_is_missing_is_said_and_nothing_is_measured(tmp_path: Path) -> None
         assert "is missing; --shared names" in report.notes[0]
     options.peers_python = None
     assert "--peers-python" in pairs.measure(options).notes[0]
+
+
+def test_a_point_may_lie_anywhere_along_a_line_but_not_beside_it_or_beyond_its_ends() -> None:
+    corner = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    points = np.array([[7.0, 0.0], [10.0, 3.5], [4.0, 2.0], [-3.0, 4.0]])
+    assert distances_from_line(points, corner) == pytest.approx([0, 0, 2, 5])
