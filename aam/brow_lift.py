@@ -16,6 +16,7 @@ from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F64
+from guise.common.interpolation import interpolation
 
 # (12,) how far below the line through a brow's points its hair begins, from the outer end to the inner one: medians of
 # the people of the sample clips (`training/brow_edges.py`).
@@ -39,6 +40,13 @@ class BrowLiftLimits:
 
 LIMITS = BrowLiftLimits()
 BROW_PAIR = RIGHT_BROW, LEFT_BROW
+_ROWS = np.arange(-LIMITS.above, LIMITS.below, LIMITS.row)
+_ALONG = interpolation(np.linspace(0, 4, len(USUAL_EDGE)), np.arange(5.0))  # from a brow's points to columns
+# Shift, turn and arch of columns and of points, and what they are held back by.
+_COLUMNS, _POINTS = (
+    np.vander(np.linspace(-1, 1, n), len(LIMITS.stiffness), increasing=True) for n in (len(USUAL_EDGE), 5)
+)
+_STIFF = np.diag(np.maximum(LIMITS.stiffness, 1e-6))
 
 
 class BrowLift:
@@ -82,24 +90,20 @@ def edge_of_hair(parsing: Parsing, brow: F64, down: F64) -> tuple[F64, F64]:
 
     down : (2,) pixels, a face width down the face.
     """
-    rows = np.arange(-LIMITS.above, LIMITS.below, LIMITS.row)
-    along = np.linspace(0, len(brow) - 1, len(USUAL_EDGE))
-    line = np.column_stack([np.interp(along, np.arange(len(brow)), axis) for axis in brow.T])
-    places = line[:, None] + rows[:, None] * down
-    hair = parsing.at(places.reshape(-1, 2), parsing.shares[FaceClass.BROWS]).reshape(len(line), len(rows))
+    places = (_ALONG @ brow)[:, None] + _ROWS[:, None] * down
+    hair = parsing.at(places.reshape(-1, 2), parsing.shares[FaceClass.BROWS]).reshape(places.shape[:2])
     amount = hair.sum(1)
     above = np.cumsum(hair, axis=1) / np.maximum(amount, 1e-6)[:, None]
-    edges = np.array([np.interp(LIMITS.edge, column, rows) for column in above])
+    columns, after = np.arange(len(above)), (above > LIMITS.edge).argmax(1)
+    low, high = above[columns, after - 1], above[columns, after]
+    edges = _ROWS[after] - LIMITS.row * (high - LIMITS.edge) / np.maximum(high - low, 1e-6)
+    edges = np.where(after > 0, edges, _ROWS[0])
     return edges, np.clip(amount * LIMITS.row / LIMITS.whole_column, 0, 1)
 
 
 def _shifts(edges: F64, weights: F64, usual: F64) -> F64:
     """(5,) by how much a brow's points belong lower: a smooth fit to its edge."""
-    columns, points = (
-        np.vander(np.linspace(-1, 1, n), len(LIMITS.stiffness), increasing=True) for n in (len(edges), 5)
-    )
-    weighted = columns * weights[:, None]
-    stiff = np.diag(np.maximum(LIMITS.stiffness, 1e-6))
-    fit = np.linalg.solve(columns.T @ weighted + stiff, weighted.T @ (edges - usual))
+    weighted = _COLUMNS * weights[:, None]
+    fit = np.linalg.solve(_COLUMNS.T @ weighted + _STIFF, weighted.T @ (edges - usual))
     believed = float(np.interp(weights.mean(), LIMITS.believed, (0, 1)))
-    return np.asarray(LIMITS.strength * believed * (points @ fit))
+    return np.asarray(LIMITS.strength * believed * (_POINTS @ fit))

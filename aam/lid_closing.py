@@ -20,6 +20,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.parsing import FaceClass, Parsing
 from guise.common.arrays import F64
+from guise.common.interpolation import interpolation
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,9 @@ class LidClosingLimits:
 
 
 LIMITS = LidClosingLimits()
+# From a corner, two points of a lid and the other corner to columns, and how far down between lids rows lie.
+_ALONG = interpolation(np.linspace(0, 3, LIMITS.columns + 2)[1:-1], np.arange(4.0))
+_DOWN = (np.arange(LIMITS.rows) + 0.5)[:, None, None] / LIMITS.rows
 EYES = (
     (RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
     (LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
@@ -69,13 +73,6 @@ class LidCloser:
 def _seen(parsing: Parsing, points: F64, corners: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> float:
     """Share of the area between lids in which there is an eye."""
     first, last = points[corners]
-    along = np.linspace(0, 3, LIMITS.columns + 2)[1:-1]
-    top, bottom = (
-        np.column_stack(
-            [np.interp(along, range(4), axis) for axis in np.vstack([first, points[lid], last]).T]
-        )
-        for lid in (upper, lower)
-    )
-    down = (np.arange(LIMITS.rows) + 0.5)[:, None, None] / LIMITS.rows
-    places = (top + down * (bottom - top)).reshape(-1, 2)
+    top, bottom = (_ALONG @ np.vstack([first, points[lid], last]) for lid in (upper, lower))
+    places = (top + _DOWN * (bottom - top)).reshape(-1, 2)
     return float(np.interp(parsing.at(places, parsing.shares[FaceClass.EYES]), LIMITS.seen, (0, 1)).mean())

@@ -26,6 +26,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, F64, U8
+from guise.common.interpolation import interpolation
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class _Brow:
     def __init__(self, reference: ReferenceFrame, brow: Group, lid: Group, factor: int) -> None:
         points, width = reference.points, reference.resolution
         self._brow, self._lid, self._factor = brow, lid, factor
-        self._below = _interpolation(points[brow, 0], points[lid, 0])
+        self._below = interpolation(points[brow, 0], points[lid, 0])
         fade = LIMITS.fade * width
         left, right = points[brow, 0].min() - fade, points[brow, 0].max() + fade
         top, bottom = points[brow, 1].min(), points[lid, 1].max()
@@ -86,11 +87,11 @@ class _Brow:
         ]
         ys, xs = (((pixels + 0.5) / factor - 0.5).astype(np.float32) for pixels in np.mgrid[self._place])
         x = xs[0].astype(np.float64)
-        self._near = _interpolation(x, points[brow, 0])
+        self._near = interpolation(x, points[brow, 0])
         beyond = np.maximum(points[brow, 0].min() - x, x - points[brow, 0].max())
         self._shown = 1 - np.clip(beyond / fade, 0, 1)
         self._line = np.asarray(self._near @ points[brow, 1], np.float32)
-        self._gap = np.asarray(_interpolation(x, points[lid, 0]) @ points[lid, 1], np.float32) - self._line
+        self._gap = np.asarray(interpolation(x, points[lid, 0]) @ points[lid, 1], np.float32) - self._line
         self._end = np.minimum(LIMITS.thickness * width / self._gap, LIMITS.lowest)
         self._heights = (ys - self._line) / self._gap
         self._columns = (xs + np.float32(0.5)) * factor - np.float32(0.5)
@@ -118,8 +119,3 @@ class _Brow:
         read = np.where(self._heights < drawn_end, self._heights * (end / drawn_end), below)
         inside = (self._heights > 0) & (self._heights < 1)
         return np.asarray(np.where(inside, read, self._heights), np.float32)
-
-
-def _interpolation(places: F64, knots: F64) -> F64:
-    """(n, k) weights of ascending knots (k,) that interpolate at places (n,), constant beyond them."""
-    return np.column_stack([np.interp(places, knots, one) for one in np.eye(len(knots))])
