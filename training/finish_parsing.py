@@ -43,7 +43,7 @@ MAX_IRIS_RATIO = 1.05
 Card = Callable[[dict[str, Any]], str]
 
 
-class _Parser(nn.Module):
+class FaceParser(nn.Module):
     """The network without points."""
 
     def __init__(self, net: FaceNet) -> None:
@@ -169,7 +169,7 @@ def main() -> None:
     hidden = plain_samples(unseen, 150, props=props) + plain_samples(behind, 100)
     calibration = np.stack([s.crop for s in hidden + plain[::3] + held_out.real])
     files = run / "face_float32.onnx", run / "face_8bit.onnx"
-    export(_Parser(copy.deepcopy(net).float()), files[0], ("iris", "parsing"))
+    export(FaceParser(copy.deepcopy(net).float()), files[0], ("iris", "parsing"))
     eight_bit(*files, calibration)
     times = milliseconds(list(files), held_out.real[0].crop)
     rows = [figures_of(answers_of_file(file), plain) for file in files]
