@@ -138,7 +138,7 @@ class Painter:
             uncovered = _product(uncovered, self._silhouette.share(view.cosines))
         stretch = None
         if view is not None and view.at_rest is not None:
-            stretch = self._brow_strips[0].stretch(self._features @ shape, view.at_rest)
+            stretch = self._brow_strips[0].stretch(self._features @ shape, self._features @ view.at_rest)
         self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across, stretch)
         return mesh
 
