@@ -35,7 +35,7 @@ class BrowLiftLimits:
     believed: tuple[float, float] = (0.5, 0.8)  # share of such columns, at which not at all and fully
     stiffness: tuple[float, float, float] = (0.0, 0.75, 1.25)  # against a shift, a turn, an arch; columns
     strength: float = 0.75
-    memory: float = 0.65  # share of the last frame's shifts that is kept
+    memory: float = 0.85  # share of the last frame's shifts that is kept
 
 
 LIMITS = BrowLiftLimits()

@@ -63,14 +63,14 @@ class FilterSettings:
     jitter on still stretches for a lag at 30 Hz of less than half a frame of lids and lips and of one of a slow head.
     """
 
-    min_head_cutoff_hz: float = 0.7  # of a head that does not move
+    min_head_cutoff_hz: float = 0.65  # of a head that does not move
     min_cutoff_hz: float = 0.5  # of what does not move within the face
     memory_seconds: float = 1 / 30  # over which the evidence is averaged
     head_noise: tuple[float, ...] = (0.003, 0.003, 0.004, 0.008)  # shift x, y, logarithm of the scale, angle
     skin_noise: float = 0.015
     brow_noise: float = 0.003  # they move little and mean much
     lid_noise: float = 0.006
-    lip_noise: float = 0.00525
+    lip_noise: float = 0.006
     feature_reach: float = 0.25  # over which points of a feature move together
     outlier: float = 0.02  # off by this a rigid point counts half for the head's motion
     max_pause_seconds: float = 0.5  # without a shape, after which the past is forgotten
