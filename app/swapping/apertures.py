@@ -29,11 +29,8 @@ class ApertureLimits:
     min_share: float = 0.02  # of the source, below which a pixel is left to the identity
     shut_growth_face_widths: float = 0.08  # of the source's part while it is shut
     brow_growth_face_widths: float = 0.025  # within which no brow of the source's shows
-    brow_share: tuple[float, float] = (
-        0.08,
-        0.3,
-    )  # of a parsed cell, at which none and all is a brow of the source's
-    eye_share: tuple[float, float] = (0.2, 0.5)  # likewise an eye, of the largest in it,
+    brow_share: tuple[float, float] = (0.3, 0.6)  # of a parsed cell, at which none and all is a brow's
+    eye_share: tuple[float, float] = (0.15, 0.4)  # likewise an eye's, of the largest in it,
     known_eye_share: tuple[float, float] = (0.4, 0.7)  # which is believed from and at such a largest one
     sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
     growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
