@@ -53,7 +53,6 @@ class BrowLift:
     """Sets the brows of one face onto their hair, frame by frame, steadily; a new one for a single picture."""
 
     def __init__(self) -> None:
-        self._reference = ReferenceFrame.canonical()
         self.reset()
 
     def reset(self) -> None:
@@ -67,7 +66,8 @@ class BrowLift:
 
     def see(self, parsing: Parsing, points: F64) -> None:
         """Look at the brows of a parsed face with points (81, 2), pixels, as they were found."""
-        right, left = (edge_of_hair(parsing, points[brow], self._down(points)) for brow in BROW_PAIR)
+        down = face_width_down(points)
+        right, left = (edge_of_hair(parsing, points[brow], down) for brow in BROW_PAIR)
         found = np.array([_shifts(*right, USUAL_EDGE), _shifts(*left, USUAL_EDGE[::-1])])
         self._shifts = found if self._shifts is None else found + LIMITS.memory * (self._shifts - found)
 
@@ -75,14 +75,16 @@ class BrowLift:
         """Points (81, 2) as they were found, pixels, with the brows on their hair as it was seen last."""
         lifted = points.copy()
         if self._shifts is not None:
+            down = face_width_down(points)
             for brow, shifts in zip(BROW_PAIR, self._shifts, strict=True):
-                lifted[brow] += shifts[:, None] * self._down(points)
+                lifted[brow] += shifts[:, None] * down
         return lifted
 
-    def _down(self, points: F64) -> F64:
-        """(2,) pixels, a face width down the face."""
-        linear = align_planar(self._reference.points, points, RIGID_WEIGHTS).linear
-        return np.asarray(self._reference.resolution * linear[1])
+
+def face_width_down(points: F64) -> F64:
+    """(2,) pixels, a face width down a face with points (81, 2)."""
+    reference = ReferenceFrame.canonical()
+    return np.asarray(reference.resolution * align_planar(reference.points, points, RIGID_WEIGHTS).linear[1])
 
 
 def edge_of_hair(parsing: Parsing, brow: F64, down: F64) -> tuple[F64, F64]:

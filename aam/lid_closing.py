@@ -10,14 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guise.aam.landmarks.schemes import (
-    LEFT_EYE_CORNERS,
-    LEFT_LOWER_LID,
-    LEFT_UPPER_LID,
-    RIGHT_EYE_CORNERS,
-    RIGHT_LOWER_LID,
-    RIGHT_UPPER_LID,
-)
+from guise.aam.landmarks.schemes import EYE_OUTLINES
 from guise.aam.parsing import FaceClass, Parsing
 from guise.common.arrays import F64
 from guise.common.interpolation import interpolation
@@ -39,10 +32,6 @@ LIMITS = LidClosingLimits()
 # From a corner, two points of a lid and the other corner to columns, and how far down between lids rows lie.
 _ALONG = interpolation(np.linspace(0, 3, LIMITS.columns + 2)[1:-1], np.arange(4.0))
 _DOWN = (np.arange(LIMITS.rows) + 0.5)[:, None, None] / LIMITS.rows
-EYES = (
-    (RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
-    (LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
-)
 
 
 class LidCloser:
@@ -53,11 +42,11 @@ class LidCloser:
 
     def reset(self) -> None:
         """Begin with the next face."""
-        self._usual, self._open = np.zeros(len(EYES)), np.ones(len(EYES))
+        self._usual, self._open = np.zeros(len(EYE_OUTLINES)), np.ones(len(EYE_OUTLINES))
 
     def see(self, parsing: Parsing, points: F64) -> None:
         """Look at the eyes of a parsed face with points (81, 2), pixels."""
-        seen = np.array([_seen(parsing, points, *eye) for eye in EYES])
+        seen = np.array([_seen(parsing, points, *eye) for eye in EYE_OUTLINES])
         self._usual = np.maximum((1 - LIMITS.forgotten) * self._usual, seen)
         share = np.interp(seen / np.maximum(self._usual, LIMITS.least), LIMITS.closed, (0, 1))
         self._open = np.where(self._usual > LIMITS.least, share, 1.0)
@@ -65,7 +54,7 @@ class LidCloser:
     def __call__(self, points: F64) -> F64:
         """The points (81, 2) with upper lids as far down as they were seen last."""
         closed = points.copy()
-        for (_, upper, lower), share in zip(EYES, self._open, strict=True):
+        for (_, upper, lower), share in zip(EYE_OUTLINES, self._open, strict=True):
             closed[upper] = points[lower] + share * (points[upper] - points[lower])
         return closed
 

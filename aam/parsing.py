@@ -19,14 +19,7 @@ import numpy as np
 
 from guise.aam.landmarks.builtin import CROP, cut
 from guise.aam.landmarks.crops import upright_square
-from guise.aam.landmarks.schemes import (
-    LEFT_EYE_CORNERS,
-    LEFT_LOWER_LID,
-    LEFT_UPPER_LID,
-    RIGHT_EYE_CORNERS,
-    RIGHT_LOWER_LID,
-    RIGHT_UPPER_LID,
-)
+from guise.aam.landmarks.schemes import EYE_OUTLINES
 from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8, Floating
 
@@ -43,10 +36,6 @@ class IrisLimits:
 
 
 LIMITS = IrisLimits()
-_EYES = (
-    (RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
-    (LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
-)
 
 
 class FaceClass(IntEnum):
@@ -126,7 +115,7 @@ class FaceParsing(Parsing):
     def open_irises(self, points: Floating) -> F64:
         """(2, 3) x, y and radius of the irises of a face with points (81, 2), pixels; NaN where the eye is shut."""
         irises = self.irises[:, :3].copy()
-        for iris, (corners, upper, lower) in zip(irises, _EYES, strict=True):
+        for iris, (corners, upper, lower) in zip(irises, EYE_OUTLINES, strict=True):
             outer, inner = points[corners]
             width = float(np.linalg.norm(outer - inner))
             opening = float(np.linalg.norm(points[upper].mean(0) - points[lower].mean(0)))

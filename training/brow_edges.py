@@ -13,12 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.aam.brow_lift import BROW_PAIR, edge_of_hair
+from guise.aam.brow_lift import BROW_PAIR, edge_of_hair, face_width_down
 from guise.aam.landmarks import FaceTracker, open_landmarker
-from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.parsing import FaceParser
-from guise.aam.reference import ReferenceFrame
-from guise.aam.similarity import align_planar
 from guise.app.media import open_input
 from guise.common.arrays import F64
 
@@ -32,12 +29,7 @@ def main() -> None:
 
 def edges_of(clip: Path) -> F64:
     """(12,) median of a person's edges, from the outer end to the inner one, face widths."""
-    reference, parser, tracker = (
-        ReferenceFrame.canonical(),
-        FaceParser(),
-        FaceTracker(open_landmarker("builtin")),
-    )
-    found = []
+    parser, tracker, found = FaceParser(), FaceTracker(open_landmarker("builtin")), []
     with open_input(clip) as source:
         for frame in source:
             rgb = frame.rgb()
@@ -46,7 +38,7 @@ def edges_of(clip: Path) -> F64:
                 continue
             points = face.points.astype(np.float64)
             parsing = parser.parse(rgb, points)
-            down = reference.resolution * align_planar(reference.points, points, RIGID_WEIGHTS).linear[1]
+            down = face_width_down(points)
             right, left = (edge_of_hair(parsing, points[brow], down)[0] for brow in BROW_PAIR)
             found += [right, left[::-1]]
     return np.median(found, axis=0)

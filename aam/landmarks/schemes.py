@@ -98,6 +98,11 @@ TEMPLES = _group(RIGHT_TEMPLE, LEFT_TEMPLE)
 # Pairs of points that open: each upper one lies above the lower one of the same place in its list.
 RIGHT_UPPER_LID, RIGHT_LOWER_LID = _group(37, 38), _group(41, 40)
 LEFT_UPPER_LID, LEFT_LOWER_LID = _group(43, 44), _group(47, 46)
+# Of both eyes: corners, upper and lower lid, from left to right as seen.
+EYE_OUTLINES = (
+    (RIGHT_EYE_CORNERS, RIGHT_UPPER_LID, RIGHT_LOWER_LID),
+    (LEFT_EYE_CORNERS, LEFT_UPPER_LID, LEFT_LOWER_LID),
+)
 UPPER_LIDS = _group(*RIGHT_UPPER_LID, *LEFT_UPPER_LID)
 LOWER_LIDS = _group(*RIGHT_LOWER_LID, *LEFT_LOWER_LID)
 LIDS_BELOW_BROW_TOPS = _group(37, 44)
