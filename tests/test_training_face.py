@@ -132,11 +132,19 @@ def test_names_of_modules_are_read_from_the_graph() -> None:
 
 def test_the_rate_rises_holds_and_falls_to_nothing() -> None:
     course = Course(steps=1000, rate=1e-3, warm=100, decay=0.3)
-    factors = [course.at(k) for k in range(1001)]
+    factors = [course.at(k, 0) for k in range(1001)]
     assert factors[0] == pytest.approx(0.01)
     assert factors[100] == factors[600] == 1
     assert 0 < factors[850] < 1
     assert factors[1000] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_course_with_a_limit_of_time_ends_by_it() -> None:
+    course = Course(steps=1_000_000, rate=1e-3, seconds=60, decay=0.3)
+    assert course.at(500, 30) == 1
+    assert 0 < course.at(900, 50) < 1
+    assert course.at(1000, 60) == pytest.approx(0, abs=1e-9)
+    assert course.passed(1000, 61) == 1
 
 
 def test_the_plan_makes_everything_that_ships(tmp_path: Path) -> None:

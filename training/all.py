@@ -23,6 +23,7 @@ from pathlib import Path
 DATA = Path(__file__).parents[1] / "aam" / "data"
 PEOPLE, PICTURES_PER_PERSON, HAND_PEOPLE = 1200, 30, 120
 RENDERED_ONLY_BATCHES, FACE_BATCHES, PARSING_BATCHES, DETECTOR_BATCHES = 6000, 40_000, 20_000, 6850
+LANDMARK_BATCHES, LANDMARK_BATCH = 7000, 128
 REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
 HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD = 560, 30_000, 12
 HEAD_COURSES = (6500, 6e-4), (5000, 4e-4)  # batches of 32, rate
@@ -104,7 +105,7 @@ class Plan:
         yield Task("hands", [render], hands)
 
     def _landmark_training(self) -> Iterator[Task]:
-        """First on rendered faces alone, which tells how real annotations differ, then on both."""
+        """On rendered faces alone, which tells how real annotations differ, then on both, then for points alone."""
         alone, face, alignment = self.work / "rendered", self.work / "face", self.work / "alignment.json"
         train = command("train_face", "--resume", device=self.device, **self._seen())
         first = options(output=alone, steps=RENDERED_ONLY_BATCHES)
@@ -116,8 +117,14 @@ class Plan:
         yield Task("alignment", [align], alignment)
         both = options(alignment=alignment, output=face, first_weights=weights, steps=self.steps)
         yield Task("face", [(*train, *both)], face / "complete")
-        finish = command("finish_face", run=face, alignment=alignment, **self._seen())
-        yield Task("report", [finish], face / "face.md")
+        landmarks, weights = self.work / "landmarks", face / "face.pt"
+        points = options(
+            goal="landmarks", alignment=alignment, output=landmarks, first_weights=weights, steps=LANDMARK_BATCHES,
+            batch=LANDMARK_BATCH,
+        )  # fmt: skip
+        yield Task("landmarks", [(*train, *points)], landmarks / "complete")
+        finish = command("finish_face", run=landmarks, alignment=alignment, **self._seen())
+        yield Task("report", [finish], landmarks / "face.md")
 
     def _parsing_training(self) -> Iterator[Task]:
         """For everything first, then with the outlines of hands weighted and without points."""
@@ -211,11 +218,11 @@ class Plan:
 
     def shipped(self) -> dict[Path, Path]:
         """Destination of each file that ships."""
-        face, refined = self.work / "face", self.work / "refined"
+        landmarks, refined = self.work / "landmarks", self.work / "refined"
         return {
-            face / "landmarks.onnx": DATA / "landmarks.onnx",
-            face / "landmarks.json": DATA / "landmarks.json",
-            face / "face.md": DATA / "landmarks.md",
+            landmarks / "landmarks.onnx": DATA / "landmarks.onnx",
+            landmarks / "landmarks.json": DATA / "landmarks.json",
+            landmarks / "face.md": DATA / "landmarks.md",
             refined / "face.onnx": DATA / "face.onnx",
             refined / "face.md": DATA / "face.md",
             self.work / "head" / "head.onnx": DATA / "head.onnx",

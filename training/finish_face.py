@@ -215,7 +215,7 @@ points of a face with a standard deviation for each, and whether there is a face
   Jones 2017, doi:10.6084/m9.figshare.5047666), without those kept for evaluation, and frames of clips of the GRID
   corpus (Cooke et al. 2006), labelled with MediaPipe's points, both kinds of labels brought to one definition
   (`training/definitions.py`). The annotated stills that the benchmarks measure on were not trained on.
-- Training: {steps} batches of {batch} augmented crops, seed {seed}, {start}.
+- Training: {done:,} batches of {batch} augmented crops, seed {seed}, {start}.
 - Meant for faces from about 24 pixels up, turned by up to 75 degrees and rolled by up to 60 in the crop.
 - Not meant for recognising people or their emotions; it does neither.
 

@@ -2,10 +2,11 @@
 
     python -m training.point_correction --swaps PARTS --turns TURNS
 
-PARTS is the output of `render_swaps.py`, TURNS that of `render_turns.py`.  The shipped landmarker, without correction,
-finds the points of everyone's pictures; every fifth group and person is held back and measured.  Where the landmarker
+PARTS is the output of `render_swaps.py`, TURNS that of `render_turns.py`. The shipped landmarker, without correction,
+finds the points of everyone's pictures; every fifth group and person is held back and measured. Where the landmarker
 has another definition of a point than the renderer, which is the mean difference in pictures from the front, turned
-with the head, it keeps its own.  Writes `aam/data/point_correction.npz`, see `PointCorrection`.
+with the head, it keeps its own; but the jaw's points lie on the true jaw's line, which is the outline. Writes
+`aam/data/point_correction.npz`, see `PointCorrection`.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ import numpy as np
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.correction import DATA, PointCorrection, features, made_upright, turn_of
 from guise.aam.landmarks.face import Face
-from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_EYE_OUTER, MIRROR, RIGHT_EYE, RIGHT_EYE_OUTER
+from guise.aam.landmarks.schemes import JAW, LEFT_EYE, LEFT_EYE_OUTER, MIRROR, RIGHT_EYE, RIGHT_EYE_OUTER
 from guise.common.arrays import F64, U8
 
 MAX_MISS_FACE_WIDTHS = 0.08  # mean distance from the truth, beyond which the landmarker missed the face
 HELD_OUT = 5  # every so manieth file
-COMPONENTS, RIDGE = 80, 0.1
+COMPONENTS, RIDGE = 120, 0.1
 FRONT = 0.15  # turn, see `turn_of`, up to which a picture is from the front
 PROFILE = 1.7  # tangent of the turn of a profile; that of others is smaller by the sine of their yaw
 
@@ -66,7 +67,18 @@ def redefined(found: F64, exact: F64) -> F64:
     usual = (usual + usual[list(MIRROR)] * (-1, 1)) / 2
     sines = np.clip(np.tan(turns) / PROFILE, -0.99, 0.99)
     turned = np.stack([np.sqrt(1 - sines**2), np.ones(len(turns))], axis=1)
-    return np.asarray(exact + (usual * turned[:, None]) @ back)
+    out = np.asarray(exact + (usual * turned[:, None]) @ back)
+    out[:, JAW] = [on_line(points, line) for points, line in zip(out[:, JAW], exact[:, JAW], strict=True)]
+    return out
+
+
+def on_line(points: F64, line: F64) -> F64:
+    """The places nearest to points (n, 2) on a line, given its corners (m, 2)."""
+    first, way = line[:-1], np.diff(line, axis=0)
+    share = ((points[:, None] - first) * way).sum(2) / (way**2).sum(1)
+    nearest = first + np.clip(share, 0, 1)[..., None] * way
+    chosen = np.linalg.norm(points[:, None] - nearest, axis=2).argmin(1)
+    return np.asarray(nearest[np.arange(len(points)), chosen])
 
 
 def learn(found: F64, exact: F64) -> dict[str, np.ndarray]:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training.augment import FOLLOWED, HEADS, NEARLY_PLAIN, SIZE, Props, Sample, Strength, negative, sample
+from training.augment import ALONE, FOLLOWED, HEADS, SIZE, Props, Sample, Strength, negative, sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, join, load_part, load_real, part_files
@@ -41,8 +41,7 @@ from training.measure import answers_of, figures_of
 from training.parsing_labels import CLASSES, OCCLUDER
 
 SHIPPED = Path(__file__).parents[1] / "aam" / "data" / "landmarks.onnx"
-CHAPTER_STEPS = 250  # after which newly rendered parts are read
-LOG_STEPS = 250  # from one line of the curves to the next
+CHAPTER_STEPS = 250  # after which newly rendered parts are read and the curves get a line
 NONE, POSSIBLE, EXACT = 0, 1, 2  # what is known of a sample's parsing
 OUTLINE_CELLS, OUTLINE_WEIGHT = 5, 2.0  # cells so near the outline of an occluder count so much more
 # How much a cell of each class counts: small classes would be drowned by skin and background.
@@ -75,7 +74,7 @@ class Goal:
 # `refinement`: the same from weights that have no points any more.  `head`: parsing of crops that hold the whole head.
 GOALS = {
     "points": Goal(),
-    "landmarks": Goal(strength=NEARLY_PLAIN, iris=0.0, parsing=0.0),
+    "landmarks": Goal(strength=ALONE, iris=0.0, parsing=0.0),
     "parsing": Goal(negative=0.05, real=0.28, strength=FOLLOWED, points=0.2, iris=0.6, parsing=4.0),
     "refinement": Goal(
         negative=0.0, real=0.25, strength=replace(FOLLOWED, hidden=0.5), points=0.0, iris=0.6, parsing=4.0
@@ -86,18 +85,26 @@ GOALS = {
 
 @dataclass(frozen=True)
 class Course:
-    """Length and rate of the training: warm up, constant, and a cosine to zero over the last part."""
+    """Length and rate of the training: warm up, constant, and a cosine to zero over the last part.
+
+    It is over after so many steps or seconds, whichever comes first.
+    """
 
     steps: int
     rate: float
+    seconds: float = np.inf
     warm: int = 300
     decay: float = 0.35
 
-    def at(self, step: int) -> float:
-        """Factor of the rate at a step."""
-        rest = (self.steps - step) / max(1.0, self.decay * self.steps)
+    def passed(self, step: int, seconds: float) -> float:
+        """Share of it that is over, 0 to 1."""
+        return min(1.0, max(step / self.steps, seconds / self.seconds))
+
+    def at(self, step: int, seconds: float) -> float:
+        """Factor of the rate."""
+        rest = min(1.0, (1 - self.passed(step, seconds)) / self.decay)
         warm = max(1, min(self.warm, self.steps // 10))
-        return float(min((step + 1) / warm, 0.5 * (1 - np.cos(np.pi * min(1.0, max(0.0, rest))))))
+        return float(min((step + 1) / warm, 0.5 * (1 - np.cos(np.pi * rest))))
 
 
 class Samples(IterableDataset[tuple[NDArray, ...]]):
@@ -138,9 +145,7 @@ class Samples(IterableDataset[tuple[NDArray, ...]]):
             if rng.random() < self.goal.negative:
                 crops[k], face[k] = negative(rng, one.image, one.points, self.props.backgrounds), 0
                 continue
-            if not self.goal.parsing:  # exact maps take a quarter of the time
-                one = replace(one, labels=None)
-            made = sample(rng, one, self.props, self.goal.strength)
+            made = sample(rng, one, self.props, self.goal.strength, mapped=self.goal.parsing > 0)
             crops[k], points[k], iris[k], open_[k] = made.crop, made.points, made.iris, made.iris_seen
             maps[k], known[k] = np.round(made.maps * 255), EXACT if made.exact else POSSIBLE
         return crops, points, face, iris, open_, maps, known
@@ -221,10 +226,10 @@ class Trainer:
 
     def __init__(
         self, output: Path, course: Course, batch: int, seed: int, workers: int, device: str = "cpu",
-        goal: Goal = GOALS["points"],
+        goal: Goal = GOALS["points"], chapter_steps: int = CHAPTER_STEPS,
     ) -> None:  # fmt: skip
         torch.manual_seed(seed)
-        self.goal = goal
+        self.goal, self.chapter_steps = goal, chapter_steps
         self.net, self.device = FaceNet(), torch.device(device)
         # Without instructions for it, bfloat16 takes ten times as long as float32.
         self._halved = device != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
@@ -235,6 +240,11 @@ class Trainer:
     def end(self, *_: object) -> None:
         """Stop after this step and save."""
         self.ended = True
+
+    @property
+    def over(self) -> bool:
+        """Whether the course is."""
+        return self.course.passed(self.step, time.time() - self.start) >= 1
 
     def prepare(self) -> None:
         """Make the average and the optimiser, once the network has its first weights."""
@@ -261,25 +271,24 @@ class Trainer:
             (self.output / f"{name}.partial").replace(self.output / name)
 
     def chapter(self, rendered: Pictures, real: Pictures | None, props: Props, validation: Mapping) -> None:
-        """Train on to the next multiple of CHAPTER_STEPS."""
-        last = min(self.course.steps, (self.step // CHAPTER_STEPS + 1) * CHAPTER_STEPS)
+        """Train on to the next multiple of the chapters' steps."""
+        last = min(self.course.steps, (self.step // self.chapter_steps + 1) * self.chapter_steps)
         samples = Samples(rendered, real, props, range(self.step, last), self.batch, self.seed, self.goal)
         loader = DataLoader(
             samples, batch_size=None, num_workers=self.workers, prefetch_factor=4 if self.workers else None
         )
         sums: dict[str, float] = {}
-        for count, batch in enumerate(loader, 1):
+        first = self.step
+        for batch in loader:
             sums = {k: sums.get(k, 0) + v for k, v in self._learn(batch).items()}
-            if self.ended:
+            if self.ended or self.over:
                 break
-            if self.step % LOG_STEPS == 0:
-                self._log({k: v / min(count, LOG_STEPS) for k, v in sums.items()}, validation)
-                sums = {}
+        self._log({k: v / (self.step - first) for k, v in sums.items()}, validation)
         self.save()
 
     def _learn(self, batch: Batch) -> dict[str, float]:
         for group in self.optimiser.param_groups:
-            group["lr"] = self.course.rate * self.course.at(self.step)
+            group["lr"] = self.course.rate * self.course.at(self.step, time.time() - self.start)
         self.net.train()
         batch = tuple(part.to(self.device, non_blocking=True) for part in batch)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self._halved):
@@ -303,7 +312,7 @@ class Trainer:
     def _log(self, figures: dict[str, float], validation: Mapping) -> None:
         row = {"step": self.step, "seconds": round(time.time() - self.start)}
         row |= {k: f"{v:.4f}" for k, v in figures.items()}
-        if self.step % (2 * LOG_STEPS) == 0:
+        if self.step % (2 * self.chapter_steps) == 0:
             answer = answers_of(copy.deepcopy(self.average).cpu())
             for name, samples in ((name, samples) for name, samples in validation.items() if samples):
                 measured = figures_of(answer, samples)
@@ -361,6 +370,9 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--hands", type=Path, help="rendered hands")
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument(
+        "--seconds", type=float, default=np.inf, help="end after so long at the latest; not repeatable then"
+    )
     parser.add_argument("--rate", type=float, default=1e-3)
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--limit", type=int, help="use at most this many parts")
@@ -369,6 +381,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--device", default="cpu", help="cpu or cuda")
+    parser.add_argument("--chapter-steps", type=int, default=CHAPTER_STEPS, help="more for a faster machine")
     parser.add_argument("--resume", action="store_true", help="continue from OUT/state.pt if it exists")
     parser.add_argument(
         "--first-weights", type=Path, help="face.pt of another run, or face.onnx, to start from"
@@ -429,12 +442,13 @@ def main() -> None:
     shelf.refresh()
     trainer = Trainer(
         options.output,
-        Course(options.steps, options.rate),
+        Course(options.steps, options.rate, options.seconds),
         options.batch,
         options.seed,
         options.workers,
         options.device,
         GOALS[options.goal],
+        options.chapter_steps,
     )
     props = make_props(options.seed, options.hands)
     begin(
@@ -447,7 +461,8 @@ def main() -> None:
     )  # fmt: skip
     validation = held_back(options, shelf, alignment)
     signal.signal(signal.SIGTERM, trainer.end)
-    while trainer.step < options.steps and not trainer.ended:
+    trainer.start = time.time()
+    while not (trainer.over or trainer.ended):
         count, rendered = shelf.refresh(), shelf.pictures(held_out=False)
         _append(
             options.output / "chapters.csv", {"step": trainer.step, "parts": count, "pictures": len(rendered)}
