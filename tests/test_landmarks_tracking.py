@@ -61,6 +61,32 @@ def test_detects_once_and_refines_after() -> None:
     assert script.calls == ["detect 0", "refine 1", "refine 2"]
 
 
+class Overshooting:
+    """A landmarker that finds a face at rest as far beyond its place as it is looked for before it."""
+
+    name = "overshooting"
+
+    def detect(self, rgb: np.ndarray) -> list[Face]:
+        return [face_at(51)]
+
+    def refine(self, rgb: np.ndarray, previous: Face) -> Face | None:
+        return Face.around(2 * face_at(50).points - previous.points, 0.9)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_points_do_not_swing_to_and_fro_on_a_face_at_rest(several: bool) -> None:
+    """After the last frame alone they would for good, from 51 to 49 and back."""
+    found: list[Face] = []
+    if several:
+        many = MultiFaceTracker(Overshooting())
+        found = [many.update(picture)[0] for picture in frames(20)]
+    else:
+        one = FaceTracker(Overshooting(), recheck=0)
+        found = [face for face in map(one.update, frames(20)) if face is not None]
+    assert len(found) == 20
+    np.testing.assert_allclose(found[-1].points, face_at(50).points, atol=0.01)
+
+
 @pytest.mark.parametrize(
     "bad",
     [None, face_at(12, confidence=0.2), face_at(70), face_at(11, size=40), face_at(11, size=3)],

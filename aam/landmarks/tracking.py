@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from guise.aam.landmarks.face import Face, Landmarker, iou
 from guise.aam.landmarks.plausible import is_plausible_motion
@@ -90,6 +92,7 @@ class FaceTracker:
         self._index = 0
         self._frames_since_detection = 0
         self._contradictions = 0
+        self._before: Face | None = None
         self._previous: Face | None = None
         self._last: Face | None = None
 
@@ -102,14 +105,14 @@ class FaceTracker:
             face = self._rechecked(rgb, face)
         self._index += 1
         self._frames_since_detection += 1
-        self._previous = face
+        self._before, self._previous = self._previous, face
         self._last = face or self._last
         return face
 
     def _refined(self, rgb: U8) -> Face | None:
         if self._previous is None:
             return None
-        return _refined(self._landmarker, rgb, self._previous, self._min_confidence)
+        return _refined(self._landmarker, rgb, self._previous, self._min_confidence, self._before)
 
     def _reacquired(self, rgb: U8) -> Face | None:
         """The detected face where the last one was, or the largest."""
@@ -149,7 +152,7 @@ class Track:
     Parameters
     ----------
     number : never given to another face.
-    face : where its points were last.   box : (4,) where it was last.
+    face : where its points were last.   before : in the frame before that.   box : (4,) where it was last.
     current : the face in this frame, or None; its points are NaN where only a box was detected.
     moved_iou : IoU of its box with that of the frame before.
     missed_frames : in a row without it.   undetected_frames : in a row without a detected box.
@@ -160,6 +163,7 @@ class Track:
     face: Face
     box: F32
     current: Face | None
+    before: Face | None = None
     moved_iou: float = 1.0
     missed_frames: int = 0
     undetected_frames: int = 0
@@ -255,14 +259,14 @@ class MultiFaceTracker:
     # -- from one frame to the next ------------------------------------------------------------------------------
 
     def _on_demand(self, track: Track, rgb: U8) -> Face | None:
-        return None if track.missed_frames else self._refined(rgb, track.face)
+        return None if track.missed_frames else self._refined(rgb, track.face, track.before)
 
     def _by_boxes(self, track: Track, rgb: U8, found: RolledBoxes) -> Face | None:
         shares = [iou(track.box, box) for box in found.boxes]
         nearest = int(np.argmax(shares)) if shares else -1
         detected = nearest >= 0 and shares[nearest] > self._limits.min_match_iou
         track.undetected_frames = 0 if detected else track.undetected_frames + 1
-        face = self._refined(rgb, track.face)
+        face = self._refined(rgb, track.face, track.before)
         if face is None and detected:
             best = self._best_roll(found, nearest)
             return self._in_box(rgb, found.boxes[best], float(found.turns[best]))
@@ -280,8 +284,8 @@ class MultiFaceTracker:
             return face
         return Face(np.full((COUNT, 2), np.nan, np.float32), 0.0, box)
 
-    def _refined(self, rgb: U8, previous: Face) -> Face | None:
-        return _refined(self._landmarker, rgb, previous, self._limits.min_confidence)
+    def _refined(self, rgb: U8, previous: Face, before: Face | None = None) -> Face | None:
+        return _refined(self._landmarker, rgb, previous, self._limits.min_confidence, before)
 
     def _separate(self) -> list[Track]:
         """Of two faces that have come to the same place the one that moved less stays; returns the others."""
@@ -303,11 +307,13 @@ class MultiFaceTracker:
         for track in self._tracks:
             if track.current is None:
                 track.missed_frames += 1
+                track.before = None
                 continue
+            there = track.missed_frames == 0
             track.missed_frames, track.box = 0, track.current.box
             present[track.number] = track.current
             if np.isfinite(track.current.points).all():
-                track.face = track.current
+                track.before, track.face = track.face if there else None, track.current
         self._tracks = [track for track in self._tracks if not self._is_over(track, by_boxes)]
         return dict(sorted(present.items()))
 
@@ -387,9 +393,21 @@ def _is_rolled(face: Face) -> bool:
     return nearest_quarter(turn_of(face.points)) != 0
 
 
-def _refined(landmarker: Landmarker, rgb: U8, previous: Face, min_confidence: float) -> Face | None:
+def _midway(points: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
+    """Points at which a face is looked for: between those of the last two frames, where both are known.
+
+    What is found depends a little on the crop, which lies where the last points were.  After one frame alone both may
+    swing to and fro for good on a face at rest.
+    """
+    return points if before is None else (points + before) / 2
+
+
+def _refined(
+    landmarker: Landmarker, rgb: U8, previous: Face, min_confidence: float, before: Face | None = None
+) -> Face | None:
     """The face of the frame before in this one; None when lost, not confident, or when no face can move like that."""
-    face = landmarker.refine(rgb, previous)
+    start = _midway(previous.points, None if before is None else before.points)
+    face = landmarker.refine(rgb, replace(previous, points=start))
     if (
         face is None
         or face.confidence < min_confidence
