@@ -59,7 +59,7 @@ def lag(late: np.ndarray, signal: np.ndarray) -> float:
     """Frames by which the first follows the second, to a twentieth."""
     times, tries = np.arange(len(signal)), np.arange(-1, 3, 0.05)
     misses = [float(((late - np.interp(times - t, times, signal))[5:-5] ** 2).sum()) for t in tries]
-    return float(tries[int(np.argmin(misses))])
+    return round(float(tries[int(np.argmin(misses))]), 2)
 
 
 @pytest.fixture(scope="module", params=["p01", "p02", "p06"])

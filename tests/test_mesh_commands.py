@@ -333,7 +333,7 @@ def holed(lines: list[str]) -> list[str]:
 def with_eye(lines: list[str]) -> list[str]:
     """A part of its own before the right corner of the other head's mouth: a tetrahedron."""
     count = sum(line[0] == "v" for line in lines)
-    own = ["v -0.25 6.66 1.52", "v -0.22 6.66 1.52", "v -0.25 6.69 1.52", "v -0.25 6.66 1.55"]
+    own = ["v -0.25 6.64 1.52", "v -0.22 6.64 1.52", "v -0.25 6.67 1.52", "v -0.25 6.64 1.55"]
     faces = [
         " ".join(["f", *(str(count + k) for k in face)])
         for face in ((1, 3, 2), (1, 2, 4), (1, 4, 3), (2, 3, 4))

@@ -95,3 +95,21 @@ def test_the_opening_of_an_eye_is_not_corrected() -> None:
     for eye in (LEFT_EYE, RIGHT_EYE):
         assert_allclose(change[eye], np.tile(change[eye].mean(0), (len(eye), 1)), atol=1e-3)
     assert np.abs(change[LEFT_EYE]).max() > 0.05
+
+
+def test_the_places_nearest_on_a_line() -> None:
+    from training.point_correction import on_line
+
+    line = np.array([[0.0, 0], [10, 0], [10, 10]])
+    places = on_line(np.array([[4.0, 3], [12, 5], [-2, -1]]), line)
+    assert_allclose(places, [[4, 0], [10, 5], [0, 0]])
+
+
+def test_corrected_jaws_are_to_lie_on_the_true_line() -> None:
+    from training.point_correction import on_line, redefined
+
+    exact = np.stack([turned(yaw) for yaw in (0, 0, 20, 40)])
+    found = exact.copy()
+    found[:, JAW] += (0, 5)
+    for wanted, true in zip(redefined(found, exact), exact, strict=True):
+        assert_allclose(wanted[JAW], on_line(wanted[JAW], true[JAW]), atol=1e-9)

@@ -1,5 +1,6 @@
 """The network that sees a face, its losses and its course; skipped without PyTorch."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,10 @@ torch = pytest.importorskip("torch", reason="PyTorch is for training only")
 onnx = pytest.importorskip("onnx", reason="ONNX is for training only")
 
 from training.all import Plan  # noqa: E402
+from training.augment import Props, objects_alone  # noqa: E402
+from training.data import Labelled  # noqa: E402
 from training.dequantise import load_shipped, module_name  # noqa: E402
+from training.face_logit import fitted  # noqa: E402
 from training.face_net import MAPS, FaceNet  # noqa: E402
 from training.measure import answers_of, answers_of_file  # noqa: E402
 from training.parsing_labels import CLASSES, OCCLUDER, SKIN  # noqa: E402
@@ -161,3 +165,24 @@ def test_the_plan_makes_everything_that_ships(tmp_path: Path) -> None:
     for step in steps:
         for command in step.commands:
             assert (Path(__file__).parents[1] / "training" / f"{command[0]}.py").exists()
+
+
+def test_the_logit_is_fitted_to_what_is_wanted() -> None:
+    rng = np.random.default_rng(0)
+    features = rng.normal(0, 1, (4000, 6)).astype(np.float32)
+    wanted = features @ np.arange(6) - 3
+    weights = fitted(features, wanted)
+    np.testing.assert_allclose(features @ weights[:-1] + weights[-1], wanted, atol=0.2)
+
+
+def test_objects_alone_show_no_face() -> None:
+    size = 176
+    background = np.full((1, size, size, 3), 90, np.uint8)
+    face = Labelled(np.full((size, size, 3), 255, np.uint8), np.zeros((81, 2), np.float32), np.ones(81, bool))
+    points = np.random.default_rng(1).uniform(40, 130, (81, 2)).astype(np.float32)
+    crops = [
+        objects_alone(np.random.default_rng(k), replace(face, points=points), Props(background))
+        for k in range(4)
+    ]
+    assert all(crop.shape == (128, 128, 3) and crop.std() > 1 for crop in crops)
+    assert len({crop.tobytes() for crop in crops}) == 4

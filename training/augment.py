@@ -191,6 +191,16 @@ def negative(rng: Rng, image: Picture, points: F32, backgrounds: U8) -> Picture:
     return camera(rng, light(rng, np.ascontiguousarray(crop, np.uint8)))
 
 
+def objects_alone(rng: Rng, face: Labelled, props: Props) -> Picture:
+    """A crop (128, 128, 3) with hands and objects where they would hide a face, and no face."""
+    matrix, mirrored = crop_matrix(rng, face.points, Strength())
+    canvas = _start(rng, replace(face, labels=None), matrix, mirrored, mapped=False)
+    canvas.crop = background(rng, props.backgrounds)
+    for _ in range(int(rng.integers(1, 4))):
+        occluder(rng, canvas, lambda: background(rng, props.backgrounds), props.hands)
+    return camera(rng, light(rng, canvas.crop))
+
+
 def crop_matrix(rng: Rng, points: F32, strength: Strength) -> tuple[F64, bool]:
     """Affine (2, 3) from pixels of the picture to those of the crop, and whether it mirrors."""
     low, high = points.min(0), points.max(0)

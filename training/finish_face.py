@@ -206,7 +206,7 @@ CARD = """# Model card: the built-in landmarker
 
 A small convolutional network (`training/landmark_net.py`) that finds, in an upright crop of 128 x 128 pixels, the 81
 points of a face with a standard deviation for each, and whether there is a face at all. Made by
-`training/train_face.py` and `training/finish_face.py`; the latter writes this page.
+`training/train_face.py`, `training/face_logit.py` and `training/finish_face.py`; the last writes this page.
 
 - Licence: that of Guise (Apache-2.0).
 - Data: {rendered:,} pictures of {people} rendered fictional people (CC0, `training/render_people.py`), cut-outs of

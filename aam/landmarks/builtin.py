@@ -177,7 +177,7 @@ class BuiltinLandmarker:
     def likeness(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> float:
         """How much the crop about box (4,) ``x0 y0 x1 y1`` looks like a face, also one too small or hidden for points.
 
-        A logit: above 0 nearly all are faces, below -5 hardly any.
+        A logit: above 0 nearly all are faces, below -3 hardly any.
         """
         return self._first(rgb, box, turn).logit
 

@@ -65,7 +65,7 @@ class FilterSettings:
 
     min_head_cutoff_hz: float = 0.65  # of a head that does not move
     min_cutoff_hz: float = 0.5  # of what does not move within the face
-    memory_seconds: float = 1 / 30  # over which the evidence is averaged
+    memory_seconds: float = 0.04  # over which the evidence is averaged
     head_noise: tuple[float, ...] = (0.003, 0.003, 0.004, 0.008)  # shift x, y, logarithm of the scale, angle
     skin_noise: float = 0.015
     brow_noise: float = 0.003  # they move little and mean much
