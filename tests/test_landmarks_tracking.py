@@ -87,6 +87,21 @@ def test_points_do_not_swing_to_and_fro_on_a_face_at_rest(several: bool) -> None
     np.testing.assert_allclose(found[-1].points, face_at(50).points, atol=0.01)
 
 
+def test_a_face_found_elsewhere_is_not_looked_for_between_there_and_here() -> None:
+    script = Scripted([[face_at(10)], [face_at(70)]], [None, None, face_at(71), face_at(72)])
+    starts: list[int] = []
+    refine = script.refine
+
+    def watched(rgb: np.ndarray, previous: Face) -> Face | None:
+        starts.append(middle(previous))
+        return refine(rgb, previous)
+
+    script.refine = watched  # type: ignore[method-assign]
+    tracker = FaceTracker(script)
+    assert all(map(tracker.update, frames(4)))
+    assert starts[:2] == [middle(face_at(10)), middle(face_at(70))]
+
+
 @pytest.mark.parametrize(
     "bad",
     [None, face_at(12, confidence=0.2), face_at(70), face_at(11, size=40), face_at(11, size=3)],

@@ -123,8 +123,13 @@ class Plan:
             batch=LANDMARK_BATCH,
         )  # fmt: skip
         yield Task("landmarks", [(*train, *points)], landmarks / "complete")
-        finish = command("finish_face", run=landmarks, alignment=alignment, **self._seen())
-        yield Task("report", [finish], landmarks / "face.md")
+        told = self.work / "told"
+        fit = command(
+            "face_logit", run=landmarks, parts=self._parts, hands=self.work / "hands.npz", output=told
+        )
+        yield Task("logit", [fit], told / "face.pt")
+        finish = command("finish_face", run=told, alignment=alignment, **self._seen())
+        yield Task("report", [finish], told / "face.md")
 
     def _parsing_training(self) -> Iterator[Task]:
         """For everything first, then with the outlines of hands weighted and without points."""
@@ -218,11 +223,11 @@ class Plan:
 
     def shipped(self) -> dict[Path, Path]:
         """Destination of each file that ships."""
-        landmarks, refined = self.work / "landmarks", self.work / "refined"
+        told, refined = self.work / "told", self.work / "refined"
         return {
-            landmarks / "landmarks.onnx": DATA / "landmarks.onnx",
-            landmarks / "landmarks.json": DATA / "landmarks.json",
-            landmarks / "face.md": DATA / "landmarks.md",
+            told / "landmarks.onnx": DATA / "landmarks.onnx",
+            told / "landmarks.json": DATA / "landmarks.json",
+            told / "face.md": DATA / "landmarks.md",
             refined / "face.onnx": DATA / "face.onnx",
             refined / "face.md": DATA / "face.md",
             self.work / "head" / "head.onnx": DATA / "head.onnx",

@@ -461,7 +461,6 @@ def main() -> None:
     )  # fmt: skip
     validation = held_back(options, shelf, alignment)
     signal.signal(signal.SIGTERM, trainer.end)
-    trainer.start = time.time()
     while not (trainer.over or trainer.ended):
         count, rendered = shelf.refresh(), shelf.pictures(held_out=False)
         _append(

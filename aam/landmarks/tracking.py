@@ -11,10 +11,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from guise.aam.landmarks.face import Face, Landmarker, iou
 from guise.aam.landmarks.plausible import is_plausible_motion
@@ -307,13 +305,11 @@ class MultiFaceTracker:
         for track in self._tracks:
             if track.current is None:
                 track.missed_frames += 1
-                track.before = None
                 continue
-            there = track.missed_frames == 0
             track.missed_frames, track.box = 0, track.current.box
             present[track.number] = track.current
             if np.isfinite(track.current.points).all():
-                track.before, track.face = track.face if there else None, track.current
+                track.before, track.face = track.face, track.current
         self._tracks = [track for track in self._tracks if not self._is_over(track, by_boxes)]
         return dict(sorted(present.items()))
 
@@ -393,21 +389,19 @@ def _is_rolled(face: Face) -> bool:
     return nearest_quarter(turn_of(face.points)) != 0
 
 
-def _midway(points: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
-    """Points at which a face is looked for: between those of the last two frames, where both are known.
-
-    What is found depends a little on the crop, which lies where the last points were.  After one frame alone both may
-    swing to and fro for good on a face at rest.
-    """
-    return points if before is None else (points + before) / 2
-
-
 def _refined(
     landmarker: Landmarker, rgb: U8, previous: Face, min_confidence: float, before: Face | None = None
 ) -> Face | None:
-    """The face of the frame before in this one; None when lost, not confident, or when no face can move like that."""
-    start = _midway(previous.points, None if before is None else before.points)
-    face = landmarker.refine(rgb, replace(previous, points=start))
+    """The face of the frame before in this one; None when lost, not confident, or when no face can move like that.
+
+    It is looked for midway between the last two frames, if it only moved from one to the other.  What is found depends
+    a little on the crop, which lies where the last points were: after one frame alone both may swing to and fro for
+    good on a face at rest.
+    """
+    start = previous
+    if before is not None and is_plausible_motion(before.points, previous.points):
+        start = replace(previous, points=np.float32(0.5) * (before.points + previous.points))
+    face = landmarker.refine(rgb, start)
     if (
         face is None
         or face.confidence < min_confidence

@@ -38,6 +38,7 @@ from guise.aam.landmarks.schemes import JAW, NOSE_TIP
 from guise.aam.model import Identity
 from guise.aam.solid_shape import SolidTracker
 from guise.app.media import open_input
+from training.point_correction import on_line
 
 NAME, TITLE = "picture.turned", "Picture: turned heads"
 TURNS_DEGREES = ((0, 25), (25, 60))
@@ -144,10 +145,7 @@ def far_jaw(scene: Path, shapes: F64) -> float:
 
 def distances_from_line(points: F64, line: F64) -> F64:
     """(n,) from points (n, 2) to the nearest of a line's pieces, given its corners (m, 2)."""
-    first, way = line[:-1], np.diff(line, axis=0)
-    share = ((points[:, None] - first) * way).sum(2) / (way**2).sum(1)
-    nearest = first + np.clip(share, 0, 1)[..., None] * way
-    return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=2).min(1))
+    return np.asarray(np.linalg.norm(points - on_line(points, line), axis=1))
 
 
 def point_error(scenes: list[tuple[F64, F64]]) -> float:
