@@ -42,6 +42,9 @@ FEATURES = np.concatenate([BROWS, NOSE, EYES, LIPS])  # whose places are learned
 DATA = Path(__file__).parent / "data" / "placement.npz"
 MAX_INPUT = 3.0  # standard deviations
 MAX_LID_RATIO = 1.7  # opening of the lids, of the neutral one
+INSIDE_FACE_WIDTHS = (
+    0.012  # of the head's silhouette, where brows and eyes end: the hull is not exact, nor hollow
+)
 MIN_GAP_GRID_PIXELS = 1e-3  # by which openings are divided
 
 
@@ -101,7 +104,7 @@ class ShapeTransfer:
         lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
         _open(made, UPPER_LIDS, LOWER_LIDS, lids)
         _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, _lip_gaps(seen, own, target))
-        _draw_in(made, seen)
+        _draw_in(made, seen, INSIDE_FACE_WIDTHS * self._reference.resolution)
         return np.asarray(made)
 
     def at_rest(self, shape: F64, pose: HeadPose) -> F64:
@@ -162,11 +165,11 @@ def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:
     return np.asarray(gaps + opening[:, None] * (other - usual))
 
 
-def _draw_in(made: F64, seen: F64) -> None:
-    """Move brows and eyes that stick out of the head (81, 2), which is turned then, onto its silhouette."""
+def _draw_in(made: F64, seen: F64, inside: float) -> None:
+    """Move brows and eyes that stick out of the head (81, 2), which is turned then, to inside its silhouette."""
     features = made[BROWS_AND_EYES]
     beyond, out = beyond_hull(features, seen)
-    made[BROWS_AND_EYES] = features - beyond.clip(0)[:, None] * out
+    made[BROWS_AND_EYES] = features - (beyond + inside).clip(0)[:, None] * out
 
 
 def laid_over(face: F64, other: F64) -> F64:

@@ -5,7 +5,7 @@ import pytest
 from made_up import SAMPLES
 from models import model_file
 
-from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_BROW, LEFT_EYE, RIGHT_EYE
 from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceClass, Parsing
@@ -78,6 +78,15 @@ def shown(parsing: Parsing) -> np.ndarray:
     eye = Aperture(FRAME, LEFT_EYE, 1, at_rest=FRAME.points)
     eye.fill(picture, np.zeros_like(picture), head, SAME, None, parsing)
     return 1 - picture[..., 0] / 255
+
+
+def test_the_lid_of_a_shut_eye_is_the_sources_up_to_the_brow_and_no_farther() -> None:
+    share, brow = shown(parsed({})), FRAME.points[LEFT_BROW]
+    x = round(brow[2, 0])
+    rows = np.arange(int(brow[2, 1]), int(FRAME.points[LEFT_EYE, 1].min()) + 1)
+    below = (rows - brow[2, 1]) / FRAME.resolution
+    assert share[rows[below > 0.07], x].min() > 0.9
+    assert share[rows[below < 0.02], x].max() < 0.1
 
 
 def test_no_brow_of_the_source_shows_above_a_shut_eye() -> None:

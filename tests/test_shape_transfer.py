@@ -5,8 +5,10 @@ import pytest
 from made_up import FRAME, appearance
 from numpy.testing import assert_allclose
 
+from guise.aam.hull import beyond_hull
 from guise.aam.landmarks.schemes import (
     BROWS,
+    BROWS_AND_EYES,
     JAW,
     LOWER_INNER_LIP,
     LOWER_LIDS,
@@ -78,18 +80,33 @@ def test_who_is_enrolled_turned_and_elsewhere_lies_on_the_head_as_it_is() -> Non
     assert away < 0.5 * np.linalg.norm(FRAME.align(turned) - FRAME.points, axis=1).mean()
 
 
+def turned(degrees: float) -> HeadPose:
+    """The pose of a head that is turned to the right of the picture."""
+    turn = np.radians(degrees)
+    rotation = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
+    return HeadPose(rotation, 160.0, np.zeros(2))
+
+
 def test_how_two_faces_differ_in_depth_shows_when_they_turn() -> None:
     """A longer nose sticks out of a turned head, and hardly shows from the front."""
     transfer = ShapeTransfer(SOURCE, SOURCE, FRAME, learned=False)
     transfer.solid[NOSE_TIP, 2] -= 0.05
-    turn = np.radians(40)
-    rotation = np.array([[np.cos(turn), 0, -np.sin(turn)], [0, 1, 0], [np.sin(turn), 0, np.cos(turn)]])
-    for pose, expected in ((STRAIGHT, 0.0), (HeadPose(rotation, 160.0, np.zeros(2)), 0.05 * np.sin(turn))):
+    for pose, expected in ((STRAIGHT, 0.0), (turned(40), 0.05 * np.sin(np.radians(40)))):
         shape = pose.apply(transfer.source.rest)
         made = transfer.apply(shape, pose) - FRAME.align(shape)
         scale = FRAME.align(shape)[:, 0].std() / shape[:, 0].std()
         assert made[NOSE_TIP, 0] / (pose.scale * scale) == pytest.approx(expected, abs=1e-3)
-        assert_allclose(np.delete(made, NOSE_TIP, axis=0), 0, atol=1e-5)
+        assert_allclose(np.delete(made, [NOSE_TIP, *BROWS_AND_EYES], axis=0), 0, atol=1e-5)
+
+
+@pytest.mark.parametrize("degrees", [-40, 25, 40])
+def test_no_brow_sticks_out_of_a_turned_head(degrees: float) -> None:
+    pose = turned(degrees)
+    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME, learned=False)
+    transfer.solid[BROWS, 2] -= 0.1  # nearer to the viewer, so that it shows from the side
+    shape = pose.apply(transfer.source.rest)
+    beyond, _ = beyond_hull(transfer.apply(shape, pose)[BROWS], FRAME.align(shape))
+    assert beyond.max() < -0.003 * FRAME.resolution
 
 
 def test_features_keep_their_own_proportions_within_the_heads_outline() -> None:

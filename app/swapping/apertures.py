@@ -8,7 +8,7 @@ identity's colours (`iris.py`).  Pixels, x right, y down.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,6 +18,7 @@ from guise.aam.mask import soft_parts
 from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.media import ColourMatrix
+from guise.app.swapping.brow_strips import LIMITS as BROWS
 from guise.app.swapping.iris import EYES, IrisChange, IrisTint, in_eye, whole_width
 from guise.common.arrays import F32, F64, U8
 
@@ -71,6 +72,7 @@ class Aperture:
             shown = shown * (
                 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)
             )
+            shown = np.maximum(shown, _up_to_brow(reference, part))
         share = _enlarged(shown, factor)
         ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
@@ -203,6 +205,14 @@ class DrawnLid:
         share = self._share * np.float32(shut)
         here = np.ascontiguousarray(picture[self._place])
         picture[self._place] = cv2.blendLinear(lid, here, share, 1 - share)
+
+
+def _up_to_brow(reference: ReferenceFrame, eye: Group) -> F32:
+    """(h, w) 1 from an eye up to the lower edge of the brow above it, soft-edged."""
+    points = reference.points.copy()
+    brow = LEFT_BROW if eye is LEFT_EYE else RIGHT_BROW
+    points[brow, 1] += BROWS.thickness * reference.resolution
+    return soft_parts(replace(reference, points=points), (np.r_[eye, brow],), 0.0)
 
 
 def _enlarged(plane: F32, factor: int) -> F32:

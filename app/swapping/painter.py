@@ -136,10 +136,10 @@ class Painter:
             warp_outline(frame, head, mesh, zoom * self.reference.resolution)
         if view is not None and not self.options.disguise:  # it covers what is seen at a grazing angle, too
             uncovered = _product(uncovered, self._silhouette.share(view.cosines))
-        stretch = None
+        brows = None
         if view is not None and view.at_rest is not None:
-            stretch = self._brow_strips[0].stretch(self._features @ shape, self._features @ view.at_rest)
-        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across, stretch)
+            brows = self._features @ shape, self._features @ view.at_rest
+        self.blend(frame, mesh, texture, zoom, uncovered, self._finish, head, across, brows)
         return mesh
 
     def sampler(self, texels: Int) -> MeshSampler:
@@ -165,7 +165,8 @@ class Painter:
 
     def blend(
         self, frame: Frame, mesh: F64, texture: F32, zoom: float, uncovered: F32 | None = None,
-        finish: Finish | None = None, head: F64 | None = None, across: F64 = STRAIGHT, stretch: F64 | None = None,
+        finish: Finish | None = None, head: F64 | None = None, across: F64 = STRAIGHT,
+        brows: tuple[F64, F64] | None = None,
     ) -> None:  # fmt: skip
         """Draw a texture (n, 3) RGB, in the current palette, on the mesh.
 
@@ -173,7 +174,7 @@ class Painter:
         finish : measures the frame's sharpness and grain and gives them to the texture; None changes nothing.
         across : see `View`.
         head : (81, 2) pixels of the source, whose own eyes or mouth are kept if the options say so.
-        stretch : of the brows, see `BrowStrips`.
+        brows : the face as drawn and at rest, see `BrowStrips`.
         """
         drawn_mesh = self.relief.seen(mesh, across)
         x0, y0, w, h = frame.align_roi(*(drawn_mesh.min(0) - 1), *(drawn_mesh.max(0) + 2))
@@ -184,8 +185,8 @@ class Painter:
         for left in reversed(range(1 if finish is None else finish.draws)):
             drawn = roi.copy() if left else roi
             picture = self._stored(texture, frame.colour, zoom, fine)
-            if stretch is not None:
-                self._brow_strips[fine].keep(picture, stretch)
+            if brows is not None:
+                self._brow_strips[fine].keep(picture, *brows)
             if finish is not None:
                 finish.before(drawn, picture, frame.index)
                 if self._own_skin is not None and finish.sharpness.own_share > 0:
