@@ -20,13 +20,14 @@ import numpy as np
 from guise.aam.landmarks.builtin import SIZE, cut
 from guise.aam.landmarks.crops import crop_to_picture, upright_square
 from guise.aam.landmarks.rolls import upward
-from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, NOSE_ROOT, RIGHT_BROW, RIGHT_EYE
+from guise.aam.landmarks.schemes import BROWS, LEFT_BROW, LEFT_EYE, NOSE_ROOT, NOSE_TIP, RIGHT_BROW, RIGHT_EYE
 from guise.aam.mask import soft_parts
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing, Parsed, Parser
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
 from guise.app.media import Frame
 from guise.app.swapping.coarse_grid import CoarseGrid
+from guise.app.swapping.rims import Rims
 from guise.common.arrays import F32, F64, Floating
 
 
@@ -71,6 +72,7 @@ SURE_KINDS = (
     (FaceClass.OCCLUDER, LIMITS.object_share),
     (FaceClass.OCCLUDER, LIMITS.sure_object_share),
 )
+RIM_MARGIN = 0.05  # face widths above the brows, up to which rims of glasses may reach
 BESIDE = (FaceClass.BACKGROUND, LIMITS.background_share)
 
 
@@ -122,6 +124,8 @@ class Occlusion:
         self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
         reach = 2 * round(LIMITS.mirror_face_widths / LIMITS.cell_face_widths) + 1
         self._reach = np.ones((reach, reach), np.uint8)
+        self._rims = None if only_objects else Rims()
+        self._rim_places: dict[int, tuple[slice, MeshSampler, F32]] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -136,6 +140,8 @@ class Occlusion:
         self._uncovered: F32 | None = None
         self._visible: F32 | None = None
         self._clear: F32 | None = None
+        if self._rims is not None:
+            self._rims.reset()
 
     @property
     def visible(self) -> F32 | None:
@@ -153,6 +159,7 @@ class Occlusion:
         eyes = [] if seen is None else [_even(seen[eye]) for eye in self._in_eyes]
         if self._pause_frames and not self._have_moved(eyes):
             self._pause_frames -= 1
+            self._look_for_rims(frame, shape)
             return
         self._eyes = eyes
         parsing = self.parsing = parse_frame(self._parser, frame, shape)
@@ -160,6 +167,9 @@ class Occlusion:
         self._beside = None if self._beyond is None else _Layers.of(parsing, (BESIDE,))
         places = self._texels.positions(shape) if places is None else places
         self._visible = 1 - np.max(self._layers.at(places), axis=1)
+        self._look_for_rims(frame, shape)
+        if self._rims is not None and self._rims.seen:
+            self._visible *= 1 - self._rims.at(places)
 
     def cleared(self, seen: F32) -> F32:
         """The frame's RGB (t, 3) at the texels; where something is in front, what was seen there before."""
@@ -185,6 +195,36 @@ class Occlusion:
             hidden = np.maximum(hidden, self._steady(self._beside.at(places)[:, 0] * self._beyond))
         self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
         return self._uncovered
+
+    def rims(self, mesh: F64, across: F64, factor: int) -> F32 | None:
+        """(factor h, factor w) share in [0, 1] of the drawn face before which there are rims of glasses; None is none.
+
+        mesh, across : see `uncovered`.   factor : pixels per grid pixel, along each axis.
+        """
+        if self._rims is None or not self._rims.seen:
+            return None
+        if factor not in self._rim_places:
+            self._rim_places[factor] = self._places_of_rims(factor)
+        rows, sampler, depth = self._rim_places[factor]
+        h, w = np.multiply(self._reference.size, factor)
+        share = np.zeros((h, w), np.float32)
+        places = sampler.positions(mesh) + depth * across.astype(np.float32)
+        share[rows] = self._rims.at(places).reshape(-1, w)
+        return share
+
+    def _places_of_rims(self, factor: int) -> tuple[slice, MeshSampler, F32]:
+        """Rows of a grid with so many pixels per grid pixel where rims may be, a sampler of them and their depths."""
+        points = self._reference.points
+        first, last = points[BROWS, 1].min() - RIM_MARGIN * self._reference.resolution, points[NOSE_TIP, 1]
+        rows = slice(max(int(first), 0) * factor, (int(last) + 1) * factor)
+        ys, xs = np.mgrid[rows, : factor * self._reference.size[1]]
+        places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
+        depth = Relief.shipped(self._reference).at(places)[:, None]
+        return rows, MeshSampler.build(self._reference, places), depth
+
+    def _look_for_rims(self, frame: Frame, shape: F64) -> None:
+        if self._rims is not None:
+            self._rims.see(frame.luma, shape, self.parsing)
 
     def _in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> F32:
         """The share (n,) of the cells that anything hides."""

@@ -107,7 +107,7 @@ class Painter:
         self._drawn_lids: dict[bool, list[DrawnLid]] = {}
         self._parsed: tuple[Parsing, F64] | None = None  # the last one, and the head (81, 2) in it
         self._brow_strips = [BrowStrips(self.reference, factor) for factor in (1, 2)]
-        self._shown: dict[bool, F32 | None] = {}  # the occlusion that each compositor's alpha holds
+        self._shown: dict[bool, tuple[F32 | None, F32 | None]] = {}  # what each compositor's alpha holds
         self._grid = np.zeros(self.reference.size, np.uint32)
         self._beside, self._nearest = beyond_mask(self.reference.mask)
         self._zeros = np.zeros((3, 0), np.float32)
@@ -181,7 +181,10 @@ class Painter:
         if w < 2 or h < 2:
             return
         roi, fine = frame.read_roi(x0, y0, w, h), zoom > ZOOM.min_detail_zoom
-        self._set_occlusion(fine, uncovered)
+        rims = (
+            None if head is None or self._occlusion is None else self._occlusion.rims(mesh, across, 1 + fine)
+        )
+        self._set_occlusion(fine, uncovered, rims)
         for left in reversed(range(1 if finish is None else finish.draws)):
             drawn = roi.copy() if left else roi
             picture = self._stored(texture, frame.colour, zoom, fine)
@@ -333,13 +336,17 @@ class Painter:
             ]
         return self._drawn_lids[fine]
 
-    def _set_occlusion(self, fine: bool, uncovered: F32 | None) -> None:
-        """Draw only what nothing hides; the alpha is touched only when that changes."""
-        if uncovered is self._shown.get(fine):
+    def _set_occlusion(self, fine: bool, uncovered: F32 | None, rims: F32 | None) -> None:
+        """Draw only what nothing hides; the alpha is touched only when that changes.
+
+        rims : (h, w) share at the size of the texture that is hidden besides.
+        """
+        now, before = (uncovered, rims), self._shown.get(fine, (None, None))
+        if all(one is other for one, other in zip(now, before, strict=True)):
             return
-        alpha = self._alpha if uncovered is None else self._alpha * uncovered
-        self._compositor(fine).set_alpha(self._enlarged(alpha, fine))
-        self._shown[fine] = uncovered
+        alpha = self._enlarged(self._alpha if uncovered is None else self._alpha * uncovered, fine)
+        self._compositor(fine).set_alpha(alpha if rims is None else alpha * (1 - rims))
+        self._shown[fine] = now
 
     def _enlarged(self, alpha: F32, fine: bool) -> F32:
         """An alpha (h, w) at the size of the texture."""
