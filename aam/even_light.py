@@ -4,8 +4,9 @@ Who was enrolled beside a window has one bright and one dark half and a gleaming
 these look painted on.  A face is symmetric: smooth differences between its halves are light.  And people in even light
 differ little in how nose, cheeks and forehead are shaded (`training/shading.py`): what is far beyond that is light,
 too, and all the more in a face whose halves differ.  Dark jaws and upper lips stay, as they may be beards.  What gleams
-on a small scale gleams in that light, and the red of a nostril is that of light within; moles and folds are darker than
-the skin around them and stay.  Grid pixels; RGB 0..255.
+on a small scale gleams in that light, and the red of a nostril is that of light within; moles are darker than the skin
+around them and stay.  Of a fold only the line is left then, dark as the shade that is gone: it gets as faint as a line
+without that shade looks natural.  Grid pixels; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
-from guise.aam.landmarks.schemes import NOSE_BASE
+from guise.aam.landmarks.schemes import NOSE_BASE, NOSE_WINGS
 from guise.aam.light import LUMA
-from guise.aam.mask import skin_mask
+from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
-from guise.common.arrays import F32
+from guise.common.arrays import F32, U8
 
 DATA = Path(__file__).parent / "data" / "shading.npz"
 
@@ -43,6 +44,10 @@ class EvenLightLimits:
     least_deviation: tuple[float, float, float] = (0.04, 0.01, 0.01)  # of luma, red and blue, logarithms
     gain: tuple[float, float] = (0.4, 2.5)  # of a channel
     glint_logarithm: float = 0.05  # by which a place gleams more than the skin around it at most
+    fold_logarithm: float = 0.06  # by which a fold is darker than the skin around it at most
+    fold_width_face_widths: float = 0.055  # what is wider is shade
+    fold_face_widths: float = 0.06  # length of a straight piece of one: what is shorter is a mole
+    nostril_growth_face_widths: float = 0.02  # around them, where nothing is a fold
     chroma_logarithm: float = 0.08  # by which it is of another colour at most, either way
     black_grey_levels: float = 4.0  # added before logarithms and ratios are taken
 
@@ -57,6 +62,7 @@ def evenly_lit(identity: Identity) -> Identity:
     free = float(np.interp(unevenness(texture, reference), LIMITS.uneven, LIMITS.free_deviations))
     texture = symmetric(texture, reference)
     texture = without_glints(texture * _gain(texture, reference, free), reference)
+    texture = with_faint_folds(texture, reference)
     neutral = appearance.neutral.copy()
     neutral[SHAPE_ENTRIES:] = texture[reference.mask].ravel()
     return replace(identity, appearance=replace(appearance, neutral=neutral))
@@ -135,6 +141,42 @@ def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
     dull *= (local_luma / (dull @ LUMA) * np.exp(gleam))[..., None]
     spread = cv2.GaussianBlur(skin, (0, 0), LIMITS.glint_spread_face_widths * reference.resolution)
     return np.asarray(texture + (skin * spread)[..., None] * (dull - seen), np.float32)
+
+
+def with_faint_folds(texture: F32, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3) in whose skin long thin lines are only a little darker than what lies around them.
+
+    On a grid too coarse for lines it is as it was.
+    """
+    side, length = (
+        round(size * reference.resolution) | 1
+        for size in (LIMITS.fold_width_face_widths, LIMITS.fold_face_widths)
+    )
+    if length <= side:
+        return texture
+    skin = skin_mask(reference).astype(np.float32)
+    luma = np.log(np.maximum(texture @ LUMA, 0) + LIMITS.black_grey_levels).astype(np.float32)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    depth = skin * cv2.morphologyEx(luma, cv2.MORPH_BLACKHAT, disc)
+    wide = cv2.dilate(depth, np.ones((3, 3)))  # a fold is hardly straight
+    long = np.max([cv2.morphologyEx(wide, cv2.MORPH_OPEN, piece) for piece in _pieces(length)], axis=0)
+    lines = np.minimum(depth, long)
+    spread = cv2.GaussianBlur(skin, (0, 0), LIMITS.glint_spread_face_widths * reference.resolution)
+    share = spread * (1 - soft_parts(reference, (NOSE_WINGS,), LIMITS.nostril_growth_face_widths))
+    lighter = np.exp(share * (lines - _softly(lines, LIMITS.fold_logarithm)))
+    return np.asarray(texture * lighter[..., None], np.float32)
+
+
+@lru_cache(maxsize=4)
+def _pieces(length: int) -> list[U8]:
+    """Straight lines of so many pixels, in all directions, as structuring elements."""
+    middle, pieces = length // 2, []
+    for turn in np.arange(12) * np.pi / 12:
+        x, y = round(middle * np.cos(turn)), round(middle * np.sin(turn))
+        piece = np.zeros((length, length), np.uint8)
+        cv2.line(piece, (middle - x, middle - y), (middle + x, middle + y), 1)
+        pieces.append(piece)
+    return pieces
 
 
 def _softly(values: F32, limit: F32 | float) -> F32:

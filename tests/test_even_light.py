@@ -5,9 +5,17 @@ import pytest
 from made_up import FRAME
 from test_turned_texture import enrolled, halves
 
-from guise.aam.even_light import _usual, evenly_lit, shading, symmetric, without_glints
-from guise.aam.landmarks.schemes import CHIN, NOSE_BASE, NOSE_TIP
+from guise.aam.even_light import (
+    _usual,
+    evenly_lit,
+    shading,
+    symmetric,
+    with_faint_folds,
+    without_glints,
+)
+from guise.aam.landmarks.schemes import CHIN, LEFT_MOUTH_CORNER, NOSE_BASE, NOSE_TIP, RIGHT_MOUTH_CORNER
 from guise.aam.mask import skin_mask
+from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)
@@ -89,3 +97,23 @@ def test_small_glints_and_red_nostrils_are_dulled_and_moles_stay() -> None:
     assert (ratio["glint"] < 0.85).all()
     assert ratio["red"][0] < 0.95 < 1.02 < ratio["red"][1]
     assert np.abs(ratio["mole"] - 1).max() < 0.02
+
+
+@pytest.mark.parametrize("degrees", [0, 40, 125])
+def test_the_line_of_a_fold_is_faint_and_a_mole_stays(degrees: float) -> None:
+    frame = ReferenceFrame.canonical(160)
+    skin, width = skin_mask(frame), frame.resolution
+    ys, xs = np.mgrid[: frame.size[0], : frame.size[1]]
+    right, left = frame.points[[RIGHT_MOUTH_CORNER, LEFT_MOUTH_CORNER], 0] + 0.1 * width * np.array([-1, 1])
+    turn, y = np.radians(degrees), frame.points[NOSE_TIP, 1]
+    along = (xs - right) * np.cos(turn) + (ys - y) * np.sin(turn)
+    across = (ys - y) * np.cos(turn) - (xs - right) * np.sin(turn)
+    fold = (np.abs(along) < 0.07 * width) & (np.abs(across) < 1)
+    mole = (xs - left) ** 2 + (ys - y) ** 2 <= 2.5**2
+    assert skin[fold | mole].all()
+    texture = np.full((*frame.size, 3), 120, np.float32)
+    texture[fold | mole] *= 0.7
+    after = with_faint_folds(texture, frame) / 120
+    assert after[fold & (np.abs(along) < 0.05 * width)].min() > 0.9
+    assert after[mole].max() < 0.75
+    assert np.abs(after[~(fold | mole)] - 1).max() < 0.01
