@@ -95,7 +95,7 @@ def rims(texture: F32, reference: ReferenceFrame) -> Bool:
     """(h, w) thin lines and dark rims of a texture (h, w, 3) where glasses are worn, and the pixels beside them."""
     luma = np.maximum(texture @ LUMA, 1).astype(np.float32)
     thin, wide = (
-        _disc(width * reference.resolution / 2) for width in (LIMITS.line_face_widths, LIMITS.rim_face_widths)
+        disc(width * reference.resolution / 2) for width in (LIMITS.line_face_widths, LIMITS.rim_face_widths)
     )
     line = np.maximum(*(cv2.morphologyEx(luma, how, thin) for how in (cv2.MORPH_TOPHAT, cv2.MORPH_BLACKHAT)))
     dark = cv2.morphologyEx(luma, cv2.MORPH_BLACKHAT, wide) > LIMITS.min_rim_contrast * (
@@ -103,7 +103,7 @@ def rims(texture: F32, reference: ReferenceFrame) -> Bool:
     )
     zone = _zone(reference)
     found = ((line > LIMITS.min_contrast * luma) | dark) & zone
-    return np.asarray((cv2.dilate(found.astype(np.uint8), _disc(1)) > 0) & zone)
+    return np.asarray((cv2.dilate(found.astype(np.uint8), disc(1)) > 0) & zone)
 
 
 def _zone(reference: ReferenceFrame) -> Bool:
@@ -111,8 +111,8 @@ def _zone(reference: ReferenceFrame) -> Bool:
     points, width = reference.points, reference.resolution
     eyes = _hulls(reference, [points[part] for part in (RIGHT_EYE, LEFT_EYE, RIGHT_BROW, LEFT_BROW)])
     nose = _hulls(reference, [points[[NOSE_TIP, *NOSE_WINGS]]])
-    near_eyes = cv2.dilate(eyes, _disc(LIMITS.eye_growth_face_widths * width)) > 0
-    near_nose = cv2.dilate(nose, _disc(LIMITS.nose_growth_face_widths * width)) > 0
+    near_eyes = cv2.dilate(eyes, disc(LIMITS.eye_growth_face_widths * width)) > 0
+    near_nose = cv2.dilate(nose, disc(LIMITS.nose_growth_face_widths * width)) > 0
     rows = np.arange(reference.size[0])[:, None]
     between = (rows > points[BROWS, 1].min()) & (rows < points[NOSE_TIP, 1])
     return np.asarray(reference.mask & between & ~near_eyes & ~near_nose)
@@ -143,6 +143,7 @@ def _hulls(reference: ReferenceFrame, groups: list[F64]) -> U8:
     return canvas
 
 
-def _disc(radius: float) -> U8:
+def disc(radius: float) -> U8:
+    """A structuring element of a radius in pixels, of at least one."""
     side = 2 * max(1, round(radius)) + 1
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)

@@ -19,7 +19,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import LEFT_EYE, NOSE_TIP, NOSE_WINGS, RIGHT_EYE
 from guise.aam.parsing import FaceClass, FaceParsing
 from guise.aam.reference import remap_points
-from guise.aam.without_glasses import wears_glasses
+from guise.aam.without_glasses import disc, wears_glasses
 from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
 
 
@@ -73,7 +73,7 @@ class Rims:
         )
         across = (self._places[..., 0] - self._middle[0]) * np.reshape([-1, 1], (2, 1, 1))
         self._over_nose = across < LIMITS.nose_half_width * LIMITS.pixels
-        self._thin = _disc(LIMITS.line * LIMITS.pixels)
+        self._thin = disc(LIMITS.line * LIMITS.pixels / 2)
         self.reset()
 
     def reset(self) -> None:
@@ -173,7 +173,7 @@ class Rims:
         there = points @ self._to_crop[:, :2].T + self._to_crop[:, 2]
         hull = np.zeros(self._size[::-1], np.uint8)
         cv2.fillConvexPoly(hull, cv2.convexHull(np.round(there).astype(np.int32)), 1)
-        return np.asarray(cv2.dilate(hull, _disc(2 * growth * LIMITS.pixels)) > 0)
+        return np.asarray(cv2.dilate(hull, disc(growth * LIMITS.pixels)) > 0)
 
     def _polar(self, picture: F32) -> F32:
         """(2, angles, radii) of a crop (h, w), about both eyes."""
@@ -235,8 +235,3 @@ def _cut(luma: U8, to_crop: F64, size: tuple[int, ...]) -> U8:
         cv2.warpAffine(part, local, (width, height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE),
         np.uint8,
     )
-
-
-def _disc(diameter: float) -> U8:
-    side = 2 * max(1, round(diameter / 2)) + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), np.uint8)
