@@ -99,7 +99,7 @@ class ShapeTransfer:
         seen, own, target = self._seen(shape, pose)
         made = seen + target - own
         if self._learned:
-            made[FEATURES] += self._reference.resolution * placement()(self.inputs(shape, pose))
+            made[FEATURES] += self._reference.resolution * placement()(self._inputs(seen, own, target))
         opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(own, UPPER_LIDS, LOWER_LIDS))
         lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
         _open(made, UPPER_LIDS, LOWER_LIDS, lids)
@@ -116,7 +116,9 @@ class ShapeTransfer:
 
         Differences only: what rendered faces have in common differs a little from what real ones have.
         """
-        seen, own, target = self._seen(shape, pose)
+        return self._inputs(*self._seen(shape, pose))
+
+    def _inputs(self, seen: F64, own: F64, target: F64) -> F64:
         movement = seen - own
         return np.asarray(np.stack([movement - movement.mean(0), target - own]) / self._reference.resolution)
 
