@@ -239,6 +239,34 @@ def test_two_browsers_see_the_same(page: Any, browser: Any, studio_server: Studi
         page.get_by_text("Your clips").wait_for(state="hidden")
 
 
+def test_a_queued_job_can_be_cancelled_while_it_starts(
+    page: Any, studio_server: StudioServer, clip: Path
+) -> None:
+    """Its button stays the same one, so that no click on it is lost."""
+    with held(studio_server.folder):
+        for name in ("First", "Second"):
+            page.get_by_label("Name", exact=True).fill(name)
+            upload(page, clip)
+            page.get_by_text(name, exact=True).wait_for()
+        first, second = (page.locator(".q-card", has=page.get_by_text(name, exact=True)).last
+                         for name in ("First", "Second"))  # fmt: skip
+        second.get_by_text("waiting for other jobs").wait_for()
+        cancel = second.get_by_role("button", name="Cancel").element_handle()
+        first.get_by_role("button", name="Cancel").click()
+        second.get_by_text("held").wait_for()
+        page.wait_for_timeout(2500)  # until the page has been looked over again
+        cancel.click()
+        second.get_by_text("Cancelled.").wait_for()
+        for card in (first, second):
+            card.get_by_role("button", name="Remove").click()
+            card.wait_for(state="detached")
+    for _ in range(2):
+        page.get_by_role("button", name="Delete the clip anna").first.click()
+        page.get_by_role("alertdialog").get_by_role("button", name="Delete").click()
+        page.get_by_role("alertdialog").wait_for(state="detached")
+    page.get_by_text("Your clips").wait_for(state="hidden")
+
+
 def test_built_in_faces_are_shown(page: Any) -> None:
     page.wait_for_function("[...document.images].filter((i) => i.naturalWidth > 100).length >= 7")
 

@@ -86,7 +86,9 @@ class _PeoplePage:
         """Draw what is new or has changed, and take away what is gone."""
         store = self.studio.store
         jobs, people, clips = self._jobs(), store.people(), store.clips()
-        self._sync(self._people, [(job.id, (job.state, job.sentence), partial(self._job, job)) for job in jobs]
+        # a card stays from when its job is queued until it ends: a click on one that goes meanwhile would be lost
+        self._sync(self._people, [(job.id, job.ended and (job.state, job.sentence), partial(self._job, job))
+                                  for job in jobs]
                    + [(one.id, one, partial(self._person, one)) for one in people])  # fmt: skip
         self._sync(self._clips, [(clip.id, clip, partial(self._clip, clip)) for clip in clips])
         self._nobody.set_visibility(not people and not jobs)
