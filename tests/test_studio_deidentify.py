@@ -136,6 +136,18 @@ def test_a_face_is_covered_and_the_report_comes_with_the_video(case: Any, tmp_pa
     _the_report_stands_alone(case)
 
 
+def test_the_button_that_renders_stays_while_choices_change(case: Any) -> None:
+    """A click on one that is replaced meanwhile would be lost."""
+    button = case.get_by_role("button", name="Render").element_handle()
+    choose(case, "Leave")
+    case.get_by_role("alertdialog").get_by_role("button", name="Show this face").click()
+    case.get_by_text("1 track will show the real face").wait_for()
+    assert button.is_visible()
+    choose(case, "Swap")
+    case.get_by_text("1 track will show the real face").wait_for(state="detached")
+    assert button.is_visible()
+
+
 def _the_report_stands_alone(visitor: Any) -> None:
     """It opens beside the studio, of which it can ask nothing."""
     with visitor.context.expect_page() as waiting:

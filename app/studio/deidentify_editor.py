@@ -64,7 +64,8 @@ class TrackEditor:
             ui.pagination(1, pages, direction_links=True, on_change=lambda event: self._turn(event.value))
         self._settings()
         self._frame = FrameComparison(self._draw, self._frames - 1, self._first())
-        self._render_button()
+        self._exposed()
+        ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
     def _load(self) -> Choices:
         """The saved choices, or the proposed ones; a donor who no longer exists becomes any."""
@@ -185,7 +186,7 @@ class TrackEditor:
                 return
             actions[number] = action
             changed()
-            self._render_button.refresh()
+            self._exposed.refresh()
             await self._save()
 
         possible = {k: word for k, word in ACTIONS.items() if k != "swap" or track["can_swap"]}
@@ -216,7 +217,8 @@ class TrackEditor:
         await self._save()
 
     @ui.refreshable_method
-    def _render_button(self) -> None:
+    def _exposed(self) -> None:
+        """How many real faces will be shown, if any."""
         if left := list(self._choices.actions.values()).count("leave"):
             words = (
                 "1 track will show the real face" if left == 1 else f"{left} tracks will show the real faces"
@@ -224,7 +226,6 @@ class TrackEditor:
             ui.label(f"{words}, recognisable to anyone.").classes("text-negative text-bold").props(
                 'role="status"'
             )
-        ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
 
 def timeline(track: dict[str, Any], frames: int, action: str) -> str:
