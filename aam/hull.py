@@ -14,7 +14,7 @@ def beyond_hull(places: F64, points: F64) -> tuple[F64, F64]:
     Returns lengths (k,), negative inside, and the unit normals (k, 2) of these edges, outwards.
     """
     hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
-    along = np.diff(hull, axis=0, append=hull[:1])
+    along = np.concatenate([hull[1:], hull[:1]]) - hull
     out = along[:, ::-1] * (1, -1)
     out *= np.sign(((hull - hull.mean(0)) * out).sum())
     out /= np.maximum(np.hypot(along[:, :1], along[:, 1:]), 1e-9)

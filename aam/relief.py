@@ -16,6 +16,7 @@ import numpy as np
 
 from guise.aam.hull import beyond_hull
 from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.aam.solid_shape import normals
 from guise.common.arrays import F32, F64, I32
 
 STRAIGHT: F64 = np.zeros(2)  # what is seen of depth from the front
@@ -57,14 +58,23 @@ class Relief:
         return ReferenceFrame(self.points, self.triangles, self.reference.size)
 
     @cached_property
-    def _on_flat(self) -> MeshSampler:
-        return MeshSampler.build(self.reference, self.points[len(self.reference.points) :])
+    def _on_flat(self) -> F64:
+        """(k, 81) weights of the points at the places."""
+        count = len(self.reference.points)
+        sampler = MeshSampler.build(self.reference, self.points[count:])
+        weights = np.zeros((len(self.points) - count, count))
+        np.put_along_axis(weights, sampler.vertices.T, sampler.weights.T, axis=1)
+        return weights
 
     def solid(self, points: F64) -> F64:
         """(81 + k, 3) face widths: solid points (81, 3), and the places between them."""
-        flat = np.einsum("kpc,kp->pc", points[self._on_flat.vertices], self._on_flat.weights)
+        flat = self._on_flat @ points
         flat[:, 2] += self.depth[len(points) :]
         return np.concatenate([points, flat])
+
+    def normals(self, points: F64) -> F64:
+        """(81 + k, 3) unit normals of the surface of solid points (81, 3), out of the face."""
+        return normals(self.solid(points), self.triangles)
 
     def seen(self, points: F64, across: F64) -> F64:
         """(81 + k, 2) pixels: the points (81, 2) of a mesh in a picture, and the places between them.
@@ -73,8 +83,7 @@ class Relief:
 
         across : (2,) pixels by which a point one face width farther away is seen elsewhere.
         """
-        flat = np.einsum("kpc,kp->pc", points[self._on_flat.vertices], self._on_flat.weights)
-        places = flat + self.depth[len(points) :, None] * across
+        places = self._on_flat @ points + self.depth[len(points) :, None] * across
         return np.concatenate([points, _within(places, points) if across.any() else places])
 
     def at(self, places: F64) -> F32:

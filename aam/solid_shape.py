@@ -277,11 +277,11 @@ def facing(solid: F64, rotation: F64, triangles: I32 | None = None) -> F64:
     triangles : (t, 3) of its points; by default those of the 81 points.
     """
     triangles = ReferenceFrame.canonical().triangles if triangles is None else triangles
-    return np.asarray(-_normals(solid, triangles) @ rotation[2])
+    return np.asarray(-normals(solid, triangles) @ rotation[2])
 
 
-def _normals(solid: F64, triangles: I32) -> F64:
-    """(n, 3) unit normals of the surface, out of the face."""
+def normals(solid: F64, triangles: I32) -> F64:
+    """(n, 3) unit normals of the surface of a solid shape (n, 3) with triangles (t, 3), out of the face."""
     a, b, c = (solid[triangles[:, k]] for k in range(3))
     area = np.cross(b - a, c - a)
     area *= np.where(area[:, 2:] > 0, -1, 1)  # as seen from the front all face the camera

@@ -24,7 +24,7 @@ from guise.aam.reference import MeshSampler, ReferenceFrame, remap_points
 from guise.aam.relief import Relief
 from guise.aam.resampling import resampled_texture
 from guise.aam.similarity import align_planar
-from guise.aam.solid_shape import SolidPrior, depth_across, facing, pulled
+from guise.aam.solid_shape import SolidPrior, depth_across, pulled
 from guise.common.arrays import F32, F64, U8
 
 YAWS = (-50.0, -35.0, -20.0, 20.0, 35.0, 50.0)  # from the yaw at rest
@@ -121,7 +121,7 @@ class TurnedFaces:
             there = enrolled @ align_planar(reference.points, shape, RIGID_WEIGHTS).linear
             mesh = relief.seen(pulled(shape, fit), depth_across(fit.pose, there))
             luma = remap_points(picture, sampler.positions(mesh)) @ LUMA
-            cosines = facing(relief.solid(fit.rest), fit.pose.rotation, relief.triangles)
+            cosines = -relief.normals(fit.rest) @ fit.pose.rotation[2]
             cosines = (cosines[sampler.vertices] * sampler.weights).sum(0)
             yaws.append(fit.pose.angles[0] - person.pose.angles[0])
             logs.append(np.log(luma + np.float32(LIMITS.black_grey_levels)))

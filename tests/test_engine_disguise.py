@@ -127,7 +127,7 @@ def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: fl
     for reach in (0.0, 0.1):
         options = EngineOptions(renderer="cpu", disguise=True, jaw=reach, forehead=2 * reach)
         with Engine(person, other, None, options) as engine:
-            view = View.of(face, pose, engine.painter.relief)
+            view = View.of(engine.painter.relief.normals(face), pose)
             placed.append(engine.painter.place(rest, head, view)[0])
     added = (placed[1] - placed[0]) / 170
     far, near = sorted((np.linalg.norm(added[part], axis=1) for part in (JAW[2:6], JAW[11:15])), key=np.mean)

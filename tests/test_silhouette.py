@@ -20,7 +20,7 @@ SILHOUETTE = Silhouette(RELIEF, TEXELS)
 
 
 def cosines(yaw: float) -> F64:
-    return View.of(FACE, head(yaw), RELIEF).cosines
+    return View.of(RELIEF.normals(FACE), head(yaw)).cosines
 
 
 def head(yaw: float) -> HeadPose:

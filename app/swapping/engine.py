@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
@@ -120,6 +121,9 @@ class Engine(Closing):
             if full
             else None
         )
+        self._normals = (
+            None if self._shape_transfer is None else self.painter.relief.normals(self._shape_transfer.solid)
+        )
         self._sides = SideViews.of(target, self._shape_transfer.target.rest) if self._shape_transfer else None
         self._enrolled = self._enrolled_across()
         self.solid = SolidTracker(None if self._shape_transfer is None else self._shape_transfer.source)
@@ -218,11 +222,11 @@ class Engine(Closing):
 
     def view(self, shape: F64, solid: SolidFit) -> View | None:
         """How the target's face is seen where the source's lies at a shape (81, 2); None with the transfer "paper"."""
-        if self._shape_transfer is None:
+        if self._shape_transfer is None or self._normals is None:
             return None
         enrolled = self._enrolled @ align_planar(self.source.reference.points, shape, RIGID_WEIGHTS).linear
         at_rest = self._shape_transfer.at_rest(shape, solid.pose)
-        return View.of(self._shape_transfer.solid, solid.pose, self.painter.relief, enrolled, at_rest)
+        return View.of(self._normals, solid.pose, enrolled, at_rest)
 
     def places(self, shape: F64, view: View | None) -> F32:
         """(t, 2) pixels, where the texels of a face at a shape (81, 2) lie."""
@@ -250,7 +254,7 @@ class Engine(Closing):
         """Make of a texture (n, 3), in place, what the target's looks like from the side."""
         if self._sides is not None and self._shape_transfer is not None:
             yaw = pose.angles[0] - self._shape_transfer.target.pose.angles[0]
-            texture *= self._sides.at(yaw)[:, None]
+            cv2.multiply(texture, cv2.merge([self._sides.at(yaw)] * 3).reshape(texture.shape), dst=texture)
 
     def _texture_share(self, pose: HeadPose) -> float:
         """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""

@@ -24,7 +24,7 @@ from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
 from guise.app.swapping.brow_strips import BrowStrips
 from guise.app.swapping.disguise import Disguise
 from guise.app.swapping.finish import Finish
-from guise.app.swapping.folds import Folds
+from guise.app.swapping.folds import Fold, Folds
 from guise.app.swapping.forehead import strands
 from guise.app.swapping.iris import IrisChange
 from guise.app.swapping.learned_light import LearnedLight
@@ -185,9 +185,10 @@ class Painter:
             None if head is None or self._occlusion is None else self._occlusion.rims(mesh, across, 1 + fine)
         )
         self._set_occlusion(fine, uncovered, rims)
+        fold = self._folds.at(drawn_mesh, zoom) if across.any() else None
         for left in reversed(range(1 if finish is None else finish.draws)):
             drawn = roi.copy() if left else roi
-            picture = self._stored(texture, frame.colour, zoom, fine)
+            picture = self._stored(texture, frame.colour, zoom, fine, fold)
             if brows is not None:
                 self._brow_strips[fine].keep(picture, *brows)
             if finish is not None:
@@ -203,8 +204,6 @@ class Painter:
                     aperture.fill(picture, drawn, own, frame.colour, openings, parsing)
                 for lid in self._lids(fine):
                     lid.fill(picture, openings)
-            if across.any():
-                self._folds.smooth(picture, drawn_mesh, zoom)
             self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
@@ -267,7 +266,7 @@ class Painter:
         """What draws the face, for the user."""
         return self._compositor(False).description
 
-    def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool) -> U8:
+    def _stored(self, texture: F32, colour: ColourMatrix, zoom: float, fine: bool, fold: Fold | None) -> U8:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
         planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
         picture = self._scattered(planes)
@@ -275,6 +274,8 @@ class Painter:
             picture = self._disguise.forehead.continued(picture)
         if self._finish is not None:
             picture = self._finish.sharpness.apply(picture)
+        if fold is not None:
+            fold.smooth(picture)
         if zoom < ZOOM.max_blur_zoom:
             return np.asarray(cv2.GaussianBlur(picture, (0, 0), ZOOM.blur_grid_pixels / zoom), np.uint8)
         if not fine:
@@ -285,7 +286,8 @@ class Painter:
         if self._finish is not None:
             contrast *= self._finish.sharpness.gain
         luma = cv2.extractChannel(picture, 0)
-        cv2.addWeighted(luma, 1.0, self._detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
+        detail = self._detail if fold is None else fold.without(self._detail)
+        cv2.addWeighted(luma, 1.0, detail, contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
         return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
 
     def _scattered(self, planes: F32) -> U8:

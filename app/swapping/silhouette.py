@@ -14,7 +14,7 @@ from guise.aam.landmarks.schemes import NOSE
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import STRAIGHT, Relief
-from guise.aam.solid_shape import HeadPose, SolidPrior, depth_across, facing, turned_share
+from guise.aam.solid_shape import HeadPose, SolidPrior, depth_across, turned_share
 from guise.common.arrays import F32, F64, I32
 
 
@@ -49,15 +49,13 @@ class View:
     at_rest: F64 | None = None
 
     @classmethod
-    def of(
-        cls, solid: F64, pose: HeadPose, relief: Relief, enrolled: F64 = STRAIGHT, at_rest: F64 | None = None
-    ) -> View:
-        """The view of solid points (81, 3) in a pose.
+    def of(cls, normals: F64, pose: HeadPose, enrolled: F64 = STRAIGHT, at_rest: F64 | None = None) -> View:
+        """The view of a face with normals (81 + k, 3) at its relief's points, in a pose.
 
         enrolled : (2,) pixels, `across` of a head in that place that is turned as its texture was enrolled.
         """
-        cosines = facing(relief.solid(solid), pose.rotation, relief.triangles)
-        return cls(depth_across(pose, enrolled), cosines + (1 - turned_share(pose)), at_rest)
+        cosines = (1 - turned_share(pose)) - normals @ pose.rotation[2]
+        return cls(depth_across(pose, enrolled), cosines, at_rest)
 
 
 class Silhouette:
@@ -82,7 +80,7 @@ class Silhouette:
         columns = np.round(relief.points).astype(int).clip(0, np.array(reference.size[::-1]) - 1)
         nose = soft_parts(reference, (NOSE,), LIMITS.nose_growth_face_widths)
         self._nose = nose[columns[:, 1], columns[:, 0]]
-        frontal = facing(relief.solid(SolidPrior.shipped().mean), np.eye(3), relief.triangles)
+        frontal = -relief.normals(SolidPrior.shipped().mean)[:, 2]
         self._whole = np.minimum(LIMITS.whole_cosine, LIMITS.whole_share * frontal)
 
     def share(self, cosines: F64) -> F32 | None:
