@@ -271,13 +271,9 @@ def pulled(points: F64, fit: SolidFit) -> F64:
     return np.asarray(points + share * (fit.points - points))
 
 
-def facing(solid: F64, rotation: F64, triangles: I32 | None = None) -> F64:
-    """(n,) cosines between the camera's direction and the normals of a turned solid shape (n, 3), < 0 behind.
-
-    triangles : (t, 3) of its points; by default those of the 81 points.
-    """
-    triangles = ReferenceFrame.canonical().triangles if triangles is None else triangles
-    return np.asarray(-normals(solid, triangles) @ rotation[2])
+def facing(solid: F64, rotation: F64) -> F64:
+    """(81,) cosines between the camera's direction and the normals of a turned solid shape (81, 3), < 0 behind."""
+    return np.asarray(-normals(solid, ReferenceFrame.canonical().triangles) @ rotation[2])
 
 
 def normals(solid: F64, triangles: I32) -> F64:
