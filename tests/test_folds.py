@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -83,3 +84,50 @@ def test_a_larger_face_is_squeezed_alike(folds: Folds) -> None:
     small, large = (smoothed(folds, zoom * turned(40), zoom) != noise() for zoom in (0.5, 2.0))
     assert large.any()
     assert small.mean() >= large.mean()
+
+
+@pytest.mark.parametrize("way", [-1, 1])
+def test_the_edge_of_a_turned_nose_is_softened_where_the_cheek_is_behind_it(folds: Folds, way: int) -> None:
+    mesh = turned(way * 40)
+    mesh = mesh - mesh.min(0) + 10
+    fold = folds.at(mesh, 1.0)
+    assert fold is not None
+    assert len(fold.edges) > 5
+    w, h = np.ceil(mesh.max(0)).astype(int) + 10
+    before = np.random.default_rng(0).integers(0, 256, (h, w, 3), np.uint8)
+    after = before.copy()
+    fold.soften_edges(after, (0, 0))
+    ys, xs = np.nonzero((after != before).any(2))
+    ends = fold.edges.reshape(-1, 2)
+    to_edges = np.linalg.norm(np.stack([xs, ys], 1)[:, None] - ends, axis=2).min(1)
+    longest = np.linalg.norm(fold.edges[:, 0] - fold.edges[:, 1], axis=1).max()
+    assert to_edges.max() < longest / 2 + 4
+    x, y = fold.edges.mean(1).round().astype(int).T
+    across = np.abs(np.diff(after[..., 0].astype(float), axis=1))[y, x].mean()
+    assert across < 0.6 * np.abs(np.diff(before[..., 0].astype(float), axis=1))[y, x].mean()
+
+
+@pytest.mark.parametrize("degrees", [-60, -40, -25, 25, 40, 60])
+def test_nothing_is_blurred_where_a_turned_head_ends(folds: Folds, degrees: float) -> None:
+    """Behind those edges is the picture, which must stay as it is."""
+    mesh = 2 * turned(degrees)
+    mesh = mesh - mesh.min(0) + 20
+    fold = folds.at(mesh, 2.0)
+    assert fold is not None
+    w, h = np.ceil(mesh.max(0)).astype(int) + 20
+    drawn = np.zeros((h, w), np.uint8)
+    for triangle in np.round(mesh[RELIEF.triangles]).astype(np.int32):
+        cv2.fillConvexPoly(drawn, triangle, 255)
+    changed = np.repeat(drawn[..., None], 3, axis=2)
+    fold.soften_edges(changed, (0, 0))
+    assert (changed[..., 0] != drawn).mean() < 1e-3
+
+
+def test_edges_are_softened_within_the_part_of_a_frame(folds: Folds) -> None:
+    fold = folds.at(turned(40), 1.0)
+    assert fold is not None
+    part = np.zeros((20, 20, 3), np.uint8)
+    fold.soften_edges(part, (10_000, 0))
+    x, y = fold.edges[0, 0].astype(int)
+    fold.soften_edges(part, (x, y))
+    assert (part == 0).all()

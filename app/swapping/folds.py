@@ -1,8 +1,9 @@
 """Soft edges where a turned head folds its own face: at the far wing of a nose, at a far cheek.
 
-There many texels of the face fall on one pixel, of which a warp shows one: nostrils end in stair-steps and flecks.  So
-the texture's luma is smoothed where the mesh is squeezed, and a little beside it, before anything finer is added.
-Pixels of the reference grid, x right, y down.
+There many texels of the face fall on one pixel, of which a warp shows one: nostrils end in flecks.  So the texture's
+luma is smoothed where the mesh is squeezed, and a little beside it, before anything finer is added.  Where the mesh
+turns over with more of the face behind it, one side ends from a pixel to the next: that edge is blurred in the picture.
+Pixels of the reference grid, or of the picture where it says so, x right, y down.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import EYES, LIPS
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import Relief
-from guise.common.arrays import F32, F64, I32, U8, Floating, Int
+from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,9 @@ class FoldLimits:
 
     squeezed: tuple[float, float] = (0.35, 0.15)  # widths of a triangle over its own, from which and at which
     reach_pixels: float = 4.0  # in the picture, were it not squeezed: of what is averaged, and beside
+    edge_blur_pixels: float = 1.0  # of the picture, where one side of a fold ends
+    edge_box_pixels: int = 5  # about the edges
+    beyond_pixels: float = 3.0  # from an edge to where the face must be seen behind it
 
 
 LIMITS = FoldLimits()
@@ -38,11 +42,13 @@ class Fold:
     place : of the part (h, w) of the grid with all of it.
     share : (h, w) in [0, 1] by which it is smoothed.
     side : pixels of the box that is averaged, twice.
+    edges : (e, 2, 2) ends in the picture of the mesh's edges at which it turns over, where what lies behind begins.
     """
 
     place: tuple[slice, slice]
     share: F32
     side: int
+    edges: F64
 
     def smooth(self, picture: U8) -> None:
         """Smooth the luma of a texture (h, w, 3) on the grid, in place: flecks of other colours are not seen."""
@@ -58,6 +64,26 @@ class Fold:
         part = left[place]
         part *= 1 - cv2.resize(self.share, part.shape[::-1])
         return left
+
+    def soften_edges(self, picture: U8, place: tuple[int, int]) -> None:
+        """Let the nearer side of each fold end within a pixel, not at once, in a part of the frame, in place.
+
+        place : x, y of the part in the picture.
+        """
+        if not len(self.edges):
+            return
+        h, w = picture.shape[:2]
+        edges = self.edges - place
+        x, y = np.maximum(np.floor(edges.min((0, 1))).astype(int) - LIMITS.edge_box_pixels, 0)
+        right, bottom = np.minimum(np.ceil(edges.max((0, 1))).astype(int) + LIMITS.edge_box_pixels, (w, h))
+        if right <= x or bottom <= y:
+            return
+        share = np.zeros((bottom - y, right - x), np.uint8)
+        cv2.polylines(share, np.round(16 * (edges - (x, y))).astype(np.int32), False, 255, 2, cv2.LINE_AA, 4)
+        soft = cv2.blur(share, (3, 3)).astype(np.float32) / 255
+        part = picture[y:bottom, x:right]
+        blurred = cv2.GaussianBlur(part, (0, 0), LIMITS.edge_blur_pixels)
+        part[...] = cv2.blendLinear(part, blurred, 1 - soft, soft)
 
 
 class Folds:
@@ -78,14 +104,16 @@ class Folds:
         order = np.argsort(every)
         self._triangle = order[np.searchsorted(every, here, sorter=order)].reshape(h, w).astype(np.int32)
         self._triangles = relief.triangles
-        self._closing = np.isin(relief.triangles, np.concatenate([EYES, LIPS])).any(1)
+        self._closing = np.asarray(np.isin(relief.triangles, np.concatenate([EYES, LIPS])).any(axis=1))
         self._to_edges = np.linalg.inv(_edges(relief.points, relief.triangles))
         corners = relief.points[relief.triangles]
         self._first, self._last = corners.min(1).astype(int), corners.max(1).astype(int) + 1
+        self._ends, self._sides = _inner_edges(relief.triangles, self._closing)
 
     def at(self, mesh: F64, zoom: float) -> Fold | None:
         """What is squeezed of a texture on a mesh (81 + k, 2) in the picture; None if nothing is."""
-        shares = self._shares(mesh, zoom)
+        narrow = _narrowest(_edges(mesh, self._triangles) @ self._to_edges) / zoom
+        shares = self._shares(narrow)
         squeezed = shares > 0
         if not squeezed.any():
             return None
@@ -94,15 +122,53 @@ class Folds:
         right, bottom = self._last[squeezed].max(0) + 4 * reach
         place, side = np.s_[y:bottom, x:right], 2 * reach + 1
         wide = cv2.dilate(shares.take(self._triangle[place]), np.ones((side, side), np.uint8))
-        return Fold(place, np.asarray(cv2.blur(wide, (side, side)), np.float32), side)
+        soft = np.asarray(cv2.blur(wide, (side, side)), np.float32)
+        return Fold(place, soft, side, self._inner_edges(mesh, narrow > 0))
 
-    def _shares(self, mesh: F64, zoom: float) -> F32:
-        """(t,) in [0, 1] by which each triangle is smoothed."""
-        narrow = _narrowest(_edges(mesh, self._triangles) @ self._to_edges) / zoom
+    def _inner_edges(self, mesh: F64, facing: Bool) -> F64:
+        """(e, 2, 2) ends of the edges at which the mesh turns over, if the face is what is seen beyond them.
+
+        facing : (t,) the triangles whose front is seen.
+        """
+        one, other = self._sides.T
+        over = facing[one] != facing[other]
+        edges, sides = mesh[self._ends[over]], self._sides[over]
+        front = np.where(facing[sides[:, 0]], sides[:, 0], sides[:, 1])
+        middle, along = edges.mean(1), edges[:, 1] - edges[:, 0]
+        away = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+        away *= np.sign(((middle - mesh[self._triangles[front]].mean(1)) * away).sum(1, keepdims=True))
+        beyond = edges + LIMITS.beyond_pixels * away[:, None]
+        covered = _covered(beyond.reshape(-1, 2), mesh[self._triangles[facing]])
+        return np.asarray(edges[covered.reshape(-1, 2).all(axis=1)])
+
+    def _shares(self, narrow: F64) -> F32:
+        """(t,) in [0, 1] by which each triangle is smoothed, of their widths over their own."""
         first, last = LIMITS.squeezed
         shares = np.clip((first - narrow) / (first - last), 0, 1).astype(np.float32)
         shares[self._closing] = 0
         return shares
+
+
+def _inner_edges(triangles: I32, closing: Bool) -> tuple[Int, Int]:
+    """(e, 2) points and (e, 2) triangles of edges between two triangles, neither closing (t,) nor at the outline."""
+    ends = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.intp), axis=1)
+    order = np.lexsort(ends.T)
+    ends, of = ends[order], order // 3
+    same = (ends[1:] == ends[:-1]).all(1)
+    alone = ~np.r_[same, False] & ~np.r_[False, same]
+    apart = closing | np.asarray(np.isin(triangles, ends[alone]).any(axis=1))
+    shared = np.flatnonzero(same)
+    sides = np.column_stack([of[shared], of[shared + 1]])
+    kept = ~apart[sides[:, 0]] & ~apart[sides[:, 1]]
+    return ends[shared][kept], sides[kept]
+
+
+def _covered(places: F64, triangles: F64) -> Bool:
+    """(p,) whether each of (p, 2) lies in one of (t, 3, 2) triangles that turn clockwise on the screen."""
+    ahead = np.roll(triangles, -1, axis=1) - triangles
+    to = places[:, None, None] - triangles
+    inside = (ahead[..., 0] * to[..., 1] >= ahead[..., 1] * to[..., 0]).all(axis=2)
+    return np.asarray(np.logical_or.reduce(inside, axis=1))
 
 
 def _codes(triangles: I32 | Int, points: int) -> Int:

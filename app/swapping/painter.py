@@ -205,6 +205,8 @@ class Painter:
                 for lid in self._lids(fine):
                     lid.fill(picture, openings)
             self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
+            if fold is not None:
+                fold.soften_edges(drawn, (x0, y0))
             if finish is not None:
                 finish.after(drawn, mesh - (x0, y0))
         frame.write_roi(x0, y0, roi)
