@@ -33,6 +33,7 @@ TILES = 16
 MILLIMETRE = TILE_PIXELS / TILE_MILLIMETRES
 PORES = 7000  # of a tile
 SPOTS = 90
+OUTER_ENDS = 0.15  # share of the hair at the brows' outer ends, which would look like drawn lines
 SEED = 810_000
 LIGHT = {
     "dir": [(-0.25, 0.55, 1.0), (0.6, 0.25, 0.8), (-0.5, 0.5, -0.6)],
@@ -127,22 +128,22 @@ def grown_brows(card: U8, rng: np.random.Generator, hairs: int, inner_ends: floa
         line = np.round(np.array(points) * 16).astype(np.int32)
         cv2.polylines(strays, [line], False, float(rng.uniform(0.25, 0.75)), 1, cv2.LINE_AA, 4)
     gaps = cv2.GaussianBlur(rng.standard_normal(alpha.shape).astype(np.float32), (0, 0), 3.0)
-    gaps = np.clip(0.8 + 0.25 * gaps / gaps.std(), 0.25, 1)
-    soft = cv2.GaussianBlur(alpha, (0, 0), 0.7) * gaps
+    gaps = np.clip(0.85 + 0.12 * gaps / gaps.std(), 0.25, 1)
+    between = 0.8 * cv2.GaussianBlur(alpha, (0, 0), 5.0)  # hairs beneath, without which gaps look like specks
+    soft = np.maximum(cv2.GaussianBlur(alpha, (0, 0), 0.7) * gaps, between)
     grown = card.copy()
-    ends = inner_density(card[..., 3] > 12, inner_ends)
+    ends = density(card[..., 3] > 12, inner_ends, OUTER_ENDS)
     grown[..., 3] = np.clip(np.maximum(soft, 0.8 * strays) * ends * 255, 0, 255)
     grown[..., :3] = np.where(alpha[..., None] > 0.05, card[..., :3], 60)
     return grown
 
 
-def inner_density(hair: Bool, least: float) -> F32:
-    """(h, w) share of hair that is left: of the upper brow less at the left, of the lower one at the right."""
+def density(hair: Bool, inner: float, outer: float) -> F32:
+    """(h, w) share of the hair that is left, less at two brows' ends: the upper one's inner is left."""
     rows, columns = (np.flatnonzero(hair.any(axis)) for axis in (1, 0))
     along = (np.arange(hair.shape[1]) - columns[0]) / (columns[-1] - columns[0])
-    left, right = (least + (1 - least) * np.clip(way / 0.35, 0, 1) for way in (along, 1 - along))
-    upper = np.arange(len(hair))[:, None] < rows.mean()
-    return np.asarray(np.where(upper, left, right), np.float32)
+    upper, lower = (np.interp(way, [0, 0.35, 0.6, 1], [inner, 1, 1, outer]) for way in (along, 1 - along))
+    return np.asarray(np.where(np.arange(len(hair))[:, None] < rows.mean(), upper, lower), np.float32)
 
 
 def thin_lashes(card: U8) -> U8:
@@ -162,7 +163,7 @@ def dress(program, spec: dict, rng: np.random.Generator) -> None:
     def image(path: str) -> U8:
         picture = program["image"](path)
         if path.startswith("eyebrows/"):
-            return grown_brows(picture, rng, spec.get("strays", 260), spec.get("inner_ends", 1.0))
+            return grown_brows(picture, rng, spec.get("strays", 260), spec.get("inner_ends", 0.6))
         return thin_lashes(picture) if path.startswith("eyelashes/") else picture
 
     program["assets"].image = image
