@@ -170,6 +170,30 @@ def test_a_landmarker_of_upright_faces_does_not_turn_the_picture() -> None:
     assert not [f for f in BuiltinLandmarker(turned=()).detect(rgb) if f.confidence >= 0.5]
 
 
+class Recording:
+    """The built-in detector, and the pictures that it gets."""
+
+    name, fit = "recording", BoxFit()
+
+    def __init__(self) -> None:
+        self.pictures: list[np.ndarray] = []
+
+    def detect_scored(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.pictures.append(image)
+        return FaceDetector().detect_scored(image)
+
+
+@pytest.mark.parametrize(("degrees", "side"), [(0, None), (40, 1), (-40, 3)])
+def test_beside_a_face_that_leans_that_side_is_searched_too(degrees: float, side: int | None) -> None:
+    """Others in the picture may lean farther: cameras are held askew."""
+    detector, (rgb, _) = Recording(), rolled(*still(), degrees)
+    assert BuiltinLandmarker(detector).detect(rgb)[0].confidence > 0.5
+    turned = [] if side is None else [np.rot90(rgb, side)]
+    assert len(detector.pictures) == 1 + len(turned)
+    for searched, picture in zip(detector.pictures[1:], turned, strict=True):
+        np.testing.assert_array_equal(searched, picture)
+
+
 def rolling(count: int = 48) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """A face that rolls over once."""
     for index in range(count):

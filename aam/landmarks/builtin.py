@@ -25,7 +25,7 @@ from guise.aam.landmarks.correction import shipped
 from guise.aam.landmarks.crops import MIN_SIDE_PIXELS, crop_to_picture, upright_square
 from guise.aam.landmarks.face import BoxDetector, Face, iou
 from guise.aam.landmarks.plausible import visible_share
-from guise.aam.landmarks.rolls import TURNED, UPRIGHT, detect_at_rolls, upward
+from guise.aam.landmarks.rolls import TURNED, UPRIGHT, detect_at_rolls, turn_of, upward
 from guise.aam.landmarks.schemes import interocular
 from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8
@@ -55,7 +55,8 @@ class LandmarkerLimits:
         0.0  # unless the crop looks like a face: rolled by 45 degrees its points are unsure
     )
     min_confidence: float = 0.05  # of a face that is reported
-    min_upright_confidence: float = 0.5  # of an upright face, from which no others are searched for
+    min_upright_confidence: float = 0.5  # of an upright face, from which no others are searched for,
+    max_upright_turn: float = 0.5  # radians, unless it leans by more: then others may lean farther
 
 
 CROP = CropGeometry()
@@ -145,12 +146,13 @@ class BuiltinLandmarker:
     def detect(self, rgb: U8) -> list[Face]:
         """All faces, largest box first; confidence is a probability, see `Calibration`.
 
-        Rolled faces are only searched where no upright one is confident.
+        Rolled faces are searched where no upright one is confident, and to the side to which a confident one leans.
         """
         faces = self._detect(rgb, UPRIGHT)
-        if not any(face.confidence >= LIMITS.min_upright_confidence for face in faces):
-            faces += self._detect(rgb, self._turned)
-        return distinct(faces)
+        turns = [turn_of(f.points) for f in faces if f.confidence >= LIMITS.min_upright_confidence]
+        leaning = [1 if turn > 0 else 3 for turn in turns if abs(turn) > LIMITS.max_upright_turn]
+        searched = set(leaning if turns else TURNED) & set(self._turned)
+        return distinct(faces + self._detect(rgb, sorted(searched)))
 
     def _detect(self, rgb: U8, quarter_turns: Sequence[int]) -> list[Face]:
         found = detect_at_rolls(self.detector, rgb, quarter_turns)
