@@ -138,3 +138,33 @@ def test_on_photographs_another_face_is_known_in_the_tone_and_light_of_the_scene
     face = batch.truth[:, :, batch.shown[skin_alone][0] > 0.9]
     assert (face.std(2) > 2).any()
     assert (face.diff(dim=2).abs().mean() < 0.5 * face.std(2).mean()).all()
+
+
+def test_stored_weights_are_nearly_those_that_were_learned(tmp_path: Path) -> None:
+    """In a quarter of the bytes."""
+    onnx, runtime = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime")
+    from training.stored_weights import halve, quarter
+
+    rng = np.random.default_rng(0)
+    weights = (rng.standard_normal((32, 16, 3, 3)) * rng.uniform(0.01, 10, (32, 1, 1, 1))).astype(np.float32)
+    graph = onnx.helper.make_graph(
+        [onnx.helper.make_node("Conv", ["in", "weights"], ["out"])],
+        "convolution",
+        [onnx.helper.make_tensor_value_info("in", onnx.TensorProto.FLOAT, [1, 16, 9, 9])],
+        [onnx.helper.make_tensor_value_info("out", onnx.TensorProto.FLOAT, [1, 32, 7, 7])],
+        [onnx.numpy_helper.from_array(weights, "weights")],
+    )
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8)
+    picture, found, sizes = rng.standard_normal((1, 16, 9, 9)).astype(np.float32), [], []
+    for change in (lambda path: None, halve, quarter):
+        path = tmp_path / "network.onnx"
+        onnx.save(model, path)
+        change(path)
+        sizes.append(path.stat().st_size)
+        (out,) = runtime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, {"in": picture})
+        found.append(out)
+    spread = found[0].std((0, 2, 3), keepdims=True)
+    assert (np.abs(found[1] - found[0]) < 0.01 * spread).all()
+    assert (np.abs(found[2] - found[0]) < 0.05 * spread).all()
+    assert sizes[1] < 0.6 * sizes[0]
+    assert sizes[2] < 0.35 * sizes[0]

@@ -41,9 +41,9 @@ from training.cutouts import make_props
 from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import read_alignment
 from training.face_net import FaceNet
-from training.half_precision import halve
 from training.measure import Answer, answers_of_file, figures_of, point_errors
 from training.report import report, tables
+from training.stored_weights import halve
 
 DATA = Path(__file__).parents[1] / "aam" / "data"
 OUTPUTS = ("points", "sigma", "face")

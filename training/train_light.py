@@ -25,9 +25,9 @@ from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, places
 from guise.app.swapping.local_light import LocalLight
 from guise.common.arrays import F32
 from training import swap_data
-from training.half_precision import halve
 from training.light_batches import Batch, Batches, Lights, Portraits, as_tensor
 from training.light_net import LightNet, weights
+from training.stored_weights import quarter
 from training.swap_data import Cells, Samples
 
 COLOUR_SIGMA_FACE_WIDTHS = 0.05  # at which colours are compared
@@ -241,14 +241,14 @@ def card(figures: dict[str, dict[str, float]], **about: object) -> str:
 
 
 def export(net: LightNet, path: Path) -> None:
-    """Write the network as ONNX, its weights in half precision."""
+    """Write the network as ONNX, its weights in 8 bits."""
     sums = torch.rand(1, 7, *GRID) + 0.5
     means = 255 * torch.rand(1, 2, 3, *GRID)
     torch.onnx.export(
         net.eval(), (sums, sums.clone(), means, means.clone()), str(path),
         input_names=["skin", "other", "own", "rest"], output_names=["map", "parts"], opset_version=17, dynamo=False,
     )  # fmt: skip
-    halve(path)
+    quarter(path)
 
 
 def main() -> None:
