@@ -3,9 +3,9 @@
     python -m training.render_gallery --program DIR --out PEOPLE [--only p01 p08]
 
 DIR holds the renderer (see `render_people`), whose skin textures have some 130 texels across a face.  So that faces
-hold up close, this script adds what is finer: pores, mottling and tiny spots of the skin by a tiled map in the
-renderer's shader, stray hairs about brows that would end as if drawn, lashes as thin as lashes; and a face at rest that
-neither frowns nor parts its lips.  Each PEOPLE/NAME/talk.mp4 holds visemes, expressions, blinks and turns of the
+hold up close, this script adds what is finer: pores, mottling, tiny spots and stubble of the skin by a tiled map in
+the renderer's shader, stray hairs about brows that would end as if drawn, lashes as thin as lashes; and a face at rest
+that neither frowns nor parts its lips.  Each PEOPLE/NAME/talk.mp4 holds visemes, expressions, blinks and turns of the
 head, of 880 x 960 pixels, under soft light from the front, so that a donor brings no shadows along.
 """
 
@@ -46,15 +46,20 @@ FINE_SKIN = """
   g+=(Q.rg-vec2(.5))*fl*relief;
   alb*=1.+(Q.b-.5)*vec3(.9,1.,1.05)*fl*spots;
   alb*=1.+(Q.a-.5)*vec3(-.10,-.34,-.30)*fl*mottle;
+  float hairs=.75+1.5*clamp((.5-Q.b)*4.,0.,1.);
+  alb*=mix(vec3(1.),vec3(.50,.53,.58),clamp(stub*textureLod(aux,uv,3.).a*hairs,0.,1.));
 """
+STUBBLE = "alb*=mix(vec3(1.),vec3(.50,.53,.58),stub*X.a);"  # of the renderer: its grain is coarse, with light specks
 
 
 def add_fine_skin(render) -> None:
     """Let the renderer's shader of skin look at a tiled map beside the skin's own textures."""
     after = "g=sign(g)*g*g;"
     assert after in render.FS
+    assert STUBBLE in render.FS
     fine = FINE_SKIN.replace("TILES", f"{TILES}.")
-    render.FS = render.FS.replace(after, after + fine).replace(
+    shader = render.FS.replace(STUBBLE, "").replace(after, after + fine)
+    render.FS = shader.replace(
         "uniform sampler2D tex;",
         "uniform sampler2D tex; uniform sampler2D det; uniform float relief, spots, mottle;",
         1,
