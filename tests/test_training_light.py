@@ -4,6 +4,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnxruntime
 import pytest
 from numpy.testing import assert_allclose
 
@@ -142,7 +143,7 @@ def test_on_photographs_another_face_is_known_in_the_tone_and_light_of_the_scene
 
 def test_stored_weights_are_nearly_those_that_were_learned(tmp_path: Path) -> None:
     """In a quarter of the bytes."""
-    onnx, runtime = pytest.importorskip("onnx"), pytest.importorskip("onnxruntime")
+    onnx = pytest.importorskip("onnx")
     from training.stored_weights import halve, quarter
 
     rng = np.random.default_rng(0)
@@ -161,7 +162,7 @@ def test_stored_weights_are_nearly_those_that_were_learned(tmp_path: Path) -> No
         onnx.save(model, path)
         change(path)
         sizes.append(path.stat().st_size)
-        (out,) = runtime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, {"in": picture})
+        (out,) = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, {"in": picture})
         found.append(out)
     spread = found[0].std((0, 2, 3), keepdims=True)
     assert (np.abs(found[1] - found[0]) < 0.01 * spread).all()
