@@ -162,7 +162,9 @@ def test_stored_weights_are_nearly_those_that_were_learned(tmp_path: Path) -> No
         onnx.save(model, path)
         change(path)
         sizes.append(path.stat().st_size)
-        (out,) = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(None, {"in": picture})
+        (out,) = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"]).run(
+            None, {"in": picture}
+        )
         found.append(out)
     spread = found[0].std((0, 2, 3), keepdims=True)
     assert (np.abs(found[1] - found[0]) < 0.01 * spread).all()
