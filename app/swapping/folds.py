@@ -135,7 +135,8 @@ class Folds:
         edges, sides = mesh[self._ends[over]], self._sides[over]
         front = np.where(facing[sides[:, 0]], sides[:, 0], sides[:, 1])
         middle, along = edges.mean(1), edges[:, 1] - edges[:, 0]
-        away = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+        away = np.column_stack([along[:, 1], -along[:, 0]])
+        away /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
         away *= np.sign(((middle - mesh[self._triangles[front]].mean(1)) * away).sum(1, keepdims=True))
         beyond = edges + LIMITS.beyond_pixels * away[:, None]
         covered = _covered(beyond.reshape(-1, 2), mesh[self._triangles[facing]])
