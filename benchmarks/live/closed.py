@@ -64,7 +64,7 @@ def enrolled_from(video: Path, like: Identity) -> Identity:
 def measure(options: argparse.Namespace) -> Report:
     """All clips."""
     donor, rows, leaks = open_donor(DONOR), [], 0
-    for video, truths in clips(options.shared).items():
+    for video, truths in clips(options.shared, ()).items():
         if options.quick and video.stem not in ("leave_reenter", "two_people"):
             continue
         with one_thread():
