@@ -26,7 +26,7 @@ class FoldLimits:
     squeezed: tuple[float, float] = (0.35, 0.15)  # widths of a triangle over its own, from which and at which
     reach_pixels: float = 4.0  # in the picture, were it not squeezed: of what is averaged, and beside
     edge_blur_pixels: float = 1.0  # of the picture, where one side of a fold ends
-    edge_box_pixels: int = 5  # about the edges
+    edge_box_pixels: int = 5  # about the edges, of what is blurred
     beyond_pixels: float = 3.0  # from an edge to where the face must be seen behind it
 
 
@@ -123,17 +123,16 @@ class Folds:
         place, side = np.s_[y:bottom, x:right], 2 * reach + 1
         wide = cv2.dilate(shares.take(self._triangle[place]), np.ones((side, side), np.uint8))
         soft = np.asarray(cv2.blur(wide, (side, side)), np.float32)
-        return Fold(place, soft, side, self._inner_edges(mesh, narrow > 0))
+        return Fold(place, soft, side, self._turning_over(mesh, narrow > 0))
 
-    def _inner_edges(self, mesh: F64, facing: Bool) -> F64:
+    def _turning_over(self, mesh: F64, facing: Bool) -> F64:
         """(e, 2, 2) ends of the edges at which the mesh turns over, if the face is what is seen beyond them.
 
         facing : (t,) the triangles whose front is seen.
         """
         one, other = self._sides.T
         over = facing[one] != facing[other]
-        edges, sides = mesh[self._ends[over]], self._sides[over]
-        front = np.where(facing[sides[:, 0]], sides[:, 0], sides[:, 1])
+        edges, front = mesh[self._ends[over]], np.where(facing[one], one, other)[over]
         middle, along = edges.mean(1), edges[:, 1] - edges[:, 0]
         away = np.column_stack([along[:, 1], -along[:, 0]])
         away /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
