@@ -5,7 +5,7 @@
 DIR holds the renderer, DATA the folders `pairs/london` and `real`. WORK receives all output: rendered parts and hands,
 and one run for each network with its report and model card. Tasks whose output exists are skipped and interrupted ones
 resume, so the same command can be repeated until nothing is left to do. --ship copies the weights to aam/data at the
-end.
+end. --scale 0.01 goes through all of it with so small a share of the pictures and batches, to see that it runs.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ REFINEMENT_BATCHES, REFINEMENT_RATE = 2200, 5e-4  # of 32
 HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD = 560, 30_000, 12
 HEAD_COURSES = (6500, 6e-4), (5000, 4e-4)  # batches of 32, rate
 GROUPS = 60  # of people whose faces are swapped
+TURNING_PEOPLE = 600
+LIGHT_BATCHES, PLACEMENT_BATCHES = 6000, 4000
+SOLID_PEOPLE, RELIEF_PEOPLE = 500, 60
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,10 @@ def options(**values: object) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Plan:
-    """Folders and the size of the training."""
+    """Folders and the size of the training.
+
+    scale : share in (0, 1] of every number of pictures and of batches.
+    """
 
     program: Path
     data: Path
@@ -74,6 +80,7 @@ class Plan:
     steps: int = FACE_BATCHES
     device: str = "cpu"
     groups: int = GROUPS
+    scale: float = 1.0
 
     def tasks(self) -> Iterator[Task]:
         """All tasks in order."""
@@ -97,30 +104,35 @@ class Plan:
         """What the networks of the face are trained on and measured with."""
         return {"parts": self._parts, "real": self.data, "hands": self.work / "hands.npz"}
 
+    def _sized(self, number: int, least: int = 10) -> int:
+        """That share of a number that is asked for, and not less than some."""
+        return min(number, max(least, round(self.scale * number)))
+
     def _pictures(self) -> Iterator[Task]:
-        render = self._rendering(self._parts, 0, self.people, per_person=PICTURES_PER_PERSON)
+        people = self._sized(self.people, 40)
+        render = self._rendering(self._parts, 0, people, per_person=PICTURES_PER_PERSON)
         yield Task("people", render, self._parts / "complete")
         hands = self.work / "hands.npz"
-        render = command("render_hands", program=self.program, people=HAND_PEOPLE, out=hands)
+        render = command("render_hands", program=self.program, people=self._sized(HAND_PEOPLE), out=hands)
         yield Task("hands", [render], hands)
 
     def _landmark_training(self) -> Iterator[Task]:
         """On rendered faces alone, which tells how real annotations differ, then on both, then for points alone."""
         alone, face, alignment = self.work / "rendered", self.work / "face", self.work / "alignment.json"
         train = command("train_face", "--resume", device=self.device, **self._seen())
-        first = options(output=alone, steps=RENDERED_ONLY_BATCHES)
+        first = options(output=alone, steps=self._sized(RENDERED_ONLY_BATCHES))
         yield Task("alone", [(*train, "--scratch", "--as-given", *first)], alone / "complete")
         weights = alone / "face.pt"
         align = command(
             "align_definitions", weights=weights, parts=self._parts, real=self.data, output=alignment
         )
         yield Task("alignment", [align], alignment)
-        both = options(alignment=alignment, output=face, first_weights=weights, steps=self.steps)
+        both = options(alignment=alignment, output=face, first_weights=weights, steps=self._sized(self.steps))
         yield Task("face", [(*train, *both)], face / "complete")
         landmarks, weights = self.work / "landmarks", face / "face.pt"
         points = options(
-            goal="landmarks", alignment=alignment, output=landmarks, first_weights=weights, steps=LANDMARK_BATCHES,
-            batch=LANDMARK_BATCH,
+            goal="landmarks", alignment=alignment, output=landmarks, first_weights=weights,
+            steps=self._sized(LANDMARK_BATCHES), batch=LANDMARK_BATCH,
         )  # fmt: skip
         yield Task("landmarks", [(*train, *points)], landmarks / "complete")
         told = self.work / "told"
@@ -137,12 +149,12 @@ class Plan:
         given = {"alignment": self.work / "alignment.json", **self._seen()}
         train = command(
             "train_face", "--resume", goal="parsing", device=self.device, first_weights=face / "face.pt",
-            output=parsing, steps=PARSING_BATCHES, **given,
+            output=parsing, steps=self._sized(PARSING_BATCHES), **given,
         )  # fmt: skip
         yield Task("parsing", [train], parsing / "complete")
         refine = command(
             "train_face", "--resume", goal="refinement", device=self.device, first_weights=parsing / "face.pt",
-            output=refined, steps=REFINEMENT_BATCHES, rate=REFINEMENT_RATE, batch=32, **given,
+            output=refined, steps=self._sized(REFINEMENT_BATCHES), rate=REFINEMENT_RATE, batch=32, **given,
         )  # fmt: skip
         yield Task("refinement", [refine], refined / "complete")
         yield Task("parsing report", [command("finish_parsing", run=refined, **given)], refined / "face.md")
@@ -151,7 +163,12 @@ class Plan:
         """The parsing of whole heads, from that of faces, in two courses."""
         parts, first, head = self.work / "head parts", self.work / "first head", self.work / "head"
         render = self._rendering(
-            parts, FIRST_HEAD, HEAD_PEOPLE, per_person=PICTURES_PER_HEAD, size=208, hands=0.12
+            parts,
+            FIRST_HEAD,
+            self._sized(HEAD_PEOPLE, 40),
+            per_person=PICTURES_PER_HEAD,
+            size=208,
+            hands=0.12,
         )
         share = ("--face-share", "0.25", "0.31")
         yield Task("heads", [(*one, *share) for one in render], parts / "complete")
@@ -159,8 +176,8 @@ class Plan:
         weights = self.work / "refined" / "face.onnx"
         for run, (steps, rate) in zip((first, head), HEAD_COURSES, strict=True):
             train = command(
-                "train_face", "--resume", goal="head", device=self.device, output=run, steps=steps, rate=rate, batch=32,
-                seed=1 + (run == head), first_weights=weights, **given,
+                "train_face", "--resume", goal="head", device=self.device, output=run, steps=self._sized(steps),
+                rate=rate, batch=32, seed=1 + (run == head), first_weights=weights, **given,
             )  # fmt: skip
             yield Task(run.name, [train], run / "complete")
             weights = run / "face.pt"
@@ -170,15 +187,25 @@ class Plan:
         solid, relief = self.work / "solid_shape.npz", self.work / "relief.npz"
         yield Task(
             "solid shape",
-            [command("solid_shape", parts=self._parts, program=self.program, out=solid)],
+            [
+                command(
+                    "solid_shape", parts=self._parts, program=self.program, people=self._sized(SOLID_PEOPLE),
+                    out=solid,
+                )
+            ],
             solid,
-        )
-        yield Task("relief", [command("relief", program=self.program, out=relief)], relief)
+        )  # fmt: skip
+        known = command("relief", program=self.program, people=self._sized(RELIEF_PEOPLE), out=relief)
+        yield Task("relief", [known], relief)
         shading = self.work / "shading.npz"
         yield Task("shading", [command("shading", real=self.data, out=shading)], shading)
         detector, recognition = self.work / "detector", self.work / "recognition.npz"
         train = command(
-            "train_detector", parts=self._parts, real=self.data, output=detector, steps=DETECTOR_BATCHES
+            "train_detector",
+            parts=self._parts,
+            real=self.data,
+            output=detector,
+            steps=self._sized(DETECTOR_BATCHES),
         )
         yield Task("detector", [train], detector / "detector.onnx")
         train = command(
@@ -189,13 +216,19 @@ class Plan:
     def _light_training(self) -> Iterator[Task]:
         swaps, light, places = self.work / "swaps", self.work / "light", self.work / "placement.npz"
         yield Task("swaps", self._swaps(swaps), swaps / "complete")
-        train = command("train_light", swaps=swaps, photographs=self._photographs, output=light)
+        train = command(
+            "train_light", swaps=swaps, photographs=self._photographs, output=light, steps=self._sized(LIGHT_BATCHES)
+        )  # fmt: skip
         yield Task("light", [train], light / "light.md")
-        yield Task("placement", [command("placement", swaps=swaps, out=places)], places)
+        place = command("placement", swaps=swaps, steps=self._sized(PLACEMENT_BATCHES), out=places)
+        yield Task("placement", [place], places)
 
     def _view_training(self) -> Iterator[Task]:
         turns, views = self.work / "turns", self.work / "views.npz"
-        yield Task("turns", [command("render_turns", program=self.program, out=turns)], turns / "complete")
+        render = command(
+            "render_turns", program=self.program, out=turns, count=self._sized(TURNING_PEOPLE, 20)
+        )
+        yield Task("turns", [render], turns / "complete")
         yield Task("views", [command("views", turns=turns, out=views)], views)
         points = self.work / "point_correction.npz"
         correct = command("point_correction", swaps=self.work / "swaps", turns=turns, out=points)
@@ -203,13 +236,14 @@ class Plan:
 
     def _swaps(self, parts: Path) -> list[tuple[str, ...]]:
         """Commands that divide the groups of four people among the processes."""
-        share = -(-self.groups // self.processes)
+        groups = self._sized(self.groups)
+        share = -(-groups // self.processes)
         return [
             command(
-                "render_swaps", program=self.program, first=first, count=min(share, self.groups - first),
+                "render_swaps", program=self.program, first=first, count=min(share, groups - first),
                 out=parts,
             )
-            for first in range(0, self.groups, share)
+            for first in range(0, groups, share)
         ]  # fmt: skip
 
     def _rendering(self, parts: Path, first: int, people: int, **given: object) -> list[tuple[str, ...]]:
@@ -273,6 +307,9 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2, help="renderers that run in parallel")
     parser.add_argument("--people", type=int, default=PEOPLE)
     parser.add_argument("--steps", type=int, default=FACE_BATCHES)
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="share of all pictures and batches, to try the whole run"
+    )
     parser.add_argument("--device", default="cpu", help="cpu or cuda, for the networks")
     parser.add_argument("--only", help="names of tasks, separated by commas")
     parser.add_argument(
@@ -281,8 +318,9 @@ def main() -> None:
     parser.add_argument("--ship", action="store_true", help="copy the weights to aam/data")
     given = parser.parse_args()
     plan = Plan(
-        given.program, given.data, given.work, given.processes, given.people, given.steps, given.device
-    )
+        given.program, given.data, given.work, given.processes, given.people, given.steps, given.device,
+        scale=given.scale,
+    )  # fmt: skip
     wanted = given.only.split(",") if given.only else [task.name for task in plan.tasks()]
     for task in plan.tasks():
         if task.name not in wanted or task.done() or given.list:
