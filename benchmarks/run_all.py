@@ -22,6 +22,7 @@ NAMES = (
     "tracker_synthetic",
     "tracker_real",
     "tracker_scenes",
+    "unswapped",
     "tracker_speed",
     "transfer",
     "frame_time",
