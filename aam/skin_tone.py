@@ -3,7 +3,9 @@
 Light that is measured on skin holds the two skin tones as well, and dark skin on a fair face gets several times its
 brightness: the tints of its cheeks and eye sockets become blotches, and dark lips grey or mauve.  The farther the tones
 are apart, the less of the tints is kept, and the more the lips lean to the person's own, as the ideal swaps of
-`training/render_swaps.py` have it.  Both faces as they were enrolled; grid pixels, RGB 0..255.
+`training/render_swaps.py` have it.  Tints are as strong as the tone itself is coloured, by skin and camera: the folds
+of an orange face would be red lines on a pale one, so that they fade with it.  Both faces as they were enrolled; grid
+pixels, RGB 0..255.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.even_light import LIMITS as EVEN_LIGHT
 from guise.aam.even_light import local_mean
-from guise.aam.landmarks.schemes import LIPS
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
@@ -35,6 +37,8 @@ class SkinToneLimits:
     tint_face_widths: float = 0.15  # standard deviation of the means that tints differ from
     lip_growth_face_widths: float = 0.01
     spread_face_widths: float = 0.01  # over which a change fades
+    as_strong: float = 0.75  # ratio of how strongly two tones are coloured, below which tints are eased, too
+    least_chroma: float = 0.05
 
 
 LIMITS = SkinToneLimits()
@@ -61,26 +65,38 @@ def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame, *, own_lips:
     skin = skin_mask(reference)
     tone, other_tone = (np.exp(np.log(_over_black(t)[skin]).mean(0)) for t in (texture, other))
     apart = max(abs(float(np.log((other_tone @ LUMA) / (tone @ LUMA)))) - LIMITS.alike, 0.0)
-    if not apart:
+    paler = _chroma(other_tone) / max(LIMITS.as_strong * _chroma(tone), LIMITS.least_chroma)
+    if not apart and paler >= 1:
         return texture
     lips = soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths)
-    seen = _eased(texture, 1 / (1 + LIMITS.easing * apart), skin, lips, reference.resolution)
+    surface = np.where(skin | (lips > 0.5), 1 / (1 + LIMITS.easing * apart), 1).astype(np.float32)
+    seen = _eased(texture, min(paler, 1.0) * surface, skin, reference)
     if own_lips:
         lean = np.float32(LIMITS.lips * min(apart / LIMITS.apart, 1.0)) * lips[..., None]
         seen += lean * (_over_black(other) * (tone / other_tone) - seen)
     return np.asarray(seen - BLACK)
 
 
-def _eased(texture: F32, share: float, skin: Bool, lips: F32, resolution: int) -> F32:
-    """A texture (h, w, 3), over black, whose skin and lips keep a share of their tints against the skin around."""
+def _chroma(tone: F32) -> float:
+    """How strongly a tone (3,) is coloured: length of its channels' logarithms against its brightness."""
+    return float(np.linalg.norm(np.log(tone / (tone @ LUMA))))
+
+
+def _eased(texture: F32, share: F32, skin: Bool, reference: ReferenceFrame) -> F32:
+    """A texture (h, w, 3), over black, that keeps a share (h, w) of its tints against the skin around.
+
+    Eyeballs and the inside of the mouth stay.
+
+    skin : (h, w), where tints are measured.
+    """
     seen = _over_black(texture)
-    local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * resolution)
+    local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution)
     luma = (seen @ LUMA)[..., None]
     tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
-    eased = local * np.exp(np.float32(share) * tints)
+    eased = local * np.exp(share[..., None] * tints)
     eased *= luma / (eased @ LUMA)[..., None]
-    surface = (skin | (lips > 0.5)).astype(np.float32)
-    weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * resolution)[..., None]
+    surface = (soft_parts(reference, (RIGHT_EYE, LEFT_EYE, INNER_LIPS), 0.0) < 0.5).astype(np.float32)
+    weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * reference.resolution)[..., None]
     return np.asarray(seen + weight * (eased - seen), np.float32)
 
 

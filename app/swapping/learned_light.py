@@ -19,8 +19,8 @@ from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.onnx_model import ShippedNetwork
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.brow_hair import BrowHair
-from guise.app.swapping.brow_shadow import FLOOR, BrowShadow, brightness
 from guise.app.swapping.coarse_grid import CellReader, TexelSums, gaussian_kernel
+from guise.app.swapping.light_of_features import FLOOR, LightOfFeatures, brightness
 from guise.common.arrays import F32, Bool, Int
 
 CELL_FACE_WIDTHS = 1 / 32
@@ -98,7 +98,7 @@ class LearnedLight:
         self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows]
         person, face = (float((texture[texels[self._kinds[0]]] @ LUMA).mean()) for texture in enrolled)
         self._hair = BrowHair(reference, face / max(person, 1.0))
-        self._brow_shadow = BrowShadow(reference, mask, GRID, places(reference), CELL_FACE_WIDTHS)
+        self._of_features = LightOfFeatures(reference, mask, GRID, places(reference), CELL_FACE_WIDTHS)
         self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
         self._session = session()
         self.reset()
@@ -194,7 +194,7 @@ class LearnedLight:
 
         skin : (3,) RGB on which lights are compared.
         """
-        found = self._brow_shadow.without(found, seen, skin)
+        found = self._of_features.without(found, seen, skin)
         rows, columns = self._wide
         wide = (rows @ (found * seen) @ columns.T) / np.maximum(rows @ seen @ columns.T, FLOOR)
         near, far = brightness(found, skin), brightness(np.asarray(wide, np.float32), skin)

@@ -21,6 +21,7 @@ from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.similarity import align_planar
 from guise.app.media import ColourMatrix, Frame
 from guise.app.swapping.apertures import Aperture, DrawnLid, eye_openings
+from guise.app.swapping.brow_cover import cover_brows
 from guise.app.swapping.brow_strips import BrowStrips
 from guise.app.swapping.disguise import Disguise
 from guise.app.swapping.finish import Finish
@@ -204,6 +205,8 @@ class Painter:
                     aperture.fill(picture, drawn, own, frame.colour, openings, parsing)
                 for lid in self._lids(fine):
                     lid.fill(picture, openings)
+                if parsing is not None:
+                    cover_brows(drawn, own, mesh - (x0, y0), parsing, zoom * self.reference.resolution)
             self._compositor(fine).composite(drawn, picture, drawn_mesh - (x0, y0), out=drawn)
             if fold is not None:
                 fold.soften_edges(drawn, (x0, y0))
