@@ -62,10 +62,11 @@ def evenly_lit(identity: Identity) -> Identity:
     free = float(np.interp(unevenness(texture, reference), LIMITS.uneven, LIMITS.free_deviations))
     texture = symmetric(texture, reference)
     texture = without_glints(texture * _gain(texture, reference, free), reference)
-    texture = with_faint_folds(texture, reference)
+    texture, kept = with_faint_folds(texture, reference)
     neutral = appearance.neutral.copy()
     neutral[SHAPE_ENTRIES:] = texture[reference.mask].ravel()
-    return replace(identity, appearance=replace(appearance, neutral=neutral))
+    detail = identity.detail * cv2.resize(kept, identity.detail.shape[::-1])
+    return replace(identity, appearance=replace(appearance, neutral=neutral), detail=detail)
 
 
 def unevenness(texture: F32, reference: ReferenceFrame) -> float:
@@ -143,17 +144,17 @@ def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
     return np.asarray(texture + (skin * spread)[..., None] * (dull - seen), np.float32)
 
 
-def with_faint_folds(texture: F32, reference: ReferenceFrame) -> F32:
+def with_faint_folds(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
     """A texture (h, w, 3) in whose skin long thin lines are only a little darker than what lies around them.
 
-    On a grid too coarse for lines it is as it was.
+    On a grid too coarse for lines it is as it was.  Also the share (h, w) in [0, 1] that each place keeps.
     """
     side, length = (
         round(size * reference.resolution) | 1
         for size in (LIMITS.fold_width_face_widths, LIMITS.fold_face_widths)
     )
     if length <= side:
-        return texture
+        return texture, np.ones(reference.size, np.float32)
     skin = skin_mask(reference).astype(np.float32)
     luma = np.log(np.maximum(texture @ LUMA, 0) + LIMITS.black_grey_levels).astype(np.float32)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
@@ -163,8 +164,23 @@ def with_faint_folds(texture: F32, reference: ReferenceFrame) -> F32:
     lines = np.minimum(depth, long)
     spread = cv2.GaussianBlur(skin, (0, 0), LIMITS.glint_spread_face_widths * reference.resolution)
     share = spread * (1 - soft_parts(reference, (NOSE_WINGS,), LIMITS.nostril_growth_face_widths))
-    lighter = np.exp(share * (lines - _softly(lines, LIMITS.fold_logarithm)))
-    return np.asarray(texture * lighter[..., None], np.float32)
+    faint = _softly(lines, LIMITS.fold_logarithm)
+    lighter = np.exp(share * (lines - faint))[..., None]
+    kept = np.where(lines > 0, 1 - share * (1 - faint / np.maximum(lines, 1e-6)), 1).astype(np.float32)
+    local = local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
+    return lighter * (texture + _tints_lost(texture, local, kept)), kept
+
+
+def _tints_lost(texture: F32, local: F32, kept: F32) -> F32:
+    """What a texture (h, w, 3) gains when it keeps a share (h, w) of its tints against its local means (h, w, 3).
+
+    A faint line that kept the red of a dark one would look drawn in ink.
+    """
+    seen = np.maximum(texture, 0) + np.float32(LIMITS.black_grey_levels)
+    tints = seen / local * ((local @ LUMA) / (seen @ LUMA))[..., None]
+    eased = local * tints ** kept[..., None]
+    eased *= ((seen @ LUMA) / (eased @ LUMA))[..., None]
+    return np.asarray(eased - seen, np.float32)
 
 
 @lru_cache(maxsize=4)

@@ -45,6 +45,7 @@ class MaskLimits:
     colour_noise_grey_levels: float = 3.0  # added to the deviation of skin colours
     min_parsed_share: float = 0.85  # of the face in the parsed frames, from which a pixel is given more:
     max_parsed_colour_deviations: float = 12.0
+    max_fringe_share: float = 0.4  # of the face in them, below which a pixel above the brows is hair
     max_flicker_skin_medians: float = 3.0  # beyond which a pixel is background
     min_flicker_grey_levels: float = 1.5  # to which a calmer skin's flicker is raised
 
@@ -121,7 +122,7 @@ def learn_mask(textures: F32, reference: ReferenceFrame, parsed: F32 | None = No
     A rim pixel is face when its colour in most frames belongs to the palette of the person's own skin (cheeks, nose,
     central forehead: a smooth field of colours over the grid, so that shading is not mistaken for hair) and when it
     does not flicker like background.  What the parsing calls face in nearly all frames may differ much more: raised
-    brows, shadows and a beard are no hair.
+    brows, shadows and a beard are no hair.  What it rarely calls face above the brows is a fringe, whatever its colour.
     """
     typical = np.median(textures, axis=0)
     skin = skin_mask(reference)
@@ -136,6 +137,8 @@ def learn_mask(textures: F32, reference: ReferenceFrame, parsed: F32 | None = No
     if parsed is not None:
         sure = parsed[reference.mask] > LIMITS.min_parsed_share
         face[reference.mask] |= sure & (distance < LIMITS.max_parsed_colour_deviations)
+        above = np.arange(reference.size[0])[:, None] < reference.points[BROWS, 1].min()
+        face &= ~(above & (parsed < LIMITS.max_fringe_share))
     return _tidy(face | core_mask(reference), reference)
 
 

@@ -14,6 +14,7 @@ from guise.aam.even_light import (
     without_glints,
 )
 from guise.aam.landmarks.schemes import CHIN, LEFT_MOUTH_CORNER, NOSE_BASE, NOSE_TIP, RIGHT_MOUTH_CORNER
+from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
@@ -112,8 +113,12 @@ def test_the_line_of_a_fold_is_faint_and_a_mole_stays(degrees: float) -> None:
     mole = (xs - left) ** 2 + (ys - y) ** 2 <= 2.5**2
     assert skin[fold | mole].all()
     texture = np.full((*frame.size, 3), 120, np.float32)
-    texture[fold | mole] *= 0.7
-    after = with_faint_folds(texture, frame) / 120
-    assert after[fold & (np.abs(along) < 0.05 * width)].min() > 0.9
-    assert after[mole].max() < 0.75
-    assert np.abs(after[~(fold | mole)] - 1).max() < 0.01
+    texture[fold | mole] *= (0.8, 0.68, 0.6)
+    after, kept = with_faint_folds(texture, frame)
+    after, line = after / 120, fold & (np.abs(along) < 0.05 * width)
+    assert (after @ LUMA)[line].min() > 0.9
+    assert np.ptp(after[line], axis=1).max() < 0.1
+    assert kept[line].max() < 0.5
+    assert (after @ LUMA)[mole].max() < 0.75
+    assert kept[mole].min() > 0.95
+    assert np.abs(after[~(fold | mole)] - 1).max() < 0.02

@@ -6,6 +6,7 @@ from numpy.testing import assert_array_equal
 
 from guise.aam.landmarks.schemes import (
     BELOW_BROWS,
+    HAIRLINE,
     JAW,
     LEFT_EYE,
     LEFT_MOUTH_CORNER,
@@ -115,6 +116,19 @@ def test_what_the_parsing_calls_face_may_be_darker_but_not_of_any_colour() -> No
     assert learned(pictures, parsed)[temple].mean() > 0.8
     pictures[:, temple] = [0, 0, 255]
     assert learned(pictures, parsed)[temple].mean() < 0.2
+
+
+def test_a_fringe_that_the_parsing_sees_is_left_out_whatever_its_colour() -> None:
+    pictures = faces(np.random.default_rng(1))
+    x, y = np.round(FRAME.points[HAIRLINE]).astype(int)
+    fringe = np.zeros(FRAME.size, bool)
+    fringe[: y + round(0.08 * FRAME.resolution), x - 4 : x + 5] = True
+    fringe &= FRAME.mask
+    parsed = np.where(fringe, 0.2, 1).astype(np.float32)
+    assert learned(pictures)[fringe].mean() > 0.9
+    mask = learned(pictures, parsed)
+    assert mask[fringe].mean() < 0.2
+    assert mask[FRAME.mask & ~fringe].mean() > 0.9
 
 
 def test_background_that_flickers_at_the_rim_is_left_out() -> None:

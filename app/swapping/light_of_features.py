@@ -3,7 +3,8 @@
 A light that follows dark skin takes the source's raised brows for it, and would draw them above those of another face.
 And where the source's lids, lips or shaven upper lip are brighter than the other's, which lie deeper, are made up or
 have a beard, it would draw a bright patch there, whose edge ends beside the feature.  So where brows rise to, a darker
-light is interpolated from that of the skin beside, and around eyes and lips a brighter one.  RGB 0..255.
+light is interpolated from that of the skin beside, and around eyes and lips a brighter one; nor do brows and eyes tint
+it.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import LEFT_BROW, LEFT_EYE, LIPS, RIGHT_BROW, RIGHT_EYE
 from guise.aam.light import LUMA
-from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
+from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.coarse_grid import TexelSums, gaussian_kernel
 from guise.common.arrays import F32, Bool
@@ -30,7 +31,7 @@ class LightOfFeaturesLimits:
     raised: float = 0.035  # by which what may be hidden lies above the brows,
     growth: float = 0.045  # and by which it is larger
     around: float = 0.06  # by which what may be too bright is larger than eyes and lips
-    tinted: float = 0.03  # by which what may tint the light is larger than the features
+    tinted: float = 0.03  # by which what may tint the light is larger than brows and eyes
     beside: float = 0.04  # standard deviation of the weights of what lies beside
     darkness: tuple[float, float] = (0.08, 0.2)  # logs, of which none and all is taken for a brow
     gleam: tuple[float, float] = (0.12, 0.3)  # the same for what is brighter around eyes and lips
@@ -57,11 +58,11 @@ class LightOfFeatures:
         brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.growth)
         raised = np.roll(brows, -round(LIMITS.raised * reference.resolution), axis=0)
         bare = np.asarray(skin_mask(reference) & mask, np.float32)
-        features = soft_parts(reference, FEATURE_PARTS, LIMITS.tinted)
+        tinted = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE), LIMITS.tinted)
         around = soft_parts(reference, (RIGHT_EYE, LEFT_EYE, LIPS), LIMITS.around)
-        pixels = np.column_stack([plane[reference.mask] for plane in (raised, around, features, bare)])
+        pixels = np.column_stack([plane[reference.mask] for plane in (raised, around, tinted, bare)])
         *sums, every = TexelSums(grid, places)(pixels, np.ones(len(pixels), np.float32))
-        self._raised, self._around, self._features, self._bare = (
+        self._raised, self._around, self._tinted, self._bare = (
             one / np.maximum(every, FLOOR) for one in sums
         )
         self._reach = np.ones((2 * round(1.5 * LIMITS.beside / cell) + 1,) * 2, np.uint8)
@@ -81,7 +82,7 @@ class LightOfFeatures:
         )
         light = light + share * (beside - light)
         tints = [colours / brightness_of(colours) for colours in (lit(light, skin), lit(beside, skin))]
-        return np.asarray(light * np.tile((tints[1] / tints[0]) ** self._features, (2, 1, 1)), np.float32)
+        return np.asarray(light * np.tile((tints[1] / tints[0]) ** self._tinted, (2, 1, 1)), np.float32)
 
     def _beside(self, light: F32, known: F32) -> F32:
         """(6, h, w) means of a map by weights (h, w) of what is known of it."""
