@@ -3,7 +3,8 @@
 The classical light (`local_light.py`) takes every smooth difference between the frame and the face for light, also the
 source's own cheeks, lips and eye sockets; the network knows both as enrolled and has seen what remains of them under
 another's face.  It gets sums of texels on a coarse grid and gives an affine map of colours per cell, one gain for the
-eyes and one for the mouth (training/light_net.py, training/train_light.py).  RGB 0..255.
+eyes and one for the mouth, of which the brightness counts (training/light_net.py, training/train_light.py).
+RGB 0..255.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.brow_hair import BrowHair
 from guise.app.swapping.coarse_grid import CellReader, TexelSums, gaussian_kernel
 from guise.app.swapping.light_of_features import FLOOR, LightOfFeatures, brightness
+from guise.app.swapping.whites import Whites
 from guise.common.arrays import F32, Bool, Int
 
 CELL_FACE_WIDTHS = 1 / 32
@@ -98,6 +100,7 @@ class LearnedLight:
         self._brow_share = np.float32(LIMITS.brow_tint) * brows[self._brows]
         person, face = (float((texture[texels[self._kinds[0]]] @ LUMA).mean()) for texture in enrolled)
         self._hair = BrowHair(reference, face / max(person, 1.0))
+        self._whites = Whites(reference, enrolled, texels[self._kinds[0]])
         self._of_features = LightOfFeatures(reference, mask, GRID, places(reference), CELL_FACE_WIDTHS)
         self._wide = [gaussian_kernel(n, LIMITS.wide_face_widths / CELL_FACE_WIDTHS) for n in GRID]
         self._session = session()
@@ -163,7 +166,8 @@ class LearnedLight:
     def _looked(self, sums: list[F32]) -> _Light:
         """What the network finds in sums of skin and of other texels; weights are 1 in all of a cell."""
         found, gains = self._found([*sums, *self._enrolled])
-        tint = sums[0][0, :3].sum((1, 2))
+        tint, in_frame = (part.sum((1, 2)) for part in (sums[0][0, :3], sums[0][0, 3:6]))
+        gains = (gains @ LUMA)[:, None] * self._whites.tint(in_frame)
         seen = sums[0][0, 6] + sums[1][0, 6]
         shown = tint / max(float(sums[0][0, 6].sum()), FLOOR)
         return _Light(self._widened(found, seen, shown), gains, tint / max(float(tint @ LUMA), 1.0))

@@ -5,7 +5,7 @@ what the synthesised face shows there, averaged alike; the ratio is that of the 
 Brightness is averaged over a small neighbourhood, so that hard shadows keep their place, and colour over a larger one.
 Brows, lips and folds are differences from the face's own mean; they take the colour of the ratio, and its brightness
 within limits, so that they neither fade nor turn into noise.  Eyes and the inside of the mouth keep their own colours,
-in the brightness that the source's have and the tint of the light.  RGB 0..255.
+in the brightness that the source's have and the tint of the light on whites.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping.coarse_grid import CellReader, CoarseGrid, TexelSums
+from guise.app.swapping.whites import Whites
 from guise.common.arrays import F32, Bool, Int
 
 
@@ -52,10 +53,15 @@ class LocalLight:
     reference : ReferenceFrame.
     texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
     mask : (h, w) bool, where the face is shown.
+    enrolled : neutral RGB (n, 3) of the frame's person and of the face, in the reference frame's mask pixels; without
+        them eyes and teeth take the tint of the skin's light.
     disguise : average so widely that nothing of the person's features is copied as light.
     """
 
-    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, *, disguise: bool = False) -> None:
+    def __init__(
+        self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32] | None = None,
+        *, disguise: bool = False,
+    ) -> None:  # fmt: skip
         grid = CoarseGrid(reference, LIMITS.cell_face_widths)
         self._cells = grid.size
         self._skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask][texels])
@@ -68,6 +74,7 @@ class LocalLight:
         self._narrow, self._wide = map(grid.smoother, sigmas)
         self._parts = [soft_parts(reference, part, 0.0)[reference.mask] for part in PARTS]
         self._surface = 1 - np.maximum(*self._parts)
+        self._whites = None if enrolled is None else Whites(reference, enrolled, texels[self._skin])
         self._part_texels = [np.flatnonzero(part[texels] > 0.5) for part in self._parts]
         self.reset()
 
@@ -76,6 +83,7 @@ class LocalLight:
         self._own = np.zeros((3, *self._cells), np.float32)
         self._ratio = np.ones((3, *self._cells), np.float32)
         self._part_ratio = np.ones(len(self._parts))
+        self._tint: F32 | None = None
         self._fresh = True
 
     @property
@@ -94,6 +102,9 @@ class LocalLight:
             if len(at) and visible[at].mean() > LIMITS.min_part_share:
                 value = _part_ratio(face[at], seen[at], visible[at])
                 self._part_ratio[part] += (1 - keep) * (value - self._part_ratio[part])
+        if self._whites is not None:
+            tint = self._whites.tint(visible[self._skin] @ seen[self._skin])
+            self._tint = tint if self._tint is None else tint + keep * (self._tint - tint)
         self._fresh = False
 
     def apply(self, texture: F32, to_stored: F32, offset: F32) -> F32:
@@ -104,8 +115,8 @@ class LocalLight:
         gains, lit = self._at_pixels(gain), self._at_pixels(self._own * (self._ratio - gain) - black)
         gains *= self._surface
         lit *= self._surface
-        tint = self._ratio.mean((1, 2))
-        tint /= LUMA @ tint
+        tint = self._ratio.mean((1, 2)) if self._tint is None else self._tint
+        tint = tint / (LUMA @ tint)
         for part, value in zip(self._parts, self._part_ratio, strict=True):
             gains += np.multiply.outer(np.float32(value) * tint, part)
         gains *= texture.T

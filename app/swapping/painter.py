@@ -383,5 +383,5 @@ def make_palette(
     if options.light == "learned":
         return LearnedLight(reference, texels, mask, textures)
     if options.light == "classical":
-        return LocalLight(reference, texels, mask, disguise=options.disguise)
+        return LocalLight(reference, texels, mask, textures, disguise=options.disguise)
     return SimilarityPalette(reference, texels, mask, options.palette)
