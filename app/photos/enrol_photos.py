@@ -12,14 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from guise.aam.training import TrainingOptions
-from guise.analogy.photo import PhotoError
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.enrolment.file import EnrolReport, enrol_file
 from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.media import EncodeOptions
 from guise.app.media.images import looks_like_image
-from guise.app.photos.animate import animate_file
-from guise.app.photos.driving_track import TrackingOptions
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.samples import samples_folder
@@ -67,6 +64,10 @@ def enrol_photos(
 
 
 def _animate(driver: Path, photo: Path, clip: Path, progress: Progress) -> None:
+    from guise.analogy.photo import PhotoError  # half a second, which clips don't need
+    from guise.app.photos.animate import animate_file
+    from guise.app.photos.driving_track import TrackingOptions
+
     tracking = TrackingOptions(landmarks=landmark_file(driver))
     encode = EncodeOptions(crf=8, preset="ultrafast")
     try:
