@@ -113,6 +113,8 @@ def enroll(
                 videos, output, source, name=name, person=person, options=options, force=force, progress=stages,
                 say=console.note,
             )  # fmt: skip
+    if quiet and not json:
+        return  # nothing is shown of what follows
     graded = enrolment_grade(Identity.load(report.output))
     quality = {} if graded is None else {"quality": str(graded)}
     console.table(f"{report.output}: {report.name}", report.as_rows() | quality)
