@@ -80,8 +80,9 @@ def learn(inputs: F32, changes: F32) -> dict[str, np.ndarray]:
     centre, pixels = inputs.mean(0), len(REFERENCE.pixels)
     parts = np.split(inputs - centre, [pixels], axis=1)
     axes = [_whitening(part, count) for part, count in zip(parts, (SHADES, SHAPES), strict=True)]
-    basis = np.zeros((inputs.shape[1], SHADES + SHAPES), np.float32)
-    basis[:pixels, :SHADES], basis[pixels:, SHADES:] = axes
+    shades = axes[0].shape[1]
+    basis = np.zeros((inputs.shape[1], shades + axes[1].shape[1]), np.float32)
+    basis[:pixels, :shades], basis[pixels:, shades:] = axes
     known = np.column_stack([np.ones(len(inputs)), (inputs - centre) @ basis])
     damping = RIDGE * len(known) * np.eye(known.shape[1])
     damping[0, 0] = 0
@@ -101,8 +102,9 @@ def learn(inputs: F32, changes: F32) -> dict[str, np.ndarray]:
 
 
 def _whitening(part: F32, count: int) -> F32:
-    """(f, count) what makes of centred rows (m, f) their leading components with variance 1."""
+    """(f, count) what makes of centred rows (m, f) their leading components with variance 1; fewer of few rows."""
     _, lengths, axes = np.linalg.svd(part, full_matrices=False)
+    count = min(count, len(part) // 2)
     return np.asarray(axes[:count].T / (lengths[:count] / np.sqrt(len(part))), np.float32)
 
 
