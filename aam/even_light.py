@@ -168,19 +168,17 @@ def with_faint_folds(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]
     lighter = np.exp(share * (lines - faint))[..., None]
     kept = np.where(lines > 0, 1 - share * (1 - faint / np.maximum(lines, 1e-6)), 1).astype(np.float32)
     local = local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
-    return lighter * (texture + _tints_lost(texture, local, kept)), kept
-
-
-def _tints_lost(texture: F32, local: F32, kept: F32) -> F32:
-    """What a texture (h, w, 3) gains when it keeps a share (h, w) of its tints against its local means (h, w, 3).
-
-    A faint line that kept the red of a dark one would look drawn in ink.
-    """
     seen = np.maximum(texture, 0) + np.float32(LIMITS.black_grey_levels)
-    tints = seen / local * ((local @ LUMA) / (seen @ LUMA))[..., None]
-    eased = local * tints ** kept[..., None]
-    eased *= ((seen @ LUMA) / (eased @ LUMA))[..., None]
-    return np.asarray(eased - seen, np.float32)
+    # A faint line that kept the red of a dark one would look drawn in ink.
+    return lighter * (texture + with_tints(seen, local, kept) - seen), kept
+
+
+def with_tints(seen: F32, local: F32, share: F32) -> F32:
+    """A texture (h, w, 3), over black, with a share (h, w) of its tints against its local means, and its brightness."""
+    luma = (seen @ LUMA)[..., None]
+    tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
+    eased = local * np.exp(share[..., None] * tints)
+    return np.asarray(eased * (luma / (eased @ LUMA)[..., None]), np.float32)
 
 
 @lru_cache(maxsize=4)

@@ -17,7 +17,7 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.even_light import LIMITS as EVEN_LIGHT
-from guise.aam.even_light import local_mean
+from guise.aam.even_light import local_mean, with_tints
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
@@ -91,13 +91,9 @@ def _eased(texture: F32, share: F32, skin: Bool, reference: ReferenceFrame) -> F
     """
     seen = _over_black(texture)
     local = local_mean(texture, skin.astype(np.float32), LIMITS.tint_face_widths * reference.resolution)
-    luma = (seen @ LUMA)[..., None]
-    tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
-    eased = local * np.exp(share[..., None] * tints)
-    eased *= luma / (eased @ LUMA)[..., None]
     surface = (soft_parts(reference, (RIGHT_EYE, LEFT_EYE, INNER_LIPS), 0.0) < 0.5).astype(np.float32)
     weight = cv2.GaussianBlur(surface, (0, 0), LIMITS.spread_face_widths * reference.resolution)[..., None]
-    return np.asarray(seen + weight * (eased - seen), np.float32)
+    return np.asarray(seen + weight * (with_tints(seen, local, share) - seen), np.float32)
 
 
 def _over_black(texture: F32) -> F32:

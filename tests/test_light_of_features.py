@@ -7,9 +7,11 @@ from guise.aam.landmarks.schemes import (
     BROW_TOPS,
     CHIN,
     HAIRLINE,
+    LEFT_BROW,
     LEFT_EYE,
     LIPS,
     NOSE_TIP,
+    RIGHT_BROW,
     RIGHT_EYE,
 )
 from guise.aam.reference import ReferenceFrame
@@ -50,6 +52,20 @@ def test_what_gleams_around_eyes_and_lips_goes() -> None:
         ys, xs = zip(*(cell(point) for point in np.arange(81)[part]), strict=True)
         light[:3, min(ys) : max(ys) + 1, min(xs) : max(xs) + 1] = 1.5
     assert_allclose(FEATURES.without(light, SEEN, SKIN), even(), atol=0.15)
+
+
+def test_brows_and_eyes_do_not_tint_the_light() -> None:
+    light = even()
+    for part in (RIGHT_BROW, LEFT_BROW, RIGHT_EYE, LEFT_EYE):
+        ys, xs = zip(*(cell(point) for point in np.arange(81)[part]), strict=True)
+        light[0, min(ys) : max(ys) + 1, min(xs) : max(xs) + 1] = 1.2
+    x = cell(CHEEK)
+    light[0, x[0], x[1]] = 1.2
+    without = FEATURES.without(light, SEEN, SKIN)
+    for point in (*BROW_TOPS, 37, 44):
+        gain = without[:3, *cell(point)]
+        assert gain[0] / gain[2] < 1.08
+    assert without[0, *x] / without[2, *x] > 1.15
 
 
 def test_what_is_dark_elsewhere_or_bright_stays() -> None:

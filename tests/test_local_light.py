@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
 from guise.aam.light import LUMA, grid_places
-from guise.aam.mask import skin_mask
+from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.app.swapping import local_light
 from guise.app.swapping.coarse_grid import CellReader, CoarseGrid, TexelSums
@@ -121,3 +122,18 @@ def test_sums_are_read_where_they_were_put() -> None:
     sums = TexelSums(grid.size, places)(places, np.ones(len(places)))
     assert_allclose(sums[:2].sum((1, 2)), places.sum(0), rtol=1e-4)
     assert_allclose((sums[2] * ramp).sum((1, 2)), places.sum(0), rtol=1e-4)
+
+
+def test_the_eyes_of_a_dark_face_stay_white_on_a_fair_head() -> None:
+    eyes = soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] > 0.9
+    fair, dark = (np.tile(np.float32(skin), (len(PLACES), 1)) for skin in ((210, 165, 140), (95, 60, 40)))
+    for texture in (fair, dark):
+        texture[soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] > 0.4] = 150
+    seen = []
+    for enrolled in ((fair, dark), None):
+        light = LocalLight(FRAME, TEXELS, FRAME.mask, enrolled)
+        light.update(dark[TEXELS], fair[TEXELS], None)
+        seen.append(lit(light, dark))
+        assert_allclose(seen[-1][SKIN].mean(0), (210, 165, 140), rtol=0.05)
+    assert np.ptp(seen[0][eyes].mean(0)) < 6
+    assert np.ptp(seen[1][eyes].mean(0)) > 30

@@ -5,7 +5,8 @@ from made_up import FRAME
 from numpy.testing import assert_array_equal
 from test_turned_texture import enrolled
 
-from guise.aam.landmarks.schemes import LIPS
+from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.landmarks.schemes import LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
@@ -54,6 +55,22 @@ def test_the_farther_the_tones_the_less_of_the_tints() -> None:
     donor = person(DARK, MAUVE, 1.3)
     left = [redness(texture_of(toned(donor, person(skin, PINK)))) for skin in ((110, 75, 60), FAIR)]
     assert left[0] > left[1]
+
+
+def test_tints_of_strong_colours_fade_on_a_pale_face_lids_included() -> None:
+    orange, pale = (200, 120, 70), (155, 138, 130)
+    assert abs(np.log((np.array(orange) @ LUMA) / (np.array(pale) @ LUMA))) < 0.1
+    donor = person(orange, PINK, 1.3)
+    lids = soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.02)[FRAME.mask] > 0.5
+    lids &= soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] < 0.1
+    donor.appearance.neutral[SHAPE_ENTRIES:].reshape(-1, 3)[lids] *= (1, 1, 1.5)
+    before, after = texture_of(donor), texture_of(toned(donor, person(pale, PINK)))
+    assert 0 < redness(after) < 0.5 * redness(before)
+    blue = [np.log(t[lids, 2] / t[lids, 1]).mean() - np.log(70 / 120) for t in (before, after)]
+    assert 0 < blue[1] < 0.7 * blue[0]
+    assert np.abs((after @ LUMA / (before @ LUMA))[SKIN] - 1).max() < 0.02
+    same = toned(person(pale, PINK, 1.3), person(orange, PINK))
+    assert redness(texture_of(same)) > 0.9 * redness(before)
 
 
 def test_lips_lean_to_the_persons_unless_nothing_of_them_may_show() -> None:

@@ -166,6 +166,19 @@ def test_the_plan_makes_everything_that_ships(tmp_path: Path) -> None:
             assert (Path(__file__).parents[1] / "training" / f"{command[0]}.py").exists()
 
 
+def test_a_small_plan_has_the_same_steps_with_less_to_do(tmp_path: Path) -> None:
+    whole, small = (
+        list(Plan(tmp_path, tmp_path, tmp_path, processes=1, scale=scale).tasks()) for scale in (1.0, 0.01)
+    )
+    assert [task.name for task in small] == [task.name for task in whole]
+    for sized in ("--steps", "--people", "--count"):
+        sizes = [
+            [int(c[c.index(sized) + 1]) for task in plan for c in task.commands if sized in c]
+            for plan in (whole, small)
+        ]
+        assert all(10 <= less <= 0.2 * more or less == 40 for more, less in zip(*sizes, strict=True))
+
+
 def test_the_logit_is_fitted_to_what_is_wanted() -> None:
     rng = np.random.default_rng(0)
     features = rng.normal(0, 1, (4000, 6)).astype(np.float32)

@@ -30,10 +30,7 @@ class BrowCoverLimits:
     tail: float = 0.1  # by which a drawn brow goes on beyond its last point
     growth: float = 0.02  # of what is painted over
     beside: float = 0.05  # standard deviation of the weights of the skin beside
-    least_skin: tuple[float, float] = (
-        0.003,
-        0.02,
-    )  # of these weights' mean, below which nothing is known of it
+    least_skin: tuple[float, float] = (0.003, 0.02)  # mean weight, below which nothing is known of it
     step: float = 0.0125  # between the places at which all of this is found
 
 
@@ -47,7 +44,6 @@ def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) 
 
     drawn : (81, 2), the face that is drawn.   parsing : of the rectangle.   width : of the face, pixels.
     """
-    planes = np.dstack([*(parsing.shares[kind] for kind in KINDS), parsing.share(*IN_FRONT)])
     for brow, outwards in ((RIGHT_BROW, np.s_[::-1]), (LEFT_BROW, np.s_[:])):
         share = _share_apart(head[brow][outwards], drawn[brow][outwards], width)
         if share == 0:
@@ -58,7 +54,7 @@ def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) 
         step = max(round(LIMITS.step * width), 1)
         if min(x1 - x0, y1 - y0) > 2 * step:
             part = roi[y0:y1, x0:x1]
-            brows, skin = _shares(parsing.from_place(x0, y0), planes, part.shape[:2], step)
+            brows, skin = _shares(parsing.from_place(x0, y0), part.shape[:2], step)
             _cover(part, share * brows, skin, width / step)
 
 
@@ -80,8 +76,9 @@ def _to_line(point: F64, line: F64) -> float:
     return float(np.linalg.norm(point - nearest, axis=1).min())
 
 
-def _shares(parsing: Parsing, planes: F32, size: tuple[int, ...], step: int) -> tuple[F32, F32]:
+def _shares(parsing: Parsing, size: tuple[int, ...], step: int) -> tuple[F32, F32]:
     """(h / step, w / step) shares of brows, and of bare skin, in a rectangle (h, w)."""
+    planes = np.dstack([*(parsing.shares[kind] for kind in KINDS), parsing.share(*IN_FRONT)])
     ys, xs = np.mgrid[: size[0] : step, : size[1] : step]
     values = parsing.at(np.column_stack([xs.ravel(), ys.ravel()]), planes).reshape(*xs.shape, -1)
     first, last = LIMITS.brow_share
@@ -94,7 +91,7 @@ def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
 
     brows, skin : shares at places that lie `width` to a face, of what is painted over and of what is bare skin.
     """
-    if brows.max() < LIMITS.brow_share[0]:
+    if not brows.any():
         return
     size, sigma = part.shape[1::-1], LIMITS.beside * width
     grown = 2 * max(round(LIMITS.growth * width), 1) + 1
