@@ -97,6 +97,7 @@ PICTURE = (
     "picture.pairs",
     "picture.grade",
     "picture.ideal",
+    "picture.exemplars",
 )
 PEOPLE = (
     "people.photo",
