@@ -45,7 +45,7 @@ class MaskLimits:
     colour_noise_grey_levels: float = 3.0  # added to the deviation of skin colours
     min_parsed_share: float = 0.85  # of the face in the parsed frames, from which a pixel is given more:
     max_parsed_colour_deviations: float = 12.0
-    max_fringe_share: float = 0.4  # of the face in them, below which a pixel above the brows is hair
+    max_fringe_share: float = 0.15  # of the face in them, below which a pixel above the brows is hair
     max_flicker_skin_medians: float = 3.0  # beyond which a pixel is background
     min_flicker_grey_levels: float = 1.5  # to which a calmer skin's flicker is raised
 

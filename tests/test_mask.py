@@ -124,7 +124,7 @@ def test_a_fringe_that_the_parsing_sees_is_left_out_whatever_its_colour() -> Non
     fringe = np.zeros(FRAME.size, bool)
     fringe[: y + round(0.08 * FRAME.resolution), x - 4 : x + 5] = True
     fringe &= FRAME.mask
-    parsed = np.where(fringe, 0.2, 1).astype(np.float32)
+    parsed = np.where(fringe, 0.1, 1).astype(np.float32)
     assert learned(pictures)[fringe].mean() > 0.9
     mask = learned(pictures, parsed)
     assert mask[fringe].mean() < 0.2
