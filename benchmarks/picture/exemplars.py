@@ -26,7 +26,20 @@ from benchmarks.picture.program import arguments
 from benchmarks.picture.truth import missing, model, pair_of, scenes
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks import FaceTracker, open_landmarker
-from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.aam.landmarks.schemes import (
+    INNER_LIPS,
+    LEFT_EYE,
+    LEFT_EYE_CORNERS,
+    LEFT_LOWER_LID,
+    LEFT_UPPER_LID,
+    LOWER_LIP_INNER,
+    OUTER_EYE_CORNERS,
+    RIGHT_EYE,
+    RIGHT_EYE_CORNERS,
+    RIGHT_LOWER_LID,
+    RIGHT_UPPER_LID,
+    UPPER_LIP_INNER,
+)
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
@@ -46,8 +59,14 @@ EVERY_FRAME, EVERY_EXEMPLAR = 3, 2
 NEAREST = 3
 KEPT = 0.01  # by which another exemplar has to be nearer
 HEIGHTS = {  # pairs of points of lids or lips, and of what their distance is compared with
-    "mouth": (((62, 66), (36, 45)), ((60, 64), (36, 45))),
-    "eyes": (((37, 41), (36, 39)), ((43, 47), (42, 45))),
+    "mouth": (
+        ((UPPER_LIP_INNER, LOWER_LIP_INNER), OUTER_EYE_CORNERS),
+        ((INNER_LIPS[0], INNER_LIPS[4]), OUTER_EYE_CORNERS),
+    ),
+    "eyes": (
+        ((RIGHT_UPPER_LID[0], RIGHT_LOWER_LID[0]), RIGHT_EYE_CORNERS),
+        ((LEFT_UPPER_LID[0], LEFT_LOWER_LID[0]), LEFT_EYE_CORNERS),
+    ),
 }
 FRAME = ReferenceFrame.canonical(160)
 SAMPLER = MeshSampler.build(
