@@ -9,10 +9,12 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.landmarks.heads import region
+from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
+from guise.aam.tracker import Fit
 from guise.app.live.controls import LiveSettings
-from guise.app.live.face import LIMITS, FaceResult, LiveFace
+from guise.app.live.face import LIMITS, CoverPlanner, FaceResult, LiveFace
 from guise.app.media import Frame, open_input
 from guise.app.swapping.occlusion import LIMITS as OCCLUSION
 from guise.app.swapping.options import EngineOptions
@@ -275,6 +277,21 @@ def test_the_region_of_a_cover_takes_in_the_whole_head(face: LiveFace, talk: lis
     middle = (x0 + x1) // 2
     assert changed[max(y0, 0) : y1, middle].all()
     assert changed[(y0 + y1) // 2, x0:x1].all()
+
+
+def test_a_cover_holds_the_face_where_it_was_detected_when_the_fit_lags(talk: list[U8], truth: F64) -> None:
+    inner = truth[0][IBUG68]
+    known = np.concatenate([inner.min(0), inner.max(0)])
+    moved = known - np.tile([0.4 * (known[2] - known[0]), 0], 2)
+    found = RolledBoxes(moved[None].astype(np.float32), np.ones(1, np.float32), np.zeros(1, np.float32))
+    lagging = Fit(truth[0], np.zeros(0), 0.0, 0.0)
+    covered = CoverPlanner().update(Frame.from_rgb(talk[0], 0, Fraction(1, FPS), 0), lagging, found)
+    assert covered.face is not None
+    for box_ in (known, moved):
+        whole = region(box_)
+        assert (covered.face[:2] <= whole[:2] + 1).all()
+        assert (covered.face[2:] >= whole[2:] - 1).all()
+    assert covered.others == []
 
 
 def test_a_puppet_leaves_the_model_of_its_face_as_it_was(

@@ -212,7 +212,10 @@ class CoverPlanner:
         if self._own_place is None or missing > LIMITS.max_missing_seconds:
             face = None
         else:
-            face = self._own_place.region(1 + LIMITS.growth_per_second * missing)
+            growth = 1 + LIMITS.growth_per_second * missing
+            seen = [place for place in _places(found) if self._belongs(place.box)]  # the fit may lag behind
+            regions = np.array([place.region(growth) for place in (self._own_place, *seen)])
+            face = np.concatenate([regions[:, :2].min(0), regions[:, 2:].max(0)])
         return CoverRegions(face, self._bystanders(now, found))
 
     def _own(self, fit: Fit | Failed, found: RolledBoxes) -> FacePlace | None:
