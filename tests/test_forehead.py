@@ -4,9 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
-from guise.aam.landmarks.schemes import BROW_TOPS, BROWS, FOREHEAD, HAIRLINE, JAW
+from guise.aam.landmarks.schemes import (
+    BROW_TOPS,
+    BROWS,
+    HAIRLINE,
+    JAW,
+    OUTER_EYE_CORNERS,
+    RIGHT_NOSTRIL,
+    SILHOUETTE,
+    TEMPLES,
+)
+from guise.aam.light import LUMA
+from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
-from guise.app.swapping.forehead import LIMITS, Forehead, strands
+from guise.app.swapping.forehead import LIMITS, LOBE, Forehead, skin_grain, strands
 from guise.app.swapping.place import outward
 from guise.common.arrays import F64, Bool
 
@@ -33,17 +44,17 @@ def test_above_brows_the_texture_is_not_stretched() -> None:
     assert stretch > 2
 
 
-def test_what_is_read_is_skin_of_the_forehead() -> None:
+def test_what_is_read_is_skin_of_the_forehead_and_the_temples() -> None:
     places = Forehead.of(FRAME, REACH).places
-    hull = FRAME.points[FOREHEAD].astype(np.float32)
+    hull = FRAME.points[SILHOUETTE].astype(np.float32)
     mirrored = Forehead.of(FRAME, REACH).softened > 0.99
     assert mirrored.sum() > 500
     read = places[mirrored]
     rim = (LIMITS.above_brows + LIMITS.least - LIMITS.rim) * FRAME.resolution  # where brows are near it
     inside = [cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in read]
     assert min(inside) > -rim - 1
-    for brow in FRAME.points[BROWS]:
-        assert np.linalg.norm(read - brow, axis=1).min() > 0.5 * LIMITS.above_brows * FRAME.resolution
+    for feature in FRAME.points[[*BROWS, *OUTER_EYE_CORNERS]]:
+        assert np.linalg.norm(read - feature, axis=1).min() > 0.4 * LIMITS.above_brows * FRAME.resolution
 
 
 def test_only_what_is_drawn_above_the_hairline_is_added() -> None:
@@ -51,16 +62,46 @@ def test_only_what_is_drawn_above_the_hairline_is_added() -> None:
     top = round(FRAME.points[HAIRLINE, 1])
     assert added[top + 2, MIDDLE] == 1
     assert not added[BROWS_ROW - 10 :, MIDDLE].any()
-    assert not added[round(FRAME.points[BROWS, 1].max()) + 12 :].any()
+    assert added[round(FRAME.points[BROWS, 1].max()) + 12 :].max() < 0.1
     assert not Forehead.of(FRAME, 0.0).added.any()
 
 
-def test_below_the_brows_nothing_changes() -> None:
+def test_below_the_ears_nothing_changes() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (*FRAME.size, 3), np.uint8)
     made = Forehead.of(FRAME, REACH).continued(picture)
-    below = round(FRAME.points[[JAW[0], JAW[-1]], 1].max()) + 2
+    below = round(FRAME.points[[JAW[LOBE], JAW[-1 - LOBE]], 1].max()) + 2
     np.testing.assert_array_equal(made[below:], picture[below:])
     assert (made[:BROWS_ROW] != picture[:BROWS_ROW]).any()
+
+
+def test_what_is_at_the_rim_of_the_temples_is_not_read() -> None:
+    picture = np.full((*FRAME.size, 3), 100, np.uint8)
+    for x, y in np.round(FRAME.points[TEMPLES]).astype(int):
+        cv2.circle(picture, (x, y), round(0.5 * LIMITS.rim * FRAME.resolution), (200, 200, 200), -1)
+    assert (picture[FRAME.mask, 0] > 150).sum() > 20
+    made = Forehead.of(FRAME, REACH).continued(picture)
+    assert made[FRAME.mask].max() < 125
+
+
+def test_a_forehead_has_the_grain_of_the_cheeks(p01: Identity) -> None:
+    grain, frame = skin_grain(p01), p01.reference
+    luma = frame.scatter(p01.appearance.neutral_texture @ LUMA)
+    fine = luma - cv2.GaussianBlur(luma, (0, 0), LIMITS.softening * frame.resolution)
+    x, y = np.round(frame.points[[RIGHT_NOSTRIL, JAW[2]]].mean(0)).astype(int)
+    cheek = fine[y - 5 : y + 5, x - 5 : x + 5]
+    assert grain.shape == frame.size
+    assert 0.5 < grain.std() / cheek.std() < 2
+    assert abs(grain.mean()) < 0.1 * grain.std()
+    np.testing.assert_array_equal(grain, skin_grain(p01))
+
+
+def test_hair_shades_the_skin_below_it_and_nothing_else() -> None:
+    lit = Forehead.of(FRAME, REACH).lit
+    top = round(FRAME.points[HAIRLINE, 1])
+    assert lit[top + 1, MIDDLE] < 1 - 0.7 * LIMITS.shadow
+    assert (np.diff(lit[top + 1 : BROWS_ROW, MIDDLE]) >= -1e-6).all()
+    assert lit[round(FRAME.points[[JAW[LOBE], JAW[-1 - LOBE]], 1].max()) :].min() > 0.99
+    assert (Forehead.of(FRAME, 0.0).lit == 1).all()
 
 
 def test_detail_is_read_where_the_texture_is() -> None:

@@ -342,6 +342,19 @@ def test_where_no_part_of_the_person_may_show_only_objects_that_reach_in_stay_in
         assert left.min() < 0.1
 
 
+def test_where_no_part_of_the_person_may_show_hair_that_is_partly_taken_for_an_object_does_not(
+    wary: Occlusion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reference = wary._reference
+    parsing = fake_parsing(FaceClass.OCCLUDER, slice(0, 35), slice(25, 35))
+    parsing.shares[FaceClass.HAIR] = 0.2 * parsing.shares[FaceClass.OCCLUDER]
+    parsing.shares[FaceClass.OCCLUDER] *= 0.8
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
+    shape = reference.points * (64 / reference.resolution)
+    wary.update(Frame.from_rgb(np.zeros((8, 8, 3), np.uint8)), shape)
+    assert wary.uncovered(shape) is None
+
+
 @pytest.mark.parametrize("shown", [FaceClass.BACKGROUND, FaceClass.HAIR])
 def test_what_is_drawn_beyond_the_persons_face_leaves_the_background(
     p01: Identity, monkeypatch: pytest.MonkeyPatch, shown: FaceClass

@@ -35,7 +35,11 @@ class ApertureLimits:
     known_eye_share: tuple[float, float] = (0.4, 0.7)  # which is believed from and at such a largest one
     sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
     growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
-    lid_growth_face_widths: float = 0.015  # of an eye over which a lid is drawn
+    lid_growth_face_widths: float = 0.03  # of an eye over which a lid is drawn,
+    lashes_growth_face_widths: float = 0.008  # and at whose margin its lashes lie
+    lid_softening_face_widths: float = (
+        0.015  # of it, standard deviation: it has less texture than what it is made of
+    )
     lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
     lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
     lashes: tuple[float, float] = (0.45, 0.12)  # their darkness, and how wide they are, of the eye's height
@@ -180,18 +184,23 @@ class DrawnLid:
 
     def __init__(self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64) -> None:
         self._shut = ShutShare(part, at_rest, LIMITS.drawn_shut)
-        share = _enlarged(soft_parts(reference, (part,), LIMITS.lid_growth_face_widths), factor)
+        share, eye = (
+            _enlarged(soft_parts(reference, (part,), growth), factor)
+            for growth in (LIMITS.lid_growth_face_widths, LIMITS.lashes_growth_face_widths)
+        )
         ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]
         rows, columns = (grid.astype(np.float32) for grid in np.mgrid[self._place])
-        inside = share[self._place] >= 0.5 * share[self._place].max(0)
-        upper, lower = inside.argmax(0), len(inside) - 1 - inside[::-1].argmax(0)
-        upper, lower = (margin + np.float32(ys[0]) for margin in (upper, lower))
+        upper = (self._share >= 0.5 * self._share.max(0)).argmax(0) + np.float32(ys[0])
+        inside = eye[self._place] > 0.5
+        whole, last = np.flatnonzero(inside.any(0)), ys[-1] - inside[::-1].argmax(0)
+        lower = np.interp(np.arange(inside.shape[1]), whole, last[whole]).astype(np.float32)
         into = np.maximum(rows - upper, 0) / np.maximum(lower - upper, 1)
         reach = LIMITS.lid_reach_face_widths * reference.resolution * factor
         skin = np.minimum(rows, upper - LIMITS.lid_margin_share * reach)
         self._from = np.dstack([columns, skin - into * reach]).astype(np.float32)
+        self._sigma = LIMITS.lid_softening_face_widths * reference.resolution * factor
         lashes = np.exp(-0.5 * ((into - 1) / LIMITS.lashes[1]) ** 2)
         self._dark = np.asarray(1 - LIMITS.lashes[0] * lashes, np.float32)
 
@@ -201,6 +210,7 @@ class DrawnLid:
         if shut == 0:
             return
         lid = cv2.remap(picture, self._from, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        lid = cv2.GaussianBlur(lid, (0, 0), self._sigma)
         lid[..., 0] = (lid[..., 0] * self._dark).astype(np.uint8)
         share = self._share * np.float32(shut)
         here = np.ascontiguousarray(picture[self._place])

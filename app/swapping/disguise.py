@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import cv2
+import numpy as np
+
 from guise.aam.model import Identity
 from guise.app.swapping.eyeballs import Eyeballs
-from guise.app.swapping.forehead import Forehead
+from guise.app.swapping.forehead import Forehead, skin_grain
 from guise.app.swapping.inner_mouth import InnerMouth
-from guise.common.arrays import F32, F64
+from guise.common.arrays import F32, F64, U8
 
 
 class Disguise:
@@ -22,7 +25,18 @@ class Disguise:
 
     def __init__(self, source: Identity, target: Identity, forehead: float) -> None:
         self.forehead = Forehead.of(target.reference, forehead)
+        self._grain = self.forehead.softened * skin_grain(target)
         self._eyeballs, self._inner_mouth = Eyeballs(source, target), InnerMouth(target)
+
+    def continued(self, picture: U8, contrast: float, black: float) -> U8:
+        """A texture (h, w, 3), brightness first, with the forehead over hair.
+
+        contrast : scale of grey levels of the identity's own texture.   black : the brightness of black.
+        """
+        picture = self.forehead.continued(picture)
+        luma = cv2.extractChannel(picture, 0).astype(np.float32) - np.float32(black)
+        luma = cv2.addWeighted(luma * self.forehead.lit, 1.0, self._grain, contrast, black, dtype=cv2.CV_8U)
+        return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
 
     def look(self, irises: F64, head: F64) -> None:
         """See `Eyeballs.look`."""

@@ -1,9 +1,10 @@
 """The forehead of a disguise, which is drawn over hair: its skin, and where it passes into the hair.
 
 The mesh is stretched from the brows to the new hairline, and a texture with it, until brows are smeared upwards.  So
-what lies above them is read from where it would lie without the stretch, and beyond the face's own hairline skin is
-continued as in a mirror.  At the new hairline strands of the head's hair lie over the skin, as they do where hair
-recedes.  Grid pixels, x right, y down.
+what lies above them is read from where it would lie without the stretch, and beyond the face's own hairline, and at the
+temples' rim, skin is continued as in a mirror.  It is softened, so that nothing is seen twice, and gets the grain of
+the cheeks instead.  At the new hairline strands of the head's hair lie over the skin, as they do where hair recedes,
+and shade it.  Grid pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -15,7 +16,19 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import BROWS, FOREHEAD, NOSE
+from guise.aam.landmarks.schemes import (
+    BROWS,
+    FOREHEAD,
+    JAW,
+    LEFT_NOSTRIL,
+    NOSE,
+    OUTER_EYE_CORNERS,
+    RIGHT_NOSTRIL,
+    RIGHT_TEMPLE,
+    SILHOUETTE,
+)
+from guise.aam.light import LUMA
+from guise.aam.model import Identity
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.app.swapping.place import outward
 from guise.common.arrays import F32, F64, U8, Bool
@@ -30,6 +43,10 @@ class ForeheadLimits:
     least: float = 0.03  # height of it
     softening: float = 0.03  # standard deviation
     inwards: float = 0.4  # share by which that is read nearer to the middle, off the ends of brows
+    cheek: float = 0.16  # side of the skin whose grain it gets
+    # The shadow of the hair: its share of the light at the hairline, and how far down it fades.
+    shadow: float = 0.3
+    shadow_length: float = 0.06
     # Of the strands at the hairline: how far they reach in at the middle, how wide they and tufts of them are, how long
     # they stay alike, and how soft their ends are, as a share of their reach.
     reach: float = 0.09
@@ -39,6 +56,7 @@ class ForeheadLimits:
 
 
 LIMITS = ForeheadLimits()
+LOBE = 3  # point of the jaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +69,14 @@ class Forehead:
     softened : (h, w) share in [0, 1] by which it is softened there: what is mirrored must not be seen twice.
     sigma : pixels, of that.
     added : (h, w) share in [0, 1] by which a pixel is drawn beyond the face's own hairline.
+    lit : (h, w) share in [0, 1] of the light that hair leaves.
     """
 
     places: F32
     softened: F32
     sigma: float
     added: F32
+    lit: F32
 
     @classmethod
     def of(cls, reference: ReferenceFrame, face_widths: float) -> Forehead:
@@ -67,29 +87,33 @@ class Forehead:
     def _made(cls, reference: ReferenceFrame, face_widths: float) -> Forehead:
         height, width = reference.size
         y, x = np.mgrid[:height, :width].astype(np.float64)
-        found, (softened, added) = np.dstack([x, y]).reshape(-1, 2), np.zeros((2, height * width))
-        places = found[reference.pixels]
-        moved = outward(reference, 0.0, face_widths)
-        stretched = MeshSampler.build(reference, places).positions(moved).astype(np.float64)
-        drawn, centre = places + stretched, reference.points[NOSE].mean(0)
-        along, away = _polar(drawn - centre)
+        read = np.dstack([x, y]).reshape(-1, 2)
+        moved, centre = outward(reference, 0.0, face_widths), reference.points[NOSE].mean(0)
+        places = read[reference.pixels]
+        stretch = MeshSampler.build(reference, places).positions(moved).astype(np.float64)
         rim = LIMITS.rim * reference.resolution
-        _, own = _skin(reference, centre, along, moved)
-        excess, share = away - own, np.clip(np.linalg.norm(stretched, axis=1) / rim, 0, 1)
-        inwards = along * (1 - LIMITS.inwards * share * np.clip(excess / rim + 1, 0, 1))
-        low, high = _skin(reference, centre, inwards, moved)
-        turn = np.mod(excess, 2 * (high - low))
-        away = np.where(excess > 0, high - np.minimum(turn, 2 * (high - low) - turn), away + high - own)
-        read = centre + away[:, None] * np.column_stack([np.sin(inwards), -np.cos(inwards)])
-        found[reference.pixels] = np.where(share[:, None] > 0, read, places)
-        softened[reference.pixels] = share * np.clip(excess / rim + 1, 0, 1)
-        added[reference.pixels] = share * np.clip(excess / rim - 0.5, 0, 1)
-        return cls(
-            found.reshape(height, width, 2).astype(np.float32),
-            softened.reshape(height, width).astype(np.float32),
-            LIMITS.softening * reference.resolution,
-            added.reshape(height, width).astype(np.float32),
+        added = np.clip(np.linalg.norm(stretch, axis=1) / rim, 0, 1)
+        along, away = _polar(places + stretch - centre)
+        _, own = _skin(reference, centre, along)
+        beyond = np.clip((away - own) / rim + 1, 0, 1)
+        share = np.maximum(added, _above_ears(reference, centre, along)) if face_widths else added
+        inwards = along * (1 - LIMITS.inwards * added * beyond)
+        source = centre + _mirrored(reference, centre, inwards, away - own)
+        read[reference.pixels] = np.where(share[:, None] > 0, source, places)
+        below = np.maximum(_at_outline(reference.points + moved, centre, along) - away, 0)
+        at_line, _ = _polar(reference.points[FOREHEAD] - centre)
+        raised = np.interp(along, at_line, _shares(moved), left=0, right=0)
+        shadow = LIMITS.shadow * raised * np.exp(-below / (LIMITS.shadow_length * reference.resolution))
+        over = away - _at_outline(reference.points, centre, along)
+        drawn_over = added * np.clip(over / rim + added - 0.5, 0, 1)
+        softened, drawn_over, lit = (
+            reference.scatter(plane).astype(np.float32)
+            for plane in (share * beyond, drawn_over, 1 - shadow)
         )
+        return cls(
+            read.reshape(height, width, 2).astype(np.float32), softened, LIMITS.softening * reference.resolution,
+            drawn_over, np.where(reference.mask, lit, np.float32(1)),
+        )  # fmt: skip
 
     def continued(self, picture: U8) -> U8:
         """A texture (h, w, 3) with the forehead continued."""
@@ -102,6 +126,27 @@ class Forehead:
         height, width = self.softened.shape
         places = 2 * cv2.resize(self.places, (2 * width, 2 * height)) + np.float32(0.5)
         return np.asarray(cv2.remap(detail, places, None, cv2.INTER_LINEAR), np.float32)  # type: ignore[call-overload]
+
+
+def skin_grain(target: Identity) -> F32:
+    """(h, w) fine differences of brightness as on a face's cheeks, in grey levels of its texture, for any place.
+
+    White noise gets the spectrum of the cheeks: B. Galerne, Y. Gousseau and J.-M. Morel, "Random phase textures: theory
+    and synthesis", 2011, section IV.
+    """
+    reference = target.reference
+    luma = reference.scatter(target.appearance.neutral_texture @ LUMA)
+    fine = luma - cv2.GaussianBlur(luma, (0, 0), LIMITS.softening * reference.resolution)
+    side = round(LIMITS.cheek * reference.resolution)
+    window = np.outer(np.hanning(side), np.hanning(side))
+    total, noise = np.zeros(reference.size), np.random.default_rng(0)
+    for corners in ((RIGHT_NOSTRIL, JAW[2]), (LEFT_NOSTRIL, JAW[-3])):
+        x, y = np.round(reference.points[list(corners)].mean(0) - side / 2).astype(int)
+        cheek = fine[y : y + side, x : x + side]
+        spot = window * (cheek - np.average(cheek, weights=window)) / np.sqrt((window**2).sum())
+        spectrum = np.fft.rfft2(spot, reference.size) * np.fft.rfft2(noise.standard_normal(reference.size))
+        total += np.fft.irfft2(spectrum, reference.size)
+    return np.asarray(total / np.sqrt(2), np.float32)
 
 
 @lru_cache(maxsize=4)
@@ -150,16 +195,35 @@ def _polar(away: F64) -> tuple[F64, F64]:
     return np.arctan2(away[:, 0], -away[:, 1]), np.hypot(away[:, 0], away[:, 1])
 
 
-def _skin(reference: ReferenceFrame, centre: F64, along: F64, moved: F64) -> tuple[F64, F64]:
-    """Distances (n,) from the centre, in directions (n,), between which the forehead is skin."""
-    (at_line, line), (at_brow, brow) = (
-        _polar(reference.points[list(points)] - centre) for points in (FOREHEAD, BROWS)
-    )
-    rim = LIMITS.rim * reference.resolution * _shares(moved)
-    high = np.interp(along, at_line, line - rim)
+def _mirrored(reference: ReferenceFrame, centre: F64, along: F64, excess: F64) -> F64:
+    """(n, 2) from the centre, in directions (n,), to skin at distances (n,) beyond its upper end, as in a mirror."""
+    low, high = _skin(reference, centre, along)
+    turn = np.mod(excess, 2 * (high - low))
+    away = high - np.where(excess > 0, np.minimum(turn, 2 * (high - low) - turn), -excess)
+    return away[:, None] * np.column_stack([np.sin(along), -np.cos(along)])
+
+
+def _skin(reference: ReferenceFrame, centre: F64, along: F64) -> tuple[F64, F64]:
+    """Distances (n,) from the centre, in directions (n,), between which forehead and temples are skin."""
+    at_brow, brow = _polar(reference.points[[*BROWS, *OUTER_EYE_CORNERS]] - centre)
     order = np.argsort(at_brow)
     low = np.interp(along, at_brow[order], brow[order]) + LIMITS.above_brows * reference.resolution
+    rim = LIMITS.rim * reference.resolution * _above_ears(reference, centre, along)
+    high = _at_outline(reference.points, centre, along) - rim
     return low, np.maximum(high, low + LIMITS.least * reference.resolution)
+
+
+def _at_outline(points: F64, centre: F64, along: F64) -> F64:
+    """Distances (n,) from the centre, in directions (n,), of the outline of points (81, 2)."""
+    at_line, line = _polar(points[SILHOUETTE] - centre)
+    order = np.argsort(at_line)
+    return np.interp(along, at_line[order], line[order], period=2 * np.pi)
+
+
+def _above_ears(reference: ReferenceFrame, centre: F64, along: F64) -> F64:
+    """(n,) share in [0, 1] of forehead and temples in directions (n,): all above the ears, nothing below them."""
+    (first, last), _ = _polar(reference.points[[RIGHT_TEMPLE, JAW[LOBE]]] - centre)
+    return np.asarray(np.clip((abs(last) - np.abs(along)) / (abs(last) - abs(first)), 0, 1))
 
 
 def _shares(beyond: F64) -> F64:

@@ -33,7 +33,8 @@ class LocalLightLimits:
     brightness_ratio: tuple[float, float] = (0.15, 4.0)
     colour_ratio: tuple[float, float] = (0.6, 1.6)  # of a channel, beyond that of brightness
     detail_gain: tuple[float, float] = (0.5, 1.5)
-    part_ratio: tuple[float, float] = (0.35, 1.8)  # of brightness, at eyes and mouth
+    # Of brightness, at eyes and in the mouth: teeth that the frame shows don't light up a tongue.
+    part_ratios: tuple[tuple[float, float], ...] = ((0.35, 1.8), (0.35, 1.1))
     memory: float = 0.5  # share kept from frame to frame
     black_grey_levels: float = 4.0  # added before a ratio is taken
     min_weight: float = 1e-3  # of a texel
@@ -100,7 +101,7 @@ class LocalLight:
         self._ratio += (1 - keep) * (ratio - self._ratio)
         for part, at in enumerate(self._part_texels):
             if len(at) and visible[at].mean() > LIMITS.min_part_share:
-                value = _part_ratio(face[at], seen[at], visible[at])
+                value = _part_ratio(face[at], seen[at], visible[at], LIMITS.part_ratios[part])
                 self._part_ratio[part] += (1 - keep) * (value - self._part_ratio[part])
         if self._whites is not None:
             tint = self._whites.tint(visible[self._skin] @ seen[self._skin])
@@ -144,8 +145,8 @@ def _luma(planes: F32) -> F32:
     return np.asarray(np.tensordot(LUMA, planes, 1))
 
 
-def _part_ratio(face: F32, seen: F32, visible: F32) -> float:
+def _part_ratio(face: F32, seen: F32, visible: F32, limits: tuple[float, float]) -> float:
     """Ratio of mean brightness of an eye or mouth, within limits."""
     there, own = (float(visible @ (rgb @ LUMA)) / float(visible.sum()) for rgb in (seen, face))
     ratio = (there + LIMITS.black_grey_levels) / max(own + LIMITS.black_grey_levels, 1)
-    return float(np.clip(ratio, *LIMITS.part_ratio))
+    return float(np.clip(ratio, *limits))

@@ -42,6 +42,9 @@ class OcclusionLimits:
     object_share: tuple[float, float] = (0.15, 0.45)
     sure_object_share: tuple[float, float] = (0.35, 0.65)  # where no part of the person may show
     min_object_face_shares: float = 0.01  # of an object there, and of one beside the face, of the face
+    max_hair_share: float = (
+        0.1  # of such an object: that of a hand or mug is a fiftieth, of hair taken for one a fifth
+    )
     rim_face_widths: float = 0.03  # of the face, which such an object reaches
     hair_share: tuple[float, float] = (0.5, 0.85)
     background_share: tuple[float, float] = (0.5, 0.85)  # beyond the person's own face
@@ -71,6 +74,7 @@ KINDS = (
 SURE_KINDS = (
     (FaceClass.OCCLUDER, LIMITS.object_share),
     (FaceClass.OCCLUDER, LIMITS.sure_object_share),
+    (FaceClass.HAIR, (0.0, 1.0)),
 )
 RIM_MARGIN = 0.05  # face widths above the brows, up to which rims of glasses may reach
 BESIDE = (FaceClass.BACKGROUND, LIMITS.background_share)
@@ -190,7 +194,7 @@ class Occlusion:
         places = self._cells.positions(mesh) + self._depth * across.astype(np.float32)
         layers = self._layers.at(places).T
         self._layers = None
-        hidden = self._reaching_in(layers[1]) if self._only_objects else self._in_front(*layers)
+        hidden = self._reaching_in(*layers[1:]) if self._only_objects else self._in_front(*layers)
         if self._beside is not None and self._beyond is not None:
             hidden = np.maximum(hidden, self._steady(self._beside.at(places)[:, 0] * self._beyond))
         self._uncovered = self._on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
@@ -260,12 +264,13 @@ class Occlusion:
             seen[self._face.ravel()].any()
         )
 
-    def _reaching_in(self, thing: F32) -> F32:
-        """The share (n,) of the cells that objects hide which reach over the rim of the face."""
+    def _reaching_in(self, thing: F32, hair: F32) -> F32:
+        """The share (n,) of the cells that objects hide which reach over the rim of the face, and are no hair."""
         inside = (thing.reshape(self._grid.size) > LIMITS.min_hidden) & self._face
         _, labels, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8))
         large = stats[:, cv2.CC_STAT_AREA] > LIMITS.min_object_face_shares * self._face.sum()
         large[0] = False
+        large &= np.bincount(labels.ravel(), hair) < LIMITS.max_hair_share * stats[:, cv2.CC_STAT_AREA]
         reaching = np.isin(labels, [n for n in np.unique(labels[self._rim]) if large[n]])
         self._pause_frames = 0 if reaching.any() else LIMITS.pause_frames
         return np.where(reaching.ravel() | ~self._face.ravel(), thing, 0.0) if reaching.any() else 0 * thing

@@ -275,8 +275,9 @@ class Painter:
         """The texture as a picture in the frame's stored components, uint8, with detail if it will show."""
         planes = self._palette.apply(texture, colour.from_rgb[:, :3], colour.from_rgb[:, 3])
         picture = self._scattered(planes)
+        contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
         if self._disguise is not None:
-            picture = self._disguise.forehead.continued(picture)
+            picture = self._disguise.continued(picture, contrast, float(colour.from_rgb[0, 3]))
         if self._finish is not None:
             picture = self._finish.sharpness.apply(picture)
         if fold is not None:
@@ -287,7 +288,6 @@ class Painter:
             return picture
         h, w = self.reference.size
         picture = np.asarray(cv2.resize(picture, (2 * w, 2 * h), interpolation=self._enlarging), np.uint8)
-        contrast = self._palette.contrast * float(colour.from_rgb[0, :3].sum())
         if self._finish is not None:
             contrast *= self._finish.sharpness.gain
         luma = cv2.extractChannel(picture, 0)
