@@ -18,6 +18,7 @@ from guise.app.deidentify.stages.audit import (
     AuditSearch,
     FaceTreatment,
     _inside,
+    _is_hair,
     _is_unchanged,
     patch_of,
 )
@@ -94,6 +95,21 @@ def test_what_will_be_swapped_or_left_is_not_missed(done: int) -> None:
     audit = Audit(search(), FRAMES, {}, RATE, every_frame=True)
     assert not audit.before([Frame.from_rgb(rgb)], {0: [treated(box, done)]})
     assert 0 not in audit.unsearched
+
+
+@pytest.mark.parametrize(
+    ("turn", "shift", "entry_turn", "is_hair"),
+    [(np.pi, -0.55, 0.0, True), (np.pi, 0.0, 0.0, False), (0.0, -0.55, 0.0, False), (np.pi, -0.9, 0.0, False),
+     (np.pi, -0.55, np.pi, False)],
+    ids=["hair", "a face followed the wrong way round", "a face", "somebody upside down", "a head upside down"],
+)  # fmt: skip
+def test_hair_of_a_swapped_head_is_no_face_upside_down(
+    turn: float, shift: float, entry_turn: float, is_hair: bool
+) -> None:
+    box = np.array([100, 100, 200, 200], np.float32)
+    find = box + np.array([0, shift, 0, shift], np.float32) * 100
+    assert _is_hair(find, turn, treated(box, SWAPPED, entry_turn)) == is_hair
+    assert not _is_hair(find, turn, treated(box, COVERED, entry_turn))
 
 
 def test_a_negative_is_searched_as_a_positive() -> None:

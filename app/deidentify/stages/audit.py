@@ -57,6 +57,7 @@ class AuditLimits:
     max_same_grey_levels: float = 2.0  # or this
     max_unchanged_swapped: float = 0.6  # share of a patch; a hand in front of a swapped face is kept
     max_unchanged_covered: float = 0.4
+    max_upside_down_cosine: float = -0.7  # of the turn between a face and what its hair is taken for
 
 
 LIMITS = AuditLimits()
@@ -221,6 +222,7 @@ class Audit(Closing):
         covers = [entry.region for entry in entries if entry.done == COVERED]
         for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
             is_known = any(_inside(box, place) for place in places)
+            is_known = is_known or any(_is_hair(box, float(turn), entry) for entry in entries)
             if is_known or _share_within(box, covers) > 1 - LIMITS.max_unchanged_covered:
                 continue
             if self._is_in_original(luma, box * scale, float(turn), negative):
@@ -294,6 +296,8 @@ class Audit(Closing):
         for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True):
             if any(_inside(box, place) for place in left):
                 continue
+            if any(_is_hair(box, float(turn), entry) for entry in entries):
+                continue
             is_swapped = any(_inside(box, place) for place in swapped)
             patches = [patch_of(luma, box * scale) for luma in (before, after)]
             unknown = not is_swapped and not any(_inside(box, place) for place in covered)
@@ -329,6 +333,17 @@ def _share_within(box: F32, places: Sequence[F64]) -> float:
         np.logical_and.outer(*(((at > low) & (at < high)).T)) for low, high in np.reshape(places, (-1, 2, 2))
     ]
     return float(np.any(within, axis=0).mean()) if within else 0.0
+
+
+def _is_hair(box: F32, turn: float, entry: FaceTreatment) -> bool:
+    """Whether a find is the hair of a head whose face is swapped: upside down, grey hair looks like a chin.
+
+    Somebody else's face that is upside down there would lie in part beyond that head, and the head's own, had it been
+    followed the wrong way round, on what is swapped.
+    """
+    upside_down = float(np.cos(turn - entry.turn)) < LIMITS.max_upside_down_cosine
+    above = upside_down and not _inside(box, entry.box)
+    return entry.done == SWAPPED and above and _share_within(box, [entry.region]) == 1
 
 
 def _is_unchanged(one: U8 | None, other: U8 | None, most: float) -> bool:
