@@ -240,3 +240,21 @@ def test_a_view_of_a_grey_picture_is_cut_like_its_copy(side: float) -> None:
         one, two = (cut(rgb, np.array([300.0, 200.0]), side, turn) for rgb in (view, view.copy()))
         np.testing.assert_array_equal(one[0], two[0])
         np.testing.assert_array_equal(one[1], two[1])
+
+
+def test_a_look_in_a_box_gives_its_points_and_its_likeness_by_one_pass(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    landmarker = BuiltinLandmarker()
+    with open_input(SAMPLES / "p01" / "talk.mp4") as media:
+        rgb = next(iter(media)).rgb()
+    [face] = landmarker.detect(rgb)
+    boxes = [face.box, np.array([0, 0, 60, 60], np.float32)]
+    known = [(landmarker.points_in_box(rgb, box), landmarker.likeness(rgb, box)) for box in boxes]
+    first, calls = landmarker._first, []
+    monkeypatch.setattr(landmarker, "_first", lambda *given: calls.append(given) or first(*given))
+    looked = [landmarker.look_in_box(rgb, box) for box in boxes]
+    assert len(calls) == 2
+    assert [likeness for _, likeness in looked] == [likeness for _, likeness in known]
+    assert looked[1][0] is known[1][0] is None
+    np.testing.assert_array_equal(looked[0][0].points, known[0][0].points)

@@ -106,11 +106,8 @@ class _Unsure:
     def __init__(self, likeness: float) -> None:
         self._likeness = likeness
 
-    def points_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> None:
-        return None
-
-    def likeness(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> float:
-        return self._likeness
+    def look_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> tuple[None, float]:
+        return None, self._likeness
 
 
 def test_of_two_trackers_of_one_face_one_stays() -> None:
@@ -135,8 +132,8 @@ class _Same:
     def refine(self, rgb: np.ndarray, previous: object) -> object:
         return _face(np.array([10, 10, 50, 50]) if previous.box[0] < 40 else np.array([20, 10, 60, 50]))  # type: ignore[attr-defined]
 
-    def likeness(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> float:
-        return -10.0
+    def look_in_box(self, rgb: np.ndarray, box: np.ndarray, turn: float) -> tuple[object, float]:
+        return _face(box), -10.0
 
 
 def _face(box: np.ndarray) -> object:

@@ -171,10 +171,14 @@ class BuiltinLandmarker:
 
         turn : radians, by which the face is rolled clockwise, to about 45 degrees.
         """
+        return self.look_in_box(rgb, box, turn)[0]
+
+    def look_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> tuple[Face | None, float]:
+        """Both `points_in_box` and `likeness`, which begin with the same pass."""
         first = self._first(rgb, box, turn)
         if not _usable(first.points) or not self._is_hopeful(first):
-            return None
-        return self._judged(rgb, self._pass(rgb, *upright_square(first.points)))
+            return None, first.logit
+        return self._judged(rgb, self._pass(rgb, *upright_square(first.points))), first.logit
 
     def likeness(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> float:
         """How much the crop about box (4,) ``x0 y0 x1 y1`` looks like a face, also one too small or hidden for points.

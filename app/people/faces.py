@@ -273,11 +273,11 @@ class SegmentTracker:
             box, score, turn = found.boxes[i], float(found.scores[i]), float(found.turns[i])
             if score < LIMITS.min_candidate_score or self._is_on_known(box, score, turn):
                 continue
-            face = self._landmarker.points_in_box(frame.rgb, box, turn)
+            face, likeness = self._landmarker.look_in_box(frame.rgb, box, turn)
             if face is not None and face.confidence >= TRACKING.start_confidence:
                 self._start(frame.index, _with_ibug68_box(face))
-            else:
-                candidates += self._candidate(frame, box, score, turn)
+            elif (candidate := _candidate(frame.index, box, score, turn, likeness)) is not None:
+                candidates.append(candidate)
         candidates += self._at_sides(frame)
         # Boxes at a wrong roll may come before the face's own.
         self._candidates += [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
@@ -310,19 +310,6 @@ class SegmentTracker:
         known = (t[index].box for t in self._tracklets.values() if index in t)
         return any(iou(box, face.box) > TRACKING.min_match_iou for box in known)
 
-    def _candidate(self, frame: DetectedFrame, box: F32, score: float, turn: float) -> list[Candidate]:
-        """A box without points as a candidate, if it is likely enough to be a face."""
-        is_small = bool((box[2:] - box[:2] <= LIMITS.small_face_pixels).all())
-        least = LIMITS.min_likeness_small if is_small else LIMITS.min_likeness_large
-        if score >= LIMITS.high_score:
-            least = LIMITS.min_likeness_high_score
-        beyond = self._landmarker.likeness(frame.rgb, box, turn) - least
-        # Folds of clothes are found upside down with high scores.
-        if beyond < 0 and (score < LIMITS.certain_score or abs(turn) > LIMITS.upright_radians):
-            return []
-        is_confirmed = score >= LIMITS.certain_score or beyond >= LIMITS.confirmed_likeness
-        return [Candidate(frame.index, box, score, is_confirmed, turn)]
-
 
 class _Ibug68Boxes:
     """A landmarker whose faces have the box of their 68 iBUG points, as the detector's boxes are."""
@@ -342,6 +329,20 @@ class _Ibug68Boxes:
     def face_in_box(self, rgb: U8, box: F32, turn: float) -> Face | None:
         face = self._landmarker.points_in_box(rgb, box, turn)
         return None if face is None else _with_ibug68_box(face)
+
+
+def _candidate(index: int, box: F32, score: float, turn: float, likeness: float) -> Candidate | None:
+    """A box without points as a candidate, if it is likely enough to be a face.   likeness : of its crop, a logit."""
+    is_small = bool((box[2:] - box[:2] <= LIMITS.small_face_pixels).all())
+    least = LIMITS.min_likeness_small if is_small else LIMITS.min_likeness_large
+    if score >= LIMITS.high_score:
+        least = LIMITS.min_likeness_high_score
+    beyond = likeness - least
+    # Folds of clothes are found upside down with high scores.
+    if beyond < 0 and (score < LIMITS.certain_score or abs(turn) > LIMITS.upright_radians):
+        return None
+    is_confirmed = score >= LIMITS.certain_score or beyond >= LIMITS.confirmed_likeness
+    return Candidate(index, box, score, is_confirmed, turn)
 
 
 def _with_ibug68_box(face: Face) -> Face:

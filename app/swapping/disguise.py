@@ -34,8 +34,8 @@ class Disguise:
         contrast : scale of grey levels of the identity's own texture.   black : the brightness of black.
         """
         picture = self.forehead.continued(picture)
-        luma = cv2.extractChannel(picture, 0).astype(np.float32) - np.float32(black)
-        luma = cv2.addWeighted(luma * self.forehead.lit, 1.0, self._grain, contrast, black, dtype=cv2.CV_8U)
+        lit = (cv2.extractChannel(picture, 0) - np.float32(black)) * self.forehead.lit
+        luma = cv2.addWeighted(lit, 1.0, self._grain, contrast, black, dtype=cv2.CV_8U)
         return np.asarray(cv2.insertChannel(luma, picture, 0), np.uint8)
 
     def look(self, irises: F64, head: F64) -> None:

@@ -107,8 +107,7 @@ class Forehead:
         over = away - _at_outline(reference.points, centre, along)
         drawn_over = added * np.clip(over / rim + added - 0.5, 0, 1)
         softened, drawn_over, lit = (
-            reference.scatter(plane).astype(np.float32)
-            for plane in (share * beyond, drawn_over, 1 - shadow)
+            reference.scatter(plane.astype(np.float32)) for plane in (share * beyond, drawn_over, 1 - shadow)
         )
         return cls(
             read.reshape(height, width, 2).astype(np.float32), softened, LIMITS.softening * reference.resolution,
@@ -200,7 +199,7 @@ def _mirrored(reference: ReferenceFrame, centre: F64, along: F64, excess: F64) -
     low, high = _skin(reference, centre, along)
     turn = np.mod(excess, 2 * (high - low))
     away = high - np.where(excess > 0, np.minimum(turn, 2 * (high - low) - turn), -excess)
-    return away[:, None] * np.column_stack([np.sin(along), -np.cos(along)])
+    return np.asarray(away[:, None] * np.column_stack([np.sin(along), -np.cos(along)]))
 
 
 def _skin(reference: ReferenceFrame, centre: F64, along: F64) -> tuple[F64, F64]:
