@@ -131,7 +131,7 @@ def skin_grain(target: Identity) -> F32:
     """(h, w) fine differences of brightness as on a face's cheeks, in grey levels of its texture, for any place.
 
     White noise gets the spectrum of the cheeks: B. Galerne, Y. Gousseau and J.-M. Morel, "Random phase textures: theory
-    and synthesis", 2011, section IV.
+    and synthesis", 2011, as asymptotic discrete spot noise.
     """
     reference = target.reference
     luma = reference.scatter(target.appearance.neutral_texture @ LUMA)
