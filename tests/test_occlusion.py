@@ -37,6 +37,8 @@ from guise.common.arrays import F32, F64, U8
 
 BLUE = np.array([30, 60, 200], np.uint8)
 FRAMES = 6  # by which the memory has faded
+SKIN_COLOUR, HAND_COLOUR = (200, 150, 130), (190, 145, 120)
+HAIR_COLOUR, WALL_COLOUR = (50, 40, 35), (120, 140, 150)
 
 
 @pytest.fixture(scope="module")
@@ -353,6 +355,37 @@ def test_where_no_part_of_the_person_may_show_hair_that_is_partly_taken_for_an_o
     shape = reference.points * (64 / reference.resolution)
     wary.update(Frame.from_rgb(np.zeros((8, 8, 3), np.uint8)), shape)
     assert wary.uncovered(shape) is None
+
+
+@pytest.mark.parametrize(
+    ("shown", "colour", "kept"),
+    [
+        (FaceClass.OCCLUDER, HAIR_COLOUR, False),
+        (FaceClass.OCCLUDER, HAND_COLOUR, True),
+        (FaceClass.BACKGROUND, HAIR_COLOUR, False),
+        (FaceClass.BACKGROUND, WALL_COLOUR, True),
+    ],
+    ids=["a lock taken for an object", "a hand", "a lock taken for background", "background"],
+)
+def test_where_no_part_of_the_person_may_show_what_has_the_hairs_colour_does_not(
+    p01: Identity, monkeypatch: pytest.MonkeyPatch, shown: FaceClass, colour: tuple[int, ...], kept: bool
+) -> None:
+    reference = p01.appearance.reference
+    wary = Occlusion(
+        reference, ParameterEstimator(p01.appearance).sampler, only_objects=True,
+        beyond=np.ones(reference.size, np.float32),
+    )  # fmt: skip
+    parsing = fake_parsing(shown, slice(0, 35), slice(25, 35))
+    parsing.shares[:, 50:] = np.eye(len(FaceClass))[FaceClass.HAIR, :, None, None]
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
+    picture = np.full((64, 64, 3), SKIN_COLOUR, np.float64)
+    picture[50:], picture[25:35, :35] = HAIR_COLOUR, colour
+    picture += np.random.default_rng(0).normal(0, 4, picture.shape)
+    shape = reference.points * (64 / reference.resolution)
+    wary.update(Frame.from_rgb(np.clip(picture, 0, 255).astype(np.uint8)), shape)
+    left = wary.uncovered(shape)
+    hidden = 0.0 if left is None else float((left < 0.5).mean())
+    assert hidden > 0.05 if kept else hidden < 0.005
 
 
 @pytest.mark.parametrize("shown", [FaceClass.BACKGROUND, FaceClass.HAIR])

@@ -6,7 +6,8 @@ in front, or nothing in front moves, and the eyes rest, only some frames are par
 face.
 
 Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
-hands and mugs do: a patch within it that is taken for an object may be skin.
+hands and mugs do: a patch within it that is taken for an object may be skin.  A lock of hair, which is easily
+taken for an object or for background, is told by its colour: that of the rest of the hair.
 """
 
 from __future__ import annotations
@@ -45,6 +46,10 @@ class OcclusionLimits:
     max_hair_share: float = (
         0.1  # of such an object: that of a hand or mug is a fiftieth, of hair taken for one a fifth
     )
+    max_hair_coloured_share: float = 0.5  # of such an object, of what has the hair's colour
+    hair_colour_deviations: float = 2.5  # from the mean of the hair, within which a colour is the hair's
+    least_deviation: float = 2.0  # grey levels
+    min_hair_cells: int = 40  # of the parsing, from which the hair's and the skin's colours are known
     rim_face_widths: float = 0.03  # of the face, which such an object reaches
     hair_share: tuple[float, float] = (0.5, 0.85)
     background_share: tuple[float, float] = (0.5, 0.85)  # beyond the person's own face
@@ -169,6 +174,10 @@ class Occlusion:
         parsing = self.parsing = parse_frame(self._parser, frame, shape)
         self._layers = _Layers.of(parsing, self._kinds)
         self._beside = None if self._beyond is None else _Layers.of(parsing, (BESIDE,))
+        if self._only_objects:
+            hair = _hair_coloured(frame, parsing)
+            self._layers = self._layers.with_map(hair)
+            self._beside = self._beside and self._beside.without(hair)
         places = self._texels.positions(shape) if places is None else places
         self._visible = 1 - np.max(self._layers.at(places), axis=1)
         self._look_for_rims(frame, shape)
@@ -264,13 +273,15 @@ class Occlusion:
             seen[self._face.ravel()].any()
         )
 
-    def _reaching_in(self, thing: F32, hair: F32) -> F32:
+    def _reaching_in(self, thing: F32, hair: F32, hair_coloured: F32) -> F32:
         """The share (n,) of the cells that objects hide which reach over the rim of the face, and are no hair."""
         inside = (thing.reshape(self._grid.size) > LIMITS.min_hidden) & self._face
         _, labels, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8))
         large = stats[:, cv2.CC_STAT_AREA] > LIMITS.min_object_face_shares * self._face.sum()
         large[0] = False
-        large &= np.bincount(labels.ravel(), hair) < LIMITS.max_hair_share * stats[:, cv2.CC_STAT_AREA]
+        area = stats[:, cv2.CC_STAT_AREA]
+        large &= np.bincount(labels.ravel(), hair) < LIMITS.max_hair_share * area
+        large &= np.bincount(labels.ravel(), hair_coloured) < LIMITS.max_hair_coloured_share * area
         reaching = np.isin(labels, [n for n in np.unique(labels[self._rim]) if large[n]])
         self._pause_frames = 0 if reaching.any() else LIMITS.pause_frames
         return np.where(reaching.ravel() | ~self._face.ravel(), thing, 0.0) if reaching.any() else 0 * thing
@@ -301,6 +312,14 @@ class _Layers:
     def of(cls, parsing: FaceParsing, kinds: Sequence[tuple[FaceClass, tuple[float, float]]]) -> _Layers:
         return cls(parsing, np.dstack([_ramp(parsing.shares[kind], ends) for kind, ends in kinds]))
 
+    def with_map(self, one: F32) -> _Layers:
+        """And one more map (64, 64)."""
+        return _Layers(self.parsing, np.dstack([self.hidden, one]))
+
+    def without(self, share: F32) -> _Layers:
+        """Nothing where a share (64, 64) is 1."""
+        return _Layers(self.parsing, self.hidden * (1 - share)[..., None])
+
     def at(self, points: Floating) -> F32:
         """(n, k) at points (n, 2) of the picture."""
         return self.parsing.at(points, self.hidden)
@@ -319,6 +338,23 @@ def parse_frame(parser: Parser[Parsed], frame: Frame, shape: F64) -> Parsed:
         return parser.of_crop(np.zeros((SIZE, SIZE, 3), np.uint8), to_picture)
     crop, _ = cut(frame.rgb_roi(x0, y0, w, h), centre - (x0, y0), side, turn)
     return parser.of_crop(crop, to_picture)
+
+
+def _hair_coloured(frame: Frame, parsing: FaceParsing) -> F32:
+    """(64, 64) 1 in cells whose colour is that of the hair rather than that of the skin; 0 where either is unknown."""
+    side = parsing.shares.shape[1]
+    cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(1, -1, 2)
+    colours = frame.sample_rgb(cv2.transform(cells.astype(np.float64), parsing.to_picture)[0])
+    away = []
+    for part in (FaceClass.HAIR, FaceClass.SKIN):
+        sure = colours[parsing.shares[part].ravel() > 0.5]
+        if len(sure) < LIMITS.min_hair_cells:
+            return np.zeros((side, side), np.float32)
+        spread = np.maximum(sure.std(0), LIMITS.least_deviation)
+        away.append(np.abs((colours - sure.mean(0)) / spread).max(1))
+    hair, skin = away
+    alike = (hair < LIMITS.hair_colour_deviations) & (hair < skin)
+    return np.asarray(cv2.medianBlur(alike.reshape(side, side).astype(np.uint8), 3), np.float32)
 
 
 def _even(colours: F32) -> F32:
