@@ -16,6 +16,7 @@ from guise.app.deidentify.stages.audit import (
     Audit,
     AuditDetection,
     AuditSearch,
+    DrawnFace,
     FaceTreatment,
     _inside,
     _is_hair,
@@ -156,11 +157,37 @@ def test_a_swap_that_changes_nothing_is_found_in_frames_that_are_not_searched() 
     audit = Audit(search(), FRAMES, entries, RATE, every_frame=False)
     index = 1
     audit.before([Frame.from_rgb(rgb, index=index)], entries)
-    drawn = {index: [box.astype(np.float64)]}
+    drawn = {index: [DrawnFace(1, box.astype(np.float64))]}
     (one,) = audit.after([Frame.from_rgb(rgb, index=index)], entries, drawn)
     assert (one.frame, one.box.tolist()) == (index, box.tolist())
     other = rgb[:, ::-1].copy()
     assert not list(audit.after([Frame.from_rgb(other, index=index)], entries, drawn))
+
+
+def test_an_object_before_a_swapped_face_is_not_taken_for_the_face_unchanged() -> None:
+    picture, box = still()
+    rgb = picture.copy()
+    entries = {1: [treated(box, SWAPPED)]}
+    x0, y0, x1, y1 = box.round().astype(int)
+    low = y0 + 2 * (y1 - y0) // 5
+    rgb[low:y1, x0:x1] = np.linspace(0, 255, x1 - x0).astype(np.uint8)[:, None]  # a mug
+    after = rgb.copy()
+    after[y0:low, x0:x1] = after[y0:low, x0:x1][:, ::-1] // 2 + 60  # the face above it
+    uncovered = np.zeros((40, 40), np.uint8)
+    uncovered[:16] = 255
+    width, height = (box[2:] - box[:2]) / 40
+    to_grid = np.array([[1 / width, 0, -box[0] / width], [0, 1 / height, -box[1] / height]])
+    audit = Audit(search(), FRAMES, entries, RATE, every_frame=False)
+    audit.before([Frame.from_rgb(rgb, index=1)], entries)
+
+    def finds(picture: np.ndarray, face: DrawnFace) -> int:
+        return len(list(audit.after([Frame.from_rgb(picture.copy(), index=1)], entries, {1: [face]})))
+
+    place = box.astype(np.float64)
+    assert finds(after, DrawnFace(1, place)) == 1
+    assert finds(after, DrawnFace(1, place, uncovered, to_grid)) == 0
+    assert finds(rgb, DrawnFace(1, place, uncovered, to_grid)) == 1
+    assert finds(after, DrawnFace(1, place, 0 * uncovered, to_grid)) == 1  # too little is seen to tell
 
 
 def test_every_eighth_frame_is_searched_and_more_where_faces_were_lost() -> None:

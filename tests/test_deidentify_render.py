@@ -47,6 +47,14 @@ def test_what_is_found_again_at_the_same_place_is_covered_in_all_frames() -> Non
     assert len(with_detections({}, elsewhere, 0, 100)) == 2 * (2 * LIMITS.audit_margin_frames + 1)
 
 
+def test_a_face_that_is_followed_is_covered_where_it_is_found_only() -> None:
+    finds = [AuditDetection(10, BOX, 0.9), AuditDetection(60, BOX + 2, 0.9)]
+    entries = {k: [FaceTreatment(1, SWAPPED, BOX, 1.0)] for k in range(100)}
+    more = with_detections(entries, finds, 0, 100)
+    covered = [k for k, these in more.items() if len(these) > 1]
+    assert len(covered) == 2 * (2 * LIMITS.audit_margin_frames + 1)
+
+
 def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:
     rgb = np.full((100, 120, 3), 200, np.uint8)
     made = picture(Frame.from_rgb(rgb), np.array([-30, -10, 20, 40], np.float32), 0.0)

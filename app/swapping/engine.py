@@ -213,6 +213,11 @@ class Engine(Closing):
         self._last = shape, appearance, view
         return self.painter.paint(frame, shape, appearance, texels, view)
 
+    @property
+    def uncovered(self) -> F32 | None:
+        """(h, w) share in [0, 1] of the last drawn face that nothing hid, on the reference grid; None is all of it."""
+        return None if self.occlusion is None else self.occlusion.last_uncovered
+
     def _see(self, shape: F64) -> None:
         """Look at brows and lids of a shape (81, 2) as it was tracked, if the last frame was parsed."""
         parsing = None if self.occlusion is None else self.occlusion.parsing

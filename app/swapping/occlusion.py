@@ -157,6 +157,11 @@ class Occlusion:
         """(t,) share in [0, 1] by which each texel counts as the source's face; None before the first frame."""
         return self._visible
 
+    @property
+    def last_uncovered(self) -> F32 | None:
+        """What `uncovered` has returned last."""
+        return self._uncovered
+
     def update(self, frame: Frame, shape: F64, places: F32 | None = None, seen: F32 | None = None) -> None:
         """Look at a frame in which the face lies at a shape (81, 2), and the texels at places (t, 2).
 

@@ -46,13 +46,13 @@ def report_of(case: Case, names: tuple[str, str], output: Path, seconds: float) 
         for r in renders
         for a in r["audit"]
     ]
-    plan = case.plan
+    plan, covered = case.plan, [frame for r in renders for frame in r["covered"]]
     with open_input(case.input) as media:
         width, height = media.width, media.height
     return FileReport(
         *names, case.scan.frames, case.times, width, height, case.tracks,
         tuple(_outcome(plan, n) for n in [*(t.number for t in case.tracks), BYSTANDERS]), tuple(findings),
-        _counts(plan, case.scan.frames, findings), {**_settings(case.options), "renderer": renders[0]["renderer"]},
+        _counts(plan, case.scan.frames, covered), {**_settings(case.options), "renderer": renders[0]["renderer"]},
         tuple(dict.fromkeys(problems)), round(seconds, 3), _digest(output), sum(r["searched"] for r in renders),
     )  # fmt: skip
 
@@ -83,13 +83,13 @@ def _outcome(plan: dict[str, NDArray[Any]], track: int) -> TrackOutcome:
     return TrackOutcome(track, plan["frame"][mine], plan["done"][mine], plan["confidence"][mine], boxes)
 
 
-def _counts(plan: dict[str, NDArray[Any]], frames: int, findings: Sequence[AuditFinding]) -> dict[str, int]:
+def _counts(plan: dict[str, NDArray[Any]], frames: int, covered: Sequence[int]) -> dict[str, int]:
+    """Of the frames, by the worst that was done in each.   covered : those with a cover for what the audit found."""
     worst = np.full(frames, -1)
     for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
         these = plan["frame"][plan["done"] == code]
         worst[these] = np.maximum(worst[these], rank)
-    covered = [finding.frame for finding in findings]
-    worst[covered] = np.maximum(worst[covered], 1)
+    worst[np.array(covered, np.intp)] = np.maximum(worst[covered], 1)
     names = ("without face", "swapped", "covered", "left")
     return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
 

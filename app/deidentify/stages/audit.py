@@ -12,7 +12,7 @@ radians, by which a face is rolled clockwise.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +30,7 @@ from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_tu
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.media import Frame
 from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
 
 
@@ -57,6 +57,8 @@ class AuditLimits:
     max_same_grey_levels: float = 2.0  # or this
     max_unchanged_swapped: float = 0.6  # share of a patch; a hand in front of a swapped face is kept
     max_unchanged_covered: float = 0.4
+    min_shown: int = 128  # of 255, of a pixel of a swapped face, from which it isn't an object's in front
+    min_shown_share: float = 0.25  # of a patch; of less nothing is told, so that all of it counts
     max_upside_down_cosine: float = -0.7  # of the turn between a face and what its hair is taken for
 
 
@@ -90,6 +92,36 @@ class AuditDetection:
     score: float
     turn: float = 0.0
     negative: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnFace:
+    """A face as it was drawn.
+
+    track : number.   box : (4,) of all that was drawn.
+    uncovered : (h, w) uint8, 255 where nothing hides the face, on a grid; None is everywhere.
+    to_grid : (2, 3) affine map from pixels to the grid.
+    """
+
+    track: int
+    box: F64
+    uncovered: U8 | None = None
+    to_grid: F64 | None = None
+
+    def shown(self, box: NDArray[np.floating]) -> Bool | None:
+        """(16, 16) which pixels of the patch of a box (4,) show what was drawn; None is all of them."""
+        if self.uncovered is None or self.to_grid is None:
+            return None
+        x0, y0, x1, y1 = _middle(box)
+        step = np.array([x1 - x0, y1 - y0]) / LIMITS.patch_pixels
+        from_patch = np.column_stack([np.diag(step), [x0, y0] + step / 2 - 0.5])
+        linear = self.to_grid[:, :2] @ from_patch[:, :2]
+        shift = self.to_grid[:, :2] @ from_patch[:, 2] + self.to_grid[:, 2]
+        share = cv2.warpAffine(
+            self.uncovered, np.column_stack([linear, shift]), (LIMITS.patch_pixels,) * 2,
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        return np.asarray(share > LIMITS.min_shown)
 
 
 class AuditSearch:
@@ -232,23 +264,25 @@ class Audit(Closing):
         self,
         frames: Iterable[Frame],
         entries: dict[int, list[FaceTreatment]],
-        swapped_boxes: dict[int, list[F64]],
+        drawn: Mapping[int, Sequence[DrawnFace]],
     ) -> Iterator[AuditDetection]:
         """The faces in the result that were neither changed nor left on purpose.
 
-        entries : what was done, by frame.   swapped_boxes : (4,) of what was drawn, by frame.
+        entries : what was done, by frame.   drawn : by frame, too.
         """
         searched: deque[tuple[Frame, dict[bool, Future[RolledBoxes]]]] = deque()
 
         def judged() -> Iterator[AuditDetection]:
             frame, found = searched.popleft()
-            treatments, drawn = entries.get(frame.index, []), swapped_boxes.get(frame.index, [])
+            treatments, swapped = entries.get(frame.index, []), drawn.get(frame.index, [])
             for negative, boxes in found.items():
-                yield from self._compared(frame, treatments, drawn, boxes.result(), negative)
+                yield from self._compared(frame, treatments, swapped, boxes.result(), negative)
 
         for frame in frames:
+            shown = {face.track: face.shown for face in drawn.get(frame.index, [])}
             for entry, patch in self._patches.get(frame.index, []):
-                if _is_unchanged(patch, patch_of(frame.luma, entry.box), LIMITS.max_unchanged_swapped):
+                where = shown[entry.track](entry.box) if entry.track in shown else None
+                if _is_unchanged(patch, patch_of(frame.luma, entry.box), LIMITS.max_unchanged_swapped, where):
                     yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
             ways = [way for way in self._ways(frame.index) if (frame.index, way) in self._original]
             if ways:
@@ -285,7 +319,7 @@ class Audit(Closing):
         return self._search.faces(255 - rgb if negative else rgb, size)
 
     def _compared(
-        self, frame: Frame, entries: Sequence[FaceTreatment], swapped: Sequence[F64], result: RolledBoxes,
+        self, frame: Frame, entries: Sequence[FaceTreatment], drawn: Sequence[DrawnFace], result: RolledBoxes,
         negative: bool,
     ) -> Iterator[AuditDetection]:  # fmt: skip
         """Faces that another way of searching finds in the original or in the result, where both are the same."""
@@ -298,13 +332,14 @@ class Audit(Closing):
                 continue
             if any(_is_hair(box, float(turn), entry) for entry in entries):
                 continue
-            is_swapped = any(_inside(box, place) for place in swapped)
+            swapped = next((face for face in drawn if _inside(box, face.box)), None)
             patches = [patch_of(luma, box * scale) for luma in (before, after)]
-            unknown = not is_swapped and not any(_inside(box, place) for place in covered)
+            unknown = swapped is None and not any(_inside(box, place) for place in covered)
             if unknown and not self._is_in_original(before, box * scale, float(turn), negative):
                 continue
-            most = LIMITS.max_unchanged_swapped if is_swapped else LIMITS.max_unchanged_covered
-            if unknown or _is_unchanged(patches[0], patches[1], most):
+            most = LIMITS.max_unchanged_covered if swapped is None else LIMITS.max_unchanged_swapped
+            shown = None if swapped is None else swapped.shown(box)
+            if unknown or _is_unchanged(patches[0], patches[1], most, shown):
                 yield AuditDetection(frame.index, box, float(score), float(turn), negative)
 
     def _is_in_original(self, luma: U8, box: F32, turn: float, negative: bool) -> bool:
@@ -314,10 +349,9 @@ class Audit(Closing):
 
 def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:
     """The middle of a box (4,) as a small picture; None when it is not in the picture (h, w)."""
-    centre, half = (box[:2] + box[2:]) / 2, LIMITS.compared_share * (box[2:] - box[:2]) / 2
-    limit = np.array(luma.shape[::-1])
-    x0, y0 = np.clip(np.floor(centre - half), 0, limit).astype(int)
-    x1, y1 = np.clip(np.ceil(centre + half) + 1, 0, limit).astype(int)
+    middle, limit = _middle(box), np.array(luma.shape[::-1])
+    x0, y0 = np.clip(np.floor(middle[:2]), 0, limit).astype(int)
+    x1, y1 = np.clip(np.ceil(middle[2:]) + 1, 0, limit).astype(int)
     if x1 - x0 < 2 or y1 - y0 < 2:
         return None
     size = (LIMITS.patch_pixels, LIMITS.patch_pixels)
@@ -325,10 +359,16 @@ def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:
     return np.asarray(small, np.uint8)
 
 
+def _middle(box: NDArray[np.floating]) -> F64:
+    """What is compared of a box (4,)."""
+    centre, half = (box[:2] + box[2:]) / 2, LIMITS.compared_share * (box[2:] - box[:2]) / 2
+    return np.concatenate([centre - half, centre + half]).astype(np.float64)
+
+
 def _share_within(box: F32, places: Sequence[F64]) -> float:
     """Share of the middle of a box (4,) that lies in any of some places (4,)."""
-    centre, half = (box[:2] + box[2:]) / 2, LIMITS.compared_share * (box[2:] - box[:2]) / 2
-    at = np.linspace(-1, 1, LIMITS.patch_pixels)[:, None] * half + centre
+    middle = _middle(box)
+    at = np.linspace(middle[:2], middle[2:], LIMITS.patch_pixels)
     within = [
         np.logical_and.outer(*(((at > low) & (at < high)).T)) for low, high in np.reshape(places, (-1, 2, 2))
     ]
@@ -346,11 +386,13 @@ def _is_hair(box: F32, turn: float, entry: FaceTreatment) -> bool:
     return entry.done == SWAPPED and above and _share_within(box, [entry.region]) == 1
 
 
-def _is_unchanged(one: U8 | None, other: U8 | None, most: float) -> bool:
-    """Whether two patches show the same, or a larger share of them than `most` does."""
+def _is_unchanged(one: U8 | None, other: U8 | None, most: float, where: Bool | None = None) -> bool:
+    """Whether two patches show the same, or a larger share of them than `most` does; only there, if that is enough."""
     if one is None or other is None:
         return False
-    before, after = one.astype(np.float64), other.astype(np.float64)
+    if where is None or where.mean() < LIMITS.min_shown_share:
+        where = np.ones_like(one, bool)
+    before, after = one[where].astype(np.float64), other[where].astype(np.float64)
     spread = float(before.std())
     same = np.abs(after - before) <= max(LIMITS.max_same_grey_levels, LIMITS.max_same_spread * spread)
     if float(same.mean()) > most:

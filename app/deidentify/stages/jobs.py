@@ -160,19 +160,26 @@ def render(case: Case, segment: int) -> None:
                     _look(case, audit, wanted, entries(), covered)
             segment_renderer.entries = entries()
             _encode(case, media, segment, segment_renderer)
-            result, drawn = read_piece(case, segment), segment_renderer.swapped_boxes
+            result, drawn = read_piece(case, segment), segment_renderer.drawn
             detections = list(audit.after(result, segment_renderer.entries, drawn))
             if not detections or attempt == LIMITS.max_repeats:
                 break
             audit.look_closer(detections)
             covered += detections
+        hidden = [f for f, these in segment_renderer.entries.items() if len(these) > len(planned.get(f, []))]
         renderer, problems = segment_renderer.renderer, list(media.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
     case.work.save_json(
         f"render.{segment}.json",
-        {"audit": findings, "searched": audit.searched, "renderer": renderer, "problems": problems},
+        {
+            "audit": findings,
+            "covered": sorted(hidden),
+            "searched": audit.searched,
+            "renderer": renderer,
+            "problems": problems,
+        },
     )
 
 

@@ -10,12 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import iou
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.parsing import HeadParser
-from guise.app.deidentify.stages.audit import AuditDetection, FaceTreatment
+from guise.aam.similarity import align_planar
+from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, FaceTreatment
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
 from guise.app.deidentify.stages.label import Label
@@ -39,6 +42,7 @@ class RenderLimits:
 
     jaw_face_widths: float = 0.05  # hides the own outline even where a rolled head is found less exactly
     forehead_face_widths: float = 0.28  # with the region "face": a head brings its own hairline
+    audit_grid_step: int = 4  # pixels of the reference grid, of what the audit is told of objects in front
     audit_margin_frames: int = 3  # covered before and after a detection of the audit
     same_place_iou: float = 0.5  # of two detections
     max_repeats: int = 3  # of a segment in which the audit found faces
@@ -67,13 +71,13 @@ class SegmentRenderer:
         self._plates: dict[int, Plate | None] = {}  # by shot
         self._gaps = _gaps(case, segment)
         self._label: Label | None = None
-        self.swapped_boxes: dict[int, list[F64]] = defaultdict(list)  # by frame
+        self.drawn: dict[int, list[DrawnFace]] = defaultdict(list)  # by frame
         self.renderer = ""
 
     def draw(self, frame: Frame) -> None:
         """Change a frame in place: swaps first, so that covers lie over them."""
         entries = self.entries.get(frame.index, [])
-        self.swapped_boxes[frame.index].clear()
+        self.drawn[frame.index].clear()
         swapped = [entry for entry in entries if entry.done == SWAPPED]
         heads = self._heads_in(frame, swapped) if self._case.options.region == "head" else {}
         for entry in swapped:
@@ -90,10 +94,11 @@ class SegmentRenderer:
         if shape is None:
             cover(frame, entry.region, self._case.options.cover)
             return
-        mesh = self._engine(track).draw(frame, shape)
+        engine = self._engine(track)
+        mesh = engine.draw(frame, shape)
         if track.number in heads:
             self._head(track).draw(frame, mesh, *heads[track.number])
-        self.swapped_boxes[frame.index].append(np.concatenate([mesh.min(0), mesh.max(0)]))
+        self.drawn[frame.index].append(_drawn(track.number, engine, mesh))
 
     def _shape(self, frame: Frame, entry: FaceTreatment) -> F64 | None:
         return self._shapes.get((self._tracks[entry.track].origin, frame.index))
@@ -161,6 +166,18 @@ class SegmentRenderer:
         self.close()
 
 
+def _drawn(track: int, engine: Engine, mesh: F64) -> DrawnFace:
+    """What an engine has drawn on a mesh (81, 2), for the audit."""
+    box, uncovered = np.concatenate([mesh.min(0), mesh.max(0)]), engine.uncovered
+    if uncovered is None:
+        return DrawnFace(track, box)
+    step, place = LIMITS.audit_grid_step, align_planar(mesh, engine.target.reference.points, RIGID_WEIGHTS)
+    small = cv2.resize(uncovered, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
+    shift = (place.apply(np.zeros((1, 2)))[0] + 0.5) / step - 0.5
+    to_grid = np.column_stack([place.linear.T / step, shift])
+    return DrawnFace(track, box, np.round(255 * small).astype(np.uint8), to_grid)
+
+
 def _shapes(case: Case, segment: int) -> dict[tuple[int, int], F64]:
     """The filtered shape of each track in each frame of a segment."""
     first, last = case.span(segment)
@@ -205,11 +222,17 @@ def with_detections(
 ) -> dict[int, list[FaceTreatment]]:
     """The entries, with the faces that the audit found covered in the frames about each.
 
-    What is found once more at the same place, beyond those frames, rests there: it is covered in all of them.
+    What is found once more at the same place, beyond those frames, rests there: it is covered in all of them, unless it
+    is a face that is followed, whose every frame is judged.
     """
     more = defaultdict(list, {frame: list(these) for frame, these in entries.items()})
     for one in detections:
-        margin = last - first if _rests(one, detections) else LIMITS.audit_margin_frames
+        is_followed = any(
+            entry.done == SWAPPED and iou(entry.box, one.box) > LIMITS.same_place_iou
+            for entry in entries.get(one.frame, [])
+        )
+        rests = not is_followed and _rests(one, detections)
+        margin = last - first if rests else LIMITS.audit_margin_frames
         for frame in range(max(first, one.frame - margin), min(last, one.frame + margin + 1)):
             more[frame].append(FaceTreatment(0, COVERED, one.box, 1.0, one.turn))
     return more
