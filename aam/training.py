@@ -123,7 +123,7 @@ def observe(
 ) -> Observation | Failed:
     """Reduce a frame (h, w, 3) with landmarks (81, 2) in its pixels to what training needs.
 
-    parser : tells the face from hair and background; None leaves that to the colours.
+    parser : tells the face from hair and background, for frames that are trained on; None leaves that to the colours.
     """
     feature_frame = ReferenceFrame.canonical(FEATURE_RESOLUTION)
     luma = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)

@@ -251,6 +251,7 @@ def _observe(
 ) -> tuple[dict[int, Observation], list[F64]]:
     """The chosen frames, and how the face lies in the detector's box in some of them."""
     frame, wanted = ReferenceFrame.canonical(options.resolution), {int(i) for i in choice.all}
+    trained_on = set(choice.training.tolist())
     boxed = {int(i) for i in choice.training[:: max(1, len(choice.training) // BOX_FRAMES)]}
     detector, parser, boxes = LbpDetector(), FaceParser(), []
     observations: dict[int, Observation] = {}
@@ -264,8 +265,10 @@ def _observe(
                 if picture.index >= len(points):
                     continue
                 if index in wanted:
-                    keep = index in choice.neutral
-                    seen = observe(picture.rgb(), points[picture.index], frame, parser, keep_picture=keep)
+                    seen = observe(
+                        picture.rgb(), points[picture.index], frame, parser if index in trained_on else None,
+                        keep_picture=index in choice.neutral,
+                    )  # fmt: skip
                     if not isinstance(seen, Failed):
                         observations[index] = seen
                         progress("frames", len(observations) / len(wanted))

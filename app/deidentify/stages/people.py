@@ -7,7 +7,7 @@ video costs no more than a minute.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,9 @@ def enrol(case: Case, track: LinkedTrack) -> Identity | str:
         return reason
     frames, points = _confident_points(case, track)
     try:
-        choice = choose_frames(points, TRAINING)
+        choice = replace(
+            choose_frames(points, TRAINING), held_out=np.zeros(0, np.intp)
+        )  # no error is reported
         observations = _observations(case, frames, points, choice)
         with one_thread():
             return train_identity(f"person {track.number}", observations, choice, options=TRAINING)
@@ -102,11 +104,17 @@ def _observations(
     """What training needs of the chosen rows."""
     reference, parser = ReferenceFrame.canonical(TRAINING.resolution), FaceParser()
     wanted = {int(frames[row]): int(row) for row in choice.all}
-    neutral = set(choice.neutral)
+    trained_on, neutral = set(choice.training.tolist()), set(choice.neutral)
     observations = {}
     for index, picture in _pictures(case, sorted(wanted)):
         row = wanted[index]
-        seen = observe(picture, points[row], reference, parser, keep_picture=row in neutral)
+        seen = observe(
+            picture,
+            points[row],
+            reference,
+            parser if row in trained_on else None,
+            keep_picture=row in neutral,
+        )
         if not isinstance(seen, Failed):
             observations[row] = seen
     return observations
