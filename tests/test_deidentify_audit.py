@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_up import SAMPLES
 
-from guise.aam.landmarks import LandmarkError, iou
-from guise.aam.landmarks.schemes import IBUG68
+from guise.aam.landmarks import Face, LandmarkError, iou
+from guise.aam.landmarks.schemes import COUNT, IBUG68
 from guise.app.deidentify.stages.audit import (
     LIMITS,
     Audit,
@@ -116,6 +116,35 @@ def test_hair_of_a_swapped_head_is_no_face_upside_down(
 def test_a_negative_is_searched_as_a_positive() -> None:
     rgb, box = still(180.0)
     assert max(iou(one.box, box) for one in found(255 - rgb, []) if one.negative) > 0.4
+
+
+@pytest.mark.parametrize(
+    ("score", "likeness", "confidence", "no_points", "is_face"),
+    [
+        (0.8, 0.5, None, LIMITS.min_likeness_no_points, True),
+        (0.6, 2.5, 0.5, LIMITS.min_likeness_no_points, True),
+        (0.6, 2.5, 0.1, LIMITS.min_likeness_no_points, False),
+        (0.6, 4.5, None, LIMITS.min_likeness_no_points, True),
+        (0.6, 4.5, None, LIMITS.min_likeness_negative, False),
+        (0.6, 2.5, 0.5, LIMITS.min_likeness_negative, True),
+    ],
+    ids=[
+        "certain",
+        "with points",
+        "with points that are none",
+        "a profile",
+        "specks of a negative",
+        "a negative",
+    ],
+)
+def test_what_the_detector_doubts_needs_points_or_must_look_much_like_a_face(
+    monkeypatch: pytest.MonkeyPatch, score: float, likeness: float, confidence: float | None, no_points: float,
+    is_face: bool,
+) -> None:  # fmt: skip
+    points = np.zeros((COUNT, 2), np.float32)
+    face = None if confidence is None else Face(points, confidence, BOX)
+    monkeypatch.setattr(search()._landmarker, "look_in_box", lambda *_: (face, likeness))
+    assert search()._has_face(np.zeros((8, 8, 3), np.uint8), BOX, score, 0.0, no_points) == is_face
 
 
 def test_once_a_negative_has_a_face_all_are_searched() -> None:

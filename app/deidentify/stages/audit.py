@@ -47,8 +47,11 @@ class AuditLimits:
     smallest_face_pixels: tuple[float, float] = (30.0, 44.0)  # in turn
     min_score: float = 0.5  # of the detector, and
     min_likeness: float = 0.0  # of the landmarker, where the detector's is at least
-    certain_score: float = 0.75  # and below that:
-    min_likeness_uncertain: float = 2.0
+    certain_score: float = 0.75  # and below that,
+    min_likeness_uncertain: float = 2.0  # with points of at least
+    min_confidence: float = 0.3  # this confidence,
+    min_likeness_no_points: float = 4.0  # without, as of a profile,
+    min_likeness_negative: float = 8.0  # and without in the negative of what may be none
     kept_pixels: int = 640  # longer side of the original as it is kept for comparison
     patch_pixels: int = 16  # side of what is compared of a face
     compared_share: float = 0.7  # of a box's width and height; the rest may lie beside the face
@@ -135,20 +138,27 @@ class AuditSearch:
         self._own = FaceDetector(MIN_FACE_PIXELS, min_score=LIMITS.min_score)
         self._landmarker = BuiltinLandmarker()
 
-    def faces(self, rgb: U8, turn_to: int | None) -> RolledBoxes:
+    def faces(
+        self, rgb: U8, turn_to: int | None, no_points: float = LIMITS.min_likeness_no_points
+    ) -> RolledBoxes:
         """Boxes that also look like a face to the landmarker.
 
         turn_to : which of the sizes is searched, counted on; None for all.
+        no_points : likeness from which a box that isn't certain needs no points.
         """
         found = self._boxes(rgb, turn_to)
-        boxes = zip(found.boxes, found.turns, strict=True)
-        alike = np.array(
-            [self._landmarker.likeness(rgb, box, float(turn)) for box, turn in boxes], np.float64
-        )
-        certain = found.scores >= LIMITS.certain_score
-        return found[
-            alike >= np.where(certain, LIMITS.min_likeness, LIMITS.min_likeness_uncertain)
-        ].distinct()
+        kept = [
+            self._has_face(rgb, box, float(score), float(turn), no_points)
+            for box, score, turn in zip(found.boxes, found.scores, found.turns, strict=True)
+        ]
+        return found[np.array(kept, bool)].distinct()
+
+    def _has_face(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> bool:
+        face, likeness = self._landmarker.look_in_box(rgb, box, turn)
+        if score >= LIMITS.certain_score:
+            return likeness >= LIMITS.min_likeness
+        has_points = face is not None and face.confidence >= LIMITS.min_confidence
+        return likeness >= (LIMITS.min_likeness_uncertain if has_points else no_points)
 
     def is_alike(self, luma: U8, box: NDArray[np.floating], turn: float) -> bool:
         """Whether a box of a grey picture (h, w) looks like a face."""
@@ -299,7 +309,9 @@ class Audit(Closing):
     def look_closer(self, found: Iterable[AuditDetection]) -> None:
         """Search all frames about what was found from now on, and as negatives if it was found in one."""
         for one in found:
-            self._is_negative |= one.negative
+            if one.negative and not self._is_negative:
+                self._is_negative = True
+                self._original = {key: boxes for key, boxes in self._original.items() if not key[1]}
             reach = range(one.frame - LIMITS.interval_frames, one.frame + LIMITS.interval_frames + 1)
             self._searched |= set(reach) & set(range(*self._frames))
 
@@ -316,7 +328,10 @@ class Audit(Closing):
 
     def _faces(self, rgb: U8, index: int, negative: bool) -> RolledBoxes:
         size = None if self._every_frame else index // LIMITS.interval_frames
-        return self._search.faces(255 - rgb if negative else rgb, size)
+        if not negative:
+            return self._search.faces(rgb, size)
+        no_points = LIMITS.min_likeness_no_points if self._is_negative else LIMITS.min_likeness_negative
+        return self._search.faces(255 - rgb, size, no_points)
 
     def _compared(
         self, frame: Frame, entries: Sequence[FaceTreatment], drawn: Sequence[DrawnFace], result: RolledBoxes,
