@@ -354,7 +354,7 @@ def _reference(path: str | os.PathLike[str], header: dict[str, str]) -> Referenc
     try:
         wanted = json.loads(header["reference"])
         reference = ReferenceFrame.canonical(int(wanted["resolution"]))
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise ModelError(f"{path} is damaged (no usable reference frame); enrol the person again") from error
     if reference.id != wanted.get("id"):
         raise ModelError(

@@ -317,6 +317,7 @@ PERSON = {"name": "a", "donor": "p01", "signature": [0.1] * 64}
         (json.dumps({"format": "guise-key"}), "isn't a key file or is damaged"),
         (json.dumps(GOOD | {"version": 2}), "is guise-key of version 2, expected guise-key of version 1"),
         (json.dumps(GOOD | {"seed": None}), "is damaged"),
+        (json.dumps(GOOD | {"seed": float("inf")}), "is damaged"),
         (json.dumps(GOOD | {"people": [{"name": "a"}]}), "is damaged"),
         (json.dumps(GOOD | {"people": [PERSON | {"signature": [0.1] * 3}]}), "a signature of 3 values"),
         (json.dumps(GOOD | {"people": [PERSON | {"signature": [float("nan")] * 64}]}), "is damaged"),

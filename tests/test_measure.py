@@ -269,6 +269,16 @@ def test_mistakes_are_one_sentence(
     assert expected in sentence(folder, "original.mp4", "original.mp4", *options, capsys=capsys)
 
 
+@pytest.mark.parametrize("frame", [10**30, float("inf"), "one"])
+def test_a_report_with_a_frame_that_is_none_is_refused(tmp_path: Path, frame: object) -> None:
+    report = tmp_path / "x.report.json"
+    rows = {key: [frame] for key in ("frame", "done", "x0", "y0", "x1", "y1")}
+    content = {"format": "guise-report", "output": "elsewhere.mp4", "done": [], "tracks": []}
+    report.write_text(json.dumps(content | {"bystanders": {"rows": rows}}))
+    with pytest.raises(MeasureError, match="must be a report"):
+        read_report(report)
+
+
 def test_the_report_of_another_video_is_refused(folder: Path, tmp_path: Path) -> None:
     report = tmp_path / "x.report.json"
     rows = {key: [] for key in ("frame", "done", "x0", "y0", "x1", "y1")}

@@ -142,7 +142,10 @@ def test_other_reference_frame(saved: Path, p01: Identity, tmp_path: Path) -> No
     )
 
 
-@pytest.mark.parametrize("reference", ["{}", "not JSON", '{"resolution": 9999, "id": ""}', "[]", "null"])
+@pytest.mark.parametrize(
+    "reference",
+    ["{}", "not JSON", '{"resolution": 9999, "id": ""}', '{"resolution": 1e999, "id": ""}', "[]", "null"],
+)
 def test_unusable_reference(saved: Path, tmp_path: Path, reference: str) -> None:
     path = rewritten(saved, tmp_path / "odd.guise", reference=reference)
     assert message(path) == f"{path} is damaged (no usable reference frame); enrol the person again"

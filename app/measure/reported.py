@@ -58,7 +58,7 @@ def read_report(path: Path) -> ReportedFaces:
         return _parsed(content)
     except FileNotFoundError as error:
         raise MeasureError(f"report expected at {path}, got no such file") from error
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         raise MeasureError(
             f"{path} must be a report that `guise deidentify` wrote, got something else"
         ) from error

@@ -406,7 +406,7 @@ def _read_key(path: Path) -> tuple[int, tuple[KnownPerson, ...]]:
         )
     try:
         return int(content["seed"]), tuple(_known_person(entry) for entry in content["people"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise DonorError(f"{path} is damaged ({error}): use a backup of it, or another name") from error
 
 
