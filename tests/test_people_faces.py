@@ -100,6 +100,40 @@ def test_a_certain_box_upside_down_must_also_look_like_a_face(
     assert len(tracker.faces().bystander_frame) == kept
 
 
+@pytest.mark.parametrize(
+    ("score", "likeness", "kept"),
+    [(0.42, 4.3, 0), (0.42, 6.5, 1), (0.5, 1.0, 0), (0.5, 2.5, 1), (0.78, -1.0, 1)],
+)
+def test_what_is_seen_once_must_look_much_like_a_face_or_be_detected_well(
+    score: float, likeness: float, kept: int
+) -> None:
+    """A sleeve that was seen in one frame was covered for half a second."""
+    tracker = SegmentTracker(_Unsure(likeness))  # type: ignore[arg-type]
+    box = np.array([[10, 10, 50, 50]], np.float32)
+    for index in range(6):
+        seen = RolledBoxes(box, np.array([score], np.float32), np.zeros(1, np.float32))
+        found = seen if index == 3 else RolledBoxes.none()
+        tracker.update(
+            DetectedFrame(index, np.zeros((100, 100, 3), np.uint8), found, np.zeros((18, 32), np.uint8))
+        )
+    assert len(tracker.faces().bystander_frame) == kept
+
+
+def test_a_face_that_is_surely_followed_is_nobody_else_upside_down() -> None:
+    """Blurred, its mirror image was found with a score of 0.76."""
+    rgb, small = np.zeros((100, 100, 3), np.uint8), np.zeros((18, 32), np.uint8)
+    tracker = SegmentTracker(_Same())  # type: ignore[arg-type]
+    for index in range(6):
+        box, turns = (
+            np.array([[10, 10, 50, 50], [14, -16, 46, 14]], np.float32),
+            np.array([0, np.pi], np.float32),
+        )
+        tracker.update(
+            DetectedFrame(index, rgb, RolledBoxes(box, np.full(2, 0.78, np.float32), turns), small)
+        )
+    assert len(tracker.faces().bystander_frame) == 0
+
+
 class _Unsure:
     """A landmarker that finds no points."""
 

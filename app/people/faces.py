@@ -45,12 +45,13 @@ class DetectionLimits:
     certain_score: float = 0.75  # from which an upright box is a face whatever it looks like
     high_score: float = 0.45  # from which it needs little likeness:
     min_likeness_high_score: float = -1.0
+    confirmed_likeness_high_score: float = 2.0  # from which a candidate is confirmed
     min_likeness_small: float = 1.0  # below that score; smaller faces have lower scores
     min_likeness_large: float = 4.0
+    confirmed_likeness: float = 6.0
     small_face_pixels: int = 64
     side_interval_frames: int = 3  # from one search for parts of faces at the sides to the next
     min_likeness_at_side: float = 3.0
-    confirmed_likeness: float = 3.0  # beyond the least, from which a candidate is confirmed
     sights: int = 2  # others that confirm a candidate,
     sight_frames: int = 6  # within so many frames
     sight_iou: float = 0.2  # and at its place
@@ -59,7 +60,8 @@ class DetectionLimits:
     ear_score: float = 0.5  # this is its ear
     ear_face_sizes: float = 0.5  # and smaller than this
     upright_radians: float = np.pi / 4
-    wrong_roll_radians: float = 1.0  # from which a box on a tracked head is no face, unless it is certain
+    wrong_roll_radians: float = 1.0  # from which a box on a tracked head is no face, unless it is certain and
+    sure_confidence: float = 0.9  # what is tracked there is not
     cut_correlation: float = 0.6  # of small pictures, below which a new shot begins
     cut_grey_levels: float = 8.0  # of mean change, from which it can
     sudden_correlation: float = 0.9  # the same where the picture changes
@@ -292,7 +294,10 @@ class SegmentTracker:
         return any(
             _belongs(box, face.box)
             or (score < LIMITS.ear_score and _is_ear(box, face.box))
-            or (score < LIMITS.certain_score and _is_at_wrong_roll(box, turn, face))
+            or (
+                (score < LIMITS.certain_score or face.confidence >= LIMITS.sure_confidence)
+                and _is_at_wrong_roll(box, turn, face)
+            )
             for face in self._tracker.faces
         )
 
@@ -335,13 +340,13 @@ def _candidate(index: int, box: F32, score: float, turn: float, likeness: float)
     """A box without points as a candidate, if it is likely enough to be a face.   likeness : of its crop, a logit."""
     is_small = bool((box[2:] - box[:2] <= LIMITS.small_face_pixels).all())
     least = LIMITS.min_likeness_small if is_small else LIMITS.min_likeness_large
+    confirmed = LIMITS.confirmed_likeness
     if score >= LIMITS.high_score:
-        least = LIMITS.min_likeness_high_score
-    beyond = likeness - least
+        least, confirmed = LIMITS.min_likeness_high_score, LIMITS.confirmed_likeness_high_score
     # Folds of clothes are found upside down with high scores.
-    if beyond < 0 and (score < LIMITS.certain_score or abs(turn) > LIMITS.upright_radians):
+    if likeness < least and (score < LIMITS.certain_score or abs(turn) > LIMITS.upright_radians):
         return None
-    is_confirmed = score >= LIMITS.certain_score or beyond >= LIMITS.confirmed_likeness
+    is_confirmed = score >= LIMITS.certain_score or likeness >= confirmed
     return Candidate(index, box, score, is_confirmed, turn)
 
 
