@@ -131,7 +131,7 @@ def test_a_face_that_is_surely_followed_is_nobody_else_upside_down() -> None:
         tracker.update(
             DetectedFrame(index, rgb, RolledBoxes(box, np.full(2, 0.78, np.float32), turns), small)
         )
-    assert len(tracker.faces().bystander_frame) == 0
+    assert set(tracker.faces().tracklet.tolist()) == {0}
 
 
 class _Unsure:
