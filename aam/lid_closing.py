@@ -24,6 +24,7 @@ class LidClosingLimits:
     closed: tuple[float, float] = (0.25, 0.6)  # of the usual, at which lids are shut, and as they were found
     least: float = 0.5  # that is usual of eyes of which the parsing can tell
     forgotten: float = 0.004  # of the usual, a parsed frame
+    min_eye_pixels: float = 14.0  # of an eye's width, below which the parsing sees one now and then only
     columns: int = 9
     rows: int = 5
 
@@ -49,7 +50,9 @@ class LidCloser:
         seen = np.array([_seen(parsing, points, *eye) for eye in EYE_OUTLINES])
         self._usual = np.maximum((1 - LIMITS.forgotten) * self._usual, seen)
         share = np.interp(seen / np.maximum(self._usual, LIMITS.least), LIMITS.closed, (0, 1))
-        self._open = np.where(self._usual > LIMITS.least, share, 1.0)
+        widths = np.array([np.linalg.norm(np.subtract(*points[corners])) for corners, _, _ in EYE_OUTLINES])
+        can_tell = (self._usual > LIMITS.least) & (widths >= LIMITS.min_eye_pixels)
+        self._open = np.where(can_tell, share, 1.0)
 
     def __call__(self, points: F64) -> F64:
         """The points (81, 2) with upper lids as far down as they were seen last."""

@@ -9,6 +9,7 @@ from clips import cut, empty_scene
 from made_up import SAMPLES
 from models import SMALL
 
+from guise.aam.landmarks import LandmarkError
 from guise.aam.model import Identity
 from guise.aam.training import TrainingError
 from guise.app.cli.main import main
@@ -52,6 +53,18 @@ def test_the_report_and_the_file_agree(tmp_path: Path, clip: Path) -> None:
     assert report.modes == identity.appearance.components.modes
     assert report.size == (tmp_path / "a.guise").stat().st_size
     assert 0 < report.held_out_error < 5
+
+
+def test_landmarks_beside_a_clip_without_a_face_are_found_anew_and_named_ones_refused(
+    tmp_path: Path, clip: Path
+) -> None:
+    nobody = tmp_path / "clip.landmarks.npz"
+    np.savez(nobody, landmarks=np.full((30, 81, 2), np.nan))
+    said: list[str] = []
+    enrol_file([clip], tmp_path / "a.guise", LandmarkSource(), name="A", options=SMALL, say=said.append)
+    assert said[0] == "clip.landmarks.npz beside clip.mp4 holds no face, which is looked for instead"
+    with pytest.raises(LandmarkError, match="must hold a face in at least one frame"):
+        enrol_file([clip], tmp_path / "b.guise", LandmarkSource([nobody]), name="B", options=SMALL)
 
 
 def test_two_clips_train_one_model(tmp_path: Path, clip: Path) -> None:

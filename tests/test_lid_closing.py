@@ -77,3 +77,13 @@ def test_eyes_of_which_nothing_was_ever_seen_are_left_alone(seen: tuple[FacePars
     closer.see(with_skin_for_eyes(parsing, np.ones(parsing.shares.shape[2], bool)), points)
     assert_allclose(closer(points), points)
     assert_allclose(closer(points)[RIGHT_EYE], points[RIGHT_EYE])
+
+
+def test_of_a_small_face_lids_stay_as_they_were_found(seen: tuple[FaceParsing, F64]) -> None:
+    """The parsing saw a blurred eye 12 pixels wide for a second and then never again."""
+    parsing, points = seen
+    small, unseen = 0.2 * points, with_skin_for_eyes(parsing, np.ones(parsing.shares.shape[2], bool))
+    closer = LidCloser()
+    for one in (parsing, unseen):
+        closer.see(FaceParsing(one.shares, 0.2 * one.to_picture, one.irises), small)
+    assert_allclose(closer(small), small)

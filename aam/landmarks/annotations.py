@@ -39,7 +39,7 @@ import numpy as np
 from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
-from guise.aam.landmarks.face import LandmarkError, frozen
+from guise.aam.landmarks.face import LandmarkError, NoFaceError, frozen
 from guise.aam.landmarks.schemes import COUNT, scheme_named, scheme_of_count, to_face81
 from guise.common.arrays import F32, F64, Bool
 from guise.common.files import natural_key, write_whole
@@ -90,7 +90,7 @@ class Annotations:
                 f"{self.source} must hold landmarks of shape (frames, {COUNT}, 2), got {shape}"
             )
         if not self.present.any():
-            raise LandmarkError(
+            raise NoFaceError(
                 f"{self.source} must hold a face in at least one frame, got none in {len(self)} frames"
             )
 
@@ -378,9 +378,7 @@ def _stacked(path: Path, frames: list[list[F64]], scheme: str | None) -> tuple[F
     counts = {len(points) for faces in frames for points in faces}
     expected = {scheme_named(scheme).count} if scheme else counts
     if not counts:
-        raise LandmarkError(
-            f"{path} must hold a face in at least one frame, got none in {len(frames)} frames"
-        )
+        raise NoFaceError(f"{path} must hold a face in at least one frame, got none in {len(frames)} frames")
     if counts != expected or len(counts) > 1:
         wanted = f"{expected.pop()} ({scheme})" if scheme else "the same number of"
         raise LandmarkError(

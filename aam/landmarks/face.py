@@ -20,6 +20,10 @@ class LandmarkError(GuiseError):
     """A user's mistake about landmarks, in one sentence: what was expected, what was got, what to do."""
 
 
+class NoFaceError(LandmarkError):
+    """Landmarks of a clip that hold no face."""
+
+
 def frozen(array: Any) -> F32:
     """Read-only float32 copy of an array-like; the caller's array stays writable."""
     copy = np.array(array, dtype=np.float32)

@@ -24,6 +24,7 @@ from guise.aam.landmarks import (
     open_landmarker,
 )
 from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.face import NoFaceError
 from guise.aam.landmarks.schemes import NOSE_TIP
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
@@ -164,9 +165,15 @@ def _clip_landmarks(index: int, clip: Path, landmarks: LandmarkSource, progress:
     file = landmarks.files[index] if landmarks.files else landmark_file(clip)
     if file is None:
         return _detected(clip, open_landmarker("builtin"), progress, say)
+    try:
+        annotations: Annotations = load_annotations(file)
+    except NoFaceError:
+        if landmarks.files:
+            raise
+        say(f"{file.name} beside {clip.name} holds no face, which is looked for instead")
+        return _detected(clip, open_landmarker("builtin"), progress, say)
     if not landmarks.files:
         say(f"landmarks of {clip.name} from {file.name} beside it")
-    annotations: Annotations = load_annotations(file)
     if annotations.note:
         say(annotations.note)
     return annotations.points.astype(np.float64)
