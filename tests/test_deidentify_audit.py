@@ -144,6 +144,7 @@ def test_what_the_detector_doubts_needs_points_or_must_look_much_like_a_face(
     points = np.zeros((COUNT, 2), np.float32)
     face = None if confidence is None else Face(points, confidence, BOX)
     monkeypatch.setattr(search()._landmarker, "look_in_box", lambda *_: (face, likeness))
+    monkeypatch.setattr(search()._landmarker, "likeness", lambda *_: likeness)
     assert search()._has_face(np.zeros((8, 8, 3), np.uint8), BOX, score, 0.0, no_points) == is_face
 
 

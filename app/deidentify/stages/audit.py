@@ -154,9 +154,9 @@ class AuditSearch:
         return found[np.array(kept, bool)].distinct()
 
     def _has_face(self, rgb: U8, box: F32, score: float, turn: float, no_points: float) -> bool:
-        face, likeness = self._landmarker.look_in_box(rgb, box, turn)
         if score >= LIMITS.certain_score:
-            return likeness >= LIMITS.min_likeness
+            return self._landmarker.likeness(rgb, box, turn) >= LIMITS.min_likeness
+        face, likeness = self._landmarker.look_in_box(rgb, box, turn)
         has_points = face is not None and face.confidence >= LIMITS.min_confidence
         return likeness >= (LIMITS.min_likeness_uncertain if has_points else no_points)
 
