@@ -101,17 +101,24 @@ def test_a_certain_box_upside_down_must_also_look_like_a_face(
 
 
 @pytest.mark.parametrize(
-    ("score", "likeness", "kept"),
-    [(0.42, 4.3, 0), (0.42, 6.5, 1), (0.5, 1.0, 0), (0.5, 2.5, 1), (0.78, -1.0, 1)],
+    ("score", "likeness", "turn", "kept"),
+    [
+        (0.42, 4.3, 0, 0),
+        (0.42, 6.5, 0, 1),
+        (0.5, 1.0, 0, 0),
+        (0.5, 2.5, 0, 1),
+        (0.5, 2.5, np.pi, 0),
+        (0.78, -1.0, 0, 1),
+    ],
 )
-def test_what_is_seen_once_must_look_much_like_a_face_or_be_detected_well(
-    score: float, likeness: float, kept: int
+def test_what_is_seen_once_must_look_much_like_a_face_or_be_detected_well_upright(
+    score: float, likeness: float, turn: float, kept: int
 ) -> None:
     """A sleeve that was seen in one frame was covered for half a second."""
     tracker = SegmentTracker(_Unsure(likeness))  # type: ignore[arg-type]
     box = np.array([[10, 10, 50, 50]], np.float32)
     for index in range(6):
-        seen = RolledBoxes(box, np.array([score], np.float32), np.zeros(1, np.float32))
+        seen = RolledBoxes(box, np.array([score], np.float32), np.array([turn], np.float32))
         found = seen if index == 3 else RolledBoxes.none()
         tracker.update(
             DetectedFrame(index, np.zeros((100, 100, 3), np.uint8), found, np.zeros((18, 32), np.uint8))

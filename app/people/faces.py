@@ -43,9 +43,10 @@ class DetectionLimits:
     min_score: float = 0.15  # of a box that supports a tracked face
     min_candidate_score: float = 0.2
     certain_score: float = 0.75  # from which an upright box is a face whatever it looks like
-    high_score: float = 0.45  # from which it needs little likeness:
+    high_score: float = 0.45  # from which an upright one needs little likeness:
     min_likeness_high_score: float = -1.0
     confirmed_likeness_high_score: float = 2.0  # from which a candidate is confirmed
+    min_likeness_turned: float = 2.0  # with that score; ties and folds of clothes are found upside down
     min_likeness_small: float = 1.0  # below that score; smaller faces have lower scores
     min_likeness_large: float = 4.0
     confirmed_likeness: float = 6.0
@@ -341,10 +342,12 @@ def _candidate(index: int, box: F32, score: float, turn: float, likeness: float)
     is_small = bool((box[2:] - box[:2] <= LIMITS.small_face_pixels).all())
     least = LIMITS.min_likeness_small if is_small else LIMITS.min_likeness_large
     confirmed = LIMITS.confirmed_likeness
-    if score >= LIMITS.high_score:
+    is_upright = abs(turn) <= LIMITS.upright_radians
+    if score >= LIMITS.high_score and is_upright:
         least, confirmed = LIMITS.min_likeness_high_score, LIMITS.confirmed_likeness_high_score
-    # Folds of clothes are found upside down with high scores.
-    if likeness < least and (score < LIMITS.certain_score or abs(turn) > LIMITS.upright_radians):
+    elif score >= LIMITS.high_score:
+        least = LIMITS.min_likeness_turned
+    if likeness < least and (score < LIMITS.certain_score or not is_upright):
         return None
     is_confirmed = score >= LIMITS.certain_score or likeness >= confirmed
     return Candidate(index, box, score, is_confirmed, turn)
