@@ -358,28 +358,40 @@ def test_where_no_part_of_the_person_may_show_hair_that_is_partly_taken_for_an_o
 
 
 @pytest.mark.parametrize(
-    ("shown", "colour", "kept"),
+    ("shown", "colour", "last_row", "kept"),
     [
-        (FaceClass.OCCLUDER, HAIR_COLOUR, False),
-        (FaceClass.OCCLUDER, HAND_COLOUR, True),
-        (FaceClass.BACKGROUND, HAIR_COLOUR, False),
-        (FaceClass.BACKGROUND, WALL_COLOUR, True),
+        (FaceClass.OCCLUDER, HAIR_COLOUR, 50, False),
+        (FaceClass.OCCLUDER, HAND_COLOUR, 50, True),
+        (FaceClass.OCCLUDER, HAIR_COLOUR, 35, True),
+        (FaceClass.BACKGROUND, HAIR_COLOUR, 50, False),
+        (FaceClass.BACKGROUND, WALL_COLOUR, 50, True),
     ],
-    ids=["a lock taken for an object", "a hand", "a lock taken for background", "background"],
+    ids=[
+        "a lock taken for an object",
+        "a hand",
+        "a board apart from the hair",
+        "a lock taken for background",
+        "background",
+    ],
 )
 def test_where_no_part_of_the_person_may_show_what_has_the_hairs_colour_does_not(
-    p01: Identity, monkeypatch: pytest.MonkeyPatch, shown: FaceClass, colour: tuple[int, ...], kept: bool
+    p01: Identity,
+    monkeypatch: pytest.MonkeyPatch,
+    shown: FaceClass,
+    colour: tuple[int, ...],
+    last_row: int,
+    kept: bool,
 ) -> None:
     reference = p01.appearance.reference
     wary = Occlusion(
         reference, ParameterEstimator(p01.appearance).sampler, only_objects=True,
         beyond=np.ones(reference.size, np.float32),
     )  # fmt: skip
-    parsing = fake_parsing(shown, slice(0, 35), slice(25, 35))
+    parsing = fake_parsing(shown, slice(0, 35), slice(25, last_row))
     parsing.shares[:, 50:] = np.eye(len(FaceClass))[FaceClass.HAIR, :, None, None]
     monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
     picture = np.full((64, 64, 3), SKIN_COLOUR, np.float64)
-    picture[50:], picture[25:35, :35] = HAIR_COLOUR, colour
+    picture[50:], picture[25:last_row, :35] = HAIR_COLOUR, colour
     picture += np.random.default_rng(0).normal(0, 4, picture.shape)
     shape = reference.points * (64 / reference.resolution)
     wary.update(Frame.from_rgb(np.clip(picture, 0, 255).astype(np.uint8)), shape)

@@ -346,7 +346,7 @@ def parse_frame(parser: Parser[Parsed], frame: Frame, shape: F64) -> Parsed:
 
 
 def _hair_coloured(frame: Frame, parsing: FaceParsing) -> F32:
-    """(64, 64) 1 in cells whose colour is that of the hair rather than that of the skin; 0 where either is unknown."""
+    """(64, 64) 1 in cells next to hair that have its colour rather than that of the skin; 0 if either is unknown."""
     side = parsing.shares.shape[1]
     cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(1, -1, 2)
     colours = frame.sample_rgb(cv2.transform(cells.astype(np.float64), parsing.to_picture)[0])
@@ -359,7 +359,11 @@ def _hair_coloured(frame: Frame, parsing: FaceParsing) -> F32:
         away.append(np.abs((colours - sure.mean(0)) / spread).max(1))
     hair, skin = away
     alike = (hair < LIMITS.hair_colour_deviations) & (hair < skin)
-    return np.asarray(cv2.medianBlur(alike.reshape(side, side).astype(np.uint8), 3), np.float32)
+    locks = cv2.medianBlur(alike.reshape(side, side).astype(np.uint8), 3)
+    sure_hair = parsing.shares[FaceClass.HAIR] > 0.5
+    _, labels = cv2.connectedComponents(locks | sure_hair.astype(np.uint8))
+    next_to_hair = np.bincount(labels.ravel(), sure_hair.ravel()) >= LIMITS.min_hair_cells
+    return np.asarray(locks * next_to_hair[labels], np.float32)
 
 
 def _even(colours: F32) -> F32:
