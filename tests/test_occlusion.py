@@ -400,6 +400,20 @@ def test_where_no_part_of_the_person_may_show_what_has_the_hairs_colour_does_not
     assert hidden > 0.05 if kept else hidden < 0.005
 
 
+def test_a_beard_of_the_hairs_colour_is_seen(wary: Occlusion, monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = wary._reference
+    parsing = fake_parsing(FaceClass.FACIAL_HAIR, slice(0, 64), slice(30, 50))
+    parsing.shares[:, 50:] = 0
+    parsing.shares[FaceClass.HAIR, 60:], parsing.shares[FaceClass.FACIAL_HAIR, 50:60] = 1, 1
+    monkeypatch.setattr(occlusion, "parse_frame", lambda *_: parsing)
+    picture = np.full((64, 64, 3), SKIN_COLOUR, np.uint8)
+    picture[30:] = HAIR_COLOUR
+    wary.update(Frame.from_rgb(picture), reference.points * (64 / reference.resolution))
+    assert wary.visible is not None
+    places = wary._texels.positions(reference.points * (64 / reference.resolution))
+    assert wary.visible[places[:, 1] < 58].min() > 0.99
+
+
 @pytest.mark.parametrize("shown", [FaceClass.BACKGROUND, FaceClass.HAIR])
 def test_what_is_drawn_beyond_the_persons_face_leaves_the_background(
     p01: Identity, monkeypatch: pytest.MonkeyPatch, shown: FaceClass

@@ -179,12 +179,13 @@ class Occlusion:
         parsing = self.parsing = parse_frame(self._parser, frame, shape)
         self._layers = _Layers.of(parsing, self._kinds)
         self._beside = None if self._beyond is None else _Layers.of(parsing, (BESIDE,))
-        if self._only_objects:
-            hair = _hair_coloured(frame, parsing)
-            self._layers = self._layers.with_map(hair)
-            self._beside = self._beside and self._beside.without(hair)
         places = self._texels.positions(shape) if places is None else places
         self._visible = 1 - np.max(self._layers.at(places), axis=1)
+        if self._only_objects:  # a beard has the hair's colour, too, and is seen
+            is_needed = self._beside is not None or self._layers.hidden[..., 0].any()
+            hair = _hair_coloured(frame, parsing) if is_needed else np.zeros_like(parsing.shares[0])
+            self._layers = self._layers.with_map(hair)
+            self._beside = self._beside and self._beside.without(hair)
         self._look_for_rims(frame, shape)
         if self._rims is not None and self._rims.seen:
             self._visible *= 1 - self._rims.at(places)

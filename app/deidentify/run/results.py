@@ -89,7 +89,8 @@ def _counts(plan: dict[str, NDArray[Any]], frames: int, covered: Sequence[int]) 
     for rank, code in enumerate((SWAPPED, COVERED, LEFT)):
         these = plan["frame"][plan["done"] == code]
         worst[these] = np.maximum(worst[these], rank)
-    worst[np.array(covered, np.intp)] = np.maximum(worst[covered], 1)
+    these = np.array(covered, np.intp)
+    worst[these] = np.maximum(worst[these], 1)
     names = ("without face", "swapped", "covered", "left")
     return {name: int((worst == rank).sum()) for rank, name in enumerate(names, start=-1)}
 

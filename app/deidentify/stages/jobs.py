@@ -175,7 +175,7 @@ def render(case: Case, segment: int) -> None:
         f"render.{segment}.json",
         {
             "audit": findings,
-            "covered": sorted(hidden),
+            "covered": hidden,
             "searched": audit.searched,
             "renderer": renderer,
             "problems": problems,

@@ -64,9 +64,7 @@ def enrol(case: Case, track: LinkedTrack) -> Identity | str:
         return reason
     frames, points = _confident_points(case, track)
     try:
-        choice = replace(
-            choose_frames(points, TRAINING), held_out=np.zeros(0, np.intp)
-        )  # no error is reported
+        choice = replace(choose_frames(points, TRAINING), held_out=np.empty(0, np.intp))  # no error is told
         observations = _observations(case, frames, points, choice)
         with one_thread():
             return train_identity(f"person {track.number}", observations, choice, options=TRAINING)
