@@ -11,6 +11,7 @@ import ctypes
 import sys
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 
 _MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of mallopt, malloc.h
 _RETURNED_BYTES = 1 << 22  # size from which freed memory is returned to the system
@@ -38,6 +39,16 @@ def _glibc() -> ctypes.CDLL | None:
     """The C library, configured to return large blocks; None if it is not glibc."""
     _set(_ARENA_MAX, _MAX_HEAPS)
     return _set(_MMAP_THRESHOLD, _RETURNED_BYTES)
+
+
+def free_bytes() -> int:
+    """Memory that processes may still take without swapping; as much as there is where the system doesn't say."""
+    with contextlib.suppress(OSError, ValueError):
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            name, _, amount = line.partition(":")
+            if name == "MemAvailable":
+                return 1024 * int(amount.split()[0])
+    return sys.maxsize
 
 
 @contextlib.contextmanager

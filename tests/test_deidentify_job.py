@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -21,10 +21,13 @@ from guise.aam.landmarks.schemes import INNER51
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.run import job as module
 from guise.app.deidentify.run.job import deidentify_file
+from guise.app.deidentify.stages import case
+from guise.app.deidentify.stages.case import KEPT
 from guise.app.deidentify.stages.jobs import Job, perform
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
-from guise.app.media import EncodeOptions, MediaError
+from guise.app.media import EncodeOptions, Frame, MediaError, segments
+from guise.app.media.reader import ProblemLog
 
 LOSSLESS = DeidentifyOptions(encode=EncodeOptions(lossless=True, preset="ultrafast"))
 QUICK = DeidentifyOptions(encode=EncodeOptions(preset="ultrafast"))
@@ -82,6 +85,26 @@ def done(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Fi
     report = run(clip, output, LOSSLESS)
     assert report is not None
     return output, report
+
+
+def test_a_short_file_is_decoded_once_for_all_stages_and_then_let_go(
+    clip: Path, done: tuple[Path, FileReport], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    passes: list[bool] = []
+
+    def window(*arguments: object) -> Iterator[Frame]:
+        passes.append(True)
+        return whole_window(*arguments)  # type: ignore[arg-type]
+
+    whole_window = segments._window
+    monkeypatch.setattr(segments, "_window", window)
+    run(clip, tmp_path / "out.mp4", LOSSLESS, engine=Here(forgetful=True))
+    assert len(passes) == 1
+    assert KEPT.frames(clip, ProblemLog()) is None
+    monkeypatch.setattr(case, "KEPT_BYTES", 0)
+    run(clip, tmp_path / "anew.mp4", LOSSLESS, engine=Here(forgetful=True))
+    assert len(passes) > 3
+    assert (tmp_path / "anew.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
 
 
 def test_the_face_is_swapped_in_every_frame_and_the_rest_stays(

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from test_media import SAMPLE, SHARED, damage, make_clip, picture
 
-from guise.app.media import Frame, open_input
+from guise.app.media import Frame, open_input, segments
 from guise.app.media.frame import plane_arrays
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
-from guise.app.media.segments import Scan, read_frames, scan
+from guise.app.media.segments import KeptFrames, Scan, read_frames, scan
 
 THOUSANDTHS = Fraction(1, 1000)
 GOP = {"g": "10", "bf": "2", "x264-params": "scenecut=0"}
@@ -215,3 +215,65 @@ def test_real_clips(name: str) -> None:
     with open_input(path) as source:
         frames = [facts(frame) for frame in source if frame.index >= first]
     assert got == frames
+
+
+def read(path: Path, found: Scan, kept: KeptFrames, first: int = 0, last: int | None = None) -> list[Frame]:
+    return list(read_frames(path, found, first, found.frames if last is None else last, kept=kept))
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The inputs that were opened."""
+    paths: list[Path] = []
+
+    def recorded(path: Path) -> object:
+        paths.append(path)
+        return open_input(path)
+
+    monkeypatch.setattr(segments, "open_input", recorded)
+    return paths
+
+
+def test_a_file_that_is_kept_is_read_once_and_stays_as_it_was(tmp_path: Path, opened: list[Path]) -> None:
+    clip = make_clip(tmp_path / "in.mp4", steady(40), options=GOP)
+    found, kept = scan(clip), KeptFrames(lambda: 1 << 30)
+    opened.clear()
+    frames = [facts(frame) for frame in read(clip, found, kept)]
+    for frame in read(clip, found, kept):
+        frame.write_roi(0, 0, 255 - frame.read_roi(0, 0, frame.width, frame.height))
+    assert [facts(frame) for frame in read(clip, found, kept, 5, 25)] == frames[5:25]
+    assert opened == [clip]
+    assert frames == whole(clip)
+
+
+@pytest.mark.parametrize("last", [40, 39])
+def test_neither_a_file_that_is_too_large_nor_a_part_is_kept(
+    tmp_path: Path, opened: list[Path], last: int
+) -> None:
+    clip = make_clip(tmp_path / "in.mp4", steady(40), options=GOP)
+    found, size = scan(clip), sum(frame.nbytes for frame in open_input(clip))
+    kept = KeptFrames(lambda: size if last == 39 else size - 1)
+    opened.clear()
+    assert len(read(clip, found, kept, 0, last)) == last
+    assert kept.frames(clip, ProblemLog()) is None
+    assert len(read(clip, found, kept)) == 40
+    assert opened == [clip, clip]
+
+
+def test_another_file_of_the_same_name_is_read_anew(tmp_path: Path) -> None:
+    clip = make_clip(tmp_path / "in.mp4", steady(40), options=GOP)
+    kept = KeptFrames(lambda: 1 << 30)
+    read(clip, scan(clip), kept)
+    make_clip(clip, steady(30), options=GOP)
+    assert [facts(frame) for frame in read(clip, scan(clip), kept)] == whole(clip)
+    kept.clear()
+    assert kept.frames(clip, ProblemLog()) is None
+
+
+def test_what_went_wrong_is_said_of_kept_frames_as_well(tmp_path: Path) -> None:
+    clip = damage(make_clip(tmp_path / "in.mp4", steady(40), options=GOP), 20)
+    found, kept = scan(clip), KeptFrames(lambda: 1 << 30)
+    told = [ProblemLog() for _ in range(2)]
+    frames = [list(read_frames(clip, found, 0, found.frames, problems=log, kept=kept)) for log in told]
+    assert [facts(frame) for frame in frames[0]] == [facts(frame) for frame in frames[1]]
+    assert told[0] == told[1] != []

@@ -281,6 +281,11 @@ class Frame:
         corner_x, corner_y = 0.0 if mpeg else (step_x - 1) / 2, (step_y - 1) / 2
         return np.float32(1 / step_x) * (x - corner_x), np.float32(1 / step_y) * (y - corner_y)
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the picture as stored."""
+        return sum(plane.nbytes for plane in self._stored_planes())
+
     def copy(self) -> Frame:
         """An independent copy of the picture with the same time."""
         picture = clone_video_frame(self._video) if self._video is not None else self._rgb

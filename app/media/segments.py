@@ -7,7 +7,7 @@ the frames with certainty, the whole file is one segment.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
@@ -156,18 +156,73 @@ def _cut(keyframes: NDArray[np.int32], frames: int, length: int) -> tuple[Segmen
 
 
 def read_frames(
-    path: Path | str, scan: Scan, first: int, last: int, *, problems: ProblemLog | None = None
-) -> Iterator[Frame]:
+    path: Path | str, scan: Scan, first: int, last: int, *, problems: ProblemLog | None = None,
+    kept: KeptFrames | None = None,
+) -> Iterator[Frame]:  # fmt: skip
     """The frames [first, last) of a scanned file, as a pass from the start yields them; indices count from its start.
 
-    A picture that cannot be decoded is left out, as in that pass, and noted in `problems`.
+    A picture that cannot be decoded is left out, as in that pass, and noted in `problems`.  With `kept`, a file that
+    fits in there is decoded once.
     """
+    noted = ProblemLog() if problems is None else problems
+    if kept is not None and (frames := kept.frames(path, noted)) is not None:
+        yield from (frame.copy() for frame in frames if first <= frame.index < last)
+        return
     with open_input(path) as media:
         try:
-            yield from _window(media, scan, first, last)
+            window = _window(media, scan, first, last)
+            if kept is None or (first, last) != (0, scan.frames):
+                yield from window
+            else:
+                yield from kept.filled(path, window, media.problems)
         finally:
-            if problems is not None:
-                problems.add(media.problems)
+            noted.add(media.problems)
+
+
+class KeptFrames:
+    """The frames of the file that was last read whole, if they have no more bytes than `most` allows then."""
+
+    def __init__(self, most: Callable[[], int]) -> None:
+        self._most = most
+        self._held: tuple[_Version, list[Frame], ProblemLog] | None = None
+
+    def frames(self, path: Path | str, problems: ProblemLog) -> list[Frame] | None:
+        """The frames of a file, to be copied, and what went wrong when it was read; None where they aren't kept."""
+        held = self._held
+        if held is None or held[0] != _version(path):
+            return None
+        problems.add(held[2])
+        return held[1]
+
+    def filled(self, path: Path | str, frames: Iterator[Frame], problems: ProblemLog) -> Iterator[Frame]:
+        """All frames of a file; they are kept once the last one was read."""
+        self.clear()
+        version, left, copies = _version(path), self._most(), list[Frame]()
+        for frame in frames:
+            left -= frame.nbytes
+            if left >= 0:
+                copies.append(frame.copy())
+            else:
+                copies.clear()
+            yield frame
+        if left >= 0 and version is not None:
+            self._held = version, copies, problems
+
+    def clear(self) -> None:
+        """Let go of them."""
+        self._held = None
+
+
+_Version = tuple[str, int, int]
+
+
+def _version(path: Path | str) -> _Version | None:
+    """What changes with a file: its name, size and time; None for what isn't a file."""
+    file = Path(path)
+    if not file.is_file():
+        return None
+    found = file.stat()
+    return str(file.absolute()), found.st_size, found.st_mtime_ns
 
 
 def _window(media: MediaInput, scan: Scan, first: int, last: int) -> Iterator[Frame]:

@@ -7,6 +7,7 @@ segments K and persons P.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,10 +22,16 @@ from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, unpacked
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import Track
-from guise.app.media.segments import Scan
+from guise.app.media import Frame
+from guise.app.media.reader import ProblemLog
+from guise.app.media.segments import KeptFrames, Scan, read_frames
 from guise.app.people.faces import SegmentFaces
 from guise.app.swapping.donors import heads_for
+from guise.common.memory import free_bytes
 
+KEPT_BYTES = 400 << 20  # at most, of the frames of a short file
+KEPT_SHARE = 0.25  # at most, of the memory that is free
+KEPT = KeptFrames(lambda: min(KEPT_BYTES, int(KEPT_SHARE * free_bytes())))
 LEAD_FRAMES = 16  # by which a rendered segment begins after its keyframe, for the light to be measured over
 
 
@@ -66,6 +73,10 @@ class Case:
     def scan(self) -> Scan:
         """The frames and segments."""
         return Scan.from_json(self.work.load_json("scan.json"))
+
+    def frames(self, first: int, last: int, problems: ProblemLog | None = None) -> Iterator[Frame]:
+        """The frames [first, last), see `read_frames`; a short file is decoded once for all stages of a process."""
+        return read_frames(self.input, self.scan, first, last, problems=problems, kept=KEPT)
 
     @cached_property
     def rate(self) -> float:

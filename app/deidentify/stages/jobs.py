@@ -19,7 +19,7 @@ from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch, FaceTreatment
-from guise.app.deidentify.stages.case import Case, LinkedTrack
+from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, packed, steadied
 from guise.app.deidentify.stages.people import enrol
@@ -29,7 +29,6 @@ from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
-from guise.app.media.segments import read_frames
 from guise.app.people.faces import detect_faces
 from guise.app.swapping.head import knows_head
 from guise.app.swapping.head_matte import Gap, find_head
@@ -57,6 +56,8 @@ def perform(job: Job) -> None:
     if not work.has(result_of(job.stage, job.index)):
         with one_thread(), given_back():
             _STAGES[job.stage](Case(work), job.index)
+            if job.stage == "render":
+                KEPT.clear()
 
 
 def result_of(stage: str, index: int) -> str:
@@ -67,7 +68,7 @@ def result_of(stage: str, index: int) -> str:
 def detect(case: Case, segment: int) -> None:
     """Find all faces of a segment."""
     piece, problems = case.scan.segments[segment], ProblemLog()
-    found = detect_faces(read_frames(case.input, case.scan, piece.first, piece.end, problems=problems))
+    found = detect_faces(case.frames(piece.first, piece.end, problems))
     case.work.save_json(f"problems.{segment}.json", list(problems))
     case.work.save_arrays(f"detect.{segment}.npz", **found.arrays())
 
@@ -94,7 +95,7 @@ def fit(case: Case, segment: int) -> None:
     rows: list[tuple[int, int, LocatedFace]] = []
     pictures: dict[str, NDArray[np.uint8]] = {}
     if wanted:
-        for frame in read_frames(case.input, case.scan, min(wanted), max(wanted) + 1):
+        for frame in case.frames(min(wanted), max(wanted) + 1):
             for track, row in wanted.get(frame.index, []):
                 model, points = case.model_of(track.number), found.points[row].astype(np.float64)
                 if model is not None and np.isfinite(points).all():
@@ -188,7 +189,7 @@ def _look(
     missed: list[AuditDetection],
 ) -> None:  # fmt: skip
     """Show the audit the original between some frames; what was missed there is added, and looked at closer."""
-    found = audit.before(read_frames(case.input, case.scan, frames[0], frames[-1] + 1), entries)
+    found = audit.before(case.frames(frames[0], frames[-1] + 1), entries)
     audit.look_closer(found)
     missed += found
 
@@ -233,7 +234,7 @@ class _FrameRange:
         self.problems = ProblemLog()
 
     def __iter__(self) -> Iterator[Frame]:
-        return read_frames(self._case.input, self._case.scan, self._first, self._last, problems=self.problems)
+        return self._case.frames(self._first, self._last, self.problems)
 
 
 class _SinkFromFrame:

@@ -26,7 +26,6 @@ from guise.aam.training import (
     train_identity,
 )
 from guise.app.deidentify.stages.case import Case, LinkedTrack
-from guise.app.media.segments import read_frames
 from guise.common.arrays import F64
 from guise.common.threads import one_thread
 
@@ -123,6 +122,6 @@ def _pictures(case: Case, wanted: list[int]) -> Iterator[tuple[int, NDArray[np.u
     for segment in case.scan.segments:
         here = {i for i in wanted if segment.first <= i < segment.end}
         if here:
-            for frame in read_frames(case.input, case.scan, min(here), max(here) + 1):
+            for frame in case.frames(min(here), max(here) + 1):
                 if frame.index in here:
                     yield frame.index, frame.rgb()

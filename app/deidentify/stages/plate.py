@@ -8,7 +8,6 @@ import numpy as np
 from guise.aam.landmarks.heads import region
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
-from guise.app.media.segments import read_frames
 from guise.app.swapping.head import LIMITS, Plate
 from guise.common.arrays import U8
 
@@ -30,7 +29,7 @@ def plate_of(case: Case, segment: int, shot: int, gaps: Gaps) -> Plate | None:
         return None
     wanted = set(np.linspace(first, last - 1, PICTURES).round().astype(int).tolist())
     pictures, heads = [], []
-    for frame in read_frames(case.input, case.scan, first, last):
+    for frame in case.frames(first, last):
         if frame.index in wanted:
             scale = min(1.0, LIMITS.plate_side_pixels / max(frame.width, frame.height))
             size = [max(1, round(side * scale)) for side in (frame.width, frame.height)]
