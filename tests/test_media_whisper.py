@@ -69,3 +69,19 @@ def test_a_film_is_whispered_in_step(tmp_path: Path) -> None:
     n = min(after.shape[1], before.shape[1]) // 4410 * 4410
     loud = [np.sqrt((s[0, :n].reshape(-1, 4410) ** 2).mean(1)) for s in (before, after)]
     assert np.corrcoef(*loud)[0, 1] > 0.7
+
+
+def test_a_lively_voice_and_a_flat_one_become_alike() -> None:
+    time, noise = np.arange(4 * RATE) / RATE, np.random.default_rng(1).standard_normal(4 * RATE)
+    swell = np.sin(2 * np.pi * 2 * time)
+    voices = [np.float32(0.05 * noise * np.exp(depth * swell))[None] for depth in (0.2, 0.6)]
+    own = [spread(one) for one in voices]
+    flat, lively = (spread(whispered(one, 1024)) for one in voices)
+    assert own[1] > 2 * own[0]
+    assert lively < 1.3 * flat
+
+
+def spread(sound: F32) -> float:
+    """Standard deviation of the level after the first second, nepers."""
+    windows = sound[0, RATE : len(sound[0]) // 800 * 800].reshape(-1, 800)
+    return float(np.log((windows**2).mean(1)).std())

@@ -1,9 +1,10 @@
 """A disguised voice: whispered, with everybody's long-term spectrum; a noise vocoder that works as samples come.
 
 Speech is reduced to the energies of a few bands, as in Shannon et al. (1995, Science 270), and made again from noise.
-So pitch, intonation and timbre of the voice are gone, while the words stay.  Each band's energy is divided by its own
-running mean and multiplied by that of speech in general, and the places of the bands drift.  Noise and drift follow
-from the first sound, so that the result is reproducible, but not by somebody who doesn't have the original.
+So pitch, intonation and timbre of the voice are gone, while the words stay.  Each band's level gets the mean and the
+spread of speech in general instead of its own, running ones; how fast it changes is limited; and the places of the
+bands drift.  Noise and drift follow from the first sound, so that the result is reproducible, but not by somebody who
+doesn't have the original.
 """
 
 from __future__ import annotations
@@ -21,13 +22,16 @@ class WhisperShape:
     """Windows, bands and rates."""
 
     window_seconds: float = 0.02
-    bands: int = 10
+    bands: int = 8
     range_hz: tuple[float, float] = (80.0, 8000.0)
-    mean_seconds: float = 1.0  # over which a band's mean is taken
+    kept_share: float = 0.5  # of a band's energy from one window to the next
+    mean_seconds: float = 1.0  # over which a band's mean and spread are taken
+    spread: float = 1.6  # standard deviation of a band's level in speech in general, nepers of energy
+    least_spread: float = 0.3  # of the band's own, so that a steady one does not become a lively one
+    most_spreads: tuple[float, float] = (4.0, 2.5)  # from the mean, below it and above it
     speech_share: float = 0.05  # of the loudest mean so far: what is below it is a pause
     drift_seconds: float = 0.3  # from one stretch of the mel scale to the next,
     max_drift: float = 0.4  # which is at most this share
-    max_gain: float = 100.0  # of a band's energy
     slope_knee_hz: float = 500.0  # from which the energy of speech falls, by 9 dB an octave
 
 
@@ -49,7 +53,8 @@ class Whisper:
         self._noise: np.random.Generator | None = None  # begun by the first sound, which no attacker has
         self._pending = np.zeros((channels, self._hop))  # of the input; the first half window is before it
         self._tail = np.zeros((channels, self._hop))
-        self._mean = np.zeros((channels, len(self._bands)))
+        self._energy: F64 | None = None
+        self._moments = np.zeros((3, channels, len(self._bands)))  # energy, its logarithm, the square of that
         self._weight = np.zeros((channels, 1))
         self._loudest = np.zeros((channels, 1))
         self._skip = self._hop
@@ -79,15 +84,22 @@ class Whisper:
         if self._noise is None:
             self._noise = np.random.default_rng(list(sha256(frame.tobytes()).digest()))
         energy = np.abs(np.fft.rfft(frame)) ** 2 @ self._bands.T
+        if self._energy is not None:
+            energy = SHAPE.kept_share * self._energy + (1 - SHAPE.kept_share) * energy
+        self._energy = energy
         loud = energy.sum(1, keepdims=True)
         self._loudest = np.maximum(self._loudest * self._forget, loud)
-        speech = loud > SHAPE.speech_share * self._loudest
-        self._mean = np.where(speech, self._forget * self._mean + (1 - self._forget) * energy, self._mean)
-        self._weight = np.where(speech, self._forget * self._weight + (1 - self._forget), self._weight)
-        mean = self._mean / np.maximum(self._weight, _SMALL)
-        total = mean.sum(1, keepdims=True)
-        gain = np.clip(self._target * total / np.maximum(mean, _SMALL), 1 / SHAPE.max_gain, SHAPE.max_gain)
-        bins = self._drifted(energy * gain, self._noise) @ self._bands
+        level = np.log(energy + _SMALL)
+        if (speech := loud > SHAPE.speech_share * self._loudest).any():
+            learned = np.where(speech, 1 - self._forget, 0.0)
+            self._moments += learned * (np.stack([energy, level, level**2]) - self._moments)
+            self._weight += learned * (1 - self._weight)
+        mean, middle, square = self._moments / np.maximum(self._weight, _SMALL)
+        own = np.sqrt(np.maximum(square - middle**2, SHAPE.least_spread**2))
+        low, high = SHAPE.most_spreads
+        spreads = SHAPE.spread * np.clip((level - middle) / own, -low, high)
+        energy = self._target * mean.sum(1, keepdims=True) * np.exp(spreads - SHAPE.spread**2 / 2)
+        bins = self._drifted(energy, self._noise) @ self._bands
         # Twice the energy, as the first window takes half of it.
         real, imaginary = self._noise.standard_normal((2, *bins.shape))
         return np.asarray(np.fft.irfft(np.sqrt(bins) * (real + 1j * imaginary), frame.shape[1]))
