@@ -127,7 +127,7 @@ def test_what_looks_like_a_rolled_face_on_a_face_is_a_part_of_it() -> None:
     np.testing.assert_array_equal(found.boxes, boxes[[0, 2, 3]])
 
 
-@pytest.mark.parametrize(("score", "most"), [(0.9, 2), (0.5, 4)])
+@pytest.mark.parametrize(("score", "most"), [(0.9, 3), (0.5, 5)])
 def test_beside_a_sure_face_the_other_rolls_take_turns(score: float, most: int) -> None:
     searched = set()
     for index in range(7, 7 + SCHEDULE_FRAMES):
@@ -136,6 +136,20 @@ def test_beside_a_sure_face_the_other_rolls_take_turns(score: float, most: int) 
         assert detector.calls <= most
         searched |= {nearest_quarter(turn) for turn in found.turns.tolist()}
     assert searched == set(EVERY_ROLL)
+
+
+@pytest.mark.parametrize(
+    ("score", "small", "calls"), [(0.9, False, [1, 1, 3]), (0.9, True, [2, 2, 3]), (0.5, False, [5] * 3)]
+)
+def test_beside_a_sure_large_face_only_that_is_searched_in_between(
+    score: float, small: bool, calls: list[int]
+) -> None:
+    detectors = [White(score) for _ in calls]
+    for index, detector in enumerate(detectors, 7):
+        found = detect_on_schedule(detector, white(), index, 0.75, small=small)
+        upright = found.boxes[found.turns == 0]
+        np.testing.assert_allclose(upright, detect_at_rolls(White(), white(), UPRIGHT).boxes, atol=1)
+    assert [detector.calls for detector in detectors] == calls
 
 
 @pytest.mark.parametrize("degrees", [0, 22.5, 90, 112.5, 200, 337.5])

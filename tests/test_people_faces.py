@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import cv2
 import numpy as np
 import pytest
 from clips import empty_scene
@@ -12,6 +13,7 @@ from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68, INNER51
 from guise.app.deidentify.stages.smooth import smooth
 from guise.app.media import Frame, open_input
+from guise.app.people import faces
 from guise.app.people.faces import (
     Candidate,
     DetectedFrame,
@@ -66,6 +68,28 @@ def test_a_cut_ends_a_tracklet_and_begins_another() -> None:
     assert found.cuts.tolist() == [10]
     assert found.frame[found.tracklet == 0].tolist() == list(range(10))
     assert found.frame[found.tracklet == 1].tolist() == list(range(10, 20))
+
+
+@pytest.mark.parametrize(("width", "until"), [(640, 30), (160, 48)])
+def test_small_faces_are_searched_in_every_frame_while_there_are_any(
+    width: int, until: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain, searched = faces.detect_on_schedule, dict[int, bool]()
+
+    def recorded(*arguments: object, small: bool) -> RolledBoxes:
+        searched[int(arguments[2])] = small  # type: ignore[call-overload]
+        return plain(*arguments, small=small)  # type: ignore[arg-type]
+
+    def placed(frame: Frame) -> Frame:
+        rgb = np.full((480, 640, 3), 90, np.uint8)
+        small = cv2.resize(frame.rgb(), (width, width * 3 // 4), interpolation=cv2.INTER_AREA)
+        rgb[: small.shape[0], : small.shape[1]] = small
+        return Frame.from_rgb(rgb, index=frame.index)
+
+    monkeypatch.setattr(faces, "detect_on_schedule", recorded)
+    found = detect_faces([placed(frame) for frame in some("p01", count=48)])
+    assert set(found.frame.tolist()) == set(range(48))
+    assert [frame for frame, small in sorted(searched.items()) if small] == list(range(until))
 
 
 def test_an_empty_scene_has_no_faces(tmp_path: object) -> None:
@@ -153,9 +177,9 @@ class _Unsure:
 
 def test_of_two_trackers_of_one_face_one_stays() -> None:
     tracker = SegmentTracker(_Same())  # type: ignore[arg-type]
-    rgb = np.zeros((100, 100, 3), np.uint8)
     small = np.zeros((18, 32), np.uint8)
     for index in range(6):
+        rgb = np.full((100, 100, 3), 10 * index, np.uint8)
         boxes = np.array([[10, 10, 50, 50], [60, 10, 99, 50]], np.float32)[: 2 if index == 0 else 1]
         found = RolledBoxes(boxes, np.full(len(boxes), 0.9, np.float32), np.zeros(len(boxes), np.float32))
         tracker.update(DetectedFrame(index, rgb, found, small))

@@ -111,16 +111,28 @@ def detect_at_turns(detector: ScoredDetector, image: U8, turns: Sequence[float])
     return found
 
 
-def detect_on_schedule(detector: ScoredDetector, image: U8, index: int, sure_score: float) -> RolledBoxes:
+def detect_on_schedule(
+    detector: ScoredDetector, image: U8, index: int, sure_score: float, *, small: bool = True
+) -> RolledBoxes:
     """Faces upright, and at other rolls: all where no upright face is sure, otherwise one in every third picture.
+
+    They are searched at half the size first, where large ones are surer.
 
     index : of the picture in a video; every roll is searched within `SCHEDULE_FRAMES`.
     sure_score : of an upright face.
+    small : whether small faces are searched even beside one that is sure; they are in every third picture.
     """
-    upright = detect_at_rolls(detector, image, UPRIGHT)
-    is_sure = bool((upright.scores >= sure_score).any())
+    size = [max(1, side // 2) for side in image.shape[1::-1]]
+    half = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    large = detect_at_rolls(detector, half, UPRIGHT).scaled(2)
+    sure = large[large.scores >= sure_score]
     count, rest = divmod(index, _TURNED_INTERVAL)
     one = () if rest else (TURNED[count % len(TURNED)],)
+    if rest and not small and len(sure):
+        return large
+    upright = detect_at_rolls(detector, image, UPRIGHT).and_others(sure)
+    upright = upright[strongest_indices(upright.boxes, upright.scores, 0.0)]
+    is_sure = bool((upright.scores >= sure_score).any())
     return upright.and_others(detect_at_rolls(detector, image, one if is_sure else TURNED))
 
 

@@ -1,34 +1,36 @@
 """Every face of a segment of a video, tracked forward and backward from where it is found.
 
 A detector runs on every frame with a low threshold: on the frame as it is, and turned by quarter turns (all three where
-no upright face is certain, otherwise one of them in every third frame, in turn).  Boxes that are certainly faces start
-a tracklet, which is tracked from frame to frame and, from its first frame, back through the frames before; what else
-looks like a face is kept as a bystander, and so are parts of faces at the picture's sides, searched in every third
-frame.  Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8; turns in
-radians, by which a face is rolled clockwise.
+no upright face is certain, otherwise one of them in every third frame, in turn).  Where the faces that were seen lately
+are large, small ones are searched in every third frame only.  Boxes that are certainly faces start a tracklet, which is
+tracked from frame to frame and, from its first frame, back through the frames before; what else looks like a face is
+kept as a bystander, and so are parts of faces at the picture's sides, searched in every third frame.  Pixels as shown,
+x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames RGB uint8; turns in radians, by which a face is
+rolled clockwise.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import Face, iou, tight_box
+from guise.aam.landmarks import Face, iou
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_on_schedule, turn_of
-from guise.aam.landmarks.schemes import COUNT, IBUG68
+from guise.aam.landmarks.schemes import COUNT
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.aam.landmarks.tracking import MultiFaceTracker, TrackingLimits
 from guise.app.media import Frame
+from guise.app.people.looks import Looks
 from guise.common.arrays import F32, I32, U8
 
 
@@ -57,6 +59,8 @@ class DetectionLimits:
     sight_frames: int = 6  # within so many frames
     sight_iou: float = 0.2  # and at its place
     min_tracklet_frames: int = 3
+    searched_small_pixels: int = 72  # a face smaller than this
+    searched_small_frames: int = 24  # keeps small ones searched in every frame for so many frames
     ear_reach_face_sizes: float = 0.2  # beside a face, where something small of a lower score than
     ear_score: float = 0.5  # this is its ear
     ear_face_sizes: float = 0.5  # and smaller than this
@@ -83,6 +87,7 @@ TRACKING = TrackingLimits(
 )
 LOOKBACK_BYTES = 64 << 20  # of frames that are kept for tracking backward
 DETECTOR_THREADS = 2
+DETECTED_AHEAD = 6  # frames, two of which take much longer than the others
 SMALL_SIZE = (32, 18)  # pixels, width and height of the small picture
 
 
@@ -141,13 +146,18 @@ class DetectedFrame:
 
 
 def detect_boxes(
-    frames: Iterable[Frame], detector: FaceDetector, threads: int = DETECTOR_THREADS
-) -> Iterator[DetectedFrame]:
-    """Detect faces in all frames, a few at a time."""
+    frames: Iterable[Frame], detector: FaceDetector, has_small_faces: Callable[[], bool] = lambda: True,
+    threads: int = DETECTOR_THREADS,
+) -> Iterator[DetectedFrame]:  # fmt: skip
+    """Detect faces in all frames, a few at a time.
 
-    def work(frame: Frame) -> DetectedFrame:
+    has_small_faces : whether small ones were seen lately, see `detect_on_schedule`; asked before a frame, when all but
+        the `DETECTED_AHEAD` frames before that have been taken.
+    """
+
+    def work(frame: Frame, small_faces: bool) -> DetectedFrame:
         rgb = frame.quick_rgb()
-        found = detect_on_schedule(detector, rgb, frame.index, LIMITS.certain_score)
+        found = detect_on_schedule(detector, rgb, frame.index, LIMITS.certain_score, small=small_faces)
         small = cv2.resize(frame.luma, SMALL_SIZE, interpolation=cv2.INTER_AREA)
         is_searched = frame.index % LIMITS.side_interval_frames == 0
         at_sides = detect_at_sides(detector, rgb) if is_searched else RolledBoxes.none()
@@ -156,8 +166,8 @@ def detect_boxes(
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Future[DetectedFrame]] = deque()
         for frame in frames:
-            waiting.append(pool.submit(work, frame))
-            if len(waiting) > threads:
+            waiting.append(pool.submit(work, frame, has_small_faces()))
+            if len(waiting) > DETECTED_AHEAD:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
@@ -206,10 +216,9 @@ class SegmentTracker:
     """Tracks all faces of a segment; `update` with each frame in order, then `faces`."""
 
     def __init__(self, landmarker: BuiltinLandmarker) -> None:
-        self._landmarker = landmarker
-        boxed = _Ibug68Boxes(landmarker)
+        self._looks = Looks(landmarker)
         self._tracker = MultiFaceTracker(
-            boxed, TRACKING, face_in_box=boxed.face_in_box, lookback_bytes=LOOKBACK_BYTES
+            self._looks, TRACKING, face_in_box=self._looks.face_in_box, lookback_bytes=LOOKBACK_BYTES
         )
         self._tracklets: dict[int, dict[int, Face]] = {}  # by number, the faces by frame
         self._candidates: list[Candidate] = []
@@ -217,6 +226,11 @@ class SegmentTracker:
         self._cuts: list[int] = []
         self._ends: list[U8] = []
         self._cut_detector = CutDetector()
+        self._small_until = 0  # frame
+
+    def has_small_faces(self) -> bool:
+        """Whether a small face was seen lately, or a shot has begun."""
+        return len(self._shot) < LIMITS.searched_small_frames or self._shot[-1] < self._small_until
 
     def update(self, frame: DetectedFrame) -> None:
         """The next frame."""
@@ -276,18 +290,22 @@ class SegmentTracker:
             box, score, turn = found.boxes[i], float(found.scores[i]), float(found.turns[i])
             if score < LIMITS.min_candidate_score or self._is_on_known(box, score, turn):
                 continue
-            face, likeness = self._landmarker.look_in_box(frame.rgb, box, turn)
+            face, likeness = self._looks.look_in_box(frame.rgb, box, turn)
             if face is not None and face.confidence >= TRACKING.start_confidence:
-                self._start(frame.index, _with_ibug68_box(face))
+                self._start(frame.index, face)
             elif (candidate := _candidate(frame.index, box, score, turn, likeness)) is not None:
                 candidates.append(candidate)
         candidates += self._at_sides(frame)
         # Boxes at a wrong roll may come before the face's own.
-        self._candidates += [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
+        candidates = [one for one in candidates if not self._is_on_known(one.box, one.score, one.turn)]
+        self._candidates += candidates
+        boxes = [*self._tracker.boxes, *(one.box for one in candidates)]
+        if any(float((box[2:] - box[:2]).max()) < LIMITS.searched_small_pixels for box in boxes):
+            self._small_until = frame.index + LIMITS.searched_small_frames
 
     def _at_sides(self, frame: DetectedFrame) -> Iterator[Candidate]:
         for box, score in zip(frame.at_sides.boxes, frame.at_sides.scores, strict=True):
-            if self._landmarker.likeness(frame.rgb, box, 0.0) >= LIMITS.min_likeness_at_side:
+            if self._looks.likeness(frame.rgb, box, 0.0) >= LIMITS.min_likeness_at_side:
                 yield Candidate(frame.index, box, float(score), confirmed=True)
 
     def _is_on_known(self, box: F32, score: float = 1.0, turn: float = 0.0) -> bool:
@@ -317,26 +335,6 @@ class SegmentTracker:
         return any(iou(box, face.box) > TRACKING.min_match_iou for box in known)
 
 
-class _Ibug68Boxes:
-    """A landmarker whose faces have the box of their 68 iBUG points, as the detector's boxes are."""
-
-    name = BuiltinLandmarker.name
-
-    def __init__(self, landmarker: BuiltinLandmarker) -> None:
-        self._landmarker = landmarker
-
-    def detect(self, rgb: U8) -> list[Face]:
-        return [_with_ibug68_box(face) for face in self._landmarker.detect(rgb)]
-
-    def refine(self, rgb: U8, previous: Face) -> Face | None:
-        face = self._landmarker.refine(rgb, previous)
-        return None if face is None else _with_ibug68_box(face)
-
-    def face_in_box(self, rgb: U8, box: F32, turn: float) -> Face | None:
-        face = self._landmarker.points_in_box(rgb, box, turn)
-        return None if face is None else _with_ibug68_box(face)
-
-
 def _candidate(index: int, box: F32, score: float, turn: float, likeness: float) -> Candidate | None:
     """A box without points as a candidate, if it is likely enough to be a face.   likeness : of its crop, a logit."""
     is_small = bool((box[2:] - box[:2] <= LIMITS.small_face_pixels).all())
@@ -351,10 +349,6 @@ def _candidate(index: int, box: F32, score: float, turn: float, likeness: float)
         return None
     is_confirmed = score >= LIMITS.certain_score or likeness >= confirmed
     return Candidate(index, box, score, is_confirmed, turn)
-
-
-def _with_ibug68_box(face: Face) -> Face:
-    return replace(face, box=tight_box(face.points[IBUG68]))
 
 
 def _turns(faces: Iterable[Face]) -> list[float]:
@@ -407,6 +401,6 @@ def confirmed(candidates: list[Candidate]) -> list[Candidate]:
 def detect_faces(frames: Iterable[Frame]) -> SegmentFaces:
     """All faces of consecutive frames."""
     tracker = SegmentTracker(BuiltinLandmarker())
-    for frame in detect_boxes(frames, FaceDetector(min_score=LIMITS.min_score)):
+    for frame in detect_boxes(frames, FaceDetector(min_score=LIMITS.min_score), tracker.has_small_faces):
         tracker.update(frame)
     return tracker.faces()

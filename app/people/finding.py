@@ -186,7 +186,9 @@ def find_people(media: MediaInput, progress: Callable[[float], None] = lambda sh
             yield frame
 
     with one_thread():
-        for detected in detect_boxes(passing(), FaceDetector(min_score=DETECTION.min_score)):
+        for detected in detect_boxes(
+            passing(), FaceDetector(min_score=DETECTION.min_score), tracker.has_small_faces
+        ):
             tracker.update(detected)
             frame, faces = waiting.pop(detected.index), tracker.present()
             for number, face in faces.items():

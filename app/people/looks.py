@@ -1,0 +1,118 @@
+"""A landmarker that looks again only at what has changed, for faces that are looked at in every frame.
+
+Whether something has changed is told from small pictures of it, in which a camera's noise averages out.  They are
+compared with those of the last real look, so that slow changes add up.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from guise.aam.landmarks import Face, iou, tight_box
+from guise.aam.landmarks.builtin import BuiltinLandmarker
+from guise.aam.landmarks.schemes import IBUG68
+from guise.common.arrays import F32, U8
+
+
+@dataclass(frozen=True)
+class LookLimits:
+    """What counts as the same place, and as the same picture."""
+
+    min_iou: float = 0.8  # of the boxes
+    margin_sides: float = 0.15  # of a box, beyond it
+    patch_pixels: int = 16  # side of the small picture
+    samples: int = 8  # that a pixel of it is the mean of, a side, in a large box
+    max_grey_levels: int = 2  # by which any of its pixels may differ
+    kept: int = 64  # looks
+
+
+LIMITS = LookLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What was seen: box (4,), turn, or None of a face that was followed, small picture, face and likeness."""
+
+    box: F32
+    turn: float | None
+    patch: U8
+    face: Face | None
+    likeness: float
+
+
+class Looks:
+    """The built-in landmarker; its faces have the box of their 68 iBUG points, as the detector's boxes are."""
+
+    name = BuiltinLandmarker.name
+
+    def __init__(self, landmarker: BuiltinLandmarker) -> None:
+        self._landmarker = landmarker
+        self._kept: deque[_Look] = deque(maxlen=LIMITS.kept)
+
+    def detect(self, rgb: U8) -> list[Face]:
+        """All faces."""
+        return [_boxed(face) for face in self._landmarker.detect(rgb)]
+
+    def refine(self, rgb: U8, previous: Face) -> Face | None:
+        """The face of the frame before in this one."""
+        if (kept := self._unchanged(rgb, previous.box, None)) is not None:
+            return kept.face
+        face = self._landmarker.refine(rgb, previous)
+        if face is None:
+            return None
+        face = _boxed(face)
+        self._keep(rgb, face.box, None, face, 0.0)
+        return face
+
+    def look_in_box(self, rgb: U8, box: F32, turn: float = 0.0) -> tuple[Face | None, float]:
+        """The face in a box, and how much the box looks like one."""
+        if (kept := self._unchanged(rgb, box, turn)) is not None:
+            return kept.face, kept.likeness
+        face, likeness = self._landmarker.look_in_box(rgb, box, turn)
+        face = None if face is None else _boxed(face)
+        self._keep(rgb, box, turn, face, likeness)
+        return face, likeness
+
+    def face_in_box(self, rgb: U8, box: F32, turn: float) -> Face | None:
+        """The face in a box."""
+        return self.look_in_box(rgb, box, turn)[0]
+
+    def likeness(self, rgb: U8, box: F32, turn: float) -> float:
+        """How much a box looks like a face."""
+        return self._landmarker.likeness(rgb, box, turn)
+
+    def _unchanged(self, rgb: U8, box: F32, turn: float | None) -> _Look | None:
+        """The last look at a box, if the picture has not changed there."""
+        for look in reversed(self._kept):
+            if look.turn == turn and iou(look.box, box) >= LIMITS.min_iou:
+                now = _patch(rgb, look.box)
+                is_same = (
+                    now is not None and int(cv2.absdiff(now, look.patch).max()) <= LIMITS.max_grey_levels
+                )
+                return look if is_same else None
+        return None
+
+    def _keep(self, rgb: U8, box: F32, turn: float | None, face: Face | None, likeness: float) -> None:
+        if (patch := _patch(rgb, box)) is not None:
+            self._kept.append(_Look(box, turn, patch, face, likeness))
+
+
+def _boxed(face: Face) -> Face:
+    return replace(face, box=tight_box(face.points[IBUG68]))
+
+
+def _patch(rgb: U8, box: F32) -> U8 | None:
+    """The green of a box (4,) and of what is about it, small; None where it isn't in the picture (h, w, 3)."""
+    margin, limit = LIMITS.margin_sides * (box[2:] - box[:2]), np.array(rgb.shape[1::-1])
+    x0, y0 = np.clip(np.floor(box[:2] - margin), 0, limit).astype(int)
+    x1, y1 = np.clip(np.ceil(box[2:] + margin) + 1, 0, limit).astype(int)
+    if x1 <= x0 or y1 <= y0:
+        return None
+    step = 1 + max(x1 - x0, y1 - y0) // (LIMITS.samples * LIMITS.patch_pixels)
+    some = np.ascontiguousarray(rgb[y0:y1:step, x0:x1:step, 1])
+    size = (LIMITS.patch_pixels, LIMITS.patch_pixels)
+    return np.asarray(cv2.resize(some, size, interpolation=cv2.INTER_AREA), np.uint8)
