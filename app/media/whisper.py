@@ -90,10 +90,9 @@ class Whisper:
         loud = energy.sum(1, keepdims=True)
         self._loudest = np.maximum(self._loudest * self._forget, loud)
         level = np.log(energy + _SMALL)
-        if (speech := loud > SHAPE.speech_share * self._loudest).any():
-            learned = np.where(speech, 1 - self._forget, 0.0)
-            self._moments += learned * (np.stack([energy, level, level**2]) - self._moments)
-            self._weight += learned * (1 - self._weight)
+        learned = np.where(loud > SHAPE.speech_share * self._loudest, 1 - self._forget, 0.0)
+        self._moments += learned * (np.stack([energy, level, level**2]) - self._moments)
+        self._weight += learned * (1 - self._weight)
         mean, middle, square = self._moments / np.maximum(self._weight, _SMALL)
         own = np.sqrt(np.maximum(square - middle**2, SHAPE.least_spread**2))
         low, high = SHAPE.most_spreads

@@ -68,12 +68,12 @@ def _report(transcodes: list[Ran], ours: list[Ran], peers: dict[str, float]) -> 
         ("guise deidentify", own, statistics.median(r.processor for r in ours), own / base),
         *((label, seconds, "", seconds / base) for label, seconds in peers.items()),
     ]
-    criteria = [Criterion("time over a transcode", own / base, "<=", 4.0)]
+    criteria = [Criterion("time over a transcode", own / base, "<=", 3.0)]
     if "deface" in peers:
         criteria.append(Criterion("deface's time over it", peers["deface"] / own, ">=", 6.0))
     if "deface -s 640x360" in peers:
         criteria.append(
-            Criterion("deface -s 640x360's time over it", peers["deface -s 640x360"] / own, ">", 1.0)
+            Criterion("deface -s 640x360's time over it", peers["deface -s 640x360"] / own, ">=", 2.0)
         )
     columns = ("command", "seconds", "processor seconds", "over a transcode")
     table = Table(f"room_s18, wall seconds, median of {len(ours)}", columns, rows)
