@@ -13,6 +13,8 @@ from typing import Self
 
 # Keeps MediaPipe quiet.
 PEER_ENVIRONMENT = {"GLOG_minloglevel": "3", "TF_CPP_MIN_LOG_LEVEL": "3", "PATH": "/usr/bin:/bin"}
+# Modules are compiled once, as they are where a package is installed.
+AS_INSTALLED = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 GUISE = (sys.executable, "-c", "from guise.app.cli.main import main; raise SystemExit(main())")
 
@@ -53,7 +55,7 @@ def ran(
     with Path(output or os.devnull).open("wb") as printed:
         process = subprocess.Popen(
             [str(part) for part in command], stdin=subprocess.DEVNULL, stdout=printed, stderr=subprocess.PIPE,
-            env={**os.environ, **(environment or {})},
+            env=AS_INSTALLED | (environment or {}),
         )  # fmt: skip
     if sample_every is None:
         _, status, usage = os.wait4(process.pid, 0)

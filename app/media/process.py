@@ -135,7 +135,7 @@ class _Stage:
 
 def process(
     frames: Frames, sink: Writer, work: Callable[[Frame], None],
-    *, ahead: Callable[[Frame], None] | None = None, progress: Callable[[int], None] | None = None, queue: int = 4,
+    *, ahead: Callable[[Frame], None] | None = None, progress: Callable[[int], None] | None = None, queue: int = 2,
 ) -> ProcessStats:  # fmt: skip
     """Pass every frame of the input through `ahead` and `work`, which change it in place, to the sink.
 
