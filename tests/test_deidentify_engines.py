@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from engine_jobs import act
 from process_work import alive, wait_until
+from threadpoolctl import threadpool_info
 
 from guise.app.deidentify.run.engines import (
     MAX_STARTS_OF_KILLED_JOB,
@@ -57,6 +59,36 @@ def test_an_error_keeps_its_type_and_cancels_the_rest(engine: JobEngine, tmp_pat
     assert len(finished(tmp_path)) < 100
     assert set(told) <= set(finished(tmp_path))
     engine.run(jobs(tmp_path, "", 3), lambda job: None)
+
+
+def test_people_are_enrolled_two_at_a_time(tmp_path: Path) -> None:
+    together, limits = threading.Barrier(2, timeout=30), list[set[int]]()
+
+    def enrol(job: Job) -> None:
+        together.wait()
+        limits.append(
+            {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+        )
+
+    told: list[int] = []
+    with SerialEngine(enrol) as engine:
+        engine.run(jobs(tmp_path, "person", 4), lambda job: told.append(job.index))
+    assert told == [0, 1, 2, 3]
+    assert limits == [{1}] * 4
+
+
+def test_an_enrolment_that_fails_cancels_those_that_wait(tmp_path: Path) -> None:
+    begun: list[int] = []
+
+    def enrol(job: Job) -> None:
+        begun.append(job.index)
+        if job.index == 0:
+            raise MediaError("clip.mp4 is not a video.")
+        time.sleep(0.2)
+
+    with SerialEngine(enrol) as engine, pytest.raises(MediaError):
+        engine.run(jobs(tmp_path, "person", 20), lambda job: None)
+    assert len(begun) < 10
 
 
 def test_several_threads_share_an_engine(engine: JobEngine, tmp_path: Path) -> None:
