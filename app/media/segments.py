@@ -174,7 +174,7 @@ def read_frames(
             if kept is None or (first, last) != (0, scan.frames):
                 yield from window
             else:
-                yield from kept.filled(path, window, media.problems)
+                yield from kept.filled(path, window, scan.frames, media.problems)
         finally:
             noted.add(media.problems)
 
@@ -194,18 +194,17 @@ class KeptFrames:
         problems.add(held[2])
         return held[1]
 
-    def filled(self, path: Path | str, frames: Iterator[Frame], problems: ProblemLog) -> Iterator[Frame]:
-        """All frames of a file; they are kept once the last one was read."""
+    def filled(
+        self, path: Path | str, frames: Iterator[Frame], count: int, problems: ProblemLog
+    ) -> Iterator[Frame]:
+        """All `count` frames of a file; they are kept once the last one was read."""
         self.clear()
-        version, left, copies = _version(path), self._most(), list[Frame]()
+        version, most, copies = _version(path), self._most(), list[Frame]()
         for frame in frames:
-            left -= frame.nbytes
-            if left >= 0:
+            if count * frame.nbytes <= most:
                 copies.append(frame.copy())
-            else:
-                copies.clear()
             yield frame
-        if left >= 0 and version is not None:
+        if copies and version is not None:
             self._held = version, copies, problems
 
     def clear(self) -> None:
