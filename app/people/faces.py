@@ -146,9 +146,8 @@ class DetectedFrame:
 
 
 def detect_boxes(
-    frames: Iterable[Frame], detector: FaceDetector, has_small_faces: Callable[[], bool] = lambda: True,
-    threads: int = DETECTOR_THREADS,
-) -> Iterator[DetectedFrame]:  # fmt: skip
+    frames: Iterable[Frame], detector: FaceDetector, has_small_faces: Callable[[], bool]
+) -> Iterator[DetectedFrame]:
     """Detect faces in all frames, a few at a time.
 
     has_small_faces : whether small ones were seen lately, see `detect_on_schedule`; asked before a frame, when all but
@@ -163,7 +162,7 @@ def detect_boxes(
         at_sides = detect_at_sides(detector, rgb) if is_searched else RolledBoxes.none()
         return DetectedFrame(frame.index, rgb, found, np.asarray(small, np.uint8), at_sides)
 
-    with ThreadPoolExecutor(threads) as pool:
+    with ThreadPoolExecutor(DETECTOR_THREADS) as pool:
         waiting: deque[Future[DetectedFrame]] = deque()
         for frame in frames:
             waiting.append(pool.submit(work, frame, has_small_faces()))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face, iou, tight_box
 from guise.aam.landmarks.builtin import BuiltinLandmarker
@@ -25,7 +27,6 @@ class LookLimits:
     min_iou: float = 0.8  # of the boxes
     margin_sides: float = 0.15  # of a box, beyond it
     patch_pixels: int = 16  # side of the small picture
-    samples: int = 8  # that a pixel of it is the mean of, a side, in a large box
     max_grey_levels: int = 2  # by which any of its pixels may differ
     kept: int = 64  # looks
 
@@ -106,13 +107,19 @@ def _boxed(face: Face) -> Face:
 
 
 def _patch(rgb: U8, box: F32) -> U8 | None:
-    """The green of a box (4,) and of what is about it, small; None where it isn't in the picture (h, w, 3)."""
-    margin, limit = LIMITS.margin_sides * (box[2:] - box[:2]), np.array(rgb.shape[1::-1])
-    x0, y0 = np.clip(np.floor(box[:2] - margin), 0, limit).astype(int)
-    x1, y1 = np.clip(np.ceil(box[2:] + margin) + 1, 0, limit).astype(int)
-    if x1 <= x0 or y1 <= y0:
+    """The green of a box (4,) and of what is about it, small."""
+    margin = LIMITS.margin_sides * (box[2:] - box[:2])
+    return small_picture(
+        rgb[..., 1], np.concatenate([box[:2] - margin, box[2:] + margin]), LIMITS.patch_pixels
+    )
+
+
+def small_picture(grey: NDArray[Any], box: NDArray[np.floating], side: int) -> U8 | None:
+    """A box (4,) as a picture of so many pixels a side; None when it is not in the picture (h, w)."""
+    limit = np.array(grey.shape[::-1])
+    x0, y0 = np.clip(np.floor(box[:2]), 0, limit).astype(int)
+    x1, y1 = np.clip(np.ceil(box[2:]) + 1, 0, limit).astype(int)
+    if x1 - x0 < 2 or y1 - y0 < 2:
         return None
-    step = 1 + max(x1 - x0, y1 - y0) // (LIMITS.samples * LIMITS.patch_pixels)
-    some = np.ascontiguousarray(rgb[y0:y1:step, x0:x1:step, 1])
-    size = (LIMITS.patch_pixels, LIMITS.patch_pixels)
-    return np.asarray(cv2.resize(some, size, interpolation=cv2.INTER_AREA), np.uint8)
+    part = np.ascontiguousarray(grey[y0:y1, x0:x1])
+    return np.asarray(cv2.resize(part, (side, side), interpolation=cv2.INTER_AREA), np.uint8)

@@ -6,10 +6,23 @@ import json
 from pathlib import Path
 from typing import Any
 
-from benchmarks.children import GUISE, Ran, ran
+from benchmarks.children import GUISE, Ran, ffmpeg, looped, ran
 
 LOSSLESS_OPTIONS = ("--lossless", "--preset", "ultrafast")
 SOME_COVERED = 3
+CLIP = "room_s18"
+
+
+def enlarged(shared: Path, folder: Path) -> Path:
+    """A real clip enlarged to 1920 x 1080, without sound."""
+    large, video = folder / "large.mp4", shared / "data" / "real" / f"{CLIP}.mp4"
+    ran(ffmpeg("-i", video, "-vf", "scale=1920:1080", "-preset", "ultrafast", "-crf", "23", "-an", large))
+    return large
+
+
+def long_clip(large: Path, minutes: float) -> Path:
+    """A clip repeated to a length, beside it."""
+    return looped(large, 60 * minutes, large.with_name(f"long{minutes:g}.mp4"))
 
 
 def guise_command(video: Path, output: Path, *more: str) -> list[str | Path]:

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import common
-from benchmarks.children import Ran, ffmpeg, looped, ran
+from benchmarks.children import Ran
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.deidentify.guise import done, guise_command
+from benchmarks.deidentify.guise import done, enlarged, guise_command, long_clip
 
-CLIP = "room_s18"
 SAMPLE_SECONDS = 0.5
 
 
@@ -30,15 +29,13 @@ def third(run: Ran, number: int) -> float:
 
 def measure(options: argparse.Namespace) -> Report:
     """One long run, and one of a third of its length."""
-    video = options.shared / "data" / "real" / f"{CLIP}.mp4"
     minutes = 0.5 if options.quick else options.minutes
     runs = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        large = folder / "large.mp4"
-        ran(ffmpeg("-i", video, "-vf", "scale=1920:1080", "-preset", "ultrafast", "-crf", "23", "-an", large))
+        large = enlarged(options.shared, folder)
         for length in (minutes / 3, minutes):
-            clip = looped(large, 60 * length, folder / f"long{length:g}.mp4")
+            clip = long_clip(large, length)
             output = folder / f"out{length:g}.mp4"
             runs[length] = done(guise_command(clip, output, "--preset", "ultrafast"), SAMPLE_SECONDS)
             output.unlink()

@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from multiprocessing.connection import Connection
-from queue import SimpleQueue
+from queue import LifoQueue
 from typing import TYPE_CHECKING
 
 from guise.app.deidentify.options import DeidentifyError
@@ -104,7 +104,8 @@ class LocalEngine(JobEngine):
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # inherited; read when NumPy is imported
         self.workers = workers
         self._workers = [_WorkerProcess(work) for _ in range(workers)]
-        self._free: SimpleQueue[_WorkerProcess] = SimpleQueue()
+        # The one that was busy last goes first: it may have kept the frames of the file.
+        self._free: LifoQueue[_WorkerProcess] = LifoQueue()
         for worker in self._workers:
             self._free.put(worker)
         self._threads = ThreadPoolExecutor(workers, "guise-job")

@@ -29,6 +29,7 @@ from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.media import Frame
+from guise.app.people.looks import small_picture
 from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
@@ -364,14 +365,7 @@ class Audit(Closing):
 
 def patch_of(luma: NDArray[Any], box: NDArray[np.floating]) -> U8 | None:
     """The middle of a box (4,) as a small picture; None when it is not in the picture (h, w)."""
-    middle, limit = _middle(box), np.array(luma.shape[::-1])
-    x0, y0 = np.clip(np.floor(middle[:2]), 0, limit).astype(int)
-    x1, y1 = np.clip(np.ceil(middle[2:]) + 1, 0, limit).astype(int)
-    if x1 - x0 < 2 or y1 - y0 < 2:
-        return None
-    size = (LIMITS.patch_pixels, LIMITS.patch_pixels)
-    small = cv2.resize(luma[y0:y1, x0:x1], size, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
+    return small_picture(luma, _middle(box), LIMITS.patch_pixels)
 
 
 def _middle(box: NDArray[np.floating]) -> F64:

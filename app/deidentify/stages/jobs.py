@@ -56,8 +56,6 @@ def perform(job: Job) -> None:
     if not work.has(result_of(job.stage, job.index)):
         with one_thread(), given_back():
             _STAGES[job.stage](Case(work), job.index)
-            if job.stage == "render":
-                KEPT.clear()
 
 
 def result_of(stage: str, index: int) -> str:
@@ -170,6 +168,7 @@ def render(case: Case, segment: int) -> None:
         hidden = [f for f, these in segment_renderer.entries.items() if len(these) > len(planned.get(f, []))]
         renderer, problems = segment_renderer.renderer, list(media.problems)
         pictures = _output_pictures(case, segment, segment_renderer)
+    KEPT.clear()  # this was the last stage
     case.work.save_arrays(f"output.{segment}.npz", **pictures)
     findings = [_finding(one, True) for one in covered] + [_finding(one, False) for one in detections]
     case.work.save_json(
