@@ -73,9 +73,9 @@ def cosine_similarity(a: F32, b: F32) -> float:
     return float(a @ b)
 
 
-def same_person(a: Identity, b: Identity) -> bool:
-    """Whether two enrolments are of one person; when in doubt, no."""
-    return cosine_similarity(signature(a), signature(b)) >= MIN_SAME_PERSON_SIMILARITY
+def same_person(a: F32, b: F32) -> bool:
+    """Whether the signatures of two enrolments are of one person; when in doubt, no."""
+    return cosine_similarity(a, b) >= MIN_SAME_PERSON_SIMILARITY
 
 
 def features(textures: F32) -> F32:

@@ -157,7 +157,7 @@ def test_a_shared_donor_is_that_of_all_people_of_all_videos(donor: str, size: in
     given = {spec for salt in "abc" for spec in assign(range(4), donor, seed=3, salt=salt).values()}
     assert [len(parts(spec)) for spec in given] == [size]
     key = KeyFile.open(tmp_path / "key")
-    known = Identity.load(model_file("p01"))
+    known = signature(Identity.load(model_file("p01")))
     key.assign({1: known}, "auto", salt="a")
     assert len(set(key.assign({1: known, 2: None}, donor, salt="b").values())) == 1
 
@@ -278,7 +278,7 @@ def test_what_another_process_has_remembered_stays(key: KeyFile) -> None:
 
 
 def test_people_keep_their_donors_from_video_to_video(key: KeyFile) -> None:
-    one, two, three = (Identity.load(model_file(name)) for name in ("p01", "p02", "p06"))
+    one, two, three = (signature(Identity.load(model_file(name))) for name in ("p01", "p02", "p06"))
     first = key.assign({1: one, 2: two, 3: None}, "auto", salt="a.mp4")
     second = KeyFile.open(key.path).assign({1: three, 2: one}, "auto", salt="b.mp4")
     assert second[2] == first[1]

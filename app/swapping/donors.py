@@ -57,7 +57,7 @@ def gallery() -> tuple[str, ...]:
     return tuple(sorted(name.removesuffix(MODEL_SUFFIX) for name in names if name.endswith(MODEL_SUFFIX)))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)  # a dozen megabytes each, and a long video shows many
 def open_donor(spec: str) -> Identity:
     """The donor of a spec, cached.
 
@@ -326,13 +326,13 @@ class KeyFile:
             return self._remembered(name, donor, signature(identity))
 
     def assign(
-        self, people: Mapping[int, Identity | None], donor: str, *, own: Sequence[Path] = (), salt: str
+        self, people: Mapping[int, F32 | None], donor: str, *, own: Sequence[Path] = (), salt: str
     ) -> dict[int, str]:  # fmt: skip
         """As `assign`: known people keep their donors, the others get donors that nobody in the file has yet.
 
-        people : the model of each person of a video, or None; those with a model are remembered.
+        people : the signature (64,) of each person of a video, or None; those who have one are remembered.
         """
-        faces = {person: signature(model) for person, model in people.items() if model is not None}
+        faces = {person: face for person, face in people.items() if face is not None}
         with _locked(self.path):
             self.seed, self.people = _read_key(self.path)
             found = {person: self._like(face) for person, face in faces.items()}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.recognition import same_person
+from guise.aam.recognition import same_person, signature
 from guise.app.deidentify.report.review import read_tracks
 from guise.app.deidentify.stages.case import Case, LinkedTrack, track_from
 from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
@@ -61,19 +61,18 @@ def _linked_track(number: int, chain: Sequence[Tracklet], rows: Sequence[tuple[A
 def number_people(case: Case) -> dict[str, int]:
     """By track, the person: tracks of one person who left and returned have the number of the first of them."""
     people: dict[str, int] = {}
+    first: dict[int, tuple[LinkedTrack, F32]] = {}  # by person, the track and face that they are known by
     for track in case.linked:
-        model = case.enrolled(track.number)
-        earlier = [
-            t for t in case.linked if people.get(str(t.number)) == t.number and not _together(t, track)
-        ]
-        known = (t.number for t in earlier if model is not None and _same(case, t, model))
-        people[str(track.number)] = next(known, track.number)
+        number = track.number
+        if case.has_enrolled(number):
+            face = signature(case.enrolled(number))
+            same = (
+                n for n, (t, known) in first.items() if not _together(t, track) and same_person(known, face)
+            )
+            number = next(same, number)
+            first.setdefault(number, (track, face))
+        people[str(track.number)] = number
     return people
-
-
-def _same(case: Case, track: LinkedTrack, model: Any) -> bool:
-    other = case.enrolled(track.number)
-    return other is not None and same_person(other, model)
 
 
 def _together(a: LinkedTrack, b: LinkedTrack) -> bool:
@@ -119,13 +118,13 @@ def propose_tracks(case: Case) -> list[Track]:
         tracks.append(Track(
             one.number, case.people[one.number], one.first, one.last, one.seen, round(one.width, 1),
             _curve(one, rows.frames, rows.trust if rows.trust.any() else confidence), action, reason, action,
-            can_swap=case.model_of(one.number) is not None,
+            can_swap=case.has_model(one.number),
         ))  # fmt: skip
     return tracks
 
 
 def _why_cover(case: Case, track: LinkedTrack, share: float) -> str:
-    if case.model_of(track.number) is None:
+    if not case.has_model(track.number):
         return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
     return "" if share >= MIN_SWAP_SHARE else "hardly any frame shows the face well enough"
 
@@ -155,8 +154,11 @@ def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
     options, salt = case.options, case.manifest["name"]
     if options.keyfile is None:
         return assign(list(people), options.donor, own=options.gallery, seed=options.seed, salt=salt)
-    models = {person: case.model_of(track) for person, track in people.items()}
-    return KeyFile.open(options.keyfile).assign(models, options.donor, own=options.gallery, salt=salt)
+    faces = {
+        person: signature(case.enrolled(case.people[track])) if case.has_model(track) else None
+        for person, track in people.items()
+    }
+    return KeyFile.open(options.keyfile).assign(faces, options.donor, own=options.gallery, salt=salt)
 
 
 def plan_faces(case: Case) -> dict[str, NDArray[Any]]:

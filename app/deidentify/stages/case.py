@@ -68,6 +68,7 @@ class Case:
         self.manifest: dict[str, Any] = work.load_json(MANIFEST)
         self.input = Path(self.manifest["input"])
         self.options = DeidentifyOptions.from_json(self.manifest["options"])
+        self._models: dict[int, Identity] = {}  # of people, some 12 MB each
 
     @cached_property
     def scan(self) -> Scan:
@@ -118,19 +119,29 @@ class Case:
             for entry in self.work.load_json("link.json")["tracks"]
         ]
 
-    def enrolled(self, track: int) -> Identity | None:
-        """The model enrolled from a track, if there is one."""
-        name = f"person.{track}.guise"
-        return _loaded(self.work.path(name)) if self.work.has(name) else None
+    def has_enrolled(self, track: int) -> bool:
+        """Whether somebody was enrolled from a track."""
+        return self.work.has(f"person.{track}.guise")
+
+    def enrolled(self, track: int) -> Identity:
+        """The model that was enrolled from a track, read anew."""
+        return Identity.load(self.work.path(f"person.{track}.guise"))
 
     @cached_property
     def people(self) -> dict[int, int]:
         """By track, the person: the number of the track from which they were enrolled, or its own."""
         return {int(k): int(v) for k, v in self.work.load_json("people.json").items()}
 
-    def model_of(self, track: int) -> Identity | None:
-        """The model of a track's person, if there is one."""
-        return self.enrolled(self.people[track])
+    def has_model(self, track: int) -> bool:
+        """Whether there is a model of a track's person."""
+        return self.has_enrolled(self.people[track])
+
+    def model_of(self, track: int) -> Identity:
+        """The model of a track's person, which is kept with this case."""
+        person = self.people[track]
+        if person not in self._models:
+            self._models[person] = self.enrolled(person)
+        return self._models[person]
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
@@ -165,15 +176,3 @@ def track_from(entry: dict[str, Any]) -> Track:
 def track_json(track: Track) -> dict[str, Any]:
     """A track as JSON holds it."""
     return asdict(track)
-
-
-_MODELS: dict[Path, Identity] = {}
-
-
-def _loaded(path: Path) -> Identity:
-    """A model, kept while it may be needed again; a few at most."""
-    if path not in _MODELS:
-        if len(_MODELS) >= 8:
-            _MODELS.pop(next(iter(_MODELS)))
-        _MODELS[path] = Identity.load(path)
-    return _MODELS[path]

@@ -95,9 +95,10 @@ def fit(case: Case, segment: int) -> None:
     if wanted:
         for frame in case.frames(min(wanted), max(wanted) + 1):
             for track, row in wanted.get(frame.index, []):
-                model, points = case.model_of(track.number), found.points[row].astype(np.float64)
-                if model is not None and np.isfinite(points).all():
-                    placed = judge.locate(model.tracker, frame, points, float(found.confidence[row]))
+                points = found.points[row].astype(np.float64)
+                if case.has_model(track.number) and np.isfinite(points).all():
+                    tracker = case.model_of(track.number).tracker
+                    placed = judge.locate(tracker, frame, points, float(found.confidence[row]))
                     if parser is not None and placed.confidence:
                         head = find_head(parser, frame, placed.shape)
                         if knows_head(head, placed.shape):

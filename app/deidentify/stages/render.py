@@ -131,11 +131,9 @@ class SegmentRenderer:
 
     def _engine(self, track: Track) -> Engine:
         if track.number not in self._engines:
-            person = self._case.model_of(track.origin)
-            assert person is not None
             options = self._case.options
             engine = Engine(
-                person,
+                self._case.model_of(track.origin),
                 open_donor(track.donor),
                 None,
                 EngineOptions(
