@@ -13,9 +13,9 @@ SOME_COVERED = 3
 CLIP = "room_s18"
 
 
-def enlarged(shared: Path, folder: Path) -> Path:
+def enlarged(shared: Path, folder: Path, clip: str = CLIP) -> Path:
     """A real clip enlarged to 1920 x 1080, without sound."""
-    large, video = folder / "large.mp4", shared / "data" / "real" / f"{CLIP}.mp4"
+    large, video = folder / "large.mp4", shared / "data" / "real" / f"{clip}.mp4"
     ran(ffmpeg("-i", video, "-vf", "scale=1920:1080", "-preset", "ultrafast", "-crf", "23", "-an", large))
     return large
 

@@ -1,7 +1,8 @@
 """Memory of a de-identification over a long video of 1920 x 1080: a real clip enlarged and repeated.
 
 Resident memory is sampled.  It is flat when the median over the last third of the second half of the run, in which it
-renders, is no more than 5 % over that of the first, and when a run three times as long has the same peak.
+renders, is no more than 5 % over that of the second, and when a run three times as long has the same peak.
+room_s18 shows one face, street_crowd five to eight small ones.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from benchmarks import common
 from benchmarks.children import Ran
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.deidentify.guise import done, enlarged, guise_command, long_clip
+from benchmarks.deidentify.guise import CLIP, done, enlarged, guise_command, long_clip
 
 SAMPLE_SECONDS = 0.5
 
@@ -33,7 +34,7 @@ def measure(options: argparse.Namespace) -> Report:
     runs = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        large = enlarged(options.shared, folder)
+        large = enlarged(options.shared, folder, options.clip)
         for length in (minutes / 3, minutes):
             clip = long_clip(large, length)
             output = folder / f"out{length:g}.mp4"
@@ -46,10 +47,10 @@ def measure(options: argparse.Namespace) -> Report:
     ]
     short, long = runs.values()
     return Report(
-        "deidentify.memory", f"De-identification: memory over {minutes:g} minutes of 1080p",
+        "deidentify.memory", f"De-identification: memory over {minutes:g} minutes of 1080p, {options.clip}",
         [
             Criterion("peak", max(r.peak_mb for r in runs.values()), "<=", 700.0, "MB"),
-            Criterion("rendering: last third over the first", third(long, 2) / third(long, 0), "<=", 1.05),
+            Criterion("rendering: last third over the second", third(long, 2) / third(long, 1), "<=", 1.05),
             Criterion("peak over that of a third of the length", long.peak_mb / short.peak_mb, "<=", 1.1),
         ],
         [Table("Resident memory", ("run", "peak, MB", "first third, MB", "second", "last", "seconds"), rows)],
@@ -59,4 +60,5 @@ def measure(options: argparse.Namespace) -> Report:
 if __name__ == "__main__":
     parser = common.arguments(__doc__)
     parser.add_argument("--minutes", type=float, default=30.0, help="length of the long run")
+    parser.add_argument("--clip", choices=(CLIP, "street_crowd"), default=CLIP)
     common.run(measure, parser)
