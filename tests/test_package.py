@@ -14,8 +14,12 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
-from clips import pictures, tags
+from clips import cut, pictures, tags
+from made_up import SAMPLES
+
+from guise.aam.landmarks.schemes import CHIN, OUTER_EYE_CORNERS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -161,6 +165,7 @@ def test_the_demo_runs_from_the_wheel_and_makes_what_it_names(project: tuple[Pat
     names = ["contact_sheet.png", "p01.guise", "p06.guise", "side_by_side.mp4", "swapped.mp4"]
     assert sorted(file.name for file in (folder / "out").iterdir()) == names
     assert report["swap"]["swapped"] == report["swap"]["frames"] == 180
+    assert all(enrolment["held_out_error"] < 2 for enrolment in report["enrolments"])
     beside, swapped = pictures(folder / report["side_by_side"]), pictures(folder / report["video"])
     assert len(beside) == len(swapped) == 180
     assert beside[0].shape[1] == 2 * swapped[0].shape[1]
@@ -172,10 +177,47 @@ def test_the_demo_runs_from_the_wheel_and_makes_what_it_names(project: tuple[Pat
     assert "exists: use --force to replace it" in again.stderr
 
 
-def test_the_api_works_beside_a_foreign_app_and_render(project: tuple[Path, dict[str, str]]) -> None:
-    folder, environment = project
-    if not (folder / "out" / "p06.guise").is_file():
+@pytest.fixture
+def enrolled(project: tuple[Path, dict[str, str]]) -> tuple[Path, dict[str, str]]:
+    """The project with the people of the demonstration."""
+    if not (project[0] / "out" / "p06.guise").is_file():
         pytest.fail("the demonstration did not leave its models")
+    return project
+
+
+def test_a_persons_own_face_changes_them_little_and_anothers_more(
+    enrolled: tuple[Path, dict[str, str]],
+) -> None:
+    folder, environment = enrolled
+    video, changes = cut("p01", folder / "clip.mp4", 24), []
+    for face in ("p01", "p06"):
+        command = [
+            folder / "env" / "bin" / "python", "-W", "error", "-m", "guise", "swap", video, "--identity",
+            f"out/{face}.guise", "--source", "out/p01.guise", "-o", f"as_{face}.mkv", "--lossless", "--json",
+        ]  # fmt: skip
+        done = subprocess.run(
+            command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["swapped"] == 24
+        changes.append(change(video, folder / f"as_{face}.mkv"))
+    assert changes[0] < 5
+    assert changes[1] > max(2 * changes[0], 7)
+
+
+def change(before: Path, after: Path) -> float:
+    """Mean absolute difference of grey levels between the eyes and the chin."""
+    truth = np.load(SAMPLES / "p01" / "talk2.npz")["landmarks"]
+    differences = []
+    for points, one, two in zip(truth, pictures(before), pictures(after), strict=False):
+        (x0, y0), (x1, _) = points[OUTER_EYE_CORNERS].astype(int)
+        face = np.s_[y0 - 10 : int(points[CHIN, 1]) - 8, x0:x1]
+        differences.append(np.abs(one[face].astype(float) - two[face]).mean())
+    return float(np.mean(differences))
+
+
+def test_the_api_works_beside_a_foreign_app_and_render(enrolled: tuple[Path, dict[str, str]]) -> None:
+    folder, environment = enrolled
     done = subprocess.run(
         [folder / "env" / "bin" / "python", "-W", "error", "own.py"],
         cwd=folder, env=environment, capture_output=True, text=True, check=False,
