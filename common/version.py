@@ -1,11 +1,3 @@
-"""The version of Guise that is installed."""
+"""The version of Guise."""
 
-
-def version() -> str:
-    """Such as '0.1.0'; '0' when Guise runs without being installed."""
-    from importlib.metadata import PackageNotFoundError, version  # of which few commands have need
-
-    try:
-        return version("guise-video")
-    except PackageNotFoundError:
-        return "0"
+VERSION = "0.2.0"  # as in pyproject.toml: asking the installed package takes longer than most imports

@@ -53,9 +53,9 @@ _HOMES = {"Face": "guise.aam.landmarks", "GuiseError": "guise.common.errors", "I
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from guise.common.version import version
+        from guise.common.version import VERSION
 
-        return version()
+        return VERSION
     if name not in __all__:
         raise AttributeError(f"module 'guise' has no attribute {name!r}")
     value = getattr(import_module(_HOMES.get(name, "guise.api")), name)

@@ -17,7 +17,7 @@ from models import model_file
 
 from guise.aam.model import Identity
 from guise.app.cli.main import main
-from guise.common.version import version
+from guise.common.version import VERSION
 
 TALK2 = str(SAMPLES / "p01" / "talk2.mp4")
 
@@ -69,7 +69,7 @@ def test_no_arguments_is_help(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(capsys, "--version") == (0, f"guise {version()}\n", "")
+    assert run(capsys, "--version") == (0, f"guise {VERSION}\n", "")
 
 
 @pytest.mark.parametrize(

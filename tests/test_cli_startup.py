@@ -12,7 +12,7 @@ from models import model_file
 
 from guise.app.cli.commands import GROUPS
 from guise.app.cli.main import main
-from guise.common.version import version
+from guise.common.version import VERSION
 
 
 def modules_after(statement: str, cwd: Path) -> set[str]:
@@ -27,7 +27,7 @@ def processor_seconds(*arguments: str) -> float:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run([sys.executable, "-m", "guise", *arguments], capture_output=True, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert done.stdout.decode() == f"guise {version()}\n"
+    assert done.stdout.decode() == f"guise {VERSION}\n"
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
@@ -40,7 +40,7 @@ def test_the_version_is_shown_at_once(tmp_path: Path) -> None:
 
 def test_the_version_can_be_asked_for_before_a_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version", "swap"]) == 0
-    assert capsys.readouterr().out == f"guise {version()}\n"
+    assert capsys.readouterr().out == f"guise {VERSION}\n"
 
 
 def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ from guise.aam.landmarks.registry import _LANDMARKERS
 from guise.aam.landmarks.schemes import CHIN, IBUG68
 from guise.app.cli.main import main
 from guise.app.landmarks.formats import face_columns
-from guise.common.version import version
+from guise.common.version import VERSION
 
 ROOT = Path(__file__).parents[1]
 PFLD = ROOT.parent / "shared" / "models" / "pfld.onnx"
@@ -111,7 +111,7 @@ def test_every_face_of_every_frame_with_its_track_and_time(
     numerator, denominator = document["time_base"]
     assert [1000 * frame["pts"] * numerator / denominator for frame in document["frames"]] == times
     assert {(frame["width"], frame["height"]) for frame in document["frames"]} == {(320, 240)}
-    assert document["guise"] == version()
+    assert document["guise"] == VERSION
     assert document["landmarker"] == "discs"
     assert document["smoothed"] is False
     face = document["frames"][4]["faces"][0]

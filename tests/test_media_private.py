@@ -15,7 +15,7 @@ from test_media_packets import put_together
 from guise.app.media.images import encode_image, xmp
 from guise.app.media.stream_copies import without_vorbis_comments
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE, synthetic_tags
-from guise.common.version import version
+from guise.common.version import VERSION
 
 SECRET = "SECRET"
 PEOPLE = {
@@ -131,7 +131,7 @@ def test_the_marks_of_synthetic_pictures_survive(tmp_path: Path, suffix: str) ->
     with av.open(str(tmp_path / f"out{suffix}")) as result:
         metadata = {key.lower(): value for key, value in result.metadata.items()}
     assert metadata["digital_source_type"] == DIGITAL_SOURCE_TYPE
-    assert version() in metadata["comment"]
+    assert VERSION in metadata["comment"]
 
 
 # -- sound ---------------------------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ def test_images_lose_what_they_say_and_are_marked(tmp_path: Path, suffix: str) -
     data = (tmp_path / f"out{suffix}").read_bytes()
     assert SECRET.encode() not in data
     assert b'Iptc4xmpExt:DigitalSourceType="' + DIGITAL_SOURCE_TYPE.encode() in data
-    assert version().encode() in data
+    assert VERSION.encode() in data
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp"])

@@ -15,7 +15,7 @@ from test_media_private import rich_image
 from guise.app.media import MediaError
 from guise.app.media.provenance import check_signing, sign
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
-from guise.common.version import version
+from guise.common.version import VERSION
 
 c2pa = pytest.importorskip("c2pa")
 x509 = pytest.importorskip("cryptography.x509")
@@ -85,7 +85,7 @@ def check_claims(path: Path) -> None:
     found = manifest(path)
     assert (found["claim_generator_info"][0]["name"], found["claim_generator_info"][0]["version"]) == (
         "Guise",
-        version(),
+        VERSION,
     )
     [data] = [one["data"] for one in found["assertions"] if one["label"].startswith("c2pa.actions")]
     assert [action["action"] for action in data["actions"]] == ["c2pa.created", "c2pa.edited"]

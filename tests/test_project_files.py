@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 from guise.app.cli.commands import GROUPS
+from guise.common.version import VERSION
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -14,7 +15,8 @@ def read(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-def test_citation_and_changelog_name_the_version_of_the_project() -> None:
+def test_citation_changelog_and_code_name_the_version_of_the_project() -> None:
+    assert PROJECT["version"] == VERSION
     assert re.findall(r"^version: (.*)$", read("CITATION.cff"), re.M) == [PROJECT["version"]]
     assert re.findall(r"^## (\d\S*)", read("CHANGELOG.md"), re.M)[0] == PROJECT["version"]
 

@@ -21,7 +21,7 @@ from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.report import SwapError
 from guise.app.swapping.settings import SwapSettings
 from guise.common.threads import one_thread
-from guise.common.version import version
+from guise.common.version import VERSION
 
 LOSSLESS = SwapSettings(EngineOptions(renderer="cpu"), EncodeOptions(lossless=True))
 
@@ -76,7 +76,7 @@ def test_the_file_says_that_the_face_is_synthetic(
 ) -> None:
     swap_file(clip, p06, tmp_path / "out.mp4", source=p01)
     found = tags(tmp_path / "out.mp4")
-    assert found["comment"] == f"Synthetic face: made with Guise {version()}"
+    assert found["comment"] == f"Synthetic face: made with Guise {VERSION}"
     assert found["digital_source_type"] == DIGITAL_SOURCE_TYPE
     assert DIGITAL_SOURCE_TYPE.startswith("http://cv.iptc.org/newscodes/digitalsourcetype/")
 

@@ -33,7 +33,7 @@ from guise.aam.training import TrainingOptions
 from guise.app.enrolment.enrol import enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.common.arrays import F32, U8
-from guise.common.version import version
+from guise.common.version import VERSION
 
 ROOT = Path(__file__).parents[1]
 GALLERY, PICTURE = ROOT / "app" / "gallery", ROOT / "docs" / "images" / "gallery.jpg"
@@ -51,7 +51,7 @@ def donor(folder: Path) -> Identity:
     model = person.appearance
     neutral = model.neutral.copy()
     neutral[SHAPE_ENTRIES:] = with_darkened_eyes(model.neutral_texture, model.reference).ravel()
-    facts = {**person.facts, "guise": version(), "licence": "CC0-1.0"}
+    facts = {**person.facts, "guise": VERSION, "licence": "CC0-1.0"}
     return replace(person, appearance=replace(model, neutral=neutral), facts=facts)
 
 

@@ -13,7 +13,7 @@ import typer
 from typer import Abort
 from typer.core import TyperGroup
 
-from guise.common.version import version
+from guise.common.version import VERSION
 
 __all__ = ["GROUPS", "Abort", "command_line"]
 
@@ -60,7 +60,7 @@ def command_line(name: str | None = None) -> typer.Typer:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        print(f"guise {version()}")
+        print(f"guise {VERSION}")
         raise typer.Exit
 
 

@@ -25,9 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code; an error is one sentence on stderr."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     if arguments == ["--version"]:
-        from guise.common.version import version
+        from guise.common.version import VERSION
 
-        print(f"guise {version()}")
+        print(f"guise {VERSION}")
         return 0
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)

@@ -14,7 +14,7 @@ from guise.app.enrolment.enrol import enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
-from guise.common.version import version
+from guise.common.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def enrol_file(
     require_free(output, force=force)
     start = time.perf_counter()
     identity = enrol(clips, landmarks, name=name, person=person, options=options, progress=progress, say=say)
-    identity.facts.update({"guise": version(), **(facts or {})})
+    identity.facts.update({"guise": VERSION, **(facts or {})})
     size = identity.save(output)
     components, known = identity.appearance.components, identity.facts
     return EnrolReport(

@@ -28,7 +28,7 @@ from guise.app.media import Frame, MediaInput
 from guise.common.arrays import F64
 from guise.common.errors import OutputError
 from guise.common.files import PartFile, require_free
-from guise.common.version import version
+from guise.common.version import VERSION
 
 SCHEME = "face81"
 
@@ -77,7 +77,7 @@ class FileHeader:
         return {
             "format": TRACKED_FORMAT,
             "version": TRACKED_VERSION,
-            "guise": version(),
+            "guise": VERSION,
             "landmarker": self.landmarker,
             "scheme": SCHEME,
             "source": self.source,

@@ -121,9 +121,9 @@ class AttackResult:
 
     def as_json(self) -> dict[str, Any]:
         """The result as docs/measure.md explains it."""
-        from guise.common.version import version
+        from guise.common.version import VERSION
 
-        facts = {"format": "guise-attack", "version": 1, "guise": version()} | asdict(self)
+        facts = {"format": "guise-attack", "version": 1, "guise": VERSION} | asdict(self)
         return dict(plain(facts))
 
 

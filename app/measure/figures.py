@@ -218,12 +218,12 @@ class MeasureResult:
 
     def as_json(self) -> dict[str, Any]:
         """The result as docs/measure.md explains it."""
-        from guise.common.version import version
+        from guise.common.version import VERSION
 
         return {
             "format": "guise-measure",
             "version": 1,
-            "guise": version(),
+            "guise": VERSION,
             "original": self.original,
             "frames": self.frames,
             "seconds": self.seconds,

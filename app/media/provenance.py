@@ -19,7 +19,7 @@ from guise.app.media.errors import MediaError
 from guise.app.media.images import encode_image, list_images
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
 from guise.common.files import write_whole
-from guise.common.version import version
+from guise.common.version import VERSION
 
 _SETTINGS = {"builder": {"thumbnail": {"enabled": False}}}
 _CURVES = {"secp256r1": "es256", "secp384r1": "es384", "secp521r1": "es512"}
@@ -79,7 +79,7 @@ def _sign_stream(kind: str, source: BinaryIO, target: BinaryIO, certificate: Pat
 
 def _manifest() -> dict[str, object]:
     """The claim: made by this version of Guise, a composite with synthetic parts."""
-    tool = {"name": "Guise", "version": version()}
+    tool = {"name": "Guise", "version": VERSION}
     actions = [
         {"action": "c2pa.created", "digitalSourceType": DIGITAL_SOURCE_TYPE, "softwareAgent": tool},
         {"action": "c2pa.edited", "digitalSourceType": DIGITAL_SOURCE_TYPE, "softwareAgent": tool,

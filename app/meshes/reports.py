@@ -11,7 +11,7 @@ import numpy as np
 
 from guise.analogy.solver import solver_name
 from guise.common.arrays import F64
-from guise.common.version import version
+from guise.common.version import VERSION
 
 MAX_LISTED_EXPRESSIONS = 12  # that get a line each
 UNSURE_CONFIDENCE = 0.5  # of a feature point, below which it should be checked
@@ -230,7 +230,7 @@ class RegisterReport:
 
 def versions() -> dict[str, str]:
     """Versions of Guise and the name of the solver."""
-    return {"guise": version(), "solver": solver_name()}
+    return {"guise": VERSION, "solver": solver_name()}
 
 
 def _counted(count: int, word: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from guise.app.media.codecs import has_decoder, has_encoder, library_versions
 from guise.app.media.hardware import DEVICES, ENCODERS, decoder_fault, encoder_fault
-from guise.common.version import version
+from guise.common.version import VERSION
 
 _ENCODERS = {
     "libx264": "H.264",
@@ -88,7 +88,7 @@ def as_json(findings: list[Finding]) -> dict[str, Any]:
 
 
 def _system() -> Iterator[Finding]:
-    yield Finding("system", "Guise", True, version())
+    yield Finding("system", "Guise", True, VERSION)
     yield Finding("system", "Python", True, f"{platform.python_version()} on {platform.platform()}")
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     yield Finding("system", "CPU threads", True, f"{usable} usable of {os.cpu_count()}")

@@ -33,7 +33,7 @@ from guise.app.media.pictures import Picture
 from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare, titled
 from guise.common.files import write_whole
-from guise.common.version import version
+from guise.common.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         changed=_CHANGED[report.settings.get("region", "face")],
         voice=_VOICE[report.settings.get("audio", "keep")],
         today=_today(),
-        version=version(),
+        version=VERSION,
     )
     write_whole(path, page)
 
@@ -186,7 +186,7 @@ def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
             if group
         ],
         today=_today(),
-        version=version(),
+        version=VERSION,
     )
     write_whole(path, page)
 

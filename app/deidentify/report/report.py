@@ -21,7 +21,7 @@ from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutc
 from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare
 from guise.common.files import write_whole
-from guise.common.version import version
+from guise.common.version import VERSION
 
 REPORT_FORMAT = "guise-report"
 BATCH_FORMAT = "guise-batch-report"
@@ -199,7 +199,7 @@ def _head(report: FileReport) -> dict[str, Any]:
 
 
 def _run() -> dict[str, Any]:
-    return {"guise": version(), "created": datetime.now(UTC).isoformat(timespec="seconds")}
+    return {"guise": VERSION, "created": datetime.now(UTC).isoformat(timespec="seconds")}
 
 
 def _track(track: Track) -> dict[str, Any]:

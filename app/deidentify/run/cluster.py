@@ -19,7 +19,7 @@ from platform import node, python_version
 from typing import TYPE_CHECKING, Any
 
 from guise.app.deidentify.run.engines import Done, EngineError, JobEngine, Perform, attempt, perform
-from guise.common.version import version
+from guise.common.version import VERSION
 
 if TYPE_CHECKING:
     from guise.app.deidentify.stages.jobs import Job
@@ -162,7 +162,7 @@ def _alone(job: Job) -> Iterator[None]:
 @cache
 def versions() -> dict[str, str]:
     """The versions that decide what a job's result is."""
-    return {"guise": version(), "python": ".".join(python_version().split(".")[:2])} | {
+    return {"guise": VERSION, "python": ".".join(python_version().split(".")[:2])} | {
         name: _version(name) for name in LIBRARIES
     }
 

@@ -28,7 +28,7 @@ from guise.app.media.segments import scan
 from guise.app.media.sink import check_free
 from guise.common.progress import Progress, Say
 from guise.common.threads import one_thread
-from guise.common.version import version
+from guise.common.version import VERSION
 
 REGION = "region.json"  # the region for which the faces were fitted
 
@@ -109,7 +109,7 @@ def _opened(
     if not (resume and work.has("published.json")):
         _require_possible(input, output, options, force)
     manifest = {
-        "format": "guise-work", "version": 1, "guise": version(), "input": str(input.absolute()),
+        "format": "guise-work", "version": 1, "guise": VERSION, "input": str(input.absolute()),
         "fingerprint": fingerprint(input), "options": options.as_json(), "name": input.name,
         "output": output.name,
     }  # fmt: skip
