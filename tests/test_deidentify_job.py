@@ -26,6 +26,7 @@ from guise.app.deidentify.run.job import deidentify_file
 from guise.app.deidentify.stages import case
 from guise.app.deidentify.stages.case import KEPT
 from guise.app.deidentify.stages.jobs import Job, perform
+from guise.app.deidentify.stages.render import SegmentRenderer
 from guise.app.deidentify.stages.work import MANIFEST, WorkFolder
 from guise.app.deidentify.tracks import FileReport
 from guise.app.media import EncodeOptions, Frame, MediaError, segments
@@ -321,7 +322,16 @@ def models() -> int:
     return sum(isinstance(one, Identity) for one in gc.get_objects())
 
 
-def test_who_leaves_and_returns_keeps_the_donor_and_another_person_gets_another(tmp_path: Path) -> None:
+def test_who_leaves_and_returns_keeps_the_donor_and_another_person_gets_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw(self: SegmentRenderer, frame: Frame) -> None:
+        plain(self, frame)
+        engines.append(len(self._engines))
+
+    engines: list[int] = []
+    plain = SegmentRenderer.draw
+    monkeypatch.setattr(SegmentRenderer, "draw", draw)
     open_donor.cache_clear()
     before = models()
     clip = joined(tmp_path / "in.mp4", ("p02", 30), ("", 60), ("p02", 30), ("p06", 20))
@@ -339,6 +349,7 @@ def test_who_leaves_and_returns_keeps_the_donor_and_another_person_gets_another(
     )
     assert later is not None
     assert later.tracks[0].donor == other
+    assert set(engines) == {0, 1}  # those of tracks that have ended are gone
     assert models() - before <= 2  # donors: a long video shows many people
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.model import Identity
+from guise.aam.tracker import Tracker
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, unpacked
@@ -68,7 +69,7 @@ class Case:
         self.manifest: dict[str, Any] = work.load_json(MANIFEST)
         self.input = Path(self.manifest["input"])
         self.options = DeidentifyOptions.from_json(self.manifest["options"])
-        self._models: dict[int, Identity] = {}  # of people, some 12 MB each
+        self._trackers: dict[int, Tracker] = {}  # by person
 
     @cached_property
     def scan(self) -> Scan:
@@ -137,11 +138,15 @@ class Case:
         return self.has_enrolled(self.people[track])
 
     def model_of(self, track: int) -> Identity:
-        """The model of a track's person, which is kept with this case."""
+        """The model of a track's person, a dozen megabytes, read anew."""
+        return self.enrolled(self.people[track])
+
+    def tracker_of(self, track: int) -> Tracker:
+        """What tells how well a face is that of a track's person."""
         person = self.people[track]
-        if person not in self._models:
-            self._models[person] = self.enrolled(person)
-        return self._models[person]
+        if person not in self._trackers:
+            self._trackers[person] = self.enrolled(person).tracker
+        return self._trackers[person]
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:

@@ -97,8 +97,9 @@ def fit(case: Case, segment: int) -> None:
             for track, row in wanted.get(frame.index, []):
                 points = found.points[row].astype(np.float64)
                 if case.has_model(track.number) and np.isfinite(points).all():
-                    tracker = case.model_of(track.number).tracker
-                    placed = judge.locate(tracker, frame, points, float(found.confidence[row]))
+                    placed = judge.locate(
+                        case.tracker_of(track.number), frame, points, float(found.confidence[row])
+                    )
                     if parser is not None and placed.confidence:
                         head = find_head(parser, frame, placed.shape)
                         if knows_head(head, placed.shape):

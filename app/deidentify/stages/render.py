@@ -71,6 +71,9 @@ class SegmentRenderer:
         self._plates: dict[int, Plate | None] = {}  # by shot
         self._gaps = _gaps(case, segment)
         self._label: Label | None = None
+        self._last = {
+            e.track: frame for frame in sorted(entries) for e in entries[frame] if e.done == SWAPPED
+        }
         self.drawn: dict[int, list[DrawnFace]] = defaultdict(list)  # by frame
         self.renderer = ""
 
@@ -82,6 +85,8 @@ class SegmentRenderer:
         heads = self._heads_in(frame, swapped) if self._case.options.region == "head" else {}
         for entry in swapped:
             self._swap(frame, entry, heads)
+            if frame.index == self._last[entry.track]:
+                self._release(entry.track)
         for entry in entries:
             if entry.done == COVERED:
                 cover(frame, entry.region, self._case.options.cover)
@@ -152,10 +157,16 @@ class SegmentRenderer:
             self.renderer = engine.painter.renderer
         return self._engines[track.number]
 
+    def _release(self, track: int) -> None:
+        """Let go of what draws a face, 40 MB or more: many come and go in a street."""
+        for drawing in (self._engines.pop(track, None), self._heads.pop(track, None)):
+            if drawing is not None:
+                drawing.close()
+
     def close(self) -> None:
         """Release the engines and heads."""
-        for drawing in (*self._engines.values(), *self._heads.values()):
-            drawing.close()
+        for track in {*self._engines, *self._heads}:
+            self._release(track)
 
     def __enter__(self) -> SegmentRenderer:
         return self
