@@ -155,7 +155,7 @@ def _donors(case: Case, people: Mapping[int, int]) -> dict[int, str]:
     if options.keyfile is None:
         return assign(list(people), options.donor, own=options.gallery, seed=options.seed, salt=salt)
     faces = {
-        person: signature(case.enrolled(case.people[track])) if case.has_model(track) else None
+        person: signature(case.model_of(track)) if case.has_model(track) else None
         for person, track in people.items()
     }
     return KeyFile.open(options.keyfile).assign(faces, options.donor, own=options.gallery, salt=salt)
