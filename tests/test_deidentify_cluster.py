@@ -139,9 +139,8 @@ def test_a_worker_killed_mid_run_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_a_job_that_kills_every_worker_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(
-        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "1"
-    )  # by the scheduler; a start is slow
+    # Read by the scheduler; by default it takes four deaths, each followed by a slow start.
+    monkeypatch.setenv("DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES", "1")
     arguments = ("--nthreads", "1", "--no-dashboard")
     with scheduler() as address, started("worker", address, *arguments):  # a nanny starts killed ones again
         wait_for_workers(address, 1)
