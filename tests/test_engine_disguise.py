@@ -13,6 +13,7 @@ from guise.aam.landmarks.schemes import (
     BROW_TOPS,
     BROWS,
     EYES,
+    FOREHEAD,
     HAIRLINE,
     JAW,
     LEFT_EYE,
@@ -32,6 +33,7 @@ from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.place import proportions
 from guise.app.swapping.silhouette import View
+from guise.common.arrays import F64
 
 FRAME = ReferenceFrame.canonical(160)
 
@@ -116,8 +118,8 @@ def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, 
     assert np.abs(changes[y - 4 : y, x - 3 : x + 4]).any() == disguise
 
 
-@pytest.mark.parametrize("yaw", [-45.0, 45.0])
-def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: float) -> None:
+def added_to(yaw: float) -> tuple[F64, View]:
+    """What a disguise adds to the points (81, 2) of a turned head, in face widths, and how it is seen."""
     person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
     y = np.radians(yaw)
     rotation = np.array([[np.cos(y), 0, -np.sin(y)], [0, 1, 0], [np.sin(y), 0, np.cos(y)]])
@@ -129,12 +131,28 @@ def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: fl
         with Engine(person, other, None, options) as engine:
             view = View.of(engine.painter.relief.normals(face), pose)
             placed.append(engine.painter.place(rest, head, view)[0])
-    added = (placed[1] - placed[0]) / 170
+    return (placed[1] - placed[0]) / 170, view
+
+
+@pytest.mark.parametrize("yaw", [-45.0, 45.0])
+def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: float) -> None:
+    added, view = added_to(yaw)
     far, near = sorted((np.linalg.norm(added[part], axis=1) for part in (JAW[2:6], JAW[11:15])), key=np.mean)
     assert far.max() < 0.02
     assert near.min() > 0.08
     assert added[HAIRLINE, 1] < -0.15
     assert added[HAIRLINE] @ view.across / np.linalg.norm(view.across) > 0.1
+
+
+@pytest.mark.parametrize("yaw", [-28.0, 28.0])
+def test_the_forehead_reaches_less_far_into_the_hair_on_the_far_side(yaw: float) -> None:
+    (frontal, _), (turned, view) = added_to(0.0), added_to(yaw)
+    away = view.across / np.linalg.norm(view.across)
+    far, near = (FOREHEAD[4], FOREHEAD[8])[:: -1 if yaw > 0 else 1]
+    receded = (turned - frontal)[near] @ away
+    assert receded > 0.05
+    assert 0 <= (turned[far] @ away - receded) / (frontal[far] @ away) < 0.7
+    assert turned[far, 1] < 0.9 * frontal[far, 1]  # upwards it reaches as far
 
 
 def test_the_border_of_a_disguise_is_as_soft_everywhere_as_it_is_drawn() -> None:

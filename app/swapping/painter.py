@@ -150,8 +150,8 @@ class Painter:
     def place(self, shape: F64, head: F64, view: View | None = None) -> tuple[F64, float]:
         """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom.
 
-        What a disguise adds at the outline recedes as a skull does, by as much as it grows, and ends where the head
-        turns away, with background behind it.
+        What a disguise adds at the outline recedes as a skull does, by as much as it grows, reaches less far to the
+        side where the head turns away, so that hair stays there, and ends where background is behind it.
         """
         full = self.options.transfer == "full"
         fit = align_planar(self.reference.align(head) if full else shape, head, RIGID_WEIGHTS)
@@ -160,6 +160,9 @@ class Painter:
             mesh = mesh + self._pull @ (head - mesh)
         beyond = self._beyond @ fit.linear
         if view is not None:
+            turn = view.across / max(float(np.linalg.norm(view.across)), 1e-9)
+            left = self._silhouette.foreshortened(view.cosines)[:POINTS]
+            beyond -= np.outer((1 - left) * (beyond @ turn), turn)
             beyond += self._back * view.across
             beyond *= self._silhouette.points(view.cosines)[:POINTS, None]
         return mesh + beyond, fit.scale
