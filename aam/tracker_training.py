@@ -123,9 +123,9 @@ class _Training:
     def _with_turned(self, images: list[U8], shapes: list[F64]) -> tuple[list[U8], list[F64]]:
         """The frames, then copies of some with the head turned to either side."""
         count = round(self.options.turned * len(images))
-        self.turned_from = np.linspace(0, len(images) - 1, count).round().astype(int)
+        turned_from = np.linspace(0, len(images) - 1, count).round().astype(int)
         turned = []
-        for i in self.turned_from:
+        for i in turned_from:
             degrees = self.options.turn * self.rng.uniform(0.3, 1) * self.rng.choice([-1, 1])
             turned.append(turn_head(images[i], shapes[i], self.reference, degrees))
         return images + [t[0] for t in turned], shapes + [t[1] for t in turned]
