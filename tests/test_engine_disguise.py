@@ -151,7 +151,7 @@ def test_the_forehead_reaches_less_far_into_the_hair_on_the_far_side(yaw: float)
     far, near = (FOREHEAD[4], FOREHEAD[8])[:: -1 if yaw > 0 else 1]
     receded = (turned - frontal)[near] @ away
     assert receded > 0.05
-    assert 0 <= (turned[far] @ away - receded) / (frontal[far] @ away) < 0.7
+    assert 0 <= (turned[far] @ away - receded) / (frontal[far] @ away) < 0.8
     assert turned[far, 1] < 0.9 * frontal[far, 1]  # upwards it reaches as far
 
 

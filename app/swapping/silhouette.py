@@ -26,7 +26,6 @@ class SilhouetteLimits:
     whole_cosine: float = 0.18  # from which all of it is,
     whole_share: float = 0.5  # or this share of what it is from the front
     least_frontal_cosine: float = 0.1  # of a point, from the front
-    level_share: float = 0.5  # of that, at which a surface is seen from the side
     cell_face_widths: float = 0.03
     nose_growth_face_widths: float = 0.03  # around the nose, which hides what lies behind it, not itself
 
@@ -100,8 +99,7 @@ class Silhouette:
 
     def foreshortened(self, cosines: F64) -> F32:
         """(81 + k,) share in [0, 1] of a length across the face, at its points, that is left as the head turns."""
-        low = LIMITS.level_share
-        return np.asarray(np.clip((cosines / self._frontal - low) / (1 - low), 0, 1), np.float32)
+        return np.asarray(np.clip(cosines / self._frontal, 0, 1), np.float32)
 
     def points(self, cosines: F64) -> F32:
         """(81 + k,) share in [0, 1] of what is seen of a face from the front that is seen at its points."""
