@@ -157,6 +157,10 @@ class SolidPrior:
         rest = np.column_stack([fit.rest[:, :2] + left @ across, fit.rest[:, 2]])
         return replace(fit, movement=np.zeros_like(fit.movement), rest=rest, solid=rest)
 
+    def rough_pose(self, points: F64) -> HeadPose:
+        """The pose of the mean face at points (81, 2), pixels; within about 10 degrees of that of a fit."""
+        return _first_pose(self.mean, points)
+
     def fit(
         self, points: F64, start: SolidFit | None = None, known: F64 | None = None, deviation: float = 1.0,
         still: bool = False,

@@ -39,6 +39,8 @@ def test_angles_are_recovered(angles: tuple[float, float, float]) -> None:
         fit = PRIOR.fit(seen(somebody(seed), *angles))
         assert fit.pose.angles == pytest.approx(angles, abs=4.0)
         assert np.abs(fit.points - seen(somebody(seed), *angles)).max() < 3.0
+        rough = PRIOR.rough_pose(seen(somebody(seed), *angles))
+        assert rough.angles[:2] == pytest.approx(angles[:2], abs=10.0)
 
 
 def test_signs_are_those_of_the_picture() -> None:

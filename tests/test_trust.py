@@ -1,5 +1,6 @@
 """A face is trusted when it is the person's: whole or partly behind an object, but not from the object alone."""
 
+import cv2
 import numpy as np
 import pytest
 from made_up import SAMPLES
@@ -8,9 +9,10 @@ from models import model_file
 from guise.aam.landmarks import interocular
 from guise.aam.landmarks.schemes import BROWS, CHIN, NOSE_BASE, NOSE_ROOT
 from guise.aam.model import Identity
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.aam.tracker import Tracker
 from guise.app.media import Frame, open_input
-from guise.app.swapping.trust import TrustJudge
+from guise.app.swapping.trust import TrustJudge, _frontal_trust
 from guise.common.arrays import F64, U8
 
 BLUE = (30, 60, 200)
@@ -84,3 +86,11 @@ def test_half_a_face_smeared_away_is_not_trusted(tracker: Tracker, judge: TrustJ
 def test_a_landmarker_of_low_confidence_is_not_trusted(tracker: Tracker, judge: TrustJudge) -> None:
     rgb, shape = face_of("p01")
     assert judge.locate(tracker, Frame.from_rgb(rgb), shape, 0.2).confidence < 0.5
+
+
+@pytest.mark.parametrize(("yaw", "trusted"), [(0, True), (-22, True), (31, True), (50, False), (-65, False)])
+def test_a_head_is_trusted_up_to_a_turn(yaw: float, trusted: bool) -> None:
+    about_y, _ = cv2.Rodrigues(np.array([0, -np.radians(yaw), 0]))
+    pose = HeadPose(about_y, 150.0, np.array([320.0, 240.0]))
+    assert pose.angles[0] == pytest.approx(yaw)
+    assert (_frontal_trust(pose.apply(SolidPrior.shipped().mean)) > 0.9) == trusted

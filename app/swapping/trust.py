@@ -17,7 +17,7 @@ from guise.aam.landmarks import interocular
 from guise.aam.landmarks.schemes import INNER51
 from guise.aam.parsing import FaceClass, FaceParser
 from guise.aam.similarity import Failed
-from guise.aam.solid_shape import SolidPrior
+from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.aam.tracker import FaceMatch, Fit, Tracker
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import parse_frame
@@ -46,6 +46,7 @@ class TrustLimits:
     unquestioned: float = 0.9  # confidence from which nothing in front is searched for
     profile_degrees: float = 42.0  # to which a head may be turned, or nod
     profile_degrees_width: float = 2.0
+    surely_frontal_degrees: float = 26.0  # of a rough pose, up to which it is not looked at more closely
     landmarker_gain: float = 1.25  # by which a landmarker's confidence counts
 
 
@@ -127,8 +128,15 @@ def _landmarker_trust(confidence: float) -> float:
 
 def _frontal_trust(shape: F64) -> float:
     """1 for a frontal face, less than one half for a profile."""
-    yaw, pitch, _ = SolidPrior.shipped().fit(shape).pose.angles
-    return _falling(float(np.hypot(yaw, pitch)), LIMITS.profile_degrees, LIMITS.profile_degrees_width)
+    prior = SolidPrior.shipped()
+    turned = _turned_degrees(prior.rough_pose(shape))
+    if turned > LIMITS.surely_frontal_degrees:
+        turned = _turned_degrees(prior.fit(shape).pose)
+    return _falling(turned, LIMITS.profile_degrees, LIMITS.profile_degrees_width)
+
+
+def _turned_degrees(pose: HeadPose) -> float:
+    return float(np.hypot(*pose.angles[:2]))
 
 
 def _distance(a: F64, b: F64) -> float:
