@@ -13,9 +13,10 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache, cached_property
 from http.client import HTTPConnection
 from pathlib import Path
@@ -144,9 +145,11 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("request", lambda asked: _note_foreign(asked.url, server, complaints))
     page.complaints = complaints
-    page.goto(server.url(f"{path}?token={server.token}"))
-    yield page
-    visitor.close()
+    try:
+        page.goto(server.url(f"{path}?token={server.token}"))
+        yield page
+    finally:  # a page that a failed test leaves would go on with its stream
+        visitor.close()
     assert not complaints, "; ".join(complaints)
 
 
@@ -164,20 +167,22 @@ def _camera() -> Path:
     """The sample person's clip as a camera, made once in a test run."""
     folder = Path(mkdtemp(prefix="guise-camera-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return camera_file(folder / "camera.mjpeg")
+    with av.open(str(CAMERA)) as clip:
+        rate = clip.streams.video[0].average_rate
+        assert rate is not None
+        return camera_file(folder / "camera.y4m", clip.decode(video=0), rate)
 
 
-def camera_file(path: Path, clip: Path = CAMERA) -> Path:
-    """A clip as Chromium's fake camera wants it: JPEG pictures one after the other, without sound."""
-    with av.open(str(clip)) as source, av.open(str(path), "w", format="mjpeg") as out:
-        old = source.streams.video[0]
-        new = out.add_stream("mjpeg", old.average_rate, {"qmin": "2", "qmax": "4"})
-        new.width, new.height, new.pix_fmt = old.width, old.height, "yuvj420p"
-        for frame in source.decode(old):
-            picture = frame.reformat(format="yuvj420p")
-            picture.pict_type = 0
-            out.mux(new.encode(picture))
-        out.mux(new.encode(None))
+def camera_file(path: Path, frames: Iterable[av.VideoFrame], rate: Fraction) -> Path:
+    """Frames for Chromium's fake camera, which shows them in a loop at that rate, in Hz: YUV4MPEG2, without sound."""
+    with path.open("wb") as out:
+        for i, frame in enumerate(frames):
+            if i == 0:
+                out.write(
+                    b"YUV4MPEG2 W%d H%d F%d:%d Ip C420jpeg\n"
+                    % (frame.width, frame.height, *rate.as_integer_ratio())
+                )
+            out.write(b"FRAME\n" + frame.to_ndarray(format="yuv420p").tobytes())
     return path
 
 

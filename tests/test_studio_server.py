@@ -5,6 +5,7 @@ import base64
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from typing import Any
 import pytest
 from studio_browser import LIMIT, StudioServer, studio, studio_server  # noqa: F401
 
-from guise.app.studio.request_guard import RequestGuard, may_connect, owner_of
+from guise.app.studio.request_guard import GONE, RequestGuard, may_connect, owner_of
 
 SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
@@ -90,20 +91,39 @@ def test_the_cookie_is_no_token_and_the_token_no_cookie(server: StudioServer) ->
 
 def test_a_connection_is_known_by_its_user(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
+        with socket.create_connection(listener.getsockname()) as client, listener.accept()[0]:
+            ends = client.getsockname(), listener.getsockname()
+            assert owner_of(*ends) == os.getuid()
+            client.close()
+            assert owner_of(*ends) == GONE
         with socket.create_connection(listener.getsockname()) as client:
-            assert owner_of(client.getsockname()) == os.getuid()
-        table = tmp_path / "tcp"
-        table.write_text(
-            "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid\n"
-            "   0: 0100007F:1F90 0100007F:C350 01 00000000:00000000 00:00000000 00000000  1001 0 1\n"
-        )
-        assert owner_of(("127.0.0.1", 8080), table) == 1001
-        assert owner_of(("127.0.0.1", 8081), table) is None
-        assert owner_of(None, tmp_path / "none") is None
+            ends = client.getsockname(), listener.getsockname()
+            with listener.accept()[0]:
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                client.close()  # at once, without a trace
+                assert owner_of(*ends) == GONE
+
+
+def test_where_the_kernel_is_not_asked_the_table_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(socket, "AF_NETLINK", raising=False)
+    table = tmp_path / "tcp"
+    table.write_text(
+        "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode\n"
+        "   0: 0100007F:1F90 0100007F:C350 01 00000000:00000000 00:00000000 00000000  1001 0 4711 1\n"
+        "   1: 0100007F:1F92 0100007F:C350 04 00000000:00000000 00:00000000 00000000     0 0 0 1\n"
+    )
+    server = "127.0.0.1", 50_000
+    assert owner_of(("127.0.0.1", 8080), server, table) == 1001
+    assert owner_of(("127.0.0.1", 8082), server, table) == GONE
+    assert owner_of(("127.0.0.1", 8081), server, table) is None
+    assert owner_of(None, None, tmp_path / "none") is None
 
 
 @pytest.mark.parametrize(
-    ("owner", "user", "may"), [(1000, 1000, True), (1001, 1000, False), (0, 1000, True), (None, 1000, True)]
+    ("owner", "user", "may"),
+    [(1000, 1000, True), (1001, 1000, False), (0, 1000, True), (None, 1000, True), (GONE, 1000, False)],
 )
 def test_another_users_program_is_refused(owner: int | None, user: int, may: bool) -> None:
     assert may_connect(owner, user) == may

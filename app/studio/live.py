@@ -103,6 +103,7 @@ class _LivePage:
         self._downloaded: set[Path] = set()
         self._seen = 0.0  # time.monotonic() when the person was last recognised
         self._latencies: deque[float] = deque([0.0] * GRAPH_POINTS, GRAPH_POINTS)
+        self._graph: ui.echart | None = None
 
     def build(self) -> None:
         self._client = ui.context.client
@@ -180,8 +181,14 @@ class _LivePage:
 
     def _readout(self) -> None:
         self._figures = ui.label().classes("tabular-nums opacity-70")
-        with ui.expansion("Performance", icon="speed").classes("w-full") as self._performance:
-            self._graph = ui.echart(graph(list(self._latencies))).classes("w-full h-40")
+        self._performance = ui.expansion("Performance", icon="speed", on_value_change=self._plot)
+        self._performance.classes("w-full")
+
+    def _plot(self) -> None:
+        """Draw the graph once it is asked for: its library is as large as the rest of the page."""
+        if self._graph is None:
+            with self._performance:
+                self._graph = ui.echart(graph(list(self._latencies))).classes("w-full h-40")
             self._graph.props('role=img aria-label="Recent latency from the camera on"')
 
     def _update_state(self) -> None:
@@ -432,7 +439,9 @@ class _LivePage:
         stats = run.stats
         self._latencies.append(round(stats.latency, 1))
         self._figures.text = figures(stats)
-        if self._performance.value:  # drawing it costs the browser as much as several pictures
+        if (
+            self._graph is not None and self._performance.value
+        ):  # drawing it costs the browser as much as several pictures
             self._graph.options["series"][0]["data"] = list(self._latencies)
             self._graph.update()
 

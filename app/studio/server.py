@@ -74,6 +74,7 @@ def _site(studio: Studio) -> FastAPI:
         favicon=STATIC / "favicon.svg",
         language="en-US",
         reconnect_timeout=PAGE_LIFETIME_SECONDS,
+        gzip_middleware_factory=None,  # nothing leaves this computer
         tailwind=False,  # its compiler takes longer than all else in a page: see studio.css
     )
     return site
