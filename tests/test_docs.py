@@ -75,13 +75,13 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.fixture
 def samples(tmp_path: Path) -> Path:
-    """A folder with sample_videos, whose clips are cut to two seconds."""
+    """A folder with sample_videos, whose clips are cut to a second."""
     folder = tmp_path / "sample_videos"
     folder.mkdir()
     (folder / "heads").symlink_to(SAMPLES / "heads")
     for person, clip in (("p01", "talk2"), ("p06", "talk")):
         (folder / person).mkdir()
-        cut(person, folder / person / f"{clip}.mp4", 60, clip=f"{clip}.mp4")
+        cut(person, folder / person / f"{clip}.mp4", 30, clip=f"{clip}.mp4")
     (folder / "p01" / "talk.npz").symlink_to(SAMPLES / "p01" / "talk.npz")
     return tmp_path
 
