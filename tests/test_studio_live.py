@@ -301,6 +301,19 @@ def test_without_a_microphone_the_camera_is_shown_and_recordings_are_silent(
         until(page, lambda: read(page, "The result") is not None, "received")
 
 
+def test_a_microphone_that_gives_nothing_is_told_of_and_holds_up_no_recording(
+    chrome: Any, server: StudioServer
+) -> None:
+    with visit(chrome, server, "/live") as page:
+        page.evaluate("AudioContext.prototype.createMediaStreamSource = () => ({ connect() {} })")
+        choose(page, "Who is at the camera", "Robin")
+        page.get_by_role("button", name="Start").click()
+        until(page, lambda: read(page, "The result") is not None, "received")
+        page.get_by_role("button", name="Record").click()
+        page.get_by_text("the microphone gives none").wait_for()
+        page.get_by_role("button", name="Stop recording").wait_for()
+
+
 def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
     chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
 ) -> None:

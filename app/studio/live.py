@@ -385,13 +385,24 @@ class _LivePage:
         self._toggling = True
         try:
             if not run.recording:
-                await ui.run_javascript("return await guiseLive.listen()", timeout=LISTEN_SECONDS)
+                await self._listen(run)
                 run.toggle_recording()
             else:
                 run.toggle_recording()
                 await ui.run_javascript("return await guiseLive.deafen()", timeout=LISTEN_SECONDS)
         finally:
             self._toggling = False
+
+    async def _listen(self, run: LiveRun) -> None:
+        """Have the browser send its sound, and wait for it: a recording that begins without has no sound at all."""
+        begun = time.monotonic()
+        if not await ui.run_javascript("return await guiseLive.listen()", timeout=LISTEN_SECONDS):
+            return
+        while run.running and self._peer is not None and not self._peer.microphone.is_on:
+            if time.monotonic() > begun + LISTEN_SECONDS:
+                ui.notify("This recording has no sound: the microphone gives none.")
+                return
+            await asyncio.sleep(0.02)
 
     async def _snapshot(self) -> None:
         if self._run is not None and (path := await asyncio.to_thread(self._run.snapshot)) is not None:

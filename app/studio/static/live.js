@@ -87,27 +87,24 @@ const guiseLive = {
     }));
   },
 
-  // Sends the microphone's sound from now on, if there is one; ready when it has begun.
+  // Sends the microphone's sound from now on; tells whether there is a microphone.
   async listen() {
     const session = this.session;
     const [microphone] = session?.stream.getAudioTracks() ?? [];
-    if (!microphone || session.sound) return;
+    if (!microphone || session.sound) return Boolean(microphone);
     const { sampleRate } = microphone.getSettings(); // some browsers connect a microphone to a context of its rate only
     const sound = session.sound = new AudioContext(sampleRate ? { sampleRate } : {});
     await sound.audioWorklet.addModule("/static/microphone.js");
     const stereo = { channelCount: 2, channelCountMode: "explicit", numberOfOutputs: 0 };
     const blocks = new AudioWorkletNode(sound, "blocks", stereo);
     sound.createMediaStreamSource(new MediaStream([microphone])).connect(blocks);
-    await new Promise((begun) => {
-      blocks.port.onmessage = ({ data: { position, block } }) => {
-        const message = new Uint8Array(HEADER_BYTES + block.byteLength);
-        header(message, "PCM ", 0, 0, 0, 0, 0, position);
-        message.set(new Uint8Array(block.buffer), HEADER_BYTES);
-        this.send(session, message);
-        begun();
-      };
-      setTimeout(begun, this.patience); // a microphone that gives nothing holds up no recording
-    });
+    blocks.port.onmessage = ({ data: { position, block } }) => {
+      const message = new Uint8Array(HEADER_BYTES + block.byteLength);
+      header(message, "PCM ", 0, 0, 0, 0, 0, position);
+      message.set(new Uint8Array(block.buffer), HEADER_BYTES);
+      this.send(session, message);
+    };
+    return true;
   },
 
   async deafen() {
