@@ -113,12 +113,31 @@ def test_where_the_kernel_is_not_asked_the_table_tells(
         "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode\n"
         "   0: 0100007F:1F90 0100007F:C350 01 00000000:00000000 00:00000000 00000000  1001 0 4711 1\n"
         "   1: 0100007F:1F92 0100007F:C350 04 00000000:00000000 00:00000000 00000000     0 0 0 1\n"
+        "   2: 0100007F:C350 0100007F:1F93 01 00000000:00000000 00:00000000 00000000  1000 0 4712 1\n"
     )
     server = "127.0.0.1", 50_000
     assert owner_of(("127.0.0.1", 8080), server, table) == 1001
     assert owner_of(("127.0.0.1", 8082), server, table) == GONE
-    assert owner_of(("127.0.0.1", 8081), server, table) is None
+    assert owner_of(("127.0.0.1", 8081), server, table) == GONE
+    assert owner_of(("127.0.0.1", 8083), server, table) is None  # of another network namespace
     assert owner_of(None, None, tmp_path / "none") is None
+
+
+def test_no_header_says_who_has_connected() -> None:
+    """It would be taken for the connection of whatever port it names."""
+    clients = []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        clients.append(scope["client"])
+
+    from guise.app.studio.server import configuration
+
+    config = configuration(app)
+    config.load()
+    headers = [(b"x-forwarded-for", b"127.0.0.1:4711")]
+    client = "127.0.0.1", 50_000
+    asyncio.run(config.loaded_app({"type": "http", "client": client, "headers": headers}, None, None))  # type: ignore[arg-type]
+    assert clients == [client]
 
 
 @pytest.mark.parametrize(

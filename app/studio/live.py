@@ -450,9 +450,7 @@ class _LivePage:
         stats = run.stats
         self._latencies.append(round(stats.latency, 1))
         self._figures.text = figures(stats)
-        if (
-            self._graph is not None and self._performance.value
-        ):  # drawing it costs the browser as much as several pictures
+        if self._graph is not None and self._performance.value:  # it costs the browser several pictures
             self._graph.options["series"][0]["data"] = list(self._latencies)
             self._graph.update()
 

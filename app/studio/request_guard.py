@@ -11,6 +11,7 @@ import secrets
 import socket
 import struct
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
@@ -27,13 +28,8 @@ WRONG_USER = "The studio is another user's: start your own with guise studio."
 WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
 FORM_OVERHEAD_BYTES = 1 << 16  # that a form adds to a file
 GONE = -1  # instead of the user at an end that its program has closed
-NETLINK_SOCK_DIAG, SOCK_DIAG_BY_FAMILY, NLM_F_REQUEST, TCP_LISTEN, ANY = (
-    4,
-    20,
-    1,
-    10,
-    0xFFFFFFFF,
-)  # of Linux's headers
+NETLINK_SOCK_DIAG, SOCK_DIAG_BY_FAMILY, NLM_F_REQUEST = 4, 20, 1  # of Linux's headers, as the next
+TCP_LISTEN, ANY = 10, 0xFFFFFFFF
 Address = Sequence[Any] | None
 _HEADERS = {
     "Content-Security-Policy": (
@@ -141,13 +137,13 @@ def owner_of(client: Address, server: Address, table: Path = Path("/proc/net/tcp
     where the kernel doesn't answer about one.   Returns GONE if the client has hung up, None where nothing tells.
     """
     near, far = (end[1] if end else 0 for end in (client, server))
-    try:
-        owner = _ask_kernel(near, far)
-        if owner is None and _ask_kernel(far, near) is None:
-            return GONE
-    except (OSError, AttributeError):  # the latter on other systems
-        return _look_up(f"0100007F:{near:04X}", table)
-    return owner
+    for ask in (_ask_kernel, partial(_look_up, table)):
+        try:
+            owner = ask(near, far)
+            return GONE if owner is None and ask(far, near) is None else owner
+        except (OSError, AttributeError):  # the latter on other systems
+            continue
+    return None
 
 
 def _ask_kernel(near: int, far: int) -> int | None:
@@ -158,28 +154,26 @@ def _ask_kernel(near: int, far: int) -> int | None:
     address = socket.inet_aton(HOSTS[0]) + bytes(12)
     end = struct.pack(">HH", near, far) + 2 * address + struct.pack("=III", 0, ANY, ANY)
     question = struct.pack("=BBBxI", socket.AF_INET, socket.IPPROTO_TCP, 0, ANY) + end
+    head = struct.pack("=IHHII", 16 + len(question), SOCK_DIAG_BY_FAMILY, NLM_F_REQUEST, 0, 0)
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, NETLINK_SOCK_DIAG) as kernel:
-        kernel.send(
-            struct.pack("=IHHII", 16 + len(question), SOCK_DIAG_BY_FAMILY, NLM_F_REQUEST, 0, 0) + question
-        )
+        kernel.send(head + question)
         answer = kernel.recv(4096)
-    kind, state, error = struct.unpack_from("=4xH11xB", answer) + struct.unpack_from("=i", answer, 16)
-    if (
-        kind == SOCK_DIAG_BY_FAMILY and state != TCP_LISTEN
-    ):  # it answers of the listener where it has no connection
-        user, inode = struct.unpack_from("=II", answer, 80)
-        return int(user) if inode else GONE
-    if kind == SOCK_DIAG_BY_FAMILY or error == -errno.ENOENT:
+    if struct.unpack_from("=H", answer, 4)[0] != SOCK_DIAG_BY_FAMILY:
+        error = -struct.unpack_from("=i", answer, 16)[0]
+        if error == errno.ENOENT:
+            return None
+        raise OSError(error, os.strerror(error))
+    if answer[17] == TCP_LISTEN:  # it tells of the listener where there is no connection
         return None
-    raise OSError(-error, os.strerror(-error))
+    user, inode = struct.unpack_from("=II", answer, 80)
+    return int(user) if inode else GONE
 
 
-def _look_up(end: str, table: Path) -> int | None:
-    try:
-        lines = table.read_text().splitlines()[1:]
-    except OSError:
-        return None
-    found = next((fields for fields in map(str.split, lines) if fields[1] == end), None)
+def _look_up(table: Path, near: int, far: int) -> int | None:
+    """As `_ask_kernel`, from the table of all connections."""
+    ends = [f"0100007F:{near:04X}", f"0100007F:{far:04X}"]
+    lines = map(str.split, table.read_text().splitlines())
+    found = next((fields for fields in lines if fields[1:3] == ends), None)
     if found is None:
         return None
     return int(found[7]) if found[9] != "0" else GONE

@@ -13,6 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 from nicegui import app as nicegui_app
 from nicegui import ui
+from starlette.types import ASGIApp
 
 from guise.app.studio import analogy, deidentify, landmarks, live, people, start, swap
 from guise.app.studio.jobs import JobQueue
@@ -81,10 +82,15 @@ def _site(studio: Studio) -> FastAPI:
 
 
 def _run(site: RequestGuard, listener: socket.socket) -> None:
-    config = uvicorn.Config(
-        site, log_level="warning", access_log=False, timeout_graceful_shutdown=1, ws_per_message_deflate=False
-    )
-    uvicorn.Server(config).run(sockets=[listener])
+    uvicorn.Server(configuration(site)).run(sockets=[listener])
+
+
+def configuration(site: ASGIApp) -> uvicorn.Config:
+    """How the studio is served; no header may say who has connected."""
+    return uvicorn.Config(
+        site, log_level="warning", access_log=False, timeout_graceful_shutdown=1, ws_per_message_deflate=False,
+        proxy_headers=False,
+    )  # fmt: skip
 
 
 def _is_unexpected(record: logging.LogRecord) -> bool:
