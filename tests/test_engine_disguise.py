@@ -26,12 +26,12 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.relief import STRAIGHT
-from guise.aam.solid_shape import HeadPose, SolidPrior
+from guise.aam.relief import STRAIGHT, Relief
+from guise.aam.solid_shape import HeadPose, SolidPrior, depth_across
 from guise.app.media import open_input
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.place import proportions
+from guise.app.swapping.place import convex, proportions
 from guise.app.swapping.silhouette import View
 from guise.common.arrays import F64
 
@@ -118,12 +118,17 @@ def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, 
     assert np.abs(changes[y - 4 : y, x - 3 : x + 4]).any() == disguise
 
 
+def turned(yaw: float) -> HeadPose:
+    """A head 170 pixels wide, turned by degrees."""
+    y = np.radians(yaw)
+    rotation = np.array([[np.cos(y), 0, -np.sin(y)], [0, 1, 0], [np.sin(y), 0, np.cos(y)]])
+    return HeadPose(rotation, 170.0, np.array([320.0, 240.0]))
+
+
 def added_to(yaw: float) -> tuple[F64, View]:
     """What a disguise adds to the points (81, 2) of a turned head, in face widths, and how it is seen."""
     person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
-    y = np.radians(yaw)
-    rotation = np.array([[np.cos(y), 0, -np.sin(y)], [0, 1, 0], [np.sin(y), 0, np.cos(y)]])
-    face, pose = SolidPrior.shipped().mean, HeadPose(rotation, 170.0, np.array([320.0, 240.0]))
+    face, pose = SolidPrior.shipped().mean, turned(yaw)
     rest, head = other.appearance.neutral_shape, pose.apply(face)
     placed = []
     for reach in (0.0, 0.1):
@@ -144,15 +149,26 @@ def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: fl
     assert added[HAIRLINE] @ view.across / np.linalg.norm(view.across) > 0.1
 
 
-@pytest.mark.parametrize("yaw", [-28.0, 28.0])
-def test_the_forehead_reaches_less_far_into_the_hair_on_the_far_side(yaw: float) -> None:
-    (frontal, _), (turned, view) = added_to(0.0), added_to(yaw)
-    away = view.across / np.linalg.norm(view.across)
-    far, near = (FOREHEAD[4], FOREHEAD[8])[:: -1 if yaw > 0 else 1]
-    receded = (turned - frontal)[near] @ away
-    assert receded > 0.05
-    assert 0 <= (turned[far] @ away - receded) / (frontal[far] @ away) < 0.8
-    assert turned[far, 1] < 0.9 * frontal[far, 1]  # upwards it reaches as far
+def test_a_higher_forehead_leaves_the_hair_at_the_temples() -> None:
+    (added, _), plain = added_to(0.0), FRAME.points[FOREHEAD]
+    grown = added[FOREHEAD] + (plain - FRAME.points[NOSE].mean(0)) / FRAME.resolution
+    assert np.ptp(grown[:, 0]) < 1.1 * np.ptp(plain[:, 0]) / FRAME.resolution  # hardly wider,
+    assert added[HAIRLINE, 1] < -0.15  # but higher
+    assert (added[FOREHEAD[3:10], 1] < -2 * abs(added[FOREHEAD[3:10], 0])).all()
+
+
+@pytest.mark.parametrize("yaw", [-30, 0, 30])
+def test_the_far_cheek_of_a_turned_head_has_no_notches(yaw: float) -> None:
+    pose = turned(yaw)
+    seen = Relief.shipped(FRAME).seen(pose.apply(SolidPrior.shipped().mean), depth_across(pose, STRAIGHT))
+    made = convex(seen)
+    moved = np.linalg.norm(made - seen, axis=1)
+    others = np.setdiff1d(np.arange(len(seen)), JAW)
+    assert not moved[others].any()
+    assert (moved.max() > 1) == (yaw != 0)
+    hull = cv2.convexHull(np.delete(seen, FOREHEAD, axis=0).astype(np.float32))
+    depths = [cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in made[JAW]]
+    np.testing.assert_allclose(depths, 0, atol=0.01)
 
 
 def test_the_border_of_a_disguise_is_as_soft_everywhere_as_it_is_drawn() -> None:

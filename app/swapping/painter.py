@@ -35,7 +35,7 @@ from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.outline import warp_outline
 from guise.app.swapping.own_skin import OwnSkin
 from guise.app.swapping.palette import Palette
-from guise.app.swapping.place import outline_pull, outward, proportions, shown_mask
+from guise.app.swapping.place import convex, outline_pull, outward, proportions, shown_mask
 from guise.app.swapping.silhouette import Silhouette, View, front_last
 from guise.app.swapping.similarity_palette import SimilarityPalette
 from guise.common.arrays import F32, F64, U8, Bool, Int
@@ -150,8 +150,8 @@ class Painter:
     def place(self, shape: F64, head: F64, view: View | None = None) -> tuple[F64, float]:
         """The face's shape (81, 2) on the grid, in the picture, on the head there (81, 2); and the zoom.
 
-        What a disguise adds at the outline recedes as a skull does, by as much as it grows, reaches less far to the
-        side where the head turns away, so that hair stays there, and ends where background is behind it.
+        What a disguise adds at the outline recedes as a skull does, by as much as it grows, and ends where background
+        is behind it.
         """
         full = self.options.transfer == "full"
         fit = align_planar(self.reference.align(head) if full else shape, head, RIGID_WEIGHTS)
@@ -160,9 +160,6 @@ class Painter:
             mesh = mesh + self._pull @ (head - mesh)
         beyond = self._beyond @ fit.linear
         if view is not None:
-            turn = view.across / max(float(np.linalg.norm(view.across)), 1e-9)
-            left = self._silhouette.foreshortened(view.cosines)[:POINTS]
-            beyond -= np.outer((1 - left) * (beyond @ turn), turn)
             beyond += self._back * view.across
             beyond *= self._silhouette.points(view.cosines)[:POINTS, None]
         return mesh + beyond, fit.scale
@@ -181,6 +178,8 @@ class Painter:
         brows : the face as drawn and at rest, see `BrowStrips`.
         """
         drawn_mesh = self.relief.seen(mesh, across)
+        if self.options.disguise:
+            drawn_mesh = convex(drawn_mesh)
         x0, y0, w, h = frame.align_roi(*(drawn_mesh.min(0) - 1), *(drawn_mesh.max(0) + 2))
         if w < 2 or h < 2:
             return

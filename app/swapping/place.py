@@ -33,6 +33,7 @@ from guise.common.arrays import F64, Bool
 HAIR_RIM_FACE_WIDTHS = 0.09  # inside the hull, where the source's hair is kept
 BROW_GROWTH_FACE_WIDTHS = 0.05  # around the brows, within which the source's own never show
 OUTLINE_REACH_FACE_WIDTHS = 0.11  # over which the inner points follow the outline
+FOREHEAD_WIDENING = 0.4  # sideways share of what is added to a forehead
 OUTLINE_SHARE = 0.7  # by which the outline follows that of the head
 
 
@@ -65,14 +66,32 @@ def shown_mask(source: Bool, reference: ReferenceFrame) -> Bool:
 def outward(reference: ReferenceFrame, jaw: float, forehead: float) -> F64:
     """(81, 2) grid pixels: displacements of the outline's points out of the face; 0 for the others.
 
-    jaw, forehead : face widths; the latter grows from zero at the temples to all of it in the middle.
+    jaw, forehead : face widths; the latter grows from zero at the temples to all of it in the middle, and leads up more
+        than to the sides, where hair frames a face.
     """
     away = reference.points[OUTLINE] - reference.points[NOSE].mean(0)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
     height = np.sqrt(np.sin(np.linspace(0, np.pi, len(FOREHEAD))).clip(0))
-    reach = reference.resolution * np.concatenate([np.full(len(JAW), jaw), forehead * height])
+    up = np.column_stack([FOREHEAD_WIDENING * away[len(JAW) :, 0], -np.ones(len(FOREHEAD))])
     ways = np.zeros((POINTS, 2))
-    ways[OUTLINE] = reach[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
-    return ways
+    ways[OUTLINE] = np.concatenate([jaw * away[: len(JAW)], forehead * height[:, None] * up])
+    return reference.resolution * ways
+
+
+def convex(points: F64) -> F64:
+    """Points (81 + k, 2) of a drawn face with the jaw's moved out to the convex hull of all that aren't the forehead's.
+
+    The far cheek of a turned head is seen before the line of its jaw, and the outline would have notches between them.
+    """
+    centre = points[NOSE].mean(0)
+    hull = cv2.convexHull(np.delete(points - centre, FOREHEAD, axis=0).astype(np.float32))[:, 0]
+    sides = np.roll(hull, -1, axis=0) - hull
+    normals = np.column_stack([sides[:, 1], -sides[:, 0]])
+    rays = points[JAW] - centre
+    shares = (rays @ normals.T) / (normals * hull).sum(1)  # of the way to each side's line
+    made = points.copy()
+    made[JAW] = centre + rays / shares.max(1, keepdims=True)
+    return np.asarray(made)
 
 
 def outline_pull(reference: ReferenceFrame) -> F64:

@@ -25,7 +25,6 @@ class SilhouetteLimits:
     hidden_cosine: float = 0.0  # at which nothing of the face is drawn
     whole_cosine: float = 0.18  # from which all of it is,
     whole_share: float = 0.5  # or this share of what it is from the front
-    least_frontal_cosine: float = 0.1  # of a point, from the front
     cell_face_widths: float = 0.03
     nose_growth_face_widths: float = 0.03  # around the nose, which hides what lies behind it, not itself
 
@@ -82,7 +81,6 @@ class Silhouette:
         nose = soft_parts(reference, (NOSE,), LIMITS.nose_growth_face_widths)
         self._nose = nose[columns[:, 1], columns[:, 0]]
         frontal = -relief.normals(SolidPrior.shipped().mean)[:, 2]
-        self._frontal = np.maximum(frontal, LIMITS.least_frontal_cosine)
         self._whole = np.minimum(LIMITS.whole_cosine, LIMITS.whole_share * frontal)
 
     def share(self, cosines: F64) -> F32 | None:
@@ -96,10 +94,6 @@ class Silhouette:
     def visible(self, cosines: F64) -> F32:
         """(t,) the same at the texels."""
         return np.clip(_interpolated(self.points(cosines), self._texels), 0, 1)
-
-    def foreshortened(self, cosines: F64) -> F32:
-        """(81 + k,) share in [0, 1] of a length across the face, at its points, that is left as the head turns."""
-        return np.asarray(np.clip(cosines / self._frontal, 0, 1), np.float32)
 
     def points(self, cosines: F64) -> F32:
         """(81 + k,) share in [0, 1] of what is seen of a face from the front that is seen at its points."""
