@@ -3,8 +3,10 @@
 import subprocess
 import sys
 import threading
+import weakref
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -61,6 +63,15 @@ libc.fflush(stream)
 def test_threads_share_one_heap_if_told(heaps: str) -> None:
     told = subprocess.run([sys.executable, "-c", HEAPS, heaps], capture_output=True, text=True, check=True)
     assert (told.stdout.count("<heap nr=") == 1) == (heaps == "one")
+
+
+def test_what_unused_cycles_hold_is_let_go() -> None:
+    held = av.VideoFrame(16, 16, "yuv420p")
+    with given_back():
+        assert not held.side_data  # which refers to the frame that refers to it
+        gone = weakref.ref(held.side_data)
+        del held
+    assert gone() is None
 
 
 def test_an_error_comes_through() -> None:
