@@ -188,7 +188,7 @@ def test_recordings_and_snapshots_are_downloads_of_the_result(
 
 
 BEEPS_AND_FLASHES = """() => {
-  const canvas = Object.assign(document.createElement("canvas"), {width: 640, height: 480});
+  const canvas = Object.assign(document.createElement("canvas"), {width: 320, height: 240});
   const picture = canvas.getContext("2d"), sound = new AudioContext();
   const tone = new OscillatorNode(sound), loudness = new GainNode(sound, {gain: 0});
   const heard = new MediaStreamAudioDestinationNode(sound);
@@ -199,11 +199,11 @@ BEEPS_AND_FLASHES = """() => {
     const on = sound.currentTime % 1 < 0.4;
     loudness.gain.value = on ? 0.5 : 0;
     picture.fillStyle = on ? "#fff" : "#222";
-    picture.fillRect(0, 0, 640, 480);
+    picture.fillRect(0, 0, 320, 240);
     picture.fillStyle = "#888";
-    picture.fillRect(drawn++ % 600, 0, 9, 9);
-  }, 33);
-  const tracks = [...canvas.captureStream(30).getTracks(), ...heard.stream.getTracks()];
+    picture.fillRect(drawn++ % 300, 0, 9, 9);
+  }, 66);
+  const tracks = [...canvas.captureStream(15).getTracks(), ...heard.stream.getTracks()];
   navigator.mediaDevices.getUserMedia = async () => new MediaStream(tracks);
 }"""
 
