@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from models import model_file
 
-from guise.aam.landmarks.schemes import CHIN, INNER_LIPS, JAW, LIPS, NOSE
+from guise.aam.landmarks.schemes import CHIN, INNER_LIPS, JAW, LIPS, NOSE, NOSE_BASE, NOSE_ROOT
 from guise.aam.light import LUMA
 from guise.aam.model import Identity
-from guise.app.swapping.inner_mouth import InnerMouth
+from guise.app.swapping.inner_mouth import LIMITS, InnerMouth
 from guise.common.arrays import F32, F64
 
 SKIN = 120.0
@@ -59,6 +59,14 @@ def test_a_smile_shows_teeth_and_a_dropped_jaw_the_dark(identity: Identity) -> N
     assert _teeth(smile) > 20
     dark = [int(((picture < SKIN - 50) & identity.reference.mask).sum()) for picture in (smile, dropped)]
     assert dark[1] > max(40, 2 * dark[0])
+
+
+def test_little_light_falls_between_hardly_parted_lips(identity: Identity) -> None:
+    at_rest = identity.appearance.neutral_shape
+    nose = np.linalg.norm(at_rest[NOSE_BASE] - at_rest[NOSE_ROOT]) / np.ptp(at_rest[:, 1])
+    for parted, shows_teeth in ((0.5, False), (2.0, True)):
+        picture = _painted(identity, _opened(identity, parted * LIMITS.parted * nose))
+        assert (picture[identity.reference.mask].max() > SKIN + 5) == shows_teeth
 
 
 def test_teeth_do_not_depend_on_place_size_and_turn_in_the_picture(identity: Identity) -> None:

@@ -31,8 +31,9 @@ class InnerMouthLimits:
     arc: float = 0.35  # and how that rises to the sides, of the squared way there
     lower: float = 0.7  # brightness of the lower ones
     gaps: tuple[float, ...] = (0.0, 0.17, 0.31, 0.43, 0.54)  # between teeth, from the middle
-    gap: tuple[float, float] = (0.2, 0.012)  # shade and half width
+    gap: tuple[float, float] = (0.12, 0.012)  # shade and half width
     below_lip: tuple[float, float] = (0.45, 0.05)  # shade of the teeth there, and how far down
+    parted: float = 0.08  # from which light falls on all of the teeth between lips
     to_sides: float = 1.8  # shade, of the squared way
     tongue: tuple[float, float, float] = (
         0.7,
@@ -64,7 +65,8 @@ class InnerMouth:
             y + LIMITS.arc * x * x - end for end in (ends[0] + self._from_nose, ends[1] - self._to_chin)
         )
         dark, flesh, tooth = (np.array(colour) for colour in (LIMITS.dark, LIMITS.flesh, LIMITS.tooth))
-        lit = tooth * _shade(x, below)[:, None]
+        parted = np.clip((below + above) / LIMITS.parted, 0, 1)
+        lit = tooth * (parted * _shade(x, below))[:, None]
         colours = dark + _tongue(x, above)[:, None] * (flesh - dark)
         colours += _reached(from_lower)[:, None] * (LIMITS.lower * lit - colours)
         colours += _reached(-from_upper)[:, None] * (lit - colours)
