@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from guise.aam.hull import beyond_hull
 from guise.aam.landmarks.schemes import (
     BROW_TOPS,
     BROWS,
@@ -69,12 +70,12 @@ def outward(reference: ReferenceFrame, jaw: float, forehead: float) -> F64:
     jaw, forehead : face widths; the latter grows from zero at the temples to all of it in the middle, and leads up more
         than to the sides, where hair frames a face.
     """
-    away = reference.points[OUTLINE] - reference.points[NOSE].mean(0)
+    away = reference.points - reference.points[NOSE].mean(0)
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     height = np.sqrt(np.sin(np.linspace(0, np.pi, len(FOREHEAD))).clip(0))
-    up = np.column_stack([FOREHEAD_WIDENING * away[len(JAW) :, 0], -np.ones(len(FOREHEAD))])
     ways = np.zeros((POINTS, 2))
-    ways[OUTLINE] = np.concatenate([jaw * away[: len(JAW)], forehead * height[:, None] * up])
+    ways[JAW] = jaw * away[JAW]
+    ways[FOREHEAD] = forehead * height[:, None] * (away[FOREHEAD] * (FOREHEAD_WIDENING, 0) - (0, 1))
     return reference.resolution * ways
 
 
@@ -83,15 +84,10 @@ def convex(points: F64) -> F64:
 
     The far cheek of a turned head is seen before the line of its jaw, and the outline would have notches between them.
     """
-    centre = points[NOSE].mean(0)
-    hull = cv2.convexHull(np.delete(points - centre, FOREHEAD, axis=0).astype(np.float32))[:, 0]
-    sides = np.roll(hull, -1, axis=0) - hull
-    normals = np.column_stack([sides[:, 1], -sides[:, 0]])
-    rays = points[JAW] - centre
-    shares = (rays @ normals.T) / (normals * hull).sum(1)  # of the way to each side's line
+    beyond, out = beyond_hull(points[JAW], np.delete(points, FOREHEAD, axis=0))
     made = points.copy()
-    made[JAW] = centre + rays / shares.max(1, keepdims=True)
-    return np.asarray(made)
+    made[JAW] -= beyond[:, None] * out
+    return made
 
 
 def outline_pull(reference: ReferenceFrame) -> F64:
