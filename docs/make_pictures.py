@@ -34,7 +34,7 @@ from guise.app.meshes.transferring import draw_report_picture
 from guise.app.people.montage import montage
 from guise.app.photos.image import analogy_image
 from guise.app.swapping.puppet import puppet_file
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapSettings
 from guise.app.tools.demo import FACE, HEAD, run_demo
 from guise.common.progress import silent
 

@@ -210,7 +210,7 @@ def swap_file(
     from guise.app.media import EncodeOptions
     from guise.app.swapping.file import swap_file as swap
     from guise.app.swapping.options import EngineOptions
-    from guise.app.swapping.settings import SwapSettings
+    from guise.app.swapping.report import SwapSettings
 
     shown = _identity(identity)
     settings = SwapSettings(

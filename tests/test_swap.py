@@ -18,8 +18,7 @@ from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.report import SwapError
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapError, SwapSettings
 from guise.common.threads import one_thread
 from guise.common.version import VERSION
 

@@ -16,8 +16,7 @@ from guise.app.enrolment.enrol import EnrolError
 from guise.app.media import EncodeOptions, open_input
 from guise.app.people.finding import UnknownFaces, VideoPeople, VideoPerson
 from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.report import SwapError
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapError, SwapSettings
 from guise.app.swapping.several import Casting, choose, swap_people
 
 FRAMES = 30

@@ -27,7 +27,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Enrol two sample people and swap one's face onto the other."""
-    from guise.app.swapping.settings import SwapSettings
+    from guise.app.swapping.report import SwapSettings
     from guise.app.tools.demo import run_demo
 
     console = Console(quiet=quiet, json=json)

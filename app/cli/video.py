@@ -52,8 +52,7 @@ from guise.app.cli.options import (
 if TYPE_CHECKING:
     from guise.aam.model import Identity
     from guise.app.enrolment.landmark_source import LandmarkSource
-    from guise.app.swapping.report import SwapReport
-    from guise.app.swapping.settings import SwapSettings
+    from guise.app.swapping.report import SwapReport, SwapSettings
     from guise.app.swapping.several import Casting, SeveralReport
 
 
@@ -192,7 +191,7 @@ def _settings(
 ) -> SwapSettings:  # fmt: skip
     from guise.app.media import EncodeOptions
     from guise.app.swapping.options import EngineOptions
-    from guise.app.swapping.settings import SwapSettings
+    from guise.app.swapping.report import SwapSettings
 
     return SwapSettings(
         EngineOptions(alpha=alpha, light=light.value, transfer=transfer.value, renderer=renderer.value),

@@ -27,7 +27,7 @@ from guise.app.media.input import VideoInput
 from guise.app.people import kept
 from guise.app.swapping.donors import gallery, open_donor, open_face
 from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapSettings
 from guise.app.swapping.source_person import source_person
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say

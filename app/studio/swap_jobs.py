@@ -28,8 +28,7 @@ from guise.app.studio.pictures import fitted_to
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_face
 from guise.app.swapping.puppet import Puppet, puppet_file
-from guise.app.swapping.report import SwapError, SwapReport
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapError, SwapReport, SwapSettings
 from guise.app.swapping.several import Casting, KnownVideo, Others, draw_frame, learn_person, swap_people
 from guise.common.arrays import U8
 from guise.common.files import write_json

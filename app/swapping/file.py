@@ -12,8 +12,7 @@ from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
-from guise.app.swapping.report import SwapReport, Tally
-from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
 from guise.app.swapping.source_person import source_person
 from guise.app.swapping.unsure import LostFaceCover
 from guise.common.memory import one_heap

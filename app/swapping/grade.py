@@ -20,7 +20,6 @@ from guise.aam.parsing import FaceClass, FaceParser
 from guise.app.media import Frame
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.settings import DEFAULTS
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.quantile import quantile
 
@@ -142,7 +141,7 @@ def grade(engine: Engine) -> Grade | None:
 
 def enrolment_grade(person: Identity) -> Grade | None:
     """The grade of a swap of a person whom a video shows with a typical face of the gallery."""
-    with Engine(person, open_donor(TYPICAL_FACE), None, DEFAULTS.engine_options()) as engine:
+    with Engine(person, open_donor(TYPICAL_FACE), None) as engine:
         return grade(engine)
 
 

@@ -38,8 +38,7 @@ from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.engine import Outcome
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
-from guise.app.swapping.report import SwapReport, Tally
-from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
 from guise.app.swapping.source_person import source_person
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing

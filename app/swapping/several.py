@@ -33,8 +33,7 @@ from guise.app.swapping.decide import COVERED, LEFT, SWAPPED, Action, Bystanders
 from guise.app.swapping.donors import MODEL_SUFFIX, assign, fictional, open_donor, open_face
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
-from guise.app.swapping.report import SwapError, SwapReport, Tally
-from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.report import DEFAULTS, SwapError, SwapReport, SwapSettings, Tally
 from guise.app.swapping.source_person import keep_person
 from guise.common.arrays import F32
 from guise.common.threads import one_thread

@@ -9,8 +9,7 @@ from typing import Any
 from guise.aam.model import Identity
 from guise.app.media import MediaInput
 from guise.app.people import kept
-from guise.app.swapping.report import SwapError
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapError, SwapSettings
 
 
 def source_person(

@@ -24,8 +24,7 @@ from guise.app.swapping.engine import Engine
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
-from guise.app.swapping.report import SwapReport
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapReport, SwapSettings
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.threads import one_thread
 from guise.render import RendererError

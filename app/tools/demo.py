@@ -21,8 +21,7 @@ from guise.app.media.pictures import Picture, labelled, save_picture, sheet
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.file import swap_file
-from guise.app.swapping.report import SwapReport
-from guise.app.swapping.settings import DEFAULTS, SwapSettings
+from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings
 from guise.common.files import require_free
 from guise.common.samples import samples_folder
 

@@ -26,7 +26,7 @@ from guise.app.live.controls import Controls
 from guise.app.live.session import LiveSession, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.swapping.donors import open_donor
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapSettings
 from guise.app.swapping.source_person import source_person
 from guise.common.threads import one_thread
 

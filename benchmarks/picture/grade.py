@@ -28,7 +28,7 @@ from guise.aam.model import Identity
 from guise.app.measure.figures import mean_of
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
-from guise.app.swapping.settings import SwapSettings
+from guise.app.swapping.report import SwapSettings
 from guise.common.arrays import F64
 
 NAME, TITLE = "picture.grade", "Picture: does the grade predict the swap"

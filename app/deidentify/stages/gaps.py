@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.swapping.head_matte import Gap
+from guise.app.deidentify.stages.head_matte import Gap
 from guise.common.arrays import F64
 
 Key = tuple[int, int]

@@ -22,6 +22,8 @@ from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch
 from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, packed, steadied
+from guise.app.deidentify.stages.head import knows_head
+from guise.app.deidentify.stages.head_matte import Gap, find_head
 from guise.app.deidentify.stages.people import enrol
 from guise.app.deidentify.stages.pieces import open_piece, read_piece
 from guise.app.deidentify.stages.render import LIMITS, SegmentRenderer, entries_of, with_detections
@@ -30,8 +32,6 @@ from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
 from guise.app.people.faces import detect_faces
-from guise.app.swapping.head import knows_head
-from guise.app.swapping.head_matte import Gap, find_head
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back

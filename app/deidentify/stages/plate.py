@@ -8,7 +8,7 @@ import numpy as np
 from guise.aam.landmarks.heads import region
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
-from guise.app.swapping.head import LIMITS, Plate
+from guise.app.deidentify.stages.head import LIMITS, Plate
 from guise.common.arrays import U8
 
 PICTURES = 24  # of a shot in a segment

@@ -21,6 +21,8 @@ from guise.aam.similarity import align_planar
 from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, FaceTreatment
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
+from guise.app.deidentify.stages.head import Behind, HeadPainter, Plate
+from guise.app.deidentify.stages.head_matte import Gap, find_head
 from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
@@ -30,8 +32,6 @@ from guise.app.swapping.cover import cover
 from guise.app.swapping.decide import COVERED, SWAPPED
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.head import Behind, HeadPainter, Plate
-from guise.app.swapping.head_matte import Gap, find_head
 from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64
 

@@ -15,8 +15,7 @@ from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.app.deidentify.stages.gaps import packed, steadied, unpacked
-from guise.app.media import Frame
-from guise.app.swapping.head import (
+from guise.app.deidentify.stages.head import (
     Around,
     HeadPainter,
     Plate,
@@ -25,7 +24,8 @@ from guise.app.swapping.head import (
     _without_background,
     knows_head,
 )
-from guise.app.swapping.head_matte import FoundHead, Gap, find_head, matte
+from guise.app.deidentify.stages.head_matte import FoundHead, Gap, find_head, matte
+from guise.app.media import Frame
 
 GALLERY = Path(guise.app.__file__).parent / "gallery"
 

@@ -22,8 +22,8 @@ from guise.aam.model import Identity, RestFrame
 from guise.aam.parsing import HeadParser
 from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior
+from guise.app.deidentify.stages.head_matte import FoundHead, Gap, Roi, matte
 from guise.app.media import Frame
-from guise.app.swapping.head_matte import FoundHead, Gap, Roi, matte
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
 from guise.render import make_compositor
