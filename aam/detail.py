@@ -16,9 +16,10 @@ import numpy as np
 from guise.aam.landmarks.schemes import INNER_LIPS, RIGID_WEIGHTS
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
-from guise.aam.reference import MeshSampler, ReferenceFrame, remap_points
+from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.sampling import remap_points
 
 FINE = 2  # pixels of the fine grid per grid pixel, along each axis
 

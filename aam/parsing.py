@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cache
+from functools import cache, cached_property
 from typing import Protocol, TypeVar
 
 import cv2
@@ -22,9 +22,11 @@ from guise.aam.landmarks.crops import upright_square
 from guise.aam.landmarks.schemes import EYE_OUTLINES
 from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.sampling import remap_points
 
 CELLS = 64  # the side of the maps
 CROP_PIXELS_PER_CELL = 2
+_FIRST_CELL: F64 = np.full(2, (CROP_PIXELS_PER_CELL - 1) / 2)  # its middle, in pixels of the crop
 
 
 @dataclass(frozen=True)
@@ -85,18 +87,18 @@ class Parsing:
 
     def share(self, *classes: FaceClass) -> F32:
         """(64, 64) share of all these classes together."""
-        return np.asarray(self.shares[list(classes)].sum(0))
+        return np.asarray(np.add.reduce(self.shares[list(classes)]))
 
     def at(self, points: Floating, cells: F32) -> F32:
         """(n,) or (n, c) bilinear values, at points (n, 2) of the picture, of maps (64, 64, ...); 0 outside."""
         places = cv2.transform(np.asarray(points, np.float32)[None], self.to_cells)[0]
-        return read_cells(cells, places)
+        return remap_points(cells, places, cv2.BORDER_CONSTANT)
 
     def from_place(self, x: float, y: float) -> Parsing:
         """The same in pixels of a part of the picture that begins at a place."""
         return Parsing(self.shares, self.to_picture - [[0, 0, x], [0, 0, y]])
 
-    @property
+    @cached_property
     def to_cells(self) -> F64:
         """(2, 3) affine map from pixels of the picture to cells."""
         return np.asarray(cv2.invertAffineTransform(self.to_picture), np.float64)
@@ -185,27 +187,13 @@ class HeadParser:
 
 def _from_cells(to_picture: F64) -> F64:
     """The map (2, 3) from cells to pixels of the picture, given that from the crop's pixels to those."""
-    middle = np.full(2, (CROP_PIXELS_PER_CELL - 1) / 2)  # of the first cell
-    linear = to_picture[:, :2]
-    return np.column_stack([linear * CROP_PIXELS_PER_CELL, linear @ middle + to_picture[:, 2]])
+    linear, made = to_picture[:, :2], np.empty((2, 3))
+    made[:, :2] = linear * CROP_PIXELS_PER_CELL
+    made[:, 2] = linear @ _FIRST_CELL + to_picture[:, 2]
+    return made
 
 
 @cache
 def session(name: str, threads: int) -> ShippedNetwork:
     """A network that ships with the package, which all parsers share: opening it takes as long as many passes."""
     return ShippedNetwork(name, threads)
-
-
-_FOLDED_COLUMNS = 256  # of places, as cv2.remap takes at most 32767
-
-
-def read_cells(cells: F32, places: F32) -> F32:
-    """(n,) or (n, c) bilinear values of maps (h, w) or (h, w, c) at places (n, 2) in cells; 0 beyond them."""
-    rows = -(-len(places) // _FOLDED_COLUMNS)
-    folded = np.zeros((rows * _FOLDED_COLUMNS, 2), np.float32)
-    folded[: len(places)] = places
-    values = cv2.remap(
-        cells, folded.reshape(rows, _FOLDED_COLUMNS, 2), None, cv2.INTER_LINEAR,  # type: ignore[call-overload]
-        borderMode=cv2.BORDER_CONSTANT, borderValue=0,
-    )  # fmt: skip
-    return np.asarray(values, np.float32).reshape(rows * _FOLDED_COLUMNS, *cells.shape[2:])[: len(places)]

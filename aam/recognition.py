@@ -27,8 +27,9 @@ import numpy as np
 from guise.aam.light import LUMA
 from guise.aam.mask import core_mask
 from guise.aam.model import Identity
-from guise.aam.reference import MARGIN_GRID_PIXELS, ReferenceFrame, remap_points
+from guise.aam.reference import MARGIN_GRID_PIXELS, ReferenceFrame
 from guise.common.arrays import F32, U8, Bool, Floating
+from guise.common.sampling import remap_points
 
 SIGNATURE_RESOLUTION = 32  # grid pixels across the face
 PICTURE_RESOLUTION = 128  # grid pixels across a face that is sampled from a picture

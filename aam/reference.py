@@ -19,6 +19,7 @@ from guise.aam.landmarks.schemes import MIRROR, NOSE_ROOT, RIGID_WEIGHTS
 from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
 from guise.common.errors import GuiseError
+from guise.common.sampling import remap_points as remap_points
 
 DEFAULT_RESOLUTION = 160
 POINTS = 81
@@ -177,20 +178,6 @@ class MeshSampler:
     def sample(self, image: U8 | F32, shape: Floating) -> F32:
         """Bilinear samples of an image (h, w) or (h, w, c) under the shape: (n,) or (n, c) float32."""
         return remap_points(image, self.positions(shape))
-
-
-def remap_points(image: U8 | F32, points: F32) -> F32:
-    """Bilinear samples of an image at points (n, 2), border replicated; (n,) or (n, c) float32.
-
-    Works around the 32767-column limit of cv2.remap by folding the points into rows.
-    """
-    n = len(points)
-    rows = -(-n // 256)
-    folded = np.zeros((rows * 256, 2), np.float32)
-    folded[:n] = points
-    maps = folded.reshape(rows, 256, 2)
-    out = cv2.remap(image, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    return np.asarray(out.reshape(rows * 256, *out.shape[2:])[:n], np.float32)
 
 
 def _filled(triangle_map: I32) -> I32:

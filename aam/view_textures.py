@@ -20,12 +20,13 @@ from guise.aam.appearance import openness
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
-from guise.aam.reference import MeshSampler, ReferenceFrame, remap_points
+from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
 from guise.aam.resampling import resampled_texture
 from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior, depth_across, pulled
 from guise.common.arrays import F32, F64, U8
+from guise.common.sampling import remap_points
 
 YAWS = (-50.0, -35.0, -20.0, 20.0, 35.0, 50.0)  # from the yaw at rest
 

@@ -198,7 +198,7 @@ def test_samples_interpolate_chroma_at_its_site(fmt: str, site: float, orientati
     u[:] = 100 + 3 * np.arange(u.shape[1]) + 2 * np.arange(u.shape[0])[:, None]
     v[:] = 128
     points = np.array([[6.25, 7.5], [10.0, 9.75]], np.float32)
-    x, y = orientation.stored_points(points[:, 0], points[:, 1], frame.width, frame.height)
+    x, y = orientation.stored_points(points, frame.width, frame.height).T
     ramp = 100 + 3 * (x - site) / (1 << sx) + 2 * (y - (0.5 if sy else 0)) / (1 << sy)
     wanted = np.stack([np.full(2, 120), ramp, np.full(2, 128)], axis=1)
     rgb = wanted @ frame.colour.to_rgb[:, :3].T + frame.colour.to_rgb[:, 3]
@@ -226,6 +226,20 @@ def test_rgb_frames_keep_pixels_and_answer_like_video_frames() -> None:
     np.testing.assert_allclose(frame.sample_rgb([[3.0, 4.0]])[0], rgb[4, 3], atol=0.01)
     np.testing.assert_array_equal(frame.luma, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
     np.testing.assert_array_equal(gbr_matrix().to_rgb[:, :3] @ gbr_matrix().from_rgb[:, :3], np.eye(3))
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS, ids=str)
+def test_a_turned_rgb_frame_answers_like_one_of_the_picture_as_it_is_shown(orientation: Orientation) -> None:
+    stored = np.random.default_rng(3).integers(0, 256, (15, 17, 3)).astype(np.uint8)
+    shown = Frame.from_rgb(np.ascontiguousarray(orientation.view(stored)))
+    frame = Frame(stored.copy(), pts=0, time_base=TICK, index=0, orientation=orientation)
+    points = np.random.default_rng(4).uniform(-2, 19, (300, 2))
+    # cv2.remap takes 1/32 of a pixel, to which a mirrored point may be rounded the other way
+    np.testing.assert_allclose(frame.sample_rgb(points), shown.sample_rgb(points), atol=17)
+    np.testing.assert_array_equal(frame.read_roi(2, 3, 7, 5), shown.read_roi(2, 3, 7, 5))
+    for one in (frame, shown):
+        one.write_roi(2, 3, np.full((5, 7, 3), (1, 2, 3), np.uint8))
+    np.testing.assert_array_equal(frame.rgb(), shown.rgb())
 
 
 def test_from_rgb_owns_its_pixels() -> None:

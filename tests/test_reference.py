@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from guise.aam.landmarks import MIRROR
 from guise.aam.landmarks.schemes import BROWS, JAW, LIPS, NOSE_ROOT, RIGID_WEIGHTS
-from guise.aam.reference import MARGIN_GRID_PIXELS, MeshSampler, ReferenceFrame, remap_points
+from guise.aam.reference import MARGIN_GRID_PIXELS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import Similarity
 
 FRAME = ReferenceFrame.canonical(64)
@@ -154,16 +154,6 @@ def test_part_of_a_sampler_samples_that_part() -> None:
 def test_weights_outside_the_hull_still_sum_to_one() -> None:
     sampler = MeshSampler.build(FRAME, np.array([[0.0, 0.0], [60.0, 2.0], [-3.0, 90.0]]))
     assert_allclose(sampler.weights.sum(0), 1, atol=1e-5)
-
-
-def test_many_points_in_a_wide_list_are_all_sampled() -> None:
-    places = np.random.default_rng(0).uniform(0, 49, (40_000, 2)).astype(np.float32)
-    assert_allclose(remap_points(ramp(50, 50), places), places, atol=0.04)  # cv2.remap: 1/32 pixel
-
-
-def test_points_outside_a_picture_take_its_border() -> None:
-    places = np.array([[-5, 3], [99, 3]], np.float32)
-    assert_allclose(remap_points(ramp(10, 20), places), [[0, 3], [19, 3]])
 
 
 @given(st.floats(-40, 40), st.floats(0.2, 5), st.floats(-500, 500), st.integers(0, 100))

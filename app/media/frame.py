@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from guise.app.media import colour as tags
 from guise.app.media.colour import ColourMatrix, gbr_matrix, yuv_matrix
 from guise.app.media.orientation import AS_STORED, Orientation, Points
+from guise.common.sampling import remap_points
 
 __all__ = ["NATIVE_FORMATS", "ColourMatrix", "Frame", "clone_video_frame", "from_planes", "plane_arrays"]
 
@@ -35,7 +36,6 @@ NATIVE_FORMATS: dict[str, tuple[int, int]] = {
     "nv12": (1, 1),
     "gray": (0, 0),
 }
-_REMAP_COLUMNS = 256  # cv2.remap needs an image: a list of points is folded to this width
 
 
 class Frame:
@@ -107,19 +107,16 @@ class Frame:
         return luma[:] if self.orientation.is_identity else luma.copy()
 
     def _stored_planes(self) -> tuple[Plane, ...]:
-        """Component planes as stored, writable, and never shared with the decoder."""
+        """Component planes of a decoded frame as stored, writable, and never shared with the decoder."""
         if self._planes is None:
-            if self._video is not None:
-                # Before the first view, as a later copy would invalidate the views.
-                self._video.make_writable()
-                self._planes = plane_arrays(self._video)
-            else:
-                assert self._rgb is not None
-                self._planes = tuple(self._rgb[..., i] for i in (1, 2, 0))
+            assert self._video is not None
+            # Before the first view, as a later copy would invalidate the views.
+            self._video.make_writable()
+            self._planes = plane_arrays(self._video)
         return self._planes
 
-    def _shown_planes(self) -> tuple[Plane, ...]:
-        return tuple(self.orientation.view(plane) for plane in self._stored_planes())
+    def _shown_planes(self) -> list[Plane]:
+        return [self.orientation.view(plane) for plane in self._stored_planes()]
 
     # -- the chroma grid along one shown axis -------------------------------------------------------------
 
@@ -138,8 +135,7 @@ class Frame:
         first = min(max(math.floor(low), 0), length)
         last = min(max(math.ceil(high), first), length)
         start = max((((first + offset) >> shift) << shift) - offset, 0)
-        stop = min((-((-last - offset) >> shift) << shift) - offset, length)
-        return start, max(stop - start, 0)
+        return start, min((-((-last - offset) >> shift) << shift) - offset, length) - start
 
     def _cells(self, start: int, length: int, axis: int) -> tuple[int, int, int]:
         """Chroma samples [first, last) over an interval, and pixels of the first one before it."""
@@ -175,7 +171,9 @@ class Frame:
         self._check(x0, y0, w, h)
         if self._rgb is not None:
             shown = self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w]
-            return np.ascontiguousarray(shown[..., [1, 2, 0]])
+            gbr = np.empty((h, w, 3), np.uint8)  # three copies of planes: many times faster than an index
+            gbr[..., 0], gbr[..., 1], gbr[..., 2] = shown[..., 1], shown[..., 2], shown[..., 0]
+            return gbr
         luma, *chroma = self._shown_planes()
         parts = [luma[y0 : y0 + h, x0 : x0 + w]]
         parts += [self._read_chroma(plane, x0, y0, w, h) for plane in chroma]
@@ -207,6 +205,10 @@ class Frame:
         h, w = yuv.shape[:2]
         self._check(x0, y0, w, h)
         self._luma = None
+        if self._rgb is not None:
+            shown = self.orientation.view(self._rgb)[y0 : y0 + h, x0 : x0 + w]
+            shown[..., 1], shown[..., 2], shown[..., 0] = yuv[..., 0], yuv[..., 1], yuv[..., 2]
+            return
         aligned = self.align_roi(x0, y0, x0 + w, y0 + h)
         if aligned != (x0, y0, w, h):
             whole = self.read_roi(*aligned)
@@ -259,32 +261,35 @@ class Frame:
             raise ValueError(f"points must be (n, 2) and finite, got {shown.shape}")
         if len(shown) == 0:
             return np.zeros((0, 3), np.float32)
-        x, y = np.ascontiguousarray(shown[:, 0]), np.ascontiguousarray(shown[:, 1])
-        values = self._sample_components(*self.orientation.stored_points(x, y, self.width, self.height))
-        return np.asarray(cv2.transform(values, self.colour.to_rgb), np.float32).reshape(-1, 3)
-
-    def _sample_components(self, x: Points, y: Points) -> NDArray[np.float32]:
-        """Components (n, 1, 3) float32 at stored points x (n,), y (n,); no chroma is grey."""
-        planes = self._stored_planes()
-        if len(planes) == 1:
-            grey = np.full(len(x), 128.0, np.float32)
-            return _packed([_bilinear(planes[0], x, y), grey, grey])
-        cx, cy = self._chroma_points(x, y)
-        return _packed(
-            [_bilinear(planes[0], x, y), _bilinear(planes[1], cx, cy), _bilinear(planes[2], cx, cy)]
+        stored = self.orientation.stored_points(shown, self.width, self.height)
+        if self._rgb is not None:
+            return _bilinear(stored, self._rgb)[0]
+        return np.asarray(
+            cv2.transform(self._sample_components(stored), self.colour.to_rgb)[:, 0], np.float32
         )
 
-    def _chroma_points(self, x: Points, y: Points) -> tuple[Points, Points]:
-        """Stored points in chroma samples, which are centred on their cells, but in MPEG on even columns."""
-        step_x, step_y = (1 << shift for shift in self._stored_shift)
+    def _sample_components(self, points: Points) -> NDArray[np.float32]:
+        """Components (n, 1, 3) float32 at stored points (n, 2); no chroma is grey."""
+        luma, *chroma = self._stored_planes()
+        values = np.empty((len(points), 1, 3), np.float32)
+        values[:, 0, 0] = _bilinear(points, luma)[0]
+        values[:, 0, 1:] = 128
+        if chroma:
+            values[:, 0, 1], values[:, 0, 2] = _bilinear(self._chroma_points(points), *chroma)
+        return values
+
+    def _chroma_points(self, points: Points) -> Points:
+        """Stored points (n, 2) in chroma samples, which are centred on their cells, but in MPEG on even columns."""
+        step = 1 << np.array(self._stored_shift)
         mpeg = self._video is not None and not self._video.format.name.startswith("yuvj")
-        corner_x, corner_y = 0.0 if mpeg else (step_x - 1) / 2, (step_y - 1) / 2
-        return np.float32(1 / step_x) * (x - corner_x), np.float32(1 / step_y) * (y - corner_y)
+        corner = (step - 1) / 2 * (not mpeg, 1)
+        return np.float32(1 / step) * (points - np.float32(corner))
 
     @property
     def nbytes(self) -> int:
         """Bytes of the picture as stored."""
-        return sum(plane.nbytes for plane in self._stored_planes())
+        planes = self._stored_planes() if self._rgb is None else (self._rgb,)
+        return sum(plane.nbytes for plane in planes)
 
     def copy(self) -> Frame:
         """An independent copy of the picture with the same time."""
@@ -316,11 +321,12 @@ def _matrix_of(video: av.VideoFrame) -> ColourMatrix:
 
 def plane_arrays(video: av.VideoFrame) -> tuple[Plane, ...]:
     """Views (h, w) uint8 of the component planes of a native 8-bit frame, as stored."""
-    rows = [_plane_rows(plane) for plane in video.planes]
+    planes = video.planes
+    rows = [_plane_rows(plane) for plane in planes]
     if video.format.name == "nv12":
-        width = video.planes[1].width
+        width = planes[1].width
         return rows[0][:, : video.width], rows[1][:, : 2 * width : 2], rows[1][:, 1 : 2 * width : 2]
-    return tuple(row[:, : plane.width] for row, plane in zip(rows, video.planes, strict=True))
+    return tuple([row[:, : plane.width] for row, plane in zip(rows, planes, strict=True)])
 
 
 def from_planes(data: Plane, width: int, height: int, fmt: str) -> av.VideoFrame:
@@ -347,8 +353,8 @@ def _sample_bytes(fmt: str, number: int) -> int:
 def _plane_rows(plane: VideoPlane) -> Plane:
     """(h, bytes a line) view of one plane, padding included."""
     stride = plane.line_size
-    rows = np.frombuffer(plane, np.uint8).reshape(plane.height, abs(stride))  # type: ignore[call-overload]
-    return np.asarray(rows[::-1] if stride < 0 else rows, np.uint8)
+    rows: Plane = np.frombuffer(plane, np.uint8).reshape(plane.height, -1)  # type: ignore[call-overload]
+    return rows[::-1] if stride < 0 else rows
 
 
 def clone_video_frame(video: av.VideoFrame, width: int = 0, height: int = 0, fmt: str = "") -> av.VideoFrame:
@@ -370,30 +376,11 @@ def clone_video_frame(video: av.VideoFrame, width: int = 0, height: int = 0, fmt
     return twin
 
 
-def _packed(components: list[Points]) -> NDArray[np.float32]:
-    """Three lists (n,) as (n, 1, 3) float32."""
-    return np.asarray(cv2.merge([part.reshape(-1, 1) for part in components]), np.float32)
-
-
-def _bilinear(plane: Plane, x: Points, y: Points) -> Points:
-    """Values (n,) float32 of a stored plane at stored points x (n,), y (n,); the border is repeated."""
-    left, right = _span(x, plane.shape[1])
-    top, bottom = _span(y, plane.shape[0])
-    crop = plane[top:bottom, left:right].astype(np.float32)
-    grid_x, grid_y = _fold(x - left), _fold(y - top)
-    values = cv2.remap(crop, grid_x, grid_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(values, np.float32).reshape(-1)[: len(x)]
-
-
-def _span(values: Points, length: int) -> tuple[int, int]:
-    """The pixels [first, last) of an axis that interpolation at the values touches."""
-    first = min(max(math.floor(values.min()), 0), length - 1)
-    return first, min(max(math.floor(values.max()) + 2, first + 1), length)
-
-
-def _fold(values: Points) -> Points:
-    """A list as an image (rows, _REMAP_COLUMNS), padded with zeros."""
-    rows = -(-len(values) // _REMAP_COLUMNS)
-    folded = np.zeros(rows * _REMAP_COLUMNS, np.float32)
-    folded[: len(values)] = values
-    return folded.reshape(rows, _REMAP_COLUMNS)
+def _bilinear(points: Points, *planes: Plane) -> list[NDArray[np.float32]]:
+    """Values (n,) or (n, c) of stored planes of one size at stored points (n, 2); the border is repeated."""
+    limit = np.array(planes[0].shape[1::-1])
+    first = np.minimum(np.maximum(np.floor(np.minimum.reduce(points)), 0), limit - 1)
+    last = np.minimum(np.maximum(np.floor(np.maximum.reduce(points)) + 2, first + 1), limit)
+    (left, top), (right, bottom) = first.astype(int), last.astype(int)
+    inside = points - np.float32(first)
+    return [remap_points(plane[top:bottom, left:right].astype(np.float32), inside) for plane in planes]

@@ -65,11 +65,12 @@ class Orientation:
         flipped = shown[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
         return flipped.swapaxes(0, 1) if self.transpose else flipped
 
-    def stored_points(self, x: Points, y: Points, width: int, height: int) -> tuple[Points, Points]:
-        """Shown points of a shown width x height, x (n,) and y (n,), as x and y of the stored picture."""
-        x = width - 1 - x if self.flip_x else x
-        y = height - 1 - y if self.flip_y else y
-        return (y, x) if self.transpose else (x, y)
+    def stored_points(self, points: Points, width: int, height: int) -> Points:
+        """Shown points (n, 2) of a shown width x height as points of the stored picture."""
+        if self.flip_x or self.flip_y:
+            mirrored = np.array([width - 1, height - 1], np.float32) - points
+            points = np.where([self.flip_x, self.flip_y], mirrored, points)
+        return points[:, ::-1] if self.transpose else points
 
 
 AS_STORED = Orientation()
