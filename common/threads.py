@@ -21,8 +21,10 @@ def one_thread() -> Iterator[None]:
     """Inside, OpenCV and the BLAS libraries of NumPy and, once imported, of `scipy.linalg` use one thread."""
     in_opencv = cv2.getNumThreads()
     cv2.setNumThreads(1)
+    blas = _blas("scipy.linalg._fblas" in sys.modules)
+    alone = max([library.get_num_threads() for library in blas.lib_controllers], default=1) == 1
     try:
-        with _blas("scipy.linalg._fblas" in sys.modules).limit(limits=1, user_api="blas"):
+        with contextlib.nullcontext() if alone else blas.limit(limits=1):
             yield
     finally:
         cv2.setNumThreads(in_opencv)
@@ -31,4 +33,4 @@ def one_thread() -> Iterator[None]:
 @cache
 def _blas(scipy: bool) -> ThreadpoolController:
     """The libraries loaded so far, with SciPy's or without: looking for them takes 35 ms."""
-    return ThreadpoolController()
+    return ThreadpoolController().select(user_api="blas")

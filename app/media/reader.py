@@ -132,7 +132,7 @@ class VideoReader:
         self.time_base = Fraction(self.stream.time_base or Fraction(1, 90000))
         self._recent: deque[int] = deque(maxlen=LIMITS.max_delayed_packets)
         self._last: int | None = None
-        self._reached = Fraction(0)
+        self._reached: dict[int, int] = {}  # by stream, how far its packets reach, in its unit of time
         self._shape: tuple[int, int, str] | None = None
         self._start: int | None = None
         self._started = True
@@ -213,10 +213,11 @@ class VideoReader:
         return round(1 / (Fraction(rate) * self.time_base)) if rate else int(picture.duration or 0)
 
     def _follow(self, packet: AnyPacket) -> None:
-        """Record how far into the file packets reach."""
+        """Record how far into the file the packets of its stream reach."""
         if packet.pts is not None:
-            end = (packet.pts + (packet.duration or 0)) * Fraction(packet.time_base)
-            self._reached = max(self._reached, end)
+            end = packet.pts + (packet.duration or 0)
+            if end > self._reached.get(packet.stream_index, 0):
+                self._reached[packet.stream_index] = end
 
     def packets(self) -> Iterator[AnyPacket]:
         """All packets, undecoded, and an empty one at the end of each stream.
@@ -266,10 +267,17 @@ class VideoReader:
         missing = sum(1 for pts in self._recent if self._last is not None and pts > self._last)
         if missing:
             self.problems.note(f"The last {missing} pictures, after {self._clock()}, could not be decoded.")
-        announced = self._announced_end()
-        if announced is not None and self._reached < announced - LIMITS.max_missing_seconds:
-            reached, end = float(self._reached), float(announced)
-            self.problems.note(f"The file ends at {reached:.2f} s, but its header announces {end:.2f} s.")
+        announced, reached = self._announced_end(), self._reached_end()
+        if announced is not None and reached < announced - LIMITS.max_missing_seconds:
+            self.problems.note(
+                f"The file ends at {float(reached):.2f} s, but its header announces {float(announced):.2f} s."
+            )
+
+    def _reached_end(self) -> Fraction:
+        """How far into the file packets reached, seconds."""
+        streams = self.container.streams
+        ends = [end * Fraction(streams[i].time_base or 0) for i, end in self._reached.items()]
+        return max(ends, default=Fraction(0))
 
     def _announced_end(self) -> Fraction | None:
         """The end of the file by its header, seconds; None where that would be a guess."""
