@@ -23,8 +23,10 @@ from studio_browser import (  # noqa: F401
 )
 
 from guise.aam.landmarks.detector import FaceDetector
+from guise.app.media import MediaError
 from guise.app.studio.deidentify_editor import timeline
 from guise.app.studio.deidentify_jobs import Choices, preview, read_tracks, render, review, split
+from guise.app.studio.jobs import with_user_names
 from guise.app.studio.store import StudioError
 from guise.common.progress import silent
 
@@ -321,10 +323,12 @@ def test_a_deleted_review_is_said(work: dict[str, Any], tmp_path: Path) -> None:
 def test_mistakes_are_told_with_the_name_of_the_clip(tmp_path: Path) -> None:
     source = tmp_path / "0123abcd.mp4"
     source.write_bytes(b"no video")
-    with pytest.raises(StudioError) as error:
-        review({"source": str(source), "name": "Party"}, tmp_path, silent)
-    assert str(error.value).startswith("Party is not a video that can be read")
-    assert "0123abcd" not in str(error.value)
+    about = {"source": str(source), "name": "Party", "files": {str(source): "Party"}}
+    with pytest.raises(MediaError) as error:
+        review(about, tmp_path, silent)
+    sentence = with_user_names(str(error.value), about)
+    assert sentence.startswith("Party is not a video that can be read")
+    assert "0123abcd" not in sentence
 
 
 def test_the_timeline_says_when_a_track_is_seen() -> None:

@@ -87,6 +87,12 @@ def test_a_failure_is_one_sentence_and_leaves_no_file(tmp_path: Path, kind: str,
         assert ended(jobs, jobs.start("write", {"text": ""})).state == "done"
 
 
+def test_a_failure_has_the_users_names_of_the_files(tmp_path: Path) -> None:
+    with running(tmp_path) as jobs:
+        job = ended(jobs, jobs.start("mistake", {"files": {"/studio/clip": "Party"}}))
+    assert job.sentence == "there is no face: use another Party"
+
+
 def test_a_cancelled_job_ends_and_leaves_no_file(tmp_path: Path) -> None:
     with running(tmp_path) as jobs:
         first = jobs.start("wait", {"until": str(tmp_path / "never")})

@@ -22,7 +22,7 @@ from guise.app.meshes.transferring import WRITING, transfer_all
 from guise.app.photos.animate import animate_file
 from guise.app.photos.image import AnalogyOptions as PhotoOptions
 from guise.app.photos.image import analogy_image
-from guise.app.studio.naming import user_names, with_user_names
+from guise.app.studio.jobs import with_user_names
 from guise.common.arrays import F64
 from guise.common.files import write_whole
 from guise.common.progress import Progress
@@ -41,15 +41,14 @@ def photo(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, 
     s, s1, t = (about[role] and Path(about[role]) for role in ("s", "s1", "t"))
     options = PhotoOptions(about["method"], about["mouth"], about["strength"])
     notes: list[str] = []
-    with user_names(_names(about)):
-        if about["moves"]:
-            done = animate_file(
-                s, s1, t, folder / VIDEO, options, encode=EncodeOptions(), progress=progress, say=notes.append
-            )
-            sentence = f"{done.animated:,} of {done.frames:,} frames animated."
-            return {"output": VIDEO, "sentence": sentence, "notes": _translated(notes, about)}
-        progress("working", 0.0)
-        made = analogy_image(s, s1, t, folder / PICTURE, options, montage=folder / MONTAGE, say=notes.append)
+    if about["moves"]:
+        done = animate_file(
+            s, s1, t, folder / VIDEO, options, encode=EncodeOptions(), progress=progress, say=notes.append
+        )
+        sentence = f"{done.animated:,} of {done.frames:,} frames animated."
+        return {"output": VIDEO, "sentence": sentence, "notes": _translated(notes, about)}
+    progress("working", 0.0)
+    made = analogy_image(s, s1, t, folder / PICTURE, options, montage=folder / MONTAGE, say=notes.append)
     sentence = f"{made.width} x {made.height} pixels, in {made.setup_seconds + made.seconds:.1f} s."
     return {"output": PICTURE, "sentence": sentence, "notes": _translated(notes, about)}
 
@@ -62,17 +61,14 @@ def head(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     """
     notes: list[str] = []
     context = RunContext(False, progress, notes.append)
-    with user_names(_names(about)):
-        source, names, faces = _expressions(about)
-        target = read_mesh(Path(about["target"]))
-        pair = prepare_pair(
-            source, target, HeadOptions(about["method"], keep_rigid=about["keep_rigid"]), context
-        )
-        made, carried = transfer_all(pair, faces, [(name, name) for name in names], context)
-        with context.stage(WRITING):
-            write_rig(folder / SOURCE, source, names, np.array(faces))
-            write_rig(folder / TARGET, target, names, np.array(made))
-            write_whole(folder / ZIP, lambda part: _pack(part, target, names, made, folder))
+    source, names, faces = _expressions(about)
+    target = read_mesh(Path(about["target"]))
+    pair = prepare_pair(source, target, HeadOptions(about["method"], keep_rigid=about["keep_rigid"]), context)
+    made, carried = transfer_all(pair, faces, [(name, name) for name in names], context)
+    with context.stage(WRITING):
+        write_rig(folder / SOURCE, source, names, np.array(faces))
+        write_rig(folder / TARGET, target, names, np.array(made))
+        write_whole(folder / ZIP, lambda part: _pack(part, target, names, made, folder))
     found = pair.heads.correspondence.found.mean()
     seconds = sum(context.seconds.values())
     sentence = f"{len(names)} expressions, {found:.0%} of the target found on the source, {seconds:.1f} s."
@@ -82,13 +78,9 @@ def head(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     }  # fmt: skip
 
 
-def _names(about: dict[str, Any]) -> dict[Path, str]:
-    return {Path(path): name for path, name in about["files"].items()}
-
-
 def _translated(notes: list[str], about: dict[str, Any]) -> list[str]:
     """Notes with the user's names for the files."""
-    return [with_user_names(note, _names(about)) for note in notes]
+    return [with_user_names(note, about) for note in notes]
 
 
 def _expressions(about: dict[str, Any]) -> tuple[MeshFile, list[str], list[F64]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,12 @@ from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.report.sheet import ACTION_COLOURS
 from guise.app.deidentify.report.timeline import confidence_svg
-from guise.app.people.montage import draw
 from guise.app.studio.deidentify_jobs import Choices, preview, read_tracks, split, thumbnail
 from guise.app.studio.dialogs import confirm, submitted
-from guise.app.studio.pictures import data_url
+from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row
 from guise.app.studio.store import JobRow
 from guise.app.studio.videos import PREVIEW_WIDTH_PIXELS, FrameComparison, title
-from guise.app.swapping.donors import open_donor
 from guise.common.arrays import U8
 
 TRACKS_PER_PAGE = 20
@@ -104,7 +102,9 @@ class TrackEditor:
                     self._name(str(person))
                     if any(track["can_swap"] for track in tracks):
                         donor = self._choices.donors.setdefault(str(person), "")
-                        _DonorButton(self._faces, donor, partial(self._choose_donor, str(person)))
+                        _DonorButton(
+                            self._studio, self._faces, donor, partial(self._choose_donor, str(person))
+                        )
                 for track in tracks:
                     self._track(track)
 
@@ -251,8 +251,10 @@ def _warning(track: dict[str, Any]) -> str:
 class _DonorButton:
     """A button that shows the donor and opens the choice of donors."""
 
-    def __init__(self, faces: dict[str, str], spec: str, chosen: Callable[[str], Awaitable[None]]) -> None:
-        self._faces, self._spec, self._chosen = faces, spec, chosen
+    def __init__(
+        self, studio: Studio, faces: dict[str, str], spec: str, chosen: Callable[[str], Awaitable[None]]
+    ) -> None:
+        self._studio, self._faces, self._spec, self._chosen = studio, faces, spec, chosen
         self._button = ui.button(color=None, on_click=self._choose).props("outline no-caps")
         self._show()
 
@@ -261,37 +263,16 @@ class _DonorButton:
         self._button.props["aria-label"] = f"Donor: {self._faces[self._spec]}"
         with self._button, ui.row().classes("items-center no-wrap gap-2"):
             if self._spec:
-                picture = ui.image(_portrait(self._spec)).classes("w-8 h-8 rounded shrink-0")
+                picture = ui.image(self._studio.portrait(self._spec)).classes("w-8 h-8 rounded shrink-0")
                 picture.props("no-spinner no-transition")
             ui.label(f"Donor: {self._faces[self._spec]}").classes("min-w-0 break-words")
 
     async def _choose(self) -> None:
         with ui.dialog() as dialog, ui.card().classes("w-full"):
-            title("Whose face is shown")
-            with ui.row().classes("w-full justify-center"):
-                for spec, name in self._faces.items():
-                    await _offer(spec, name, dialog)
+            title(question := "Whose face is shown")
+            Portraits(self._studio, self._faces, self._spec, question, dialog.submit, icon="casino")
         spec = await submitted(dialog)
         if spec is not None:
             self._spec = spec
             self._show()
             await self._chosen(spec)
-
-
-async def _offer(spec: str, name: str, dialog: ui.dialog) -> None:
-    button = ui.button(color=None, on_click=lambda: dialog.submit(spec)).props("flat no-caps").classes("w-32")
-    button.props["aria-label"] = name
-    with button, ui.column().classes("items-center"):
-        if spec:
-            picture = ui.image(await asyncio.to_thread(_portrait, spec)).classes("w-24 h-24 rounded")
-            picture.props("no-spinner no-transition")
-        else:
-            ui.icon("casino", size="6rem")
-        ui.label(name).classes("w-24 break-words")
-
-
-@lru_cache(maxsize=64)
-def _portrait(spec: str) -> str:
-    """The neutral face of a donor, as a data URL."""
-    appearance = open_donor(spec).appearance
-    return data_url(draw(appearance, appearance.neutral, face=96))

@@ -25,9 +25,7 @@ from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.deidentify.tracks import Track
 from guise.app.media.containers import suffix_for
 from guise.app.media.pictures import save_picture
-from guise.app.media.segments import read_frames
-from guise.app.studio.naming import user_names
-from guise.app.studio.pictures import fitted_to
+from guise.app.studio.pictures import fitted_to, frames_until
 from guise.app.studio.store import StudioError
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.decide import Action
@@ -36,7 +34,6 @@ from guise.common.files import write_whole
 from guise.common.progress import Progress, mute
 
 STEM = "out"
-WARM_UP_FRAMES = 6  # before a previewed one, over which light and occlusion settle
 TRACKS = f"{STEM}.tracks.json"
 CHOICES = "choices.json"
 REPORTS = (f"{STEM}.report.html", f"{STEM}.report.json")
@@ -98,13 +95,13 @@ def read_tracks(folder: Path) -> dict[str, Any]:
 def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Find the faces of a clip and propose what to do with them.
 
-    about : source, the clip's path; name, the user's name for it.
+    about : source, the clip's path.
     Returns the output's file name, the time of the last frame, the number of frames, and the frames of the pictures of
     each track.
     """
     source = Path(about["source"])
     output = folder / (STEM + suffix_for(source, DeidentifyOptions().encode.encoder))
-    with user_names({source: about["name"]}), open_engine("local") as engine:
+    with open_engine("local") as engine:
         deidentify_file(source, output, DeidentifyOptions(), engine, review=True, progress=progress, say=mute)
     case = Case(WorkFolder(_work(output)))
     shown = pictures(case, "pictures")
@@ -131,7 +128,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     shutil.copytree(_work(before / output.name), _work(output))
     write_whole(folder / TRACKS, _edited(before, choices))
     names = about["name"] + source.suffix, download_name(about["name"], output.name)
-    with user_names({source: about["name"]}), open_engine("local") as engine:
+    with open_engine("local") as engine:
         report = deidentify_file(
             source, output, choices.options(), engine, resume=True, names=names, progress=progress, say=mute
         )
@@ -200,9 +197,7 @@ def preview(
         shutil.copytree(_work(found / output), trial, copy_function=os.link)  # nothing in it changes
     write_whole(tracks, _edited(found, choices))
     case = replanned(trial, tracks, choices.options())
-    some = list(read_frames(source, case.scan, max(0, frame - WARM_UP_FRAMES), frame + 1))
-    if not some:
-        raise StudioError(f"frame {frame} cannot be decoded: choose another")
+    some = frames_until(source, case.scan, frame)
     before = fitted_to(some[-1].rgb(), width)
     draw_frames(case, some)
     return before, fitted_to(some[-1].rgb(), width)

@@ -11,7 +11,6 @@ from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
 from guise.app.photos.enrol_photos import enrol_photos
-from guise.app.studio.naming import user_names
 from guise.app.studio.store import preview_of
 from guise.app.swapping.grade import enrolment_grade
 from guise.common.progress import Progress
@@ -23,18 +22,14 @@ _MODEL, _MONTAGE = "model.guise", "montage.png"  # in the job's folder
 def enrol_job(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Train on a clip, with the landmarks beside it if there are any, or on photos.
 
-    about : "clip" and "model", paths, or instead of the clip "photos", by path their names; "called", the clip's name;
-    "name", the person's.
+    about : "clip" and "model", paths, or instead of the clip "photos", paths; "name", the person's.
     """
     done = folder / _MODEL
-    photos = {Path(path): name for path, name in about.get("photos", {}).items()}
-    if photos:
-        with user_names(photos):
-            report = enrol_photos(list(photos), done, name=about["name"], progress=progress)
+    if photos := list(map(Path, about.get("photos", ()))):
+        report = enrol_photos(photos, done, name=about["name"], progress=progress)
     else:
-        clip = Path(about["clip"])
-        with user_names({clip: about["called"]}):
-            report = enrol_file([clip], done, LandmarkSource(), name=about["name"], progress=progress)
+        clips = [Path(about["clip"])]
+        report = enrol_file(clips, done, LandmarkSource(), name=about["name"], progress=progress)
     identity = Identity.load(done)
     save_picture(folder / _MONTAGE, montage(identity))
     graded = enrolment_grade(identity)

@@ -32,8 +32,8 @@ class JobQueue:
 
     Kinds are registered first.  A job's function is at the top level of a module; it is called in a new process as
     function(about, folder, progress) and returns the result; `about` and the result are JSON objects.  An exception
-    becomes a sentence.  What a job leaves outside its folder is put there by `finish`, which a cancelled job never
-    comes to, however late it was cancelled.
+    becomes a sentence, in which files are called as in about["files"], by their paths.  What a job leaves outside its
+    folder is put there by `finish`, which a cancelled job never comes to, however late it was cancelled.
     """
 
     def __init__(self, store: Store) -> None:
@@ -165,7 +165,14 @@ def _run_job(pipe: Connection, function: JobFunction | None, about: dict[str, An
         pipe.send({"state": "done", "share": 1.0, "result": result})
     except Exception as error:
         trace(error)
-        pipe.send({"state": "failed", "sentence": explain(error)[0]})
+        pipe.send({"state": "failed", "sentence": with_user_names(explain(error)[0], about)})
+
+
+def with_user_names(text: str, about: dict[str, Any]) -> str:
+    """A text with the user's own names for a job's files in place of their paths."""
+    for path, name in about.get("files", {}).items():
+        text = text.replace(path, name).replace(Path(path).name, name)
+    return text
 
 
 class _Reporter:

@@ -127,6 +127,7 @@ class LandmarkEditor:
         canvas.on("keydown", self._pressed_key, keys)
 
     def _tools(self) -> None:
+        edit, own = self.edit, self.correction
         self._status = ui.label().props('role="status"').classes("min-h-12")
         with ui.row().classes("gap-1"):
             self._undo = _icon("undo", "Undo", self.undo)
@@ -141,10 +142,17 @@ class LandmarkEditor:
                 "Copy the correction of the chosen point's side to the other side of the face",
                 self.mirror,
             )
-            _tool("restart_alt", "Reset", "Restore the points that were found in this frame", self.reset)
-            self._left_out = _tool("block", "Leave out", "Don't train on this frame", self.leave_out)
+            _tool(
+                "restart_alt",
+                "Reset",
+                "Restore the points that were found in this frame",
+                partial(edit, own.reset),
+            )
+            self._left_out = _tool(
+                "block", "Leave out", "Don't train on this frame", partial(edit, own.clear)
+            )
             self._borrowed = _tool(
-                "content_copy", "Copy points", "Copy those of the nearest frame", self.borrow
+                "content_copy", "Copy points", "Copy those of the nearest frame", partial(edit, own.borrow)
             )
         hint = "Apply this frame's correction to the following ones, up to a corrected one or until the face is lost"
         self._forward = _tool("east", "Carry forward", hint, self.propagate)
@@ -221,30 +229,14 @@ class LandmarkEditor:
         self._draw()
         self._update_status()
 
-    def nudge(self, x: float, y: float) -> None:
-        """Move the chosen point by pixels."""
-        self.correction.nudge(self.row, self.point, (x, y))
+    def edit(self, change: Callable[..., None], *details: Any) -> None:
+        """Change the points of this frame by a method of the correction."""
+        change(self.row, *details)
         self._changed()
 
     def mirror(self) -> None:
         """Copy the correction of the chosen point's side to the other."""
-        self.correction.mirror(self.row, self.point)
-        self._changed()
-
-    def reset(self) -> None:
-        """Restore the points that were found."""
-        self.correction.reset(self.row)
-        self._changed()
-
-    def leave_out(self) -> None:
-        """Leave the frame out of training."""
-        self.correction.clear(self.row)
-        self._changed()
-
-    def borrow(self) -> None:
-        """Copy the points of the nearest frame."""
-        self.correction.borrow(self.row)
-        self._changed()
+        self.edit(self.correction.mirror, self.point)
 
     async def undo(self) -> None:
         """Undo the last change and show where it was."""
@@ -361,8 +353,7 @@ class LandmarkEditor:
         self._drag(event)
         self._pointer = None
         if pointer.point is not None and pointer.has_moved:
-            self.correction.move(self.row, pointer.point, pointer.target)
-            self._changed()
+            self.edit(self.correction.move, pointer.point, pointer.target)
 
     def _drop(self) -> None:
         self._pointer = None
@@ -372,7 +363,7 @@ class LandmarkEditor:
         key = event.args["key"]
         if key in _ARROWS:
             length = SETTINGS.fine_nudge_pixels if event.args["shiftKey"] else SETTINGS.nudge_pixels
-            self.nudge(*(length * direction for direction in _ARROWS[key]))
+            self.edit(self.correction.nudge, self.point, [length * way for way in _ARROWS[key]])
         else:
             await self.go_by(1 if key == "PageDown" else -1)
 

@@ -60,8 +60,12 @@ def retrain(studio: Studio, person: Person) -> str:
 
 
 def _enrol(studio: Studio, clip: Clip, person: Person) -> str:
-    about = {"clip": str(clip.path), "called": clip.name, "model": str(person.path), "name": person.name}
-    return studio.jobs.start(ENROL_JOB, about | {"person": person.id})
+    return _start(studio, person, {"clip": str(clip.path), "files": {str(clip.path): clip.name}})
+
+
+def _start(studio: Studio, person: Person, material: dict[str, Any]) -> str:
+    about = {"model": str(person.path), "name": person.name, "person": person.id} | material
+    return studio.jobs.start(ENROL_JOB, about)
 
 
 class _PeoplePage:
@@ -173,8 +177,7 @@ class _PeoplePage:
             raise StudioError(f"choose at most {MAX_PHOTOS} photos of one person, there are {len(photos)}")
         person = self.studio.store.add_person(self._name.value or photos[0].name, None)
         names = {str(photo.path): photo.name for photo in photos}
-        about = {"photos": names, "model": str(person.path), "name": person.name, "person": person.id}
-        self.studio.jobs.start(ENROL_JOB, about)
+        _start(self.studio, person, {"photos": list(names), "files": names})
         self._name.value = ""
         self._photos.refresh()
         self._poll()

@@ -1,14 +1,20 @@
-"""Pictures inside of pages."""
+"""Pictures inside of pages, RGB (h, w, 3)."""
 
 from __future__ import annotations
 
 import base64
+from pathlib import Path
 
 import cv2
 import numpy as np
 
+from guise.app.media import Frame
 from guise.app.media.images import encode_image
+from guise.app.media.segments import Scan, read_frames
+from guise.app.studio.store import StudioError
 from guise.common.arrays import U8
+
+WARM_UP_FRAMES = 6  # before a previewed one
 
 
 def fitted_to(rgb: U8, width: int) -> U8:
@@ -16,6 +22,14 @@ def fitted_to(rgb: U8, width: int) -> U8:
     scale = min(1.0, width / rgb.shape[1])
     size = round(scale * rgb.shape[1]), round(scale * rgb.shape[0])
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def frames_until(source: Path, scan: Scan, frame: int) -> list[Frame]:
+    """A frame of a video after a few before it, over which light and occlusion settle."""
+    frames = list(read_frames(source, scan, max(0, frame - WARM_UP_FRAMES), frame + 1))
+    if not frames:
+        raise StudioError(f"frame {frame} cannot be decoded: choose another")
+    return frames
 
 
 def data_url(rgb: U8) -> str:

@@ -15,13 +15,13 @@ class Portraits:
 
     Parameters
     ----------
-    faces : spec -> name, as `Studio.faces` gives them; "" stands for no other face.
+    faces : spec -> name, as `Studio.faces` gives them; "" stands for no certain face and has an icon instead.
     chosen : the spec chosen at first.   label : of the group.   choose : called with a spec that the user chooses.
     """
 
     def __init__(
         self, studio: Studio, faces: Mapping[str, str], chosen: str, label: str,
-        choose: Callable[[str], Awaitable[None] | None],
+        choose: Callable[[str], Awaitable[None] | None], icon: str = "person",
     ) -> None:  # fmt: skip
         self._choose = choose
         self._buttons: dict[str, ui.button] = {}
@@ -35,7 +35,7 @@ class Portraits:
                             picture = ui.element("img").classes("w-16 h-16 object-contain")
                             picture.props('alt=""').props["src"] = studio.portrait(spec)
                         else:
-                            ui.icon("person").classes("text-4xl h-16")
+                            ui.icon(icon).classes("text-4xl h-16")
                         ui.label(name).classes("text-xs leading-tight w-20 break-words")
                 self._buttons[spec] = button
         self.press(chosen)

@@ -18,7 +18,7 @@ from starlette.types import ASGIApp
 from guise.app.studio import analogy, deidentify, landmarks, live, people, start, swap
 from guise.app.studio.jobs import JobQueue
 from guise.app.studio.request_guard import RequestGuard
-from guise.app.studio.site import STATIC, Studio, StudioOptions, serve_files, serve_missing
+from guise.app.studio.site import STATIC, Studio, serve_files, serve_missing
 from guise.app.studio.store import Store, StudioError
 from guise.common.errors import GuiseError
 
@@ -41,7 +41,7 @@ def serve(folder: Path, port: int, limit: int, announce: Callable[[str], None]) 
         tempfile.tempdir = str(store.incoming)
         jobs = JobQueue(store)
         token, port = secrets.token_urlsafe(24), listener.getsockname()[1]
-        guard = RequestGuard(_site(Studio(store, jobs, StudioOptions(limit))), token, f"guise_{port}", limit)
+        guard = RequestGuard(_site(Studio(store, jobs, limit)), token, f"guise_{port}", limit)
         nicegui_app.on_startup(lambda: announce(f"http://{HOST}:{port}/?token={token}"))
         try:
             jobs.open()

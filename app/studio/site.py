@@ -45,19 +45,12 @@ Build = Callable[..., Awaitable[None] | None]
 
 
 @dataclass(frozen=True)
-class StudioOptions:
-    """limit : largest upload, bytes."""
-
-    limit: int
-
-
-@dataclass(frozen=True)
 class Studio:
-    """What every page needs."""
+    """What every page needs.   limit : largest upload, bytes."""
 
     store: Store
     jobs: JobQueue
-    options: StudioOptions
+    limit: int
 
     def url(self, path: Path) -> str:
         """Address of a file in the studio's folder, for pictures, videos and downloads."""

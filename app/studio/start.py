@@ -7,8 +7,8 @@ from collections.abc import Callable
 from nicegui import ui
 
 from guise.app.studio import deidentify, swap
-from guise.app.studio.samples import sample_clip
 from guise.app.studio.site import Studio, heading, page
+from guise.app.studio.videos import sample_clip
 
 AGREED = "consent"  # the setting
 CONSENT = (

@@ -12,12 +12,12 @@ from typing import Any
 from nicegui import ui
 
 from guise.app.studio.portraits import Portraits
-from guise.app.studio.samples import NAME as SAMPLE
 from guise.app.studio.site import Studio, choice_row, page
 from guise.app.studio.store import Clip, JobRow, StudioError
 from guise.app.studio.swap_jobs import REPORT, Choices, find, preview, render
 from guise.app.studio.videos import (
     PREVIEW_WIDTH_PIXELS,
+    SAMPLE,
     FrameComparison,
     VideoList,
     VideoPage,

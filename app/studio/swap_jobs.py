@@ -21,10 +21,9 @@ from guise.app.live.letterbox import letterboxed
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.containers import suffix_for
 from guise.app.media.pictures import save_picture
-from guise.app.media.segments import Scan, read_frames, scan
+from guise.app.media.segments import Scan, scan
 from guise.app.people.finding import find_people, load_people, save_people
-from guise.app.studio.naming import user_names
-from guise.app.studio.pictures import fitted_to
+from guise.app.studio.pictures import fitted_to, frames_until
 from guise.app.studio.store import StudioError
 from guise.app.swapping.donors import open_face
 from guise.app.swapping.puppet import Puppet, puppet_file
@@ -35,7 +34,6 @@ from guise.common.files import write_json
 from guise.common.progress import Progress
 
 PEOPLE, SCAN, REPORT, STEM = "people.npz", "scan.json", "report.json", "out"
-WARM_UP_FRAMES = 6  # before a previewed one, over which light and occlusion settle
 
 
 @dataclass
@@ -63,7 +61,7 @@ def find(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
     """
     source = Path(about["source"])
     settings = SwapSettings(progress=progress)
-    with user_names({source: about["name"]}), open_input(source) as media:
+    with open_input(source) as media:
         found = find_people(media, lambda share: progress("finding people", share))
         if not found.people:
             raise StudioError(f"nobody is seen long enough in {about['name']}: use a longer or clearer video")
@@ -95,13 +93,12 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     settings = SwapSettings(encode=EncodeOptions(), progress=progress)
     output = folder / (STEM + suffix_for(source, settings.encode.encoder))
     choices, known = Choices(**about["choices"]), known_video(before)
-    with user_names({source: about["name"]}):
-        report: SwapReport
-        if choices.mode == "puppet":
-            driver, face = _puppet(choices, known)
-            report = puppet_file(source, face, output, source=driver, settings=settings)
-        else:
-            report = swap_people(source, choices.casting(), output, settings=settings, known=known)
+    report: SwapReport
+    if choices.mode == "puppet":
+        driver, face = _puppet(choices, known)
+        report = puppet_file(source, face, output, source=driver, settings=settings)
+    else:
+        report = swap_people(source, choices.casting(), output, settings=settings, known=known)
     facts = report.as_json() | {"output": output.name}
     write_json(folder / REPORT, facts)
     return facts
@@ -110,10 +107,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
 def preview(source: Path, found: Path, choices: Choices, frame: int, width: int) -> tuple[U8, U8]:
     """A frame before and after, RGB (h, w, 3).   found : folder of the finding.   width : pixels, at most."""
     frames = Scan.from_json(json.loads((found / SCAN).read_text(encoding="utf-8")))
-    first = max(0, frame - WARM_UP_FRAMES)
-    some = list(read_frames(source, frames, first, frame + 1))
-    if not some:
-        raise StudioError(f"frame {frame} cannot be decoded: choose another")
+    some = frames_until(source, frames, frame)
     before = fitted_to(some[-1].rgb(), width)
     if choices.mode == "puppet":
         driver, face = _puppet(choices, known_video(found))

@@ -127,14 +127,14 @@ def uploader(
 
     def refuse(reason: str) -> None:
         large = reason == "max-file-size"
-        show_error(StudioError(too_large(studio.options.limit) if large else f"This {_none_of(kinds)}"))
+        show_error(StudioError(too_large(studio.limit) if large else f"This {_none_of(kinds)}"))
 
     def failed() -> None:
         button.props(remove="loading")
         show_error(StudioError("The upload was interrupted: try again."))
 
     field = ui.upload(
-        auto_upload=True, multiple=several, max_file_size=studio.options.limit, on_upload=uploaded
+        auto_upload=True, multiple=several, max_file_size=studio.limit, on_upload=uploaded
     ).classes("hidden")
     field.props["accept"] = ",".join(
         filter(None, [part for kind in kinds for part in (kind.media, *sorted(kind.suffixes))])

@@ -10,21 +10,24 @@ import asyncio
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 from nicegui import events, run, ui
 
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.pictures import data_url
-from guise.app.studio.samples import sample_clip
 from guise.app.studio.site import Studio, heading, local_time, show_job
 from guise.app.studio.store import Clip, JobRow, MissingError
 from guise.app.studio.uploads import uploader
 from guise.common.arrays import U8
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
+from guise.common.files import write_whole
+from guise.common.samples import samples_folder
 
 PREVIEW_WIDTH_PIXELS = 1280
+SAMPLE, SAMPLE_FILE = "A sample clip", Path("p01", "talk2.mp4")
 _BAD = "var(--q-negative)"
 
 Draw = Callable[
@@ -50,6 +53,16 @@ class VideoWork:
     finding: str
 
 
+def sample_clip(studio: Studio) -> Clip:
+    """The sample clip that comes with Guise, among the clips of the studio; it is kept once."""
+    for clip in studio.store.clips():
+        if clip.name == SAMPLE:
+            return clip
+    clip = studio.store.add_clip(SAMPLE, SAMPLE_FILE.suffix)
+    write_whole(clip.path, (samples_folder() / SAMPLE_FILE).read_bytes())
+    return clip
+
+
 def begin(studio: Studio, work: VideoWork, clip: Clip) -> None:
     """Look for faces in a video, and show its page."""
     ui.navigate.to(f"{work.path}/{enqueue(studio, work, clip)}")
@@ -57,7 +70,8 @@ def begin(studio: Studio, work: VideoWork, clip: Clip) -> None:
 
 def enqueue(studio: Studio, work: VideoWork, clip: Clip) -> str:
     """Have faces looked for in a video when its turn comes; the id of the job."""
-    return studio.jobs.start(work.find, {"source": str(clip.path), "name": clip.name})
+    about = {"source": str(clip.path), "name": clip.name, "files": {str(clip.path): clip.name}}
+    return studio.jobs.start(work.find, about)
 
 
 def found_videos(studio: Studio, work: VideoWork) -> list[JobRow]:
@@ -73,9 +87,8 @@ def renderings(studio: Studio, work: VideoWork, id: str) -> list[JobRow]:
 
 def start_rendering(studio: Studio, work: VideoWork, found: JobRow, choices: Any, **more: str) -> None:
     """Render a video with the user's choices, a dataclass, unless that is waiting or under way already."""
-    about = {
-        "id": found.id, "source": found.about["source"], "name": found.about["name"],
-        "found": str(studio.store.folder_of(found.id)), "choices": asdict(choices),
+    about = found.about | {
+        "id": found.id, "found": str(studio.store.folder_of(found.id)), "choices": asdict(choices),
     } | more  # fmt: skip
     pending = [job.about for job in renderings(studio, work, found.id) if not job.ended]
     if about not in pending:  # from a double click, or from another tab
