@@ -11,9 +11,9 @@ from typing import Protocol
 
 from guise.app.live.capture import Capture
 from guise.app.live.output import Output, OutputFrame
-from guise.app.live.slot import LatestSlot
 from guise.app.live.stats import PipelineMeter, PipelineStats
 from guise.app.media import Frame
+from guise.common.channel import Channel
 
 IDLE_SECONDS = 0.02  # the main thread's sleep when no output needs it
 
@@ -43,7 +43,7 @@ class Pipeline:
     ) -> None:  # fmt: skip
         self._capture, self._make_processor, self._pump = capture, make_processor, pump
         self._channels = [_OutputChannel(output, self) for output in outputs]
-        self._captured: LatestSlot[tuple[Frame, float]] = LatestSlot(lossless=not capture.paced)
+        self._captured: Channel[tuple[Frame, float]] = Channel(latest=capture.paced)
         self._meter = PipelineMeter()
         self._errors: list[BaseException] = []
         self._ended = threading.Event()
@@ -151,7 +151,7 @@ class _OutputChannel:
 
     def __init__(self, output: Output, pipeline: Pipeline) -> None:
         self.output, self._pipeline = output, pipeline
-        self.slot: LatestSlot[OutputFrame] = LatestSlot(lossless=output.lossless)
+        self.slot: Channel[OutputFrame] = Channel(latest=not output.lossless)
 
     def run(self) -> None:
         """Show frames in a thread of their own until no more come."""

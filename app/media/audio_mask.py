@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 import av
 import av.error
@@ -20,14 +19,11 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.filter import Graph
 
-from guise.app.media.codecs import has_encoder
+from guise.app.media.codecs import find_codec
 from guise.app.media.errors import MediaError
-from guise.app.media.reader import ProblemLog
+from guise.app.media.reader import AnyPacket, ProblemLog
 from guise.app.media.whisper import Whisper
 from guise.common.arrays import F32
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
 
 FREQUENCY_FACTOR = Fraction(4, 5)
 _UNNAMED_LAYOUTS = {"1 channels": "mono", "2 channels": "stereo"}
@@ -174,13 +170,12 @@ class MaskedAudio:
 
 def _opens(name: str, rate: int, layout: str, bit_rate: int) -> bool:
     """Whether there is a non-experimental encoder of that name that takes these settings."""
-    if not has_encoder(name):
+    if (codec := find_codec(name, "w")) is None:
         return False
-    context = av.CodecContext.create(av.Codec(name, "w"), "w")
+    context = av.CodecContext.create(codec, "w")
     assert isinstance(context, AudioCodecContext)
     context.sample_rate, context.layout, context.bit_rate = rate, layout, bit_rate
-    formats = context.codec.audio_formats
-    if formats:
+    if formats := codec.audio_formats:
         context.format = formats[0]
     try:
         context.open()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import av
 import av.error
@@ -13,12 +12,9 @@ from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
 
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import open_container
+from guise.app.media.reader import AnyPacket, open_container
 from guise.common.arrays import F32
 from guise.common.closing import Closing
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
 
 Samples = F32  # (n, 2), in [-1, 1]
 

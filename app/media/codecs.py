@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import av
 from av import library_versions as versions
 from av.codec.codec import UnknownCodecError
 
 
-def has_encoder(name: str) -> bool:
-    """Whether pictures or sound can be written with the codec of that name."""
-    return _exists(name, "w")
-
-
-def has_decoder(name: str) -> bool:
-    """Whether pictures or sound can be read with the codec of that name."""
-    return _exists(name, "r")
+def find_codec(name: str, mode: Literal["r", "w"]) -> av.Codec | None:
+    """The decoder ("r") or encoder ("w") of that name, of pictures or sound; None when there is none."""
+    try:
+        return av.Codec(name, mode)
+    except UnknownCodecError:
+        return None
 
 
 def library_versions() -> str:
     """The versions of PyAV and its libavcodec, for people."""
     number = ".".join(map(str, versions.get("libavcodec", ())))
     return f"PyAV {av.__version__}, libavcodec {number}"
-
-
-def _exists(name: str, mode: str) -> bool:
-    try:
-        av.Codec(name, "w" if mode == "w" else "r")
-    except UnknownCodecError:
-        return False
-    return True

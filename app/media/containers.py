@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
-import av
-import av.error
-from av.stream import Stream
-
-from guise.app.media.stream_copies import keeps_times
+from guise.app.media.errors import MediaError
+from guise.app.media.reader import open_container
+from guise.app.media.stream_copies import can_hold
 
 FALLBACKS = (".mp4", ".mkv")
 
@@ -20,29 +17,10 @@ def suffix_for(path: Path, encoder: str) -> str:
 
     The result is the encoder's video with the input's time stamps, audio and subtitles.
     """
-    with _copied_streams(path) as copied:
-        fitting = (s for s in (path.suffix, FALLBACKS[0]) if s and _holds(s, encoder, copied))
+    with contextlib.ExitStack() as stack:
+        copied = []
+        with contextlib.suppress(MediaError):  # an input that cannot be read, which is reported elsewhere
+            media = stack.enter_context(open_container(path))
+            copied = [s for s in media.streams if s.type in ("audio", "subtitle") and s.codec_context]
+        fitting = (s for s in (path.suffix, FALLBACKS[0]) if s and can_hold(s, copied, encoder))
         return next(fitting, FALLBACKS[1])
-
-
-@contextlib.contextmanager
-def _copied_streams(path: Path) -> Iterator[list[Stream]]:
-    """The streams that are copied from a file; none if it cannot be read, which is reported elsewhere."""
-    try:
-        media = av.open(str(path.absolute()), "r", metadata_errors="surrogateescape")
-    except (av.error.FFmpegError, OSError):
-        yield []
-        return
-    with media:
-        yield [s for s in media.streams if s.type in ("audio", "subtitle") and s.codec_context]
-
-
-def _holds(suffix: str, encoder: str, copied: list[Stream]) -> bool:
-    try:
-        with av.open(f"probe{suffix}", "w") as container:  # opens no file until its header is written
-            container.add_stream(encoder, 25)
-            for stream in copied:
-                container.add_stream_from_template(stream, opaque=True)
-            return keeps_times(container.format.name)
-    except (ValueError, av.error.FFmpegError):
-        return False

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import av
-from av.codec.codec import UnknownCodecError
 
+from guise.app.media.codecs import find_codec
 from guise.app.media.errors import MediaError
 
 _SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1")
@@ -65,10 +65,8 @@ class EncodeOptions:
 
 def find_encoder(name: str) -> av.Codec:
     """The video encoder of that name; MediaError lists some that exist."""
-    try:
-        codec = av.Codec(name, "w")
-    except UnknownCodecError as error:
-        raise MediaError(f"Encoder {name!r} is not available: use one of {available_encoders()}.") from error
+    if (codec := find_codec(name, "w")) is None:
+        raise MediaError(f"Encoder {name!r} is not available: use one of {available_encoders()}.")
     if codec.type != "video":
         raise MediaError(
             f"Encoder {name!r} makes {codec.type}, not video: use one of {available_encoders()}."

@@ -8,3 +8,8 @@ class MediaError(GuiseError):
 
     `str(error)` is one sentence: what was expected, what was found, what to do.
     """
+
+
+def reason(error: Exception) -> str:
+    """Why FFmpeg or the system has failed, in its own words."""
+    return getattr(error, "strerror", None) or str(error)

@@ -10,11 +10,12 @@ from typing import Literal, get_args
 
 import av
 import av.error
-from av.codec.codec import UnknownCodecError
 from av.codec.context import CodecContext
 from av.video.codeccontext import VideoCodecContext
 
+from guise.app.media.codecs import find_codec
 from guise.app.media.encoder import EncodeOptions
+from guise.app.media.errors import reason
 
 HardwareDecoder = Literal["none", "auto", "cuda", "vaapi", "videotoolbox", "d3d11va"]
 DEVICES = tuple(name for name in get_args(HardwareDecoder) if name not in ("none", "auto"))
@@ -31,9 +32,7 @@ _MISSING = "not in this PyAV"
 @cache
 def encoder_fault(name: str) -> str:
     """Why a hardware encoder does not work on this computer, in a few words; "" where it does."""
-    try:
-        codec = av.Codec(name, "w")
-    except UnknownCodecError:
+    if (codec := find_codec(name, "w")) is None:
         return _MISSING
     formats = [fmt.name for fmt in codec.video_formats or ()]
     context = CodecContext.create(codec, "w")
@@ -44,7 +43,7 @@ def encoder_fault(name: str) -> str:
     try:
         context.open()
     except (av.error.FFmpegError, ValueError, OSError) as error:
-        return str(getattr(error, "strerror", None) or error).split(":")[0]
+        return reason(error).split(":")[0]
     return ""
 
 
@@ -78,5 +77,5 @@ def decoder_fault(device: str) -> str:
     try:
         HWAccel(device).create(av.Codec("h264", "r"))
     except (av.error.FFmpegError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
-        return str(getattr(error, "strerror", None) or error).split(":")[0]
+        return reason(error).split(":")[0]
     return ""

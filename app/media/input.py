@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal
 
 import av
 
@@ -20,10 +19,8 @@ from guise.app.media.frame import Frame
 from guise.app.media.hardware import HardwareDecoder, working_decoder
 from guise.app.media.images import list_images, looks_like_image, read_image
 from guise.app.media.orientation import AS_STORED, Orientation, parse_display_matrix
-from guise.app.media.reader import ProblemLog, VideoReader, main_video, open_container
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
+from guise.app.media.reader import AnyPacket, ProblemLog, VideoReader, main_video, open_container
+from guise.common.closing import Closing
 
 Kind = Literal["video", "image", "images"]
 IMAGES_PER_SECOND = Fraction(30)
@@ -31,7 +28,7 @@ _MAX_FRAME_RATE = 500  # frames per second; a higher rate is that of the contain
 _RATE_PACKETS = 64  # from which a frame rate is measured
 
 
-class MediaInput:
+class MediaInput(Closing):
     """An open input: its frames and its properties; iterate over it once per pass.
 
     width, height : pixels, as shown.
@@ -65,14 +62,6 @@ class MediaInput:
 
     def close(self) -> None:
         """Release the input."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def describe(self) -> dict[str, object]:
         """The properties of the input, as JSON holds them."""

@@ -15,7 +15,7 @@ import av
 import av.error
 from av.video.stream import VideoStream
 
-from guise.app.media.errors import MediaError
+from guise.app.media.errors import MediaError, reason
 from guise.app.media.frame import NATIVE_FORMATS
 from guise.app.media.reader import is_still, nearest_format, reformat
 from guise.common.closing import Closing
@@ -140,11 +140,8 @@ class NetworkReader(Closing):
         return converted
 
     def _stopped(self, error: Exception) -> MediaError:
-        timed_out = isinstance(error, av.error.ExitError)
-        reason = "no data arrives" if timed_out else getattr(error, "strerror", None) or str(error)
-        return MediaError(
-            f"{self.name} cannot be played ({reason}): check the address and that it is sending."
-        )
+        why = "no data arrives" if isinstance(error, av.error.ExitError) else reason(error)
+        return MediaError(f"{self.name} cannot be played ({why}): check the address and that it is sending.")
 
 
 class _BacklogSkipper:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import ProblemLog, VideoReader
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
+from guise.app.media.reader import AnyPacket, ProblemLog, VideoReader
 
 
 def first_pts(media: VideoInput) -> int:
     """Time of the first picture, in units of the input's time base."""
-    with contextlib.closing(VideoReader(media.path, ProblemLog())) as reader:
+    with VideoReader(media.path, ProblemLog()) as reader:
         return next(iter(reader)).pts or 0
 
 

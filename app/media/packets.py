@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 import av
 import numpy as np
@@ -29,12 +29,9 @@ from guise.app.media.errors import MediaError
 from guise.app.media.frame import NATIVE_FORMATS, Frame
 from guise.app.media.input import MediaInput, VideoInput
 from guise.app.media.orientation import Orientation
-from guise.app.media.reader import VideoReader, nearest_format, reformat
+from guise.app.media.reader import AnyPacket, VideoReader, nearest_format, reformat
 from guise.app.media.sink import Sink, VideoOutput, as_media_error, check_free, later_time
 from guise.app.media.stream_copies import Audio
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
 
 ENCODER_THREADS = 4  # a fixed number, as the output of some encoders depends on it
 _MAGIC = b"GUISEPK1"
@@ -250,7 +247,7 @@ class _Assembly(VideoOutput):
                 yield packet.dts * piece.time_base, True, packet
 
 
-_Timed = tuple[Fraction, bool, "AnyPacket"]
+_Timed: TypeAlias = "tuple[Fraction, bool, AnyPacket]"
 
 
 def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
@@ -263,9 +260,8 @@ def _with_headers(packet: AnyPacket, headers: bytes) -> AnyPacket:
 
 def _timed_others(media: VideoInput) -> Iterator[_Timed]:
     """The packets of the other streams and when they are due, seconds; one without a time follows the last."""
-    reader = VideoReader(media.path, media.problems)
     time = Fraction(-(2**62))
-    try:
+    with VideoReader(media.path, media.problems) as reader:
         reader.only_others()
         for packet in reader.packets():
             if packet.stream is reader.stream or not (packet.size or packet.dts is not None):
@@ -273,8 +269,6 @@ def _timed_others(media: VideoInput) -> Iterator[_Timed]:
             if packet.dts is not None:
                 time = packet.dts * Fraction(packet.time_base)
             yield time, False, packet
-    finally:
-        reader.close()
 
 
 def decoding_times(pts: NDArray[np.int64]) -> NDArray[np.int64]:

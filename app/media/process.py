@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from guise.app.media.frame import Frame
+from guise.common.channel import Channel
 
 
 class Frames(Protocol):
@@ -54,61 +54,59 @@ class ProcessStats:
         return self.encoder_wait_seconds / max(self.encoder_wait_seconds + self.encode_seconds, 1e-9)
 
 
-class _Channel:
-    """A bounded queue between two threads; either can end it.
+class _Stage:
+    """A step of the pipeline: takes frames, works on each and gives it on, in a thread of its own or in the caller's.
 
-    `finish` ends it after the frames it holds, `cancel` at once.
+    take : the next frame, None at the end.   given : where frames go, if anywhere.   progress : told their number.
+
+    Attributes
+    ----------
+    taking_seconds, seconds : wall time in `take` and in `work`.
+    wait_seconds : in `take`, between the first frame and the last.
+    error : the first error in a thread of its own.
     """
 
-    def __init__(self, size: int) -> None:
-        self._size = size
-        self._items: deque[Frame] = deque()
-        self._changed = threading.Condition()
-        self._finished = self._cancelled = False
-
-    def put(self, frame: Frame) -> bool:
-        """Wait for room; False when the channel was cancelled."""
-        with self._changed:
-            self._changed.wait_for(lambda: len(self._items) < self._size or self._cancelled)
-            if not self._cancelled:
-                self._items.append(frame)
-                self._changed.notify_all()
-            return not self._cancelled
-
-    def get(self) -> Frame | None:
-        """Wait for a frame; None when there are no more."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._items or self._finished or self._cancelled)
-            if not self._items or self._cancelled:
-                return None
-            self._changed.notify_all()
-            return self._items.popleft()
-
-    def finish(self) -> None:
-        with self._changed:
-            self._finished = True
-            self._changed.notify_all()
-
-    def cancel(self) -> None:
-        with self._changed:
-            self._cancelled = True
-            self._items.clear()
-            self._changed.notify_all()
-
-
-class _Stage:
-    """One thread of the pipeline; its first error is kept and cancels the channels."""
-
-    def __init__(self, name: str, body: Callable[[_Stage], None], channels: tuple[_Channel, ...]) -> None:
+    def __init__(
+        self, take: Callable[[], Frame | None], work: Callable[[Frame], object], given: Channel[Frame] | None,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:  # fmt: skip
+        self.taking_seconds = self.wait_seconds = self.seconds = 0.0
+        self.frames = 0
         self.error: BaseException | None = None
-        self.seconds = self.wait_seconds = 0.0
-        self._body, self._channels = body, channels
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._take, self._work, self._given, self._progress = take, work, given, progress
+
+    def run(self) -> None:
+        """Until there are no more frames, or nobody takes them any more."""
+        while (frame := self._taken()) is not None:
+            before = time.perf_counter()
+            self._work(frame)
+            self.seconds += time.perf_counter() - before
+            if self._given is not None and not self._given.put(frame):
+                return
+            del frame
+            self.frames += 1
+            if self._progress is not None:
+                self._progress(self.frames)
+        if self._given is not None:
+            self._given.close()
+
+    def _taken(self) -> Frame | None:
+        before = time.perf_counter()
+        frame = self._take()
+        seconds = time.perf_counter() - before
+        self.taking_seconds += seconds
+        self.wait_seconds += seconds if self.frames and frame is not None else 0.0
+        return frame
+
+    def start(self, name: str, cancel: Callable[[], None]) -> None:
+        """Run in a thread; an error is kept, and cancels the others."""
+        self._cancel = cancel
+        self._thread = threading.Thread(target=self._guarded, name=name, daemon=True)
         self._thread.start()
 
-    def _run(self) -> None:
+    def _guarded(self) -> None:
         try:
-            self._body(self)
+            self.run()
         except BaseException as error:
             self.error = error
             self._cancel()
@@ -128,10 +126,6 @@ class _Stage:
         if interrupt is not None:
             raise interrupt
 
-    def _cancel(self) -> None:
-        for channel in self._channels:
-            channel.cancel()
-
 
 def process(
     frames: Frames, sink: Writer, work: Callable[[Frame], None],
@@ -144,49 +138,35 @@ def process(
     2 `queue` + 3 without `ahead`.  The first error in any thread stops all of them and is raised once.
     """
     start = time.perf_counter()
-    decoded, worked = _Channel(queue), _Channel(queue)
-    ready = decoded if ahead is None else _Channel(queue)
-    channels = (decoded, ready, worked)
-    stages = [_Stage("decode", lambda stage: _decode(stage, frames, decoded), channels)]
-    if ahead is not None:
-        stages.append(_Stage("ahead", lambda stage: _look(stage, ahead, decoded, ready), channels))
-    encoder = _Stage("encode", lambda stage: _encode(stage, sink, worked), channels)
-    stages.append(encoder)
-    count = 0
-    busy = 0.0
-    try:
-        while (frame := ready.get()) is not None:
-            before = time.perf_counter()
-            work(frame)
-            busy += time.perf_counter() - before
-            if not worked.put(frame):
-                break
-            del frame
-            count += 1
-            if progress is not None:
-                progress(count)
-        worked.finish()
-    except BaseException:
+    channels: list[Channel[Frame]] = [Channel(queue) for _ in range(3)]
+    decoded, ready, worked = channels
+    source = iter(frames)
+    decoder = _Stage(lambda: next(source, None), lambda frame: None, decoded)
+    looker = _Stage(decoded.get, ahead, ready) if ahead else None
+    worker = _Stage(ready.get if ahead else decoded.get, work, worked, progress)
+    encoder = _Stage(worked.get, sink.write, None)
+    threads = {"decode": decoder} | ({"ahead": looker} if looker else {}) | {"encode": encoder}
+
+    def cancel() -> None:
         for channel in channels:
-            channel.cancel()
-        raise
-    finally:
-        _join(stages)
-    for stage in stages:
+            channel.close(discard=True)
+
+    with contextlib.ExitStack() as stack:
+        for name, stage in threads.items():
+            stage.start(name, cancel)
+            stack.callback(stage.join)  # every thread is waited for, even if Ctrl-C comes meanwhile
+        try:
+            worker.run()
+        except BaseException:
+            cancel()
+            raise
+    for stage in threads.values():
         if stage.error is not None:
             raise stage.error
-    looked = stages[1].seconds if ahead is not None else 0.0
     return ProcessStats(
-        count, time.perf_counter() - start, stages[0].seconds, looked, busy, encoder.seconds, encoder.wait_seconds,
-        tuple(frames.problems),
+        worker.frames, time.perf_counter() - start, decoder.taking_seconds, looker.seconds if looker else 0.0,
+        worker.seconds, encoder.seconds, encoder.wait_seconds, tuple(frames.problems),
     )  # fmt: skip
-
-
-def _join(stages: Sequence[_Stage]) -> None:
-    """Wait for every thread, even if Ctrl-C comes while one is waited for."""
-    with contextlib.ExitStack() as stack:
-        for stage in reversed(stages):
-            stack.callback(stage.join)
 
 
 def replace_frames(
@@ -214,39 +194,3 @@ class _ReplacingWriter:
 
     def write(self, frame: Frame) -> None:
         self._writer.write(self.made.pop(frame.index))
-
-
-def _decode(stage: _Stage, frames: Frames, decoded: _Channel) -> None:
-    iterator = iter(frames)
-    while True:
-        before = time.perf_counter()
-        frame = next(iterator, None)
-        stage.seconds += time.perf_counter() - before
-        if frame is None:
-            decoded.finish()
-            return
-        if not decoded.put(frame):
-            return
-        del frame
-
-
-def _look(stage: _Stage, ahead: Callable[[Frame], None], decoded: _Channel, ready: _Channel) -> None:
-    while (frame := decoded.get()) is not None:
-        before = time.perf_counter()
-        ahead(frame)
-        stage.seconds += time.perf_counter() - before
-        if not ready.put(frame):
-            return
-        del frame
-    ready.finish()
-
-
-def _encode(stage: _Stage, sink: Writer, worked: _Channel) -> None:
-    ended: float | None = None  # when the last frame was written
-    while (frame := worked.get()) is not None:
-        before = time.perf_counter()
-        stage.wait_seconds += 0.0 if ended is None else before - ended
-        sink.write(frame)
-        ended = time.perf_counter()
-        stage.seconds += ended - before
-        del frame

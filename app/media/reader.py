@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import av
 import av.error
@@ -21,12 +21,11 @@ from av.video.stream import VideoStream
 
 from guise.app.media import colour
 from guise.app.media.coded_quality import TELL_QUANTISER
-from guise.app.media.errors import MediaError
+from guise.app.media.errors import MediaError, reason
 from guise.app.media.frame import NATIVE_FORMATS
+from guise.common.closing import Closing
 
-if TYPE_CHECKING:
-    AnyPacket = Packet[av.stream.Stream]
-
+AnyPacket: TypeAlias = "Packet[av.stream.Stream]"
 _TEXT_AS_VIDEO = frozenset(
     {"tty", "bin", "xbin", "adf", "idf"}
 )  # FFmpeg renders text as a terminal's pictures
@@ -81,7 +80,7 @@ def open_container(path: Path, device: str | None = None) -> InputContainer:
         raise MediaError(f"{path} cannot be read ({error.strerror}): check its permissions.") from error
     except (av.error.FFmpegError, OSError) as error:
         raise MediaError(
-            f"{path} is not a video that can be read ({_reason(error)}): give a video file, "
+            f"{path} is not a video that can be read ({reason(error)}): give a video file, "
             "an image or a folder of images."
         ) from error
     if container.format.name in _TEXT_AS_VIDEO:
@@ -109,7 +108,7 @@ def is_still(stream: VideoStream) -> bool:
     return bool(stream.disposition & still)
 
 
-class VideoReader:
+class VideoReader(Closing):
     """One pass over a video file: iterate for the decoded pictures, in native formats, pts ascending.
 
     device : that decodes, such as "cuda", which must work; what it cannot decode, the processor does.
@@ -234,7 +233,7 @@ class VideoReader:
             except av.error.FFmpegError as error:
                 failures += 1
                 self.problems.note(
-                    f"The file is damaged after {self._clock()} ({_reason(error)}); parts may be missing."
+                    f"The file is damaged after {self._clock()} ({reason(error)}); parts may be missing."
                 )
         flush: AnyPacket = Packet()
         flush.stream = self.stream
@@ -250,7 +249,7 @@ class VideoReader:
         except av.error.FFmpegError as error:
             self.damaged = True
             self.problems.note(
-                f"A damaged video packet at {self._clock(packet.pts)} was skipped ({_reason(error)})."
+                f"A damaged video packet at {self._clock(packet.pts)} was skipped ({reason(error)})."
             )
             return
         for picture in pictures:
@@ -359,7 +358,3 @@ def is_full_range(picture: av.VideoFrame) -> bool:
     """Whether a picture's components span 0..255."""
     name = picture.format.name
     return name.startswith("yuvj") or picture.color_range == colour.FULL
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)

@@ -123,8 +123,7 @@ def _video_packets(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]] | None:
     """pts, dts and key flag (n,) of the video's packets in decoding order; None if they are ambiguous."""
     problems = ProblemLog()
-    reader = VideoReader(media.path, problems)
-    try:
+    with VideoReader(media.path, problems) as reader:
         reader.only_video()
         if reader.stream.codec_context.codec.canonical_name not in _ONE_PICTURE_PER_PACKET:
             return None
@@ -137,8 +136,6 @@ def _video_packets(
             if not packet.is_discard:
                 dts = packet.pts if packet.dts is None else packet.dts
                 rows.append((packet.pts, dts, packet.is_keyframe))
-    finally:
-        reader.close()
     table = np.array(rows, np.int64).reshape(-1, 3)
     if problems or len(table) == 0 or len(np.unique(table[:, 0])) < len(table):
         return None

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import av
 import av.error
@@ -20,10 +20,11 @@ from av.video.stream import VideoStream
 
 from guise.app.media.encoder import EncodeOptions, available_encoders, ordinary_priority
 from guise.app.media.encoding import Encoding, encoding_for
-from guise.app.media.errors import MediaError
+from guise.app.media.errors import MediaError, reason
 from guise.app.media.frame import Frame
 from guise.app.media.images import encode_image, is_lossy, looks_like_image
 from guise.app.media.input import ImageInput, MediaInput, VideoInput
+from guise.app.media.reader import AnyPacket
 from guise.app.media.stream_copies import (
     Audio,
     StreamCopier,
@@ -34,9 +35,6 @@ from guise.app.media.stream_copies import (
 )
 from guise.common.errors import OutputError
 from guise.common.files import PartFile
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
 
 __all__ = ["EncodeOptions", "Sink", "open_sink"]
 
@@ -188,7 +186,7 @@ class VideoOutput(Sink):
         except (av.error.FFmpegError, ValueError) as error:
             raise MediaError(
                 f"Encoder {self._encoding.encoder!r} or {self.path.name} refuses these settings "
-                f"({_reason(error)}): use one of {available_encoders()} and .mp4 or .mkv."
+                f"({reason(error)}): use one of {available_encoders()} and .mp4 or .mkv."
             ) from error
 
     def _copy(self, packet: AnyPacket) -> None:
@@ -365,8 +363,4 @@ def as_media_error(path: Path) -> Iterator[None]:
     try:
         yield
     except (av.error.FFmpegError, OSError) as error:
-        raise MediaError(f"Writing {path} failed ({_reason(error)}): nothing was kept.") from error
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
+        raise MediaError(f"Writing {path} failed ({reason(error)}): nothing was kept.") from error

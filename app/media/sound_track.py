@@ -11,11 +11,10 @@ from av.audio.frame import AudioFrame
 from av.audio.stream import AudioStream
 
 from guise.app.media.audio_reader import SAMPLE_RATE, Samples
+from guise.app.media.reader import AnyPacket
 
 if TYPE_CHECKING:
     from av.container import OutputContainer
-
-    from guise.app.media.reader import AnyPacket
 
 ENCODER = "aac"
 JUMP_SECONDS = 0.06  # by which sound may seem early or late before it is put right

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import av
 import av.error
@@ -15,10 +15,7 @@ from av.stream import Stream
 from guise.app.media.audio_mask import MaskedAudio, named_layout
 from guise.app.media.errors import MediaError
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import is_still
-
-if TYPE_CHECKING:
-    from guise.app.media.reader import AnyPacket
+from guise.app.media.reader import AnyPacket, is_still
 
 Audio = Literal["keep", "drop", "mask", "disguise"]
 
@@ -203,16 +200,20 @@ def _title(stream: Stream) -> str:
 
 
 def _refusal(stream: Stream, output: OutputContainer) -> str:
-    holders = [suffix for suffix in (".mkv", ".mov", ".mp4") if _can_hold(suffix, stream)]
+    holders = [suffix for suffix in (".mkv", ".mov", ".mp4") if can_hold(suffix, [stream])]
     advice = f"write to {' or '.join(holders)}" if holders else "take the stream out of the input"
     title = _title(stream)
     return f"{title} cannot be stored in {output.format.name}: {advice}."
 
 
-def _can_hold(suffix: str, stream: Stream) -> bool:
-    with av.open(f"probe{suffix}", "w") as container:
-        try:
-            container.add_stream_from_template(stream, opaque=True)
-        except (ValueError, av.error.FFmpegError):
-            return False
-    return True
+def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
+    """Whether a file with this suffix holds copies of streams, beside an encoder's video, and their time stamps."""
+    try:
+        with av.open(f"probe{suffix}", "w") as container:  # opens no file until its header is written
+            if encoder:
+                container.add_stream(encoder, 25)
+            for stream in copied:
+                container.add_stream_from_template(stream, opaque=True)
+            return keeps_times(container.format.name)
+    except (ValueError, av.error.FFmpegError):
+        return False

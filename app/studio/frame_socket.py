@@ -26,13 +26,13 @@ from guise.app.live.controls import Controls
 from guise.app.live.microphone import Microphone, SenderClock
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import draw_mask, draw_mesh
-from guise.app.live.slot import LatestSlot
 from guise.app.media import Frame
 from guise.app.media.colour import BT470BG, BT709, FULL, LIMITED, UNSPECIFIED
 from guise.app.media.frame import from_planes, plane_arrays
 from guise.app.media.picture_format import PictureFormat
 from guise.app.media.reader import reformat
 from guise.app.studio.store import StudioError
+from guise.common.channel import Channel
 
 # Format, width, height, matrix (BT709 or BT470BG), whether full range, time in seconds of a clock of the camera's,
 # number; of sound: SOUND, 0, 0, 0, 0, 0, position.
@@ -61,7 +61,7 @@ class BrowserCamera(Capture):
     name = "the browser's camera"
 
     def __init__(self) -> None:
-        self._slot: LatestSlot[Frame] = LatestSlot()
+        self._slot: Channel[Frame] = Channel(latest=True)
         self._first: int | None = None
         self._given = 0
         self._clock, self._last = SenderClock(), 0

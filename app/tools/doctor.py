@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from guise.app.media.codecs import has_decoder, has_encoder, library_versions
+from guise.app.media.codecs import find_codec, library_versions
 from guise.app.media.hardware import DEVICES, ENCODERS, decoder_fault, encoder_fault
 from guise.common.version import VERSION
 
@@ -113,16 +113,17 @@ def _extras() -> Iterator[Finding]:
 def _codecs() -> Iterator[Finding]:
     missing = "not in this PyAV: pip install --upgrade av"
     yield Finding("codecs", "FFmpeg", True, library_versions())
-    for name, title in _ENCODERS.items():
-        ok = has_encoder(name)
-        yield Finding("codecs", f"{name} (writes)", ok, title if ok else missing)
-    for name, title in _DECODERS.items():
-        ok = has_decoder(name)
-        yield Finding("codecs", f"{name} (reads)", ok, title if ok else missing)
+    kinds: list[tuple[dict[str, str], Literal["r", "w"], str]] = [
+        (_ENCODERS, "w", "writes"), (_DECODERS, "r", "reads")
+    ]  # fmt: skip
+    for titles, mode, does in kinds:
+        for name, title in titles.items():
+            ok = find_codec(name, mode) is not None
+            yield Finding("codecs", f"{name} ({does})", ok, title if ok else missing)
 
 
 def _hardware() -> Iterator[Finding]:
-    for name, fault in [(name, encoder_fault(name)) for name in ENCODERS if has_encoder(name)]:
+    for name, fault in [(name, encoder_fault(name)) for name in ENCODERS if find_codec(name, "w")]:
         yield Finding("hardware", f"{name} (writes)", None if fault else True, fault or "--encoder " + name)
     for device in DEVICES:
         fault = decoder_fault(device)
