@@ -85,6 +85,19 @@ def write_json(path: Path, facts: Mapping[str, Any]) -> None:
     write_whole(path, json.dumps(facts, indent=1, allow_nan=False, default=str) + "\n")
 
 
+def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = True) -> None:
+    """Write an .npz file of arrays by name; it appears only when it is complete."""
+    import numpy as np
+
+    save = np.savez_compressed if compressed else np.savez
+
+    def write(part: Path) -> None:
+        with part.open("wb") as file:
+            save(file, allow_pickle=False, **arrays)
+
+    write_whole(path, write)
+
+
 class PartFile:
     """NAME.part of an output that grows while others must not write it: a file, or a folder of files.
 

@@ -36,12 +36,12 @@ from guise.app.photos.driving_track import DrivingTrack
 from guise.app.photos.faces import (
     PHOTO_LIMITS,
     Photo,
+    PoseNormaliser,
     head_angles,
     quality_warnings,
     require_usable,
     shape_distance,
 )
-from guise.app.photos.pose_normaliser import PoseNormaliser
 
 REST, OPEN = 0, 15  # frames of p01's talk2: at rest, and with an open mouth
 WIDTH, HEIGHT = 311, 419  # of T, as in the paper

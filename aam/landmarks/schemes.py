@@ -73,6 +73,9 @@ IBUG68 = _group(*range(0, 68))
 INNER51 = _group(*range(17, 68))  # of iBUG 68, without the jaw
 OUTLINE = _group(*JAW, *FOREHEAD)
 SILHOUETTE = _group(*JAW, *FOREHEAD[::-1])  # the outline as a closed curve
+# Lines by which a face is drawn.
+CLOSED_LINES = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
+OPEN_LINES = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
 
 # Single points; right and left are the person's.
 RIGHT_TEMPLE, LEFT_TEMPLE = 0, 16

@@ -15,7 +15,7 @@ from guise.app.cli.options import Force, Json, Quiet, help_without_command
 if TYPE_CHECKING:
     from guise.app.meshes.context import RunContext
     from guise.app.meshes.pair import TransferOptions
-    from guise.app.meshes.reports import Report
+    from guise.app.meshes.reports import MeshReport
 
 mesh = typer.Typer(help="Transfer expressions between 3-D heads (.obj, .ply, .gltf, .glb).")
 mesh.callback(invoke_without_command=True)(help_without_command)
@@ -131,7 +131,7 @@ def rig(
     json: Json = False,
 ) -> None:
     """Transfer all morph targets of a head to another, with their names."""
-    from guise.app.meshes.rigging import transfer_rig
+    from guise.app.meshes.transferring import transfer_rig
 
     options = _options(method, correspondence, landmarks, keep_rigid)
     _run(
@@ -312,7 +312,7 @@ def _options(
 
 
 def _run(
-    do: Callable[[RunContext], Report], force: bool, quiet: bool, json: bool, picture: Path | None = None,
+    do: Callable[[RunContext], MeshReport], force: bool, quiet: bool, json: bool, picture: Path | None = None,
     report: Path | None = None,
 ) -> None:  # fmt: skip
     """Run a command, and print and write its report."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ from guise.app.enrolment.enrol import enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.common.files import require_free
 from guise.common.progress import Progress, Say, mute, silent
+from guise.common.report import Report
 from guise.common.version import VERSION
 
 
 @dataclass(frozen=True)
-class EnrolReport:
+class EnrolReport(Report):
     """What an enrolment gave.
 
     Parameters
@@ -42,10 +43,6 @@ class EnrolReport:
     size: int
     seconds: float
     weaknesses: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """The report as JSON holds it."""
-        return asdict(self)
 
     def as_rows(self) -> dict[str, str]:
         """The report for a person to read."""

@@ -8,9 +8,8 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,6 +32,7 @@ from guise.app.media import EncodeOptions, Frame, MediaInput, NullSink, Sink, op
 from guise.common.arrays import F32, U8
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say, mute, silent
+from guise.common.report import Report
 from guise.common.threads import one_thread
 
 
@@ -59,7 +59,7 @@ class LandmarkOptions:
 
 
 @dataclass(frozen=True)
-class LandmarkReport:
+class LandmarkReport(Report):
     """Result of a run.
 
     Parameters
@@ -77,10 +77,6 @@ class LandmarkReport:
     tracks: int
     seconds: float
     problems: tuple[str, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """The report as JSON holds it."""
-        return asdict(self)
 
     def __str__(self) -> str:
         """One line for a person to read."""

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import INNER_LIPS, LEFT_BROW, LEFT_EYE, OUTER_LIPS, RIGHT_BROW, RIGHT_EYE, Face
-from guise.aam.landmarks.schemes import NOSE_BRIDGE, NOSE_WINGS, SILHOUETTE
+from guise.aam.landmarks import Face
+from guise.aam.landmarks.schemes import CLOSED_LINES, OPEN_LINES
 from guise.app.media import Frame
 
 Picture = NDArray[np.uint8]
@@ -22,8 +22,6 @@ _OUTLINES: tuple[Colour, ...] = (
 )  # fmt: skip
 _CONFIDENT_COLOUR, _DOUBTFUL_COLOUR = np.array([90, 255, 120]), np.array([255, 60, 40])  # of points
 _LABEL_BACKGROUND = (24, 24, 24)
-_CLOSED = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
-_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
 _FRACTION_BITS = 4  # of a pixel, in OpenCV's drawing
 _MAX_COORDINATE_PIXELS = 2**14  # beyond, points are not drawn: OpenCV takes 16 bits and the fraction
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -72,7 +70,7 @@ def _draw_points(
 ) -> None:
     fixed = np.round(points * (1 << _FRACTION_BITS)).astype(np.int32)
     thickness = max(1, round(size / 250))
-    for group, closed in [*((g, True) for g in _CLOSED), *((g, False) for g in _OPEN)]:
+    for group, closed in [*((g, True) for g in CLOSED_LINES), *((g, False) for g in OPEN_LINES)]:
         cv2.polylines(picture, [fixed[group]], closed, outline, thickness, cv2.LINE_AA, _FRACTION_BITS)
     confidence = (
         face.point_confidence if face.point_confidence is not None else np.full(len(points), face.confidence)

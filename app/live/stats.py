@@ -6,14 +6,15 @@ import statistics
 import threading
 import time
 from collections import Counter, deque
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
+
+from guise.common.report import Report
 
 RECENT_FRAMES = 120  # over which frame rate and latency are measured
 
 
 @dataclass(frozen=True)
-class PipelineStats:
+class PipelineStats(Report):
     """What a pipeline has done so far.
 
     Parameters
@@ -36,10 +37,6 @@ class PipelineStats:
     skipped: int = 0
     seconds: float = 0.0
     outcomes: dict[str, int] = field(default_factory=dict)
-
-    def as_json(self) -> dict[str, Any]:
-        """The figures as a JSON object."""
-        return asdict(self)
 
 
 class PipelineMeter:

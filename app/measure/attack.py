@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import Face, Landmarker, iou, open_landmarker
 from guise.app.measure.attackers import Attacker, By, Evidence, Guesses, attacks, guessed, luck
-from guise.app.measure.faces import MIN_CONFIDENCE, MIN_MATCH_IOU, MeasureError
+from guise.app.measure.faces import MIN_CONFIDENCE, MIN_MATCH_IOU, MeasureError, files_by_person
 from guise.app.measure.figures import plain
 from guise.app.measure.pair import VideoTiming, require_alike
 from guise.app.measure.privacy import Scores, template
@@ -26,8 +27,9 @@ from guise.app.measure.views import Region, View, views
 from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser, five_points
 from guise.common.arrays import F32, U8
-from guise.common.progress import Progress, Say, mute, silent
+from guise.common.progress import NoteLog, Progress, Say, mute, silent
 from guise.common.threads import one_thread
+from guise.common.version import VERSION
 
 SAMPLED_FRAMES = 20  # of what is known, and of what is attacked, of each person
 CONTROL_FRAMES = 4  # of each person, turned to the tilt of others
@@ -121,8 +123,6 @@ class AttackResult:
 
     def as_json(self) -> dict[str, Any]:
         """The result as docs/measure.md explains it."""
-        from guise.common.version import VERSION
-
         facts = {"format": "guise-attack", "version": 1, "guise": VERSION} | asdict(self)
         return dict(plain(facts))
 
@@ -184,9 +184,7 @@ def _people(folder: Path) -> dict[str, list[Path]]:
         raise MeasureError(
             f"--attack needs a folder with a video, or a folder of videos, for each person, got {folder}"
         )
-    entries = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
-    found = {e.name: sorted(p for p in e.iterdir() if p.is_file()) if e.is_dir() else [e] for e in entries}
-    return {name: files for name, files in found.items() if files}
+    return files_by_person(folder)
 
 
 def _files(request: AttackRequest, files: list[Path]) -> list[tuple[Path, list[Path]]]:
@@ -198,19 +196,13 @@ def _counterpart(originals: Path, output: Path, file: Path) -> Path:
     """The de-identified file of an original."""
     folder = output / file.parent.relative_to(originals)
     for stem in (file.stem, file.stem + OUTPUT_SUFFIX):
-        for candidate in sorted(folder.glob(f"{_escaped(stem)}.*")):
+        for candidate in sorted(folder.glob(f"{escape(stem)}.*")):
             if not candidate.name.endswith((".json", ".html")):
                 return candidate
     raise MeasureError(
         f"{output} must hold {file.relative_to(originals)} de-identified, got no such file: write it with "
         f"guise deidentify {originals} --recursive -o {output}"
     )
-
-
-def _escaped(name: str) -> str:
-    from glob import escape
-
-    return escape(name)
 
 
 class _Attack:
@@ -221,9 +213,8 @@ class _Attack:
         request: AttackRequest, progress: Progress, say: Say,
     ) -> None:  # fmt: skip
         self._landmarker, self._views, self._request = landmarker, looks, request
-        self._pairs, self._progress, self._notify = pairs, progress, say
+        self._pairs, self._progress, self._say = pairs, progress, NoteLog(say)
         self._outputs = {original: outputs for files in pairs.values() for original, outputs in files}
-        self._notes: list[str] = []
 
     def result(self) -> AttackResult:
         """All figures."""
@@ -242,11 +233,7 @@ class _Attack:
                 after.append((self._embedded(person.known, number), self._embedded(person.published, number)))
                 self._progress(folder.name, (done + 1) / len(people))
             outputs.append(self._output(folder.name, people, before, after))
-        return AttackResult(len(people), 1 / len(people), tuple(outputs), tuple(self._notes))
-
-    def _say(self, text: str) -> None:
-        self._notes.append(text)
-        self._notify(text)
+        return AttackResult(len(people), 1 / len(people), tuple(outputs), tuple(self._say.said))
 
     def _person(self, name: str) -> _Person | None:
         """A person's faces; None, and a note, where too few are found."""

@@ -133,3 +133,10 @@ def matched(known: list[tuple[int, F32]], found: dict[int, Face]) -> Iterator[tu
         best = max(found.values(), key=lambda face: iou(face.box, box), default=None)
         if best is not None and iou(best.box, box) >= MIN_MATCH_IOU:
             yield number, best.points
+
+
+def files_by_person(folder: Path) -> dict[str, list[Path]]:
+    """The people of a folder, each a file or a folder of files in it, by name; hidden and empty ones are left out."""
+    entries = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
+    found = {e.name: sorted(p for p in e.iterdir() if p.is_file()) if e.is_dir() else [e] for e in entries}
+    return {name: files for name, files in found.items() if files}

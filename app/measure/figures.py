@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from guise.app.measure.curves import (
 from guise.app.measure.pair import SoundCheck
 from guise.app.measure.privacy import Scores
 from guise.common.arrays import F64
+from guise.common.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -137,19 +138,12 @@ def mean_of(values: Any, weights: Sequence[float] | None = None) -> float:
 def weighted_mean(parts: Sequence[Utility], frames: Sequence[int]) -> Utility:
     """Several people's figures as one, each weighted by its number of frames in the original."""
 
-    def mean(get: Any) -> float:
-        return mean_of([get(part) for part in parts], frames)
+    def mean(values: Sequence[Any]) -> Any:
+        if isinstance(values[0], Mapping):
+            return {key: mean([value[key] for value in values]) for key in values[0]}
+        return mean_of(values, frames)
 
-    return Utility(
-        found=mean(lambda p: p.found),
-        correlation={name: mean(lambda p, n=name: p.correlation[n]) for name in CURVES},
-        expression=mean(lambda p: p.expression),
-        landmark_error=mean(lambda p: p.landmark_error),
-        motion_error=mean(lambda p: p.motion_error),
-        pose_error={a: mean(lambda p, n=a: p.pose_error[n]) for a in ANGLES},
-        pose_motion_error={a: mean(lambda p, n=a: p.pose_motion_error[n]) for a in ANGLES},
-        jitter_ratio=mean(lambda p: p.jitter_ratio),
-    )
+    return Utility(**{one.name: mean([getattr(p, one.name) for p in parts]) for one in fields(Utility)})
 
 
 @dataclass(frozen=True)
@@ -218,8 +212,6 @@ class MeasureResult:
 
     def as_json(self) -> dict[str, Any]:
         """The result as docs/measure.md explains it."""
-        from guise.common.version import VERSION
-
         return {
             "format": "guise-measure",
             "version": 1,

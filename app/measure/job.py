@@ -51,7 +51,7 @@ from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser
 from guise.app.swapping.donors import open_donor
 from guise.common.arrays import F32, F64
-from guise.common.progress import Progress, Say, mute, silent
+from guise.common.progress import NoteLog, Progress, Say, mute, silent
 from guise.common.threads import one_thread
 
 
@@ -122,8 +122,7 @@ class _Measurement:
     ) -> None:  # fmt: skip
         self._request, self._landmarker, self._recogniser = request, landmarker, recogniser
         self._timing, self._timings, self._reports = timing, timings, reports
-        self._progress, self._notify = progress, say
-        self._notes: list[str] = []
+        self._progress, self._say = progress, NoteLog(say)
         self._seconds = np.array([float(t - timing.times[0]) for t in timing.times])
 
     def result(self) -> MeasureResult:
@@ -154,12 +153,8 @@ class _Measurement:
             gallery=matcher.facts() if matcher else {},
             impostors=Scores.of(matcher.gallery.impostors) if matcher else None,
             outputs=outputs,
-            notes=tuple(self._notes),
+            notes=tuple(self._say.said),
         )
-
-    def _say(self, text: str) -> None:
-        self._notes.append(text)
-        self._notify(text)
 
     def _faces(self) -> list[FaceTrack]:
         """The faces of the original."""

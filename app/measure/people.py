@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import Landmarker
-from guise.app.measure.faces import FacesByFrame, FaceTrack, MeasureError
+from guise.app.measure.faces import FacesByFrame, FaceTrack, MeasureError, files_by_person
 from guise.app.measure.privacy import Threshold, template, threshold
 from guise.app.media import MediaError, MediaInput, open_input
 from guise.app.people.recogniser import Recogniser
 from guise.common.arrays import F32, F64
+from guise.common.progress import Say
 
 GALLERY_VIDEO_FRAMES = 20  # about so many are used of a video
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,10 @@ def open_gallery(folder: Path, landmarker: Landmarker, recogniser: Recogniser, s
             f"a gallery must be a folder with a picture, video or folder for each person, got {folder}"
         )
     people = []
-    for entry in sorted(p for p in folder.iterdir() if not p.name.startswith(".")):
-        files = sorted(p for p in entry.iterdir() if p.is_file()) if entry.is_dir() else [entry]
+    for name, files in files_by_person(folder).items():
         found = [e for file in files for e in embeddings_of(file, landmarker, recogniser, say)]
         if found:
-            people.append(Subject(entry.name, np.stack(found)))
+            people.append(Subject(name, np.stack(found)))
     if not people:
         raise MeasureError(
             f"no face found in the gallery {folder}: give a folder of pictures or videos of people"

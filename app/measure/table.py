@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from guise.app.measure.attack import AttackedOutput, AttackResult, RankOne, ViewFigures, Worst
 from guise.app.measure.attackers import By
@@ -17,36 +17,53 @@ MAX_RANKS_SHOWN = 4
 RANK_HEADINGS = ("rank 1 by frame, clip", "unchanged", "naive", "reverse", "parrot")
 SIMILARITY_HEADINGS = ("similarity: mean, 99 %", "own", "others", "own tilted", "others tilted")
 
-_Cell = Callable[[OutputFigures], str]
-_PrivateCell = Callable[[Privacy], str]
-
 
 def rows_of(result: MeasureResult) -> list[list[str]]:
     """Rows of cells: what, then a cell for each output."""
-    cells = [*(_private(result) if result.recogniser else ()), *_useful(), *_files()]
-    return [[name, *(cell(one) for one in result.outputs)] for name, cell in cells]
+    columns = [dict(_cells(result, one)) for one in result.outputs]
+    return [[name, *(column.get(name, NO_VALUE) for column in columns)] for name in columns[0]]
 
 
-def _private(result: MeasureResult) -> Iterator[tuple[str, _Cell]]:
-    for name, cell in _PRIVATE:
-        yield name, _of_privacy(cell)
+def _cells(result: MeasureResult, one: OutputFigures) -> Iterator[tuple[str, str]]:
+    """What is shown of an output, by name; the same names for all."""
+    if one.privacy is not None:
+        yield from _private(result, one.privacy)
+    kept, files = one.utility, one.files
+    yield "faces found in both", share(kept.found)
+    yield "expression kept, mean correlation", number(kept.expression)
+    for name in CURVES:
+        yield f"  {name}", number(kept.correlation[name])
+    yield "landmark error, motion only (% of eye distance)", _pair(kept.landmark_error, kept.motion_error)
+    for name in ANGLES:
+        yield (
+            f"{name} error, motion only (degrees)",
+            _pair(kept.pose_error[name], kept.pose_motion_error[name]),
+        )
+    yield "jitter, times the original's", number(kept.jitter_ratio)
+    yield "time stamps", "identical" if files.times_identical else f"within {1000 * files.time_error:.1f} ms"
+    yield "sound", ", ".join(s.state for s in files.sound) or "none"
+    same = files.untouched_psnr == math.inf
+    yield "picture outside the faces (PSNR, dB)", "identical" if same else number(files.untouched_psnr)
+
+
+def _private(result: MeasureResult, p: Privacy) -> Iterator[tuple[str, str]]:
+    yield "similarity to source: mean, 99th percentile", _scores(p.to_source)
+    yield "the same, unswapped", _scores(p.unswapped)
+    yield "similarity to donor (unswapped)", f"{_mean(p.to_donor)} ({_mean(p.unswapped_to_donor)})"
+    yield (
+        "re-identified, rank 1 (unswapped; chance)",
+        f"{share(p.rank_one)} ({share(p.unswapped_rank_one)}; {share(p.chance)})",
+    )
+    yield "rank of each person over all frames", _places(p)
     rate, limit = result.gallery["false_accept_rate"], result.gallery["threshold"]
     if rate is not None:
         yield (
             f"verified at false accepts of {rate:.1%} (similarity > {limit:.2f})",
-            _of_privacy(lambda p: f"{share(p.verification)} (unswapped {share(p.unswapped_verification)})"),
+            f"{share(p.verification)} (unswapped {share(p.unswapped_verification)})",
         )
-        yield "equal error rate (50 %: tells nothing)", _of_privacy(lambda p: share(p.equal_error_rate))
+        yield "equal error rate (50 %: tells nothing)", share(p.equal_error_rate)
     for state in dict.fromkeys(s for one in result.outputs if one.privacy for s in one.privacy.by_state):
-        yield f"similarity to source, {state}", _of_privacy(_in_state(state))
-
-
-def _in_state(state: str) -> _PrivateCell:
-    return lambda p: _scores(p.by_state.get(state))
-
-
-def _of_privacy(cell: _PrivateCell) -> _Cell:
-    return lambda one: NO_VALUE if one.privacy is None else cell(one.privacy)
+        yield f"similarity to source, {state}", _scores(p.by_state.get(state))
 
 
 def _places(privacy: Privacy) -> str:
@@ -56,45 +73,8 @@ def _places(privacy: Privacy) -> str:
     return f"{shown} of {privacy.people[0].of}"
 
 
-_PRIVATE: tuple[tuple[str, _PrivateCell], ...] = (
-    ("similarity to source: mean, 99th percentile", lambda p: _scores(p.to_source)),
-    ("the same, unswapped", lambda p: _scores(p.unswapped)),
-    ("similarity to donor (unswapped)", lambda p: f"{_mean(p.to_donor)} ({_mean(p.unswapped_to_donor)})"),
-    ("re-identified, rank 1 (unswapped; chance)", lambda p: f"{share(p.rank_one)} ({share(p.unswapped_rank_one)}; "
-     f"{share(p.chance)})"),
-    ("rank of each person over all frames", _places),
-)  # fmt: skip
-
-
-def _useful() -> Iterator[tuple[str, _Cell]]:
-    yield "faces found in both", lambda one: share(one.utility.found)
-    yield "expression kept, mean correlation", lambda one: number(one.utility.expression)
-    for name in CURVES:
-        yield f"  {name}", _curve(name)
-    yield "landmark error, motion only (% of eye distance)", _landmarks
-    for name in ANGLES:
-        yield f"{name} error, motion only (degrees)", _angle(name)
-    yield "jitter, times the original's", lambda one: number(one.utility.jitter_ratio)
-
-
-def _curve(name: str) -> _Cell:
-    return lambda one: number(one.utility.correlation[name])
-
-
-def _angle(name: str) -> _Cell:
-    return lambda one: (
-        f"{number(one.utility.pose_error[name])}, {number(one.utility.pose_motion_error[name])}"
-    )
-
-
-def _landmarks(one: OutputFigures) -> str:
-    return f"{number(one.utility.landmark_error)}, {number(one.utility.motion_error)}"
-
-
-def _files() -> Iterator[tuple[str, _Cell]]:
-    yield "time stamps", _times
-    yield "sound", lambda one: ", ".join(s.state for s in one.files.sound) or "none"
-    yield "picture outside the faces (PSNR, dB)", lambda one: _psnr(one.files.untouched_psnr)
+def _pair(whole: float, motion: float) -> str:
+    return f"{number(whole)}, {number(motion)}"
 
 
 def number(value: float) -> str:
@@ -121,14 +101,6 @@ def _scores(scores: Scores | None) -> str:
 
 def _mean(scores: Scores | None) -> str:
     return NO_VALUE if scores is None else f"{scores.mean:.2f}"
-
-
-def _times(one: OutputFigures) -> str:
-    return "identical" if one.files.times_identical else f"within {1000 * one.files.time_error:.1f} ms"
-
-
-def _psnr(value: float) -> str:
-    return "identical" if math.isinf(value) and value > 0 else number(value)
 
 
 def rank_rows(output: AttackedOutput) -> list[list[str]]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 from guise.analogy.correspondence import Correspondence
 from guise.analogy.formats.files import MeshFile, read_mesh
 from guise.analogy.registration import register
@@ -16,7 +14,7 @@ from guise.app.meshes.context import RunContext
 from guise.app.meshes.pair import MATCHING, feature_points_of_both
 from guise.app.meshes.reports import RegisterReport, versions
 from guise.common.errors import OutputError
-from guise.common.files import require_outputs, write_whole
+from guise.common.files import require_outputs, write_arrays
 
 
 def register_files(
@@ -60,10 +58,5 @@ def save_correspondence(path: Path, link: Correspondence, source: MeshFile, targ
     """
     rows = target.cleaned.ids
     corners = source.cleaned.kept[link.corners[rows]]
-    weights, found = link.weights[rows], link.found[rows]
-
-    def write(part: Path) -> None:
-        with part.open("wb") as file:
-            np.savez_compressed(file, corners=corners, weights=weights, found=found)
-
-    write_whole(path, write)
+    arrays = {"corners": corners, "weights": link.weights[rows], "found": link.found[rows]}
+    write_arrays(path, arrays)

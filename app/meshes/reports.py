@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from guise.analogy.solver import solver_name
 from guise.common.arrays import F64
+from guise.common.report import Report
 from guise.common.version import VERSION
 
 MAX_LISTED_EXPRESSIONS = 12  # that get a line each
@@ -18,14 +19,13 @@ UNSURE_CONFIDENCE = 0.5  # of a feature point, below which it should be checked
 UNCHANGED_ERROR = 1e-3  # E below which a vertex moves as far as in the source
 
 
-class Report(Protocol):
+@dataclass(frozen=True)
+class MeshReport(Report):
     """The report of a command."""
 
     def lines(self) -> list[str]:
         """For people."""
-
-    def as_json(self) -> dict[str, Any]:
-        """For programs."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class TransferredExpression:
 
 
 @dataclass(frozen=True)
-class TransferReport:
+class TransferReport(MeshReport):
     """The report of `transfer`, `rig` or `sequence`.
 
     Parameters
@@ -98,7 +98,6 @@ class TransferReport:
     versions: Mapping[str, str]
 
     def lines(self) -> list[str]:
-        """For people."""
         count, known = len(self.expressions), self.correspondence
         skipped = f", {self.skipped} existed already" if self.skipped else ""
         each = [
@@ -121,10 +120,6 @@ class TransferReport:
         alone = 1e3 * float(np.mean([one.seconds for one in self.expressions] or [0.0]))
         return f"  {rate:.1f} frames per second with reading and writing; {alone:.1f} ms per frame without"
 
-    def as_json(self) -> dict[str, Any]:
-        """For programs."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class Distances:
@@ -142,7 +137,7 @@ class Distances:
 
 
 @dataclass(frozen=True)
-class PreviewReport:
+class PreviewReport(MeshReport):
     """The report of `preview`.
 
     before, after : files; after and distances are None for a single head.   output : picture or video.
@@ -155,7 +150,6 @@ class PreviewReport:
     seconds: Mapping[str, float]
 
     def lines(self) -> list[str]:
-        """For people."""
         if self.distances is None:
             return [f"written: {self.output}"]
         d = self.distances
@@ -164,13 +158,9 @@ class PreviewReport:
             f"{d.largest:.4g}"
         ]
 
-    def as_json(self) -> dict[str, Any]:
-        """For programs."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
-class LandmarksReport:
+class LandmarksReport(MeshReport):
     """The report of `landmarks`.
 
     points : name -> x, y, z.   confidence : name -> 0..1; 1 for given points.
@@ -184,19 +174,14 @@ class LandmarksReport:
     seconds: Mapping[str, float]
 
     def lines(self) -> list[str]:
-        """For people."""
         unsure = [name for name, sure in self.confidence.items() if sure < UNSURE_CONFIDENCE]
         doubt = f"; check {', '.join(unsure)}" if unsure else ""
         picture = [f"  picture: {self.picture}"] if self.picture else []
         return [f"{self.output}: {len(self.points)} feature points{doubt}", *picture]
 
-    def as_json(self) -> dict[str, Any]:
-        """For programs."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
-class RegisterReport:
+class RegisterReport(MeshReport):
     """The report of `register`.
 
     output : the deformed template.   correspondence : the .npz file.
@@ -213,7 +198,6 @@ class RegisterReport:
     versions: Mapping[str, str]
 
     def lines(self) -> list[str]:
-        """For people."""
         q = self.quality
         return [
             f"{self.output}, {self.correspondence}: {q['matched']:.1%} of the target has a counterpart on the "
@@ -222,10 +206,6 @@ class RegisterReport:
             "faces folded",
             *([f"  picture: {self.picture}"] if self.picture else []),
         ]
-
-    def as_json(self) -> dict[str, Any]:
-        """For programs."""
-        return asdict(self)
 
 
 def versions() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""`guise analogy mesh transfer`: expressions of one head as files of another."""
+"""`guise analogy mesh transfer` and `rig`: expressions of one head as files, or as morph targets, of another."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.analogy.formats.files import MeshFile, read_mesh
+from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
 from guise.analogy.mesh import Mesh
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
@@ -16,7 +16,7 @@ from guise.app.meshes.pair import TransferOptions, TransferPair, prepare_pair
 from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, draw_transfer
 from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
 from guise.common.arrays import F64
-from guise.common.errors import Interrupted
+from guise.common.errors import Interrupted, OutputError
 from guise.common.files import require_outputs
 
 MIN_MOTION_SIZES = 1e-6  # in sizes of the head, up to which motion is rounding error
@@ -66,6 +66,29 @@ def _write_all(head: MeshFile, made: Sequence[F64], outputs: Sequence[Path]) -> 
             count += 1
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; {count} of {len(outputs)} files are written") from None
+
+
+def transfer_rig(
+    source: Path, target: Path, output: Path, options: TransferOptions, context: RunContext
+) -> TransferReport:
+    """Transfer all morph targets of a rig, and write the target with them as GLB.
+
+    Raises
+    ------
+    MeshError, FeaturePointsError, SolverError, OutputError
+        Before anything is written.
+    """
+    if output.suffix.lower() != ".glb":
+        raise OutputError(f"{output} must end in .glb, the format with morph targets")
+    require_outputs([output, context.picture, context.report], [source, target], force=context.force)
+    with context.stage(READING):
+        rig, head = read_rig(source), read_mesh(target)
+    pair = prepare_pair(rig.file, head, options, context)
+    made, carried = transfer_all(pair, list(rig.shapes), [(name, name) for name in rig.names], context)
+    with context.stage(WRITING):
+        write_rig(output, head, rig.names, made)
+    draw_report_picture(pair, list(rig.shapes), made, rig.names, context)
+    return make_report(pair, options, output, "morph target", carried, context)
 
 
 def transfer_all(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,13 @@ from guise.app.media.images import DeepImage, looks_like_image
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.driving_track import DrivingTrack, TrackingOptions, read_frame, track_clip
-from guise.app.photos.faces import Photo, quality_warnings, to_profile, to_profile_of
-from guise.app.photos.image import DEFAULT_OPTIONS, AnalogyOptions, NoteLog, Role, open_role
-from guise.app.photos.pose_normaliser import PoseNormaliser
+from guise.app.photos.faces import Photo, PoseNormaliser, quality_warnings, to_profile, to_profile_of
+from guise.app.photos.image import DEFAULT_OPTIONS, AnalogyOptions, Role, open_role
 from guise.common.arrays import F64, U8
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs
-from guise.common.progress import Progress, Say, mute, silent
+from guise.common.progress import NoteLog, Progress, Say, mute, silent
+from guise.common.report import Report
 from guise.common.threads import one_thread
 
 Picture = U8
@@ -38,7 +38,7 @@ DEFAULT_TRACKING, DEFAULT_ENCODING = TrackingOptions(), EncodeOptions()
 
 
 @dataclass(frozen=True)
-class AnimateReport:
+class AnimateReport(Report):
     """The report of a run.
 
     Parameters
@@ -70,7 +70,7 @@ class AnimateReport:
 
     def as_json(self) -> dict[str, Any]:
         """The report for JSON."""
-        return {**asdict(self), "frames_per_second": round(self.frames_per_second, 2)}
+        return super().as_json() | {"frames_per_second": round(self.frames_per_second, 2)}
 
     def __str__(self) -> str:
         """One line for people."""

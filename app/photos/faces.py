@@ -15,10 +15,11 @@ from guise.aam.landmarks import Face, Landmarker, interocular, load_annotations
 from guise.aam.landmarks.plausible import visible_share
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import align_planar
 from guise.analogy.photo import PhotoError
 from guise.app.media.images import DeepImage, lost_in, read_deep
 from guise.app.media.profiles import ProfileError, converted
-from guise.app.swapping.puppet import PoseRemover
+from guise.app.swapping.puppet import PINNED_POINTS, PoseRemover
 from guise.common.arrays import F64
 from guise.common.progress import Say
 
@@ -165,6 +166,26 @@ def pose_remover() -> tuple[ReferenceFrame, PoseRemover]:
     """The remover of head turns, and its reference frame."""
     frame = ReferenceFrame.canonical(64)
     return frame, PoseRemover(frame)
+
+
+class PoseNormaliser:
+    """Normalises head poses to that of a neutral picture, so that a turn does not count as expression.
+
+    Parameters
+    ----------
+    neutral : (81, 2) landmarks.
+    """
+
+    def __init__(self, neutral: F64) -> None:
+        self._frame, self._remover = pose_remover()
+        self._neutral, self._rest = neutral, self._frame.align(neutral)
+        self._linear = align_planar(self._frame.points, neutral, RIGID_WEIGHTS).linear
+
+    def __call__(self, points: F64) -> F64:
+        """Landmarks (81, 2) of another picture, moved to the head pose of the neutral one; the skull does not move."""
+        moved = self._remover.without(self._frame.align(points) - self._rest)
+        moved[PINNED_POINTS] = 0
+        return np.asarray(self._neutral + moved @ self._linear)
 
 
 def _load_landmarks(file: Path, option: str, say: Say) -> F64:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -18,16 +18,17 @@ from guise.app.media.pictures import Picture, labelled, sheet
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.faces import (
     Photo,
+    PoseNormaliser,
     angle_between_heads,
     format_warnings,
     open_photo,
     quality_warnings,
     to_profile_of,
 )
-from guise.app.photos.pose_normaliser import PoseNormaliser
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs, write_whole
-from guise.common.progress import Say, mute
+from guise.common.progress import NoteLog, Say, mute
+from guise.common.report import Report
 
 Role = Literal["s", "s1", "t"]
 LANDMARK_OPTIONS = {"s": "--landmarks-s", "s1": "--landmarks-s1", "t": "--landmarks-t"}
@@ -56,7 +57,7 @@ NEGLIGIBLE_TURN_DEG = 4.0  # between the heads in S and S', which is not removed
 
 
 @dataclass(frozen=True)
-class ImageReport:
+class ImageReport(Report):
     """The report of a run.
 
     Parameters
@@ -76,10 +77,6 @@ class ImageReport:
     setup_seconds: float
     seconds: float
     notes: tuple[str, ...] = field(default=())
-
-    def as_json(self) -> dict[str, Any]:
-        """The report for JSON."""
-        return asdict(self)
 
     def __str__(self) -> str:
         """One line for people."""
@@ -137,23 +134,6 @@ def analogy_image(
         width, height,
         made.bits, round(ready - start, 4), round(done - ready, 4), tuple(notes.said),
     )  # fmt: skip
-
-
-class NoteLog:
-    """Passes notes on to the user, and keeps them for the report."""
-
-    def __init__(self, say: Say) -> None:
-        self._say = say
-        self.said: list[str] = []
-
-    def __call__(self, text: str) -> None:
-        self.said.append(text)
-        self._say(text)
-
-    def extend(self, texts: Sequence[str]) -> None:
-        """Pass on several notes."""
-        for text in texts:
-            self(text)
 
 
 def open_role(role: Role, path: Path, landmarks: Path | None, landmarker: Landmarker, say: Say) -> Photo:

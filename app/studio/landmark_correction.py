@@ -6,7 +6,6 @@ Pixels, x right, y down, pixel centres at integers; points face81.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +32,7 @@ from guise.aam.solid_shape import SolidTracker
 from guise.app.landmarks.formats import FileHeader, TrackedFace, head_angles, open_landmark_file
 from guise.app.media import open_input
 from guise.common.arrays import F32, F64, U8, Bool
-from guise.common.files import write_whole
+from guise.common.files import write_arrays
 from guise.common.progress import Progress
 from guise.common.threads import one_thread
 
@@ -338,15 +337,8 @@ def save_correction(path: Path, correction: Correction) -> None:
     arrays["box"] = np.array([tight_box(p) for p in points], np.float32)[:, None]
     arrays["track"] = np.where(there, 0, -1).astype(np.int32)[:, None]
     arrays |= {"found": correction.found, "origin": correction.origin}
-    content = _npz(arrays)
-    write_whole(path, content)
+    write_arrays(path, arrays)
     correction.mark_saved()
-
-
-def _npz(arrays: dict[str, NDArray[Any]]) -> bytes:
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **arrays)
-    return buffer.getvalue()
 
 
 def _aligned(shapes: F64) -> F64:

@@ -12,16 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from guise.aam.landmarks import (
-    GROUPS,
-    INNER_LIPS,
-    LEFT_BROW,
-    LEFT_EYE,
-    OUTER_LIPS,
-    RIGHT_BROW,
-    RIGHT_EYE,
-)
-from guise.aam.landmarks.schemes import NOSE_BRIDGE, NOSE_WINGS, SILHOUETTE
+from guise.aam.landmarks import GROUPS
+from guise.aam.landmarks.schemes import CLOSED_LINES, OPEN_LINES
 from guise.common.arrays import F32, F64, U8
 
 SCREEN = 720  # screen units on each side
@@ -39,9 +31,7 @@ class ViewLimits:
 
 LIMITS = ViewLimits()
 _BACKGROUND = (32, 32, 32)
-_CLOSED = (SILHOUETTE, RIGHT_EYE, LEFT_EYE, OUTER_LIPS, INNER_LIPS)
-_OPEN = (RIGHT_BROW, LEFT_BROW, NOSE_BRIDGE, NOSE_WINGS)
-_LINES = tuple([*group, group[0]] for group in _CLOSED) + tuple(list(group) for group in _OPEN)
+_LINES = tuple([*group, group[0]] for group in CLOSED_LINES) + tuple(list(group) for group in OPEN_LINES)
 
 
 @dataclass(frozen=True)

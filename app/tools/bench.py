@@ -26,6 +26,7 @@ from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.painter import Painter
 from guise.app.swapping.report import SwapReport, SwapSettings
 from guise.common.progress import Progress, Say, mute, silent
+from guise.common.report import Report
 from guise.common.threads import one_thread
 from guise.render import RendererError
 from guise.render.compositor import Renderer
@@ -39,7 +40,7 @@ FILE_ROUNDS = 3  # of swap and transcode
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(Report):
     """Milliseconds of a stage: median, 95th percentile, and the number of frames."""
 
     renderer: str
@@ -47,10 +48,6 @@ class Timing:
     median: float
     p95: float
     frames: int
-
-    def as_json(self) -> dict[str, Any]:
-        """The timing as JSON holds it."""
-        return asdict(self)
 
 
 class _Clock:
