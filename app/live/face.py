@@ -25,8 +25,8 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.live.background_detector import BackgroundDetector
 from guise.app.live.controls import LiveSettings
-from guise.app.live.letterbox import letterboxed
 from guise.app.media import Frame
+from guise.app.media.pictures import letterboxed
 from guise.app.swapping.cover import cover, cover_all
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions

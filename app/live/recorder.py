@@ -10,7 +10,6 @@ from fractions import Fraction
 from itertools import count
 from pathlib import Path
 
-from guise.app.live.letterbox import letterboxed
 from guise.app.live.microphone import Microphone
 from guise.app.live.output import Output, OutputFrame
 from guise.app.media import EncodeOptions, Frame, MediaError, MediaInput
@@ -19,6 +18,7 @@ from guise.app.media.encoding import encoding_for
 from guise.app.media.images import encode_image
 from guise.app.media.input import VideoInput
 from guise.app.media.other_streams import OtherStreams
+from guise.app.media.pictures import letterboxed
 from guise.app.media.sink import VideoOutput, as_media_error
 from guise.app.media.sound_track import SoundTrack
 from guise.app.media.synthetic import synthetic_tags

@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from guise.app.live.letterbox import letterboxed
 from guise.app.live.output import Output, OutputFrame
+from guise.app.media.pictures import letterboxed
 from guise.common.arrays import U8
 from guise.common.errors import OutputError
 

@@ -1,4 +1,4 @@
-"""Captions and contact sheets.  RGB uint8 (h, w, 3)."""
+"""Pictures made smaller, fitted into frames, with captions, and on contact sheets.  RGB uint8 (h, w, 3)."""
 
 from __future__ import annotations
 
@@ -27,6 +27,30 @@ class SheetStyle:
 
 
 SHEET = SheetStyle()
+
+
+def shrunk(picture: Picture, scale: float) -> Picture:
+    """A copy of a picture at a scale, which is best not above 1."""
+    size = [max(1, round(side * scale)) for side in picture.shape[1::-1]]
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def letterboxed(rgb: Picture, width: int, height: int, background: int = 0) -> Picture:
+    """A picture as (height, width, 3) with its aspect ratio kept: whole, as large as possible, on a grey level.
+
+    >>> letterboxed(np.full((10, 10, 3), 255, np.uint8), 20, 10)[0, :, 0].tolist() == [0] * 5 + [255] * 10 + [0] * 5
+    True
+    """
+    h, w = rgb.shape[:2]
+    if (w, h) == (width, height):
+        return rgb
+    scale = min(width / w, height / h)
+    size = max(round(w * scale), 1), max(round(h * scale), 1)
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    left, top = (width - size[0]) // 2, (height - size[1]) // 2
+    whole = np.full((height, width, 3), background, np.uint8)
+    whole[top : top + size[1], left : left + size[0]] = cv2.resize(rgb, size, interpolation=method)
+    return whole
 
 
 def labelled(picture: Picture, text: str) -> Picture:

@@ -19,7 +19,7 @@ from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import outcome, verdict
 from guise.app.deidentify.run.job import deidentify_file, draw_frames, replanned
 from guise.app.deidentify.run.registry import open_engine
-from guise.app.deidentify.run.results import pictures, split_review
+from guise.app.deidentify.run.results import pictures, write_review
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.deidentify.tracks import Track
@@ -159,7 +159,7 @@ def split(folder: Path, output: str, choices: Choices, track: int, frame: int) -
         )
     splits = {int(number): frames for number, frames in before.get("splits", {}).items()}
     splits[_origin(row)] = sorted([*splits.get(_origin(row), []), frame])
-    split_review(_work(folder / output), folder / output, splits)
+    write_review(Case(WorkFolder(_work(folder / output))), folder / output, splits)
     after = _carried(choices, before["tracks"], read_tracks(folder)["tracks"])
     after.save(folder)
     return after

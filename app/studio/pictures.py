@@ -5,11 +5,9 @@ from __future__ import annotations
 import base64
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from guise.app.media import Frame
 from guise.app.media.images import encode_image
+from guise.app.media.pictures import shrunk
 from guise.app.media.segments import Scan, read_frames
 from guise.app.studio.store import StudioError
 from guise.common.arrays import U8
@@ -19,9 +17,7 @@ WARM_UP_FRAMES = 6  # before a previewed one
 
 def fitted_to(rgb: U8, width: int) -> U8:
     """A copy of a picture (h, w, 3), reduced to a width in pixels where it is larger."""
-    scale = min(1.0, width / rgb.shape[1])
-    size = round(scale * rgb.shape[1]), round(scale * rgb.shape[0])
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return shrunk(rgb, min(1.0, width / rgb.shape[1]))
 
 
 def frames_until(source: Path, scan: Scan, frame: int) -> list[Frame]:

@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 from nicegui import events, run, ui
 
 from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
 from guise.app.media import open_input
 from guise.app.media.images import IMAGE_SUFFIXES, read_deep
-from guise.app.media.pictures import save_picture
+from guise.app.media.pictures import save_picture, shrunk
 from guise.app.studio.request_guard import too_large
 from guise.app.studio.site import Studio, show_error
 from guise.app.studio.store import Clip, StudioError, Upload
@@ -50,9 +48,7 @@ def _check_video(path: Path, preview: Path) -> None:
 
 def _check_picture(path: Path, preview: Path) -> None:
     rgb = read_deep(path).rgb8()
-    width = max(1, round(rgb.shape[1] * PREVIEW_HEIGHT_PIXELS / rgb.shape[0]))
-    small = cv2.resize(rgb, (width, PREVIEW_HEIGHT_PIXELS), interpolation=cv2.INTER_AREA)
-    save_picture(preview, np.asarray(small, np.uint8))
+    save_picture(preview, shrunk(rgb, PREVIEW_HEIGHT_PIXELS / rgb.shape[0]))
 
 
 def _check_mesh(path: Path, preview: Path) -> None:

@@ -10,14 +10,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from guise.aam.model import Identity
 from guise.app.enrolment.file import EnrolReport, enrol_file
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import Frame, MediaError, open_input, open_sink
-from guise.app.media.pictures import Picture, labelled, save_picture, sheet
+from guise.app.media.pictures import Picture, labelled, save_picture, sheet, shrunk
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.file import swap_file
@@ -116,10 +115,7 @@ def _some_pairs(original: Path, swapped: Path, count: int) -> Iterator[tuple[int
 
 
 def _small(picture: Picture) -> Picture:
-    height = round(picture.shape[0] * SHEET_PICTURE_WIDTH / picture.shape[1])
-    return np.asarray(
-        cv2.resize(picture, (SHEET_PICTURE_WIDTH, height), interpolation=cv2.INTER_AREA), np.uint8
-    )
+    return shrunk(picture, SHEET_PICTURE_WIDTH / picture.shape[1])
 
 
 def _enrol(samples: Path, model: Path, settings: SwapSettings) -> EnrolReport:

@@ -29,7 +29,7 @@ from guise.app.deidentify.report.report import (
 )
 from guise.app.deidentify.report.timeline import LABELS, SCALE, Timeline, column_times
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
-from guise.app.media.pictures import Picture
+from guise.app.media.pictures import Picture, shrunk
 from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare, titled
 from guise.common.files import write_whole
@@ -260,10 +260,8 @@ def _card(
 def _jpeg(picture: Picture) -> str:
     """A picture as a URI that holds it, made smaller."""
     scale = min(1.0, LIMITS.thumbnail_pixels / max(picture.shape[:2]))
-    size = [max(1, round(side * scale)) for side in picture.shape[1::-1]]
-    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     quality = [cv2.IMWRITE_JPEG_QUALITY, LIMITS.thumbnail_jpeg_quality]
-    _, data = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), quality)
+    _, data = cv2.imencode(".jpg", cv2.cvtColor(shrunk(picture, scale), cv2.COLOR_RGB2BGR), quality)
     return data_uri(data.tobytes(), "image/jpeg")
 
 

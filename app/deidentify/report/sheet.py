@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.tracks import Track
-from guise.app.media.pictures import SHEET, Picture
+from guise.app.media.pictures import SHEET, Picture, letterboxed
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,10 @@ def _card(track: Track, thumbnails: Sequence[Picture], seconds: NDArray[np.float
         track.confidence,
         colour,
     )
+    top, side = LAYOUT.gap, LAYOUT.thumbnail
     for place, picture in enumerate(thumbnails[: LAYOUT.thumbnails]):
-        x = 2 * LAYOUT.gap + words + place * (LAYOUT.thumbnail + LAYOUT.gap)
-        card[LAYOUT.gap : LAYOUT.gap + LAYOUT.thumbnail, x : x + LAYOUT.thumbnail] = _square(picture)
+        x = 2 * LAYOUT.gap + words + place * (side + LAYOUT.gap)
+        card[top : top + side, x : x + side] = letterboxed(picture, side, side, SHEET.background)
     return card
 
 
@@ -116,17 +117,6 @@ def _curve(area: Picture, confidence: Sequence[float], colour: tuple[int, int, i
     tops = np.clip(h - np.round(values * h), 0, h - 1).astype(int)
     line = np.column_stack([np.arange(w), tops]).astype(np.int32)
     cv2.polylines(area, [line], False, colour, 1, cv2.LINE_AA)
-
-
-def _square(picture: Picture) -> Picture:
-    """A picture fitted into a thumbnail's square, on paper."""
-    scale = LAYOUT.thumbnail / max(picture.shape[:2])
-    h, w = (max(1, round(side * scale)) for side in picture.shape[:2])
-    square = np.full((LAYOUT.thumbnail, LAYOUT.thumbnail, 3), SHEET.background, np.uint8)
-    y, x = (LAYOUT.thumbnail - h) // 2, (LAYOUT.thumbnail - w) // 2
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    square[y : y + h, x : x + w] = cv2.resize(picture, (w, h), interpolation=how)
-    return square
 
 
 def _write(

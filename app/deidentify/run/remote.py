@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -86,7 +87,7 @@ def files_at(url: str, *, recursive: bool) -> list[tuple[str, str]]:
     Returns the URL of each, with its path below the folder or the fixed part of the pattern.
     """
     files, path = _open(url)
-    with _ExplainedErrors(url):
+    with _explained(url):
         if is_pattern(url):
             found = [p for p, facts in files.glob(path, detail=True).items() if facts["type"] == "file"]
             root = path[: path.rindex("/", 0, _PATTERN.search(path).start()) + 1]  # type: ignore[union-attr]
@@ -100,28 +101,28 @@ def files_at(url: str, *, recursive: bool) -> list[tuple[str, str]]:
 def exists(url: str) -> bool:
     """Whether there is a file."""
     files, path = _open(url)
-    with _ExplainedErrors(url):
+    with _explained(url):
         return bool(files.exists(path))
 
 
 def read(url: str) -> bytes:
     """The content of a small file."""
     files, path = _open(url)
-    with _ExplainedErrors(url):
+    with _explained(url):
         return bytes(files.cat_file(path))
 
 
 def fetch(url: str, path: Path) -> None:
     """Download a file."""
     files, place = _open(url)
-    with _ExplainedErrors(url):
+    with _explained(url):
         write_whole(path, lambda part: files.get_file(place, str(part)))
 
 
 def put(path: Path, url: str) -> None:
     """Upload a file; object storage shows it when it is complete."""
     files, place = _open(url)
-    with _ExplainedErrors(url):
+    with _explained(url):
         files.makedirs(folder_of(place), exist_ok=True)
         files.put_file(str(path), place)
 
@@ -144,27 +145,21 @@ def _open(url: str) -> tuple[Any, str]:
         ) from error
 
 
-class _ExplainedErrors:
-    """Turns the errors of a file system in the block into one sentence."""
-
-    def __init__(self, url: str) -> None:
-        self._url = url
-
-    def __enter__(self) -> None: ...
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        url = shown(self._url)
-        if isinstance(error, FileNotFoundError):
-            raise RemoteError(
-                f"{url} does not exist: give a file, a folder or a pattern that does"
-            ) from error
+@contextmanager
+def _explained(address: str) -> Iterator[None]:
+    """Turn the errors of a file system in the block into one sentence."""
+    url = shown(address)
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise RemoteError(f"{url} does not exist: give a file, a folder or a pattern that does") from error
+    except Exception as error:
         if isinstance(error, OSError) and error.filename is not None and not is_url(str(error.filename)):
-            return  # a full disk here
-        if isinstance(error, Exception):
-            reason = _short(error).replace(self._url, url)
-            raise RemoteError(
-                f"{url} can't be read or written ({reason}): check the address and your credentials"
-            ) from error
+            raise  # a full disk here
+        reason = _short(error).replace(address, url)
+        raise RemoteError(
+            f"{url} can't be read or written ({reason}): check the address and your credentials"
+        ) from error
 
 
 def _short(error: Exception) -> str:

@@ -16,7 +16,6 @@ from guise.app.deidentify.report.report import write_report
 from guise.app.deidentify.report.review import write_tracks
 from guise.app.deidentify.report.sheet import contact_sheet
 from guise.app.deidentify.stages.case import Case, track_from
-from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, TrackOutcome
 from guise.app.media import open_input
 from guise.app.media.pictures import save_picture
@@ -104,16 +103,11 @@ def pictures(case: Case, kind: Literal["pictures", "output"]) -> dict[int, list[
     return found
 
 
-def split_review(folder: Path, output: Path, splits: Mapping[int, Sequence[int]]) -> None:
-    """Write the tracks of a review again, as proposed, with some of them split, see `split_tracks`.
-
-    folder : the work folder.   output : as for the review.
-    """
-    write_review(Case(WorkFolder(folder)), output, splits)
-
-
 def write_review(case: Case, output: Path, splits: Mapping[int, Sequence[int]] | None = None) -> None:
-    """The tracks to edit and their pictures, readable by their owner only, as they show faces of the input."""
+    """The tracks to edit and their pictures, readable by their owner only, as they show faces of the input.
+
+    splits : which tracks are split, see `split_tracks`.
+    """
     tracks = [track_from(entry) for entry in case.work.load_json("proposed.json")]
     table, sheet = beside(output, ".tracks.json"), beside(output, ".tracks.jpg")
     write_tracks(
