@@ -17,7 +17,7 @@ import av
 import numpy as np
 import pytest
 
-from guise.app.live import streams
+from guise.app.live import capture as captures
 from guise.app.live.streams import StreamCapture
 from guise.app.media import Frame, MediaError
 
@@ -111,7 +111,7 @@ def pictures(numbers: Iterable[int], **how: Any) -> Any:
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """The pause between two tries is short."""
-    monkeypatch.setattr(streams, "RECONNECT_SECONDS", 0.05)
+    monkeypatch.setattr(captures, "RECONNECT_SECONDS", 0.05)
 
 
 @pytest.fixture

@@ -5,17 +5,23 @@ A capture yields frames with ascending times and closes by `with`.  Pictures are
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import cv2
+import numpy as np
 
 from guise.app.media import Frame, MediaError, open_input
+from guise.app.media.network import Picture
+from guise.common.arrays import U8
 from guise.common.closing import Closing
 from guise.common.progress import Say
 
+Source = TypeVar("Source")
 CAMERA_TIME_BASE = Fraction(1, 1_000_000)  # seconds
 RECONNECT_SECONDS = 1.0  # between two attempts to reopen a camera or stream
 
@@ -102,8 +108,67 @@ class FileCapture(Capture):
         self.media.close()
 
 
-class CameraCapture(Capture):
-    """A camera of this computer; when it is unplugged, the user is told and the capture waits for it.
+class ReconnectingCapture(Capture, Generic[Source]):
+    """A camera or stream, which may stop at any time: the user is told, and the capture waits until it is back.
+
+    source : what gives the pictures, opened.   say : called with messages for the user.
+    """
+
+    def __init__(self, source: Source, say: Say) -> None:
+        self._source: Source | None = source
+        self._say = say
+        self._stopped = threading.Event()
+
+    def _open(self) -> Source | None:
+        """The source opened once more, or None."""
+        raise NotImplementedError
+
+    def _release(self, source: Source) -> None:
+        raise NotImplementedError
+
+    def _pictures(self, source: Source) -> Iterator[Picture | U8]:
+        """Its pictures until it stops, decoded or RGB (h, w, 3)."""
+        raise NotImplementedError
+
+    def _has_ended(self, source: Source) -> bool:
+        """Whether a source that has stopped was all there is."""
+        return False
+
+    def __iter__(self) -> Iterator[Frame]:
+        index, last, start = 0, -1, time.perf_counter()
+        while not self._stopped.is_set():
+            if self._source is None:
+                self._reopen()
+                continue
+            for picture in self._pictures(self._source):
+                last = max(round((time.perf_counter() - start) / CAMERA_TIME_BASE), last + 1)
+                yield Frame(picture, pts=last, time_base=CAMERA_TIME_BASE, index=index)
+                index += 1
+                if self._stopped.is_set():
+                    return
+            if self._has_ended(self._source):
+                return
+            self._say(f"{self.name} has stopped sending pictures; waiting for it")
+            self.close()
+
+    def _reopen(self) -> None:
+        """Try once, after a pause."""
+        if not self._stopped.wait(RECONNECT_SECONDS):
+            self._source = self._open()
+            if self._source is not None:
+                self._say(f"{self.name} is back")
+
+    def stop(self) -> None:
+        self._stopped.set()
+
+    def close(self) -> None:
+        if self._source is not None:
+            self._release(self._source)
+            self._source = None
+
+
+class CameraCapture(ReconnectingCapture[cv2.VideoCapture]):
+    """A camera of this computer.
 
     Parameters
     ----------
@@ -121,50 +186,18 @@ class CameraCapture(Capture):
     def __init__(
         self, index: int = 0, size: tuple[int, int] = (1280, 720), fps: float = 30.0, say: Say = print
     ) -> None:
-        self.name, self._index, self._size, self._say = _camera_name(index), index, size, say
-        self.fps, self._stopped = fps, False
-        device = self._opened()
+        self.name, self._index, self._size, self.fps = _camera_name(index), index, size, fps
+        device = self._open()
         if device is None:
             raise MediaError(
                 f"camera {index} cannot be opened: connect it, allow access to it, choose another with --camera, "
                 "or use --source FILE"
             )
-        self._device: cv2.VideoCapture | None = device
+        super().__init__(device, say)
         self.width = int(device.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height = int(device.get(cv2.CAP_PROP_FRAME_HEIGHT))
 
-    def __iter__(self) -> Iterator[Frame]:
-        index, start = 0, time.perf_counter()
-        while not self._stopped:
-            ok, picture = self._device.read() if self._device is not None else (False, None)
-            if not ok or picture is None:
-                self._reopen()
-                continue
-            pts = round((time.perf_counter() - start) / CAMERA_TIME_BASE)
-            rgb = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
-            yield Frame.from_rgb(rgb, pts, CAMERA_TIME_BASE, index)  # type: ignore[arg-type]
-            index += 1
-
-    def stop(self) -> None:
-        self._stopped = True
-
-    def close(self) -> None:
-        if self._device is not None:
-            self._device.release()
-
-    def _reopen(self) -> None:
-        """Try once to reopen the camera, after a pause."""
-        if self._device is not None:
-            self._say(f"{self.name} has stopped sending pictures; waiting for it")
-            self._device.release()
-            self._device = None
-        time.sleep(RECONNECT_SECONDS)
-        if not self._stopped:
-            self._device = self._opened()
-            if self._device is not None:
-                self._say(f"{self.name} is back")
-
-    def _opened(self) -> cv2.VideoCapture | None:
+    def _open(self) -> cv2.VideoCapture | None:
         device = cv2.VideoCapture(self._index)
         device.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
         device.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
@@ -174,6 +207,16 @@ class CameraCapture(Capture):
             return device
         device.release()
         return None
+
+    def _release(self, source: cv2.VideoCapture) -> None:
+        source.release()
+
+    def _pictures(self, source: cv2.VideoCapture) -> Iterator[U8]:
+        while True:
+            ok, picture = source.read()
+            if not ok or picture is None:
+                return
+            yield np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
 
 
 def _camera_name(index: int) -> str:

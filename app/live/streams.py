@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from guise.app.live.capture import CAMERA_TIME_BASE, RECONNECT_SECONDS, Capture
-from guise.app.media import Frame, MediaError
+from guise.app.live.capture import ReconnectingCapture
+from guise.app.media import MediaError
 from guise.app.media.network import NetworkReader, Picture
 from guise.common.progress import Say
 
@@ -26,8 +25,8 @@ class StreamTimeouts:
 TIMEOUTS = StreamTimeouts()
 
 
-class StreamCapture(Capture):
-    """A camera or video on the network; when it stops, the user is told and the capture reconnects.
+class StreamCapture(ReconnectingCapture[NetworkReader]):
+    """A camera or video on the network.
 
     Parameters
     ----------
@@ -44,46 +43,32 @@ class StreamCapture(Capture):
     def __init__(self, url: str, say: Say = print, timeout: float | None = None) -> None:
         playlist = urlsplit(url).path.endswith((".m3u8", ".mpd"))
         usual = TIMEOUTS.playlist_seconds if playlist else TIMEOUTS.stream_seconds
-        self._url, self._say, self._timeout = url, say, timeout or usual
+        self._url, self._timeout = url, timeout or usual
         reader = NetworkReader(url, self._timeout)
+        super().__init__(reader, say)
         assert reader.shape is not None
         self.name, self.fps, self._shape = reader.name, reader.fps, reader.shape
         self.width, self.height, _ = reader.shape
-        self._reader: NetworkReader | None = reader
-        self._stopped = threading.Event()
-        self._last = -1
 
-    def __iter__(self) -> Iterator[Frame]:
-        index, start = 0, time.perf_counter()
-        while not self._stopped.is_set():
-            if self._reader is None:
-                self._reopen()
-                continue
-            for picture in self._until_it_stops(self._reader):
-                pts = max(round((time.perf_counter() - start) / CAMERA_TIME_BASE), self._last + 1)
-                picture.duration, self._last = 0, pts
-                yield Frame(picture, pts=pts, time_base=CAMERA_TIME_BASE, index=index)
-                index += 1
-                if self._stopped.is_set():
-                    return
-            if self._reader.is_finite:
-                return
-            self._say(f"{self.name} has stopped sending pictures; waiting for it")
-            self.close()
-
-    def stop(self) -> None:
-        self._stopped.set()
-
-    def close(self) -> None:
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None
-
-    def _until_it_stops(self, reader: NetworkReader) -> Iterator[Picture]:
+    def _open(self) -> NetworkReader | None:
         try:
-            yield from self._paced(reader) if reader.needs_pacing else reader
+            return NetworkReader(self._url, self._timeout, self._shape)
         except MediaError:
-            if reader.is_finite:
+            return None
+
+    def _release(self, source: NetworkReader) -> None:
+        source.close()
+
+    def _has_ended(self, source: NetworkReader) -> bool:
+        return source.is_finite
+
+    def _pictures(self, source: NetworkReader) -> Iterator[Picture]:
+        try:
+            for picture in self._paced(source) if source.needs_pacing else source:
+                picture.duration = 0
+                yield picture
+        except MediaError:
+            if source.is_finite:
                 raise
 
     def _paced(self, reader: NetworkReader) -> Iterator[Picture]:
@@ -95,13 +80,3 @@ class StreamCapture(Capture):
                 begun = now - at
             self._stopped.wait(max(0.0, begun + at - now))
             yield picture
-
-    def _reopen(self) -> None:
-        """Try once to reconnect, after a pause."""
-        if self._stopped.wait(RECONNECT_SECONDS):
-            return
-        try:
-            self._reader = NetworkReader(self._url, self._timeout, self._shape)
-        except MediaError:
-            return
-        self._say(f"{self.name} is back")
