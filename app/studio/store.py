@@ -143,13 +143,11 @@ class Store:
             raise StudioError(
                 f"{_clean(name)} isn't a video file that Guise reads: use .mp4, .webm, .mov or .mkv"
             )
-        row = (_new_id(), _clean(name), _now(), suffix.lower())
-        self._run("INSERT INTO clips VALUES (?, ?, ?, ?)", row)
-        return self._clip(row)
+        return self._clip(self._add("clips", _clean(name), _now(), suffix.lower()))
 
     def clips(self) -> list[Clip]:
         """The complete clips, newest first."""
-        found = map(self._clip, self._run("SELECT * FROM clips ORDER BY rowid DESC"))
+        found = map(self._clip, self._all("clips"))
         return [clip for clip in found if clip.path.exists()]
 
     def clip(self, id: str) -> Clip:
@@ -164,13 +162,11 @@ class Store:
 
     def add_person(self, name: str, clip: str | None) -> Person:
         """Add a person whose model the caller writes."""
-        row = (_new_id(), _clean(name), _now(), clip)
-        self._run("INSERT INTO people VALUES (?, ?, ?, ?)", row)
-        return self._person(row)
+        return self._person(self._add("people", _clean(name), _now(), clip))
 
     def people(self) -> list[Person]:
         """The people whose model is complete, newest first."""
-        found = map(self._person, self._run("SELECT * FROM people ORDER BY rowid DESC"))
+        found = map(self._person, self._all("people"))
         return [person for person in found if person.path.exists()]
 
     def person(self, id: str) -> Person:
@@ -193,14 +189,12 @@ class Store:
 
     def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
         """Add a picture or a mesh whose file the caller writes."""
-        row = (_new_id(), _clean(name), _now(), kind, suffix.lower())
-        self._run("INSERT INTO uploads VALUES (?, ?, ?, ?, ?)", row)
-        return self._upload(row)
+        return self._upload(self._add("uploads", _clean(name), _now(), kind, suffix.lower()))
 
     def uploads(self, kind: str) -> list[Upload]:
         """The complete uploads of a kind, newest first."""
-        found = self._run("SELECT * FROM uploads WHERE kind = ? ORDER BY rowid DESC", (kind,))
-        return [upload for upload in map(self._upload, found) if upload.path.exists()]
+        found = map(self._upload, self._all("uploads"))
+        return [upload for upload in found if upload.kind == kind and upload.path.exists()]
 
     def upload(self, id: str) -> Upload:
         """The upload of an id.  StudioError when there is none."""
@@ -215,13 +209,11 @@ class Store:
 
     def add_job(self, kind: str, about: dict[str, Any]) -> JobRow:
         """Add a waiting job."""
-        row = (_new_id(), kind, json.dumps(about), "waiting", "", 0.0, "", "{}", _now())
-        self._run("INSERT INTO jobs VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
-        return _job(row)
+        return _job(self._add("jobs", kind, json.dumps(about), "waiting", "", 0.0, "", "{}", _now()))
 
     def jobs(self) -> list[JobRow]:
         """All jobs, newest first."""
-        return [_job(row) for row in self._run("SELECT * FROM jobs ORDER BY rowid DESC")]
+        return list(map(_job, self._all("jobs")))
 
     def job(self, id: str) -> JobRow:
         """The job of an id.  StudioError when there is none."""
@@ -263,6 +255,16 @@ class Store:
     def _run(self, statement: str, values: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
         with self._lock, self._database:
             return self._database.execute(statement, values).fetchall()
+
+    def _add(self, table: str, *values: Any) -> tuple[Any, ...]:
+        """Insert a row with a new id."""
+        row = (uuid.uuid4().hex, *values)
+        self._run(f"INSERT INTO {table} VALUES ({', '.join('?' * len(row))})", row)
+        return row
+
+    def _all(self, table: str) -> list[tuple[Any, ...]]:
+        """Newest first."""
+        return self._run(f"SELECT * FROM {table} ORDER BY rowid DESC")
 
     def _one(self, table: str, id: str, word: str) -> tuple[Any, ...]:
         rows = self._run(f"SELECT * FROM {table} WHERE id = ?", (id,))
@@ -308,10 +310,6 @@ def _open(folder: Path) -> sqlite3.Connection:
 def _job(row: tuple[Any, ...]) -> JobRow:
     id, kind, about, state, stage, share, sentence, result, created = row
     return JobRow(id, kind, json.loads(about), state, stage, share, sentence, json.loads(result), created)
-
-
-def _new_id() -> str:
-    return uuid.uuid4().hex
 
 
 def _now() -> str:

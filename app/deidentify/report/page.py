@@ -22,6 +22,7 @@ from guise.app.deidentify.report.report import (
     NO_OUTCOME,
     SOME_COVERED,
     BatchEntry,
+    Span,
     clock,
     outcome,
     spans,
@@ -88,17 +89,6 @@ class FrameShare:
 
 
 @dataclass(frozen=True)
-class SpanRow:
-    """Consecutive frames in which the same was done, with the times of the first and the last."""
-
-    words: str
-    start: str
-    end: str
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
 class TrackCard:
     """What the page shows of a track: `thumbnails` are URIs; `spans` are the first of `span_count`."""
 
@@ -107,7 +97,7 @@ class TrackCard:
     about: str
     timeline: Timeline
     thumbnails: tuple[str, ...]
-    spans: tuple[SpanRow, ...]
+    spans: tuple[Span, ...]
     span_count: int
 
 
@@ -119,14 +109,6 @@ class FileRow:
     link: str
     sentence: str
     counts: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class FileGroup:
-    """Files of a batch with the same outcome."""
-
-    title: str
-    files: tuple[FileRow, ...]
 
 
 def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence[Picture]]) -> None:
@@ -151,7 +133,7 @@ def write_page(path: Path, report: FileReport, thumbnails: Mapping[int, Sequence
         sentence=verdict(report),
         shares=frame_shares(report.counts),
         scale=SCALE,
-        legend=[(done, LABELS[done]) for done in DONE],
+        labels=LABELS,
         cards=list(_cards(report, by_track, thumbnails)),
         omitted_tracks=max(0, len(report.tracks) - LIMITS.max_tracks),
         bystanders=_bystanders(report, by_track.get(BYSTANDERS, NO_OUTCOME), thumbnails),
@@ -180,11 +162,7 @@ def write_batch_page(path: Path, entries: Sequence[BatchEntry]) -> None:
         summary=summary.capitalize(),
         shares=frame_shares({name: sum(e.counts.get(name, 0) for e in entries) for name in COUNTS}),
         scale=SCALE,
-        groups=[
-            FileGroup(title, tuple(_file_row(entry, path.parent) for entry in group))
-            for title, group in kinds.items()
-            if group
-        ],
+        groups={title: [_file_row(entry, path.parent) for entry in group] for title, group in kinds.items()},
         today=_today(),
         version=VERSION,
     )
@@ -241,19 +219,9 @@ def _card(
     counts = [(done, int((one.done == code).sum())) for code, done in enumerate(DONE)]
     done = ", ".join(f"{LABELS[name]} {n:,} times" for name, n in counts if n)
     runs = spans(one)
-    rows = [
-        SpanRow(
-            LABELS[run.done],
-            clock(float(report.seconds[run.first])),
-            clock(float(report.seconds[run.last])),
-            run.first,
-            run.last,
-        )
-        for run in runs[: LIMITS.max_table_rows]
-    ]
     return TrackCard(
         title, done, about, Timeline.of(one, report, f"{title} over the video: {done}"),
-        tuple(map(_jpeg, thumbnails)), tuple(rows), len(runs),
+        tuple(map(_jpeg, thumbnails)), tuple(runs[: LIMITS.max_table_rows]), len(runs),
     )  # fmt: skip
 
 
