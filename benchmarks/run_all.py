@@ -30,6 +30,7 @@ NAMES = (
     "speed",
     "identity",
     "enrolment",
+    "structure",
     "startup",
     "fuzz",
     "self_calibration",

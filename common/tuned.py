@@ -3,7 +3,8 @@
     min_score: float = tuned(0.15, "score", "deidentify.leaks")  # of a box where the person was
     CELL_PIXELS: int = derived(16, "pixels", "an eighth of the 128 pixels that the network reads")
 
-Both hand the value on and cost nothing afterwards; what they are told is read from the code.
+Both hand the value on and cost nothing afterwards; `python -m benchmarks.structure --numbers` reads the calls from the
+code and prints the table of each room.
 """
 
 from __future__ import annotations

@@ -1,0 +1,487 @@
+"""How well the rooms that draw are built: files, chains of imports, classes, tuned numbers, calls a frame.
+
+The rooms are `app/swapping` and `app/drawing`.  All but two figures are read from the code:
+
+files, chain    modules of the rooms that define something, and how many of them one import leads through at most.
+fields          of the largest class: what is set on self, and fields of dataclasses, but not of tables of numbers.
+tuned numbers   literals other than 0, 1, -1 and 2 in constants of modules and in defaults of dataclasses.  One has a
+                source inside `tuned` (an existing benchmark or training script) or `derived` of `guise.common.tuned`.
+brows           files of app, aam and render that are named after brows or define a class that is.
+branches        conditions in `app/drawing/passes`, in both rooms before that folder is there, that ask for a look.
+names           that more than one class of the packages has.
+
+What a donor visits is seen in a run: engines are made for a swap and for a disguise, and a room (file) is visited when
+one of its functions is given the donor, a part of it, what another visited function made of it, or an object that holds
+one of these in a field, a list or a dict.  A return is a move into a room visited before, each pair of rooms counted
+once, as loops go the same way again.  The engine with more of them counts: at 323e094 40 rooms and 96 returns, where a
+reading of the code without a run, which follows all options at once, found 46 and 98.
+
+Calls a frame (`--calls`) are the events 'call' and 'c_call' of sys.setprofile and threading.setprofile: `guise.Swapper`
+shows gallery face p06 on p01, in frames 31 to 60 of talk2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import sys
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from graphlib import TopologicalSorter
+from pathlib import Path
+from types import FrameType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+import guise
+from benchmarks import common
+from benchmarks.common import Criterion, Report, Table
+from guise.aam.model import Identity
+from guise.app.media import open_input
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("app/swapping", "app/drawing")
+PACKAGES = ("aam", "analogy", "app", "common", "guise", "render")
+SAMPLES = ROOT / "sample_videos"
+PLAIN = (0, 1, -1, 2)  # numbers that are not tuned
+LOOK = re.compile(r"disguise|puppet|\bpaper|\.kind\b|\b(?:SWAP|LIVE|PAPER)\b", re.IGNORECASE)
+BROW = re.compile(r"(?:Brow|\bbrow|_brow)(?!s[ei])")
+COUNTED_FRAMES = range(31, 61)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What is allowed: `held` is what a test holds, `target` where it shall go."""
+
+    what: str
+    held: float
+    target: float
+
+
+BUDGETS = {
+    "files": Budget("files of the rooms", 41, 30),
+    "chain": Budget("longest chain of imports within them", 9, 5),
+    "donor_rooms": Budget("rooms that a donor visits", 41, 15),
+    "donor_returns": Budget("returns of the donor", 97, 15),
+    "fields": Budget("fields of the largest class", 30, 12),
+    "numbers": Budget("tuned numbers", 397, 250),
+    "unsourced": Budget("tuned numbers without a source", 397, 0),
+    "brows": Budget("files of brows in app, aam and render", 5, 4),
+    "branches": Budget("branches on a look in a pass", 23, 0),
+    "lines": Budget("lines of app and benchmarks", 52000, 46_000),
+    "names": Budget("names that several classes have", 11, 0),
+}
+CALLS = Budget("calls a frame", 4_700, 1_800)
+
+
+# -- read from the code ---------------------------------------------------------------------------------------
+
+
+def files_of(*folders: str, root: Path = ROOT) -> list[Path]:
+    """Python files below folders, in order."""
+    return sorted(path for folder in folders for path in (root / folder).rglob("*.py"))
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """A file's syntax."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def modules_of_rooms(root: Path = ROOT) -> list[Path]:
+    """Those that define something: an __init__ that hands on names is none."""
+    defines = (ast.ClassDef, ast.FunctionDef)
+    return [
+        path
+        for path in files_of(*ROOMS, root=root)
+        if path.name != "__init__.py" or any(isinstance(node, defines) for node in tree_of(path).body)
+    ]
+
+
+def imports_within(modules: list[Path], root: Path = ROOT) -> dict[Path, set[Path]]:
+    """What each of the modules imports of the others, anywhere in it."""
+    names = {
+        ".".join(("guise", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__"): path
+        for path in modules
+    }
+    found: dict[Path, set[Path]] = {path: set() for path in modules}
+    for path in modules:
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                wanted = [node.module, *(f"{node.module}.{name.name}" for name in node.names)]
+            elif isinstance(node, ast.Import):
+                wanted = [name.name for name in node.names]
+            else:
+                continue
+            found[path] |= {names[name] for name in wanted if name in names} - {path}
+    return found
+
+
+def longest_chain(graph: dict[Path, set[Path]]) -> int:
+    """Modules on the longest way along imports; CycleError where there is a circle."""
+    floors: dict[Path, int] = {}
+    for path in TopologicalSorter(graph).static_order():
+        floors[path] = 1 + max((floors[used] for used in graph[path]), default=0)
+    return max(floors.values(), default=0)
+
+
+def classes(paths: list[Path]) -> Iterator[tuple[Path, ast.ClassDef]]:
+    """Every class of files, nested ones too."""
+    for path in paths:
+        yield from ((path, node) for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef))
+
+
+def is_table(node: ast.ClassDef) -> bool:
+    """Whether a class is a table of numbers: all that it states has one as default."""
+    stated = [part.value for part in node.body if isinstance(part, ast.AnnAssign)]
+    return bool(stated) and all(
+        value is not None
+        and any(isinstance(n, ast.Constant) and isinstance(n.value, int | float) for n in ast.walk(value))
+        for value in stated
+    )
+
+
+def fields_of(node: ast.ClassDef) -> set[str]:
+    """Names that a class annotates in its body or sets on self."""
+    found = {
+        part.target.id
+        for part in node.body
+        if isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)
+    }
+    for part in ast.walk(node):
+        if isinstance(part, ast.Attribute) and isinstance(part.ctx, ast.Store):
+            found |= {part.attr} if isinstance(part.value, ast.Name) and part.value.id == "self" else set()
+    return found
+
+
+def conditions(tree: ast.AST) -> Iterator[ast.expr]:
+    """What is asked in if, while, conditional expressions, comprehensions and match."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If | ast.IfExp | ast.While):
+            yield node.test
+        elif isinstance(node, ast.comprehension):
+            yield from node.ifs
+        elif isinstance(node, ast.Match):
+            yield node.subject
+
+
+def branches_on_a_look(root: Path = ROOT) -> int:
+    """Conditions in passes that ask for a look."""
+    passes = files_of("app/drawing/passes", root=root) or files_of(*ROOMS, root=root)
+    return sum(
+        bool(LOOK.search(ast.unparse(asked))) for path in passes for asked in conditions(tree_of(path))
+    )
+
+
+def brow_files() -> list[Path]:
+    """Files that are named after brows or define a class that is."""
+    paths = files_of("app", "aam", "render")
+    named = {path for path, node in classes(paths) if BROW.search(node.name)}
+    return sorted(named | {path for path in paths if BROW.search(path.stem)})
+
+
+def shared_names() -> list[str]:
+    """Names that several public classes have."""
+    counts = Counter(node.name for _, node in classes(files_of(*PACKAGES)) if not node.name.startswith("_"))
+    return sorted(name for name, count in counts.items() if count > 1)
+
+
+# -- tuned numbers --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Number:
+    """A constant or a field with tuned numbers: where, its value as it is written, unit, and source if it names one."""
+
+    room: str
+    name: str
+    value: str
+    unit: str
+    source: str
+    count: int
+
+
+def literals(node: ast.AST) -> Iterator[float]:
+    """Numbers written in an expression, but for those that are never tuned and for indices."""
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value not in PLAIN:
+        yield node.value
+    elif not isinstance(node, ast.Subscript):
+        for part in ast.iter_child_nodes(node):
+            yield from literals(part)
+
+
+def has_script(name: str) -> bool:
+    """Whether a benchmark or a training script has a name, as "picture.truth" or "training.finish_face"."""
+    place = name.replace(".", "/") + ".py"
+    return (ROOT / "benchmarks" / place).is_file() or (
+        name.startswith("training.") and (ROOT / place).is_file()
+    )
+
+
+def sourced(call: ast.Call) -> tuple[str, str] | None:
+    """Unit and source of a call of `tuned` or `derived`; None of any other, or where the benchmark isn't there."""
+    how = call.func.id if isinstance(call.func, ast.Name) else ""
+    if how not in ("tuned", "derived") or len(call.args) != 3:
+        return None
+    unit, source = (str(arg.value) if isinstance(arg, ast.Constant) else "" for arg in call.args[1:])
+    if not source or (how == "tuned" and not has_script(source)):
+        return None
+    return unit, f"`{source}`" if how == "tuned" else source
+
+
+def numbers_in(room: str, name: str, value: ast.expr) -> Iterator[Number]:
+    """The tuned numbers of one constant or field: those of each source, and those without one."""
+    found = [
+        (call, told)
+        for call in ast.walk(value)
+        if isinstance(call, ast.Call) and (told := sourced(call)) is not None
+    ]
+    bare = sum(1 for _ in literals(value))
+    for call, (unit, source) in found:
+        count = sum(1 for _ in literals(call.args[0]))
+        bare -= count
+        yield Number(room, name, ast.unparse(call.args[0]), unit, source, count)
+    if bare:
+        yield Number(room, name, ast.unparse(value), "", "", bare)
+
+
+def is_dataclass_node(node: ast.ClassDef) -> bool:
+    """Whether a class is decorated as a dataclass."""
+    return any("dataclass" in ast.unparse(decorator) for decorator in node.decorator_list)
+
+
+def numbers(paths: list[Path]) -> Iterator[Number]:
+    """All tuned numbers of files."""
+    for path in paths:
+        tables = [node for node in tree_of(path).body if isinstance(node, ast.ClassDef)]
+        for holder in [tree_of(path), *(node for node in tables if is_dataclass_node(node))]:
+            prefix = f"{holder.name}." if isinstance(holder, ast.ClassDef) else ""
+            for node in holder.body:
+                if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+                    target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+                    room = str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)
+                    yield from numbers_in(room, prefix + ast.unparse(target), node.value)
+
+
+def number_tables(found: list[Number]) -> list[Table]:
+    """A table for each room with what has a source, and one of what has none."""
+    told = [
+        Table(
+            f"Tuned numbers of {room}",
+            ("module", "name", "value", "unit", "source"),
+            [
+                (one.room.removeprefix(f"{room}/"), one.name, one.value, one.unit, one.source)
+                for one in found
+                if one.source and one.room.startswith(f"{room}/")
+            ],
+        )
+        for room in ROOMS
+    ]
+    bare = [(one.room, one.name, one.value) for one in found if not one.source]
+    return [*told, Table("Without a source", ("module", "name", "value"), bare)]
+
+
+# -- seen in a run --------------------------------------------------------------------------------------------
+
+
+class Visits:
+    """Follows a donor through calls: the rooms it comes to, in order."""
+
+    def __init__(self, donor: Identity) -> None:
+        self._name = donor.name
+        self._donor: dict[
+            int, object
+        ] = {}  # it, its parts and what was made of it, kept so that no id comes again
+        self._learn(donor)
+        self.rooms: list[str] = []
+
+    def __call__(self, frame: FrameType, event: str, result: Any) -> None:
+        """Profile function, see sys.setprofile."""
+        file = Path(frame.f_code.co_filename)
+        if event not in ("call", "return") or not file.is_relative_to(ROOT) or ".venv" in file.parts:
+            return
+        sys.setprofile(None)
+        code, given = frame.f_code, frame.f_locals
+        arguments = [
+            given.get(name) for name in code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        ]
+        if any(self._holds(value) for value in arguments):
+            if event == "call":
+                self._enter(str(file.relative_to(ROOT)))
+            else:
+                for made in (*arguments[:1], result) if code.co_name == "__init__" else (result,):
+                    self._learn(made)
+        sys.setprofile(self)
+
+    def _enter(self, room: str) -> None:
+        if not self.rooms or self.rooms[-1] != room:
+            self.rooms.append(room)
+
+    @property
+    def returns(self) -> int:
+        """Moves into a room visited before, each pair of rooms once."""
+        moves = zip(self.rooms, self.rooms[1:], strict=False)
+        return len({(a, b) for k, (a, b) in enumerate(moves) if b in self.rooms[: k + 1]})
+
+    def _holds(self, value: object, inside: bool = True) -> bool:
+        if id(value) in self._donor:
+            return True
+        if isinstance(value, Identity):
+            return value.name == self._name
+        if isinstance(value, list | tuple | dict):
+            parts: Any = value.values() if isinstance(value, dict) else value
+        elif _is_ours(value):
+            parts = getattr(value, "__dict__", {}).values()
+        else:
+            return False
+        return inside and any(self._holds(part, False) for part in parts)
+
+    def _learn(self, value: object) -> None:
+        """Remember an array or an object of ours, and the parts of a person."""
+        if isinstance(value, list | tuple):
+            for part in value:
+                self._learn(part)
+        elif _is_ours(value) or (isinstance(value, np.ndarray) and value.size > 3):
+            self._donor[id(value)] = value
+            if isinstance(value, Identity) or type(value).__module__ == "guise.aam.appearance":
+                for one in fields(value) if is_dataclass(value) else ():
+                    if one.name != "reference":  # which a donor shares with the person
+                        self._learn(getattr(value, one.name))
+
+
+def _is_ours(value: object) -> bool:
+    return isinstance(value, SimpleNamespace) or type(value).__module__.startswith("guise.")
+
+
+def engine_makers(person: Identity, donor: Identity) -> list[Callable[[], Any]]:
+    """What makes an engine that shows the donor on the person, for a swap and for a disguise."""
+    from guise.aam.landmarks import open_landmarker
+    from guise.app.swapping.engine import Engine
+    from guise.app.swapping.options import EngineOptions
+
+    finder = open_landmarker("builtin")
+    swap = EngineOptions(renderer="cpu")
+    disguise = EngineOptions(renderer="cpu", disguise=True, jaw=0.05, forehead=0.28)
+    return [lambda look=look: Engine(person, donor, finder, look) for look in (swap, disguise)]
+
+
+def donor_visits(person: Identity, donor: Identity) -> list[Visits]:
+    """Where a donor comes from the constructor of each engine."""
+    found = []
+    for make in engine_makers(person, donor):
+        visits, before = Visits(donor), sys.getprofile()
+        sys.setprofile(visits)
+        try:
+            engine = make()
+        finally:
+            sys.setprofile(before)
+        engine.close()
+        found.append(visits)
+    return found
+
+
+def sample_person(frames: int | None = None, resolution: int | None = None) -> Identity:
+    """Sample p01, enrolled."""
+    return guise.enrol(SAMPLES / "p01" / "talk.mp4", frames=frames, resolution=resolution)
+
+
+def gallery_face(name: str = "p06") -> Identity:
+    """A face that ships with Guise."""
+    return guise.load(ROOT / "app" / "gallery" / f"{name}.guise")
+
+
+def calls_a_frame(person: Identity, donor: Identity) -> tuple[float, float, Table]:
+    """Calls of Python and of C functions a frame, and who makes most of them."""
+    counts: Counter[tuple[str, str]] = Counter()
+
+    def count(frame: FrameType, event: str, _: object) -> None:
+        if event in ("call", "c_call"):
+            file = Path(frame.f_code.co_filename)
+            counts[event, "/".join(file.parts[-2:])] += 1
+
+    with guise.Swapper(donor, person) as swapper, open_input(SAMPLES / "p01" / "talk2.mp4") as media:
+        for number, frame in enumerate(media, 1):
+            picture = frame.rgb()
+            if number in COUNTED_FRAMES:
+                threading.setprofile(count)
+                sys.setprofile(count)
+            swapper(picture)
+            sys.setprofile(None)
+            threading.setprofile(None)
+            if number == COUNTED_FRAMES[-1]:
+                break
+    share = {key: value / len(COUNTED_FRAMES) for key, value in counts.items()}
+    python, c = (sum(v for (event, _), v in share.items() if event == kind) for kind in ("call", "c_call"))
+    files: Counter[str] = Counter()
+    for (_, file), value in share.items():
+        files[file] += value  # type: ignore[assignment]
+    return python, c, Table("Calls a frame by file", ("file", "calls"), files.most_common(12))
+
+
+# -- the report -----------------------------------------------------------------------------------------------
+
+
+def read_from_code() -> dict[str, float]:
+    """The figures that need no run, by the names of `BUDGETS`."""
+    modules = modules_of_rooms()
+    found = list(numbers(modules))
+    return {
+        "files": len(modules),
+        "chain": longest_chain(imports_within(modules)),
+        "fields": max(len(fields_of(node)) for _, node in classes(modules) if not is_table(node)),
+        "numbers": sum(one.count for one in found),
+        "unsourced": sum(one.count for one in found if not one.source),
+        "brows": len(brow_files()),
+        "branches": branches_on_a_look(),
+        "names": len(shared_names()),
+        "lines": sum(len(path.read_text().splitlines()) for path in files_of("app", "benchmarks")),
+    }
+
+
+def seen_in_a_run() -> dict[str, float]:
+    """Where the donor comes, by the names of `BUDGETS`."""
+    visits = donor_visits(sample_person(frames=24, resolution=80), gallery_face())
+    return {
+        "donor_rooms": max(len(set(one.rooms)) for one in visits),
+        "donor_returns": max(one.returns for one in visits),
+    }
+
+
+def measure(options: argparse.Namespace) -> Report:
+    """All figures beside their targets."""
+    figures = read_from_code() | ({} if options.quick else seen_in_a_run())
+    report = Report("structure", "The rooms that draw")
+    report.criteria = [
+        Criterion(budget.what, figures[name], "<=", budget.target)
+        for name, budget in BUDGETS.items()
+        if name in figures
+    ]
+    held = [node for _, node in classes(modules_of_rooms()) if not is_table(node)]
+    largest = sorted(((len(fields_of(node)), node.name) for node in held), reverse=True)
+    report.tables.append(Table("Largest classes", ("fields", "class"), largest[:5]))
+    report.notes.append("Several classes: " + ", ".join(shared_names()))
+    if options.numbers:
+        report.tables += number_tables(list(numbers(modules_of_rooms())))
+    if options.calls:
+        python, c, table = calls_a_frame(sample_person(), gallery_face())
+        report.criteria.append(Criterion(CALLS.what, python + c, "<=", CALLS.target))
+        report.tables.append(table)
+        report.notes.append(f"Calls of Python {python:.0f}, of C {c:.0f}.")
+    return report
+
+
+def parser() -> argparse.ArgumentParser:
+    """Options of the script."""
+    made = common.arguments(__doc__)
+    made.add_argument("--calls", action="store_true", help="count calls a frame, too: a minute")
+    made.add_argument("--numbers", action="store_true", help="print the tuned numbers of each room")
+    return made
+
+
+if __name__ == "__main__":
+    common.run(measure, parser())
