@@ -1,4 +1,4 @@
-# make demo   enrol two people from the sample clips and swap one into the other's video
+# make demo   enroll two people from the sample clips and swap one into the other's video
 # make test   run the tests on all cores; PYTEST_ARGS="-k swap --numprocesses=0" chooses otherwise
 # make lint   check formatting, lint, types, and that the generated docs are up to date
 # make bench  run the benchmarks (takes longer)

@@ -35,7 +35,7 @@ def average(identities: Sequence[Identity], name: str) -> Identity:
             raise ReferenceMismatchError(
                 f"{first.name} and {other.name} cannot be averaged, they have different reference frames "
                 f"({first.reference.resolution} and {other.reference.resolution} pixels across the face); "
-                "enrol both with the same --resolution"
+                "enroll both with the same --resolution"
             )
     models = [identity.appearance for identity in identities]
     appearance = AppearanceModel(

@@ -66,7 +66,7 @@ class Extrapolator:
         if source.reference.id != target.reference.id:
             raise ReferenceMismatchError(
                 f"the two models have different reference frames ({source.reference.resolution} and "
-                f"{target.reference.resolution} pixels across the face); enrol both with the same --resolution"
+                f"{target.reference.resolution} pixels across the face); enroll both with the same --resolution"
             )
         ys, yt = source.components.basis, target.components.basis
         self._amounts = yt.T @ ys

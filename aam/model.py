@@ -148,7 +148,7 @@ class Identity:
         model, tracker = self.appearance, self.tracker
         done, jpeg = cv2.imencode(".jpg", self.rest_frame.picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 96])
         if not done:
-            raise ModelError("the enrolment frame cannot be encoded as JPEG: enrol from another clip")
+            raise ModelError("the enrollment frame cannot be encoded as JPEG: enroll from another clip")
         quality = tracker.quality
         return {
             **_packed("appearance", model.components),
@@ -182,7 +182,7 @@ class Identity:
             _check_lengths(tensors, reference)
             return cls._assemble(tensors, header, reference)
         except (KeyError, ValueError, IndexError) as error:
-            raise ModelError(f"{path} is damaged ({error}); enrol the person again") from error
+            raise ModelError(f"{path} is damaged ({error}); enroll the person again") from error
 
     @classmethod
     def _assemble(
@@ -205,7 +205,7 @@ class Identity:
         )
         picture = cv2.imdecode(t["still.jpeg"], cv2.IMREAD_COLOR)
         if picture is None or t["still.shape"].shape != (POINTS, 2):
-            raise ValueError("enrolment frame")
+            raise ValueError("enrollment frame")
         rest_frame = RestFrame(np.ascontiguousarray(picture[..., ::-1]), t["still.shape"])
         detail, facts = t["detail"].astype(np.float32) / np.float32(2), json.loads(header["facts"])
         return cls(
@@ -233,7 +233,7 @@ def read_header(path: str | os.PathLike[str]) -> ModelHeader:
     try:
         return ModelHeader(header["name"], dict(json.loads(header["facts"])))
     except (KeyError, ValueError, TypeError) as error:
-        raise ModelError(f"{path} is damaged ({error}); enrol the person again") from error
+        raise ModelError(f"{path} is damaged ({error}); enroll the person again") from error
 
 
 def rename_model(path: str | os.PathLike[str], name: str) -> None:
@@ -312,7 +312,7 @@ def _read(path: Path, *, header_only: bool = False) -> tuple[dict[str, NDArray[A
             keys = [] if header_only else file.keys()
             return {key: file.get_tensor(key) for key in keys}, header
     except (SafetensorError, OSError) as error:
-        raise ModelError(f"{path} is not a Guise model or is truncated; enrol the person again") from error
+        raise ModelError(f"{path} is not a Guise model or is truncated; enroll the person again") from error
 
 
 def _check_lengths(t: dict[str, NDArray[Any]], reference: ReferenceFrame) -> None:
@@ -346,7 +346,7 @@ def _check_format(path: Path, header: dict[str, str]) -> None:
         raise ModelError(
             f"{path} has model format {header.get('version')}, this Guise reads formats {VERSION} and "
             f"{COMPACT_VERSION}; "
-            "enrol the person again"
+            "enroll the person again"
         )
 
 
@@ -355,10 +355,10 @@ def _reference(path: str | os.PathLike[str], header: dict[str, str]) -> Referenc
         wanted = json.loads(header["reference"])
         reference = ReferenceFrame.canonical(int(wanted["resolution"]))
     except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise ModelError(f"{path} is damaged (no usable reference frame); enrol the person again") from error
+        raise ModelError(f"{path} is damaged (no usable reference frame); enroll the person again") from error
     if reference.id != wanted.get("id"):
         raise ModelError(
             f"{path} was enrolled on reference frame {wanted.get('id')}, this Guise has {reference.id}; "
-            "enrol the person again"
+            "enroll the person again"
         )
     return reference

@@ -88,7 +88,7 @@ class PersonTracker:
         if not len(tracker.pixels):
             raise GuiseError(
                 "the model of the person in the video is a donor's, which can be shown but not tracked: "
-                "enrol the person from the video"
+                "enroll the person from the video"
             )
         self.tracker, self.finder = tracker, finder
         self.landmarker = finder if landmarker is None and isinstance(finder, Landmarker) else landmarker

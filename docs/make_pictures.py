@@ -170,7 +170,7 @@ def studio(folder: Path) -> None:
     from studio_picture import film_studio
 
     clip, model = SAMPLES / HEAD / "talk.mp4", folder / f"{HEAD}.guise"
-    guise.enrol(clip).save(model)
+    guise.enroll(clip).save(model)
     shots = film_studio(folder, model, clip, STUDIO_FPS)
     save_moving(IMAGES / "studio.webp", shots, STUDIO_FPS)
 

@@ -2,7 +2,7 @@
 
     import guise
 
-    person = guise.enrol("clip.mp4")
+    person = guise.enroll("clip.mp4")
     guise.swap_file("video.mp4", person, "swapped.mp4")
 
 Pictures are RGB uint8 (h, w, 3); points are pixels, x right, y down, pixel centres at integers.  A user's mistake is a
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from guise.api import (
         Swapper,
         deidentify,
-        enrol,
+        enroll,
         landmarks,
         load,
         measure,
@@ -39,7 +39,7 @@ __all__ = [
     "Identity",
     "Swapper",
     "deidentify",
-    "enrol",
+    "enroll",
     "landmarks",
     "load",
     "measure",
@@ -48,6 +48,7 @@ __all__ = [
     "transfer_photo",
 ]
 
+_FORMER = {"enrol": "enroll"}  # names of 0.2, which go with 0.3
 _HOMES = {"Face": "guise.aam.landmarks", "GuiseError": "guise.common.errors", "Identity": "guise.aam.model"}
 
 
@@ -56,6 +57,11 @@ def __getattr__(name: str) -> Any:
         from guise.common.version import VERSION
 
         return VERSION
+    if name in _FORMER:
+        import warnings
+
+        warnings.warn(f"guise.{name} is now guise.{_FORMER[name]}", DeprecationWarning, stacklevel=2)
+        return __getattr__(_FORMER[name])
     if name not in __all__:
         raise AttributeError(f"module 'guise' has no attribute {name!r}")
     value = getattr(import_module(_HOMES.get(name, "guise.api")), name)

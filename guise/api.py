@@ -1,6 +1,6 @@
 """The Python API: what the commands do, for arrays and paths.
 
-`import guise` gives all of it as `guise.enrol`, `guise.Swapper`, ...; docs/api.md is the tour.  Pictures are RGB uint8
+`import guise` gives all of it as `guise.enroll`, `guise.Swapper`, ...; docs/api.md is the tour.  Pictures are RGB uint8
 (h, w, 3).  Paths may be text or `Path`.  Outputs appear only when they are complete and replace nothing unless
 `overwrite` is true.
 """
@@ -34,7 +34,7 @@ Person = Identity | AnyPath
 Renderer = Literal["auto", "gl", "cpu"]
 
 
-def enrol(
+def enroll(
     clips: AnyPath | Sequence[AnyPath],
     *,
     name: str | None = None,
@@ -69,7 +69,7 @@ def enrol(
 
     paths, files = _paths(clips), _paths(landmarks)
     if not paths:
-        raise GuiseError("enrolment needs at least one clip, got none")
+        raise GuiseError("enrollment needs at least one clip, got none")
     if files and len(files) != len(paths):
         raise GuiseError(f"landmarks must be one file for each of the {len(paths)} clips, got {len(files)}")
     opened = None if landmarker == "builtin" else open_landmarker(landmarker)
@@ -133,7 +133,7 @@ class Swapper(Closing):
     Parameters
     ----------
     identity : whose face is shown: a model or its file.
-    source : the person in the frames: a model, its file, or a clip to enrol them from.
+    source : the person in the frames: a model, its file, or a clip to enroll them from.
     alpha : share in [0, 1] of the expression outside the identity's own space that is let through.
     renderer : "auto", "gl" or "cpu".
 
@@ -406,4 +406,4 @@ def _source(person: Person, shown: Identity) -> Identity:
     """The model of the person in the video; a clip is enrolled at the resolution of the face that is shown."""
     if isinstance(person, Identity) or Path(person).suffix == ".guise":
         return _identity(person)
-    return enrol(person, resolution=shown.reference.resolution)
+    return enroll(person, resolution=shown.reference.resolution)

@@ -14,7 +14,7 @@ from models import model_file
 import guise
 
 NAMES = {
-    "Face", "GuiseError", "Identity", "Swapper", "deidentify", "enrol", "landmarks", "load", "measure", "swap_file",
+    "Face", "GuiseError", "Identity", "Swapper", "deidentify", "enroll", "landmarks", "load", "measure", "swap_file",
     "transfer_mesh", "transfer_photo",
 }  # fmt: skip
 
@@ -37,6 +37,12 @@ def test_all_names_are_there_and_documented() -> None:
 def test_other_names_are_not_there() -> None:
     with pytest.raises(AttributeError, match="module 'guise' has no attribute 'swap_everyone'"):
         guise.swap_everyone  # noqa: B018
+
+
+def test_the_former_name_of_enroll_warns_each_time() -> None:
+    for _ in range(2):
+        with pytest.warns(DeprecationWarning, match=r"^guise\.enrol is now guise\.enroll$"):
+            assert guise.enrol is guise.enroll
 
 
 def test_the_version_is_that_of_the_distribution() -> None:
@@ -100,7 +106,7 @@ def test_landmarks_of_an_array_an_image_and_a_video(frames: list[np.ndarray], tm
 
 
 def test_swap_file_from_paths_and_models_of_different_resolutions(tmp_path: Path) -> None:
-    other = guise.enrol(cut("p02", tmp_path / "p02.mp4", 40, clip="talk.mp4"), frames=16, resolution=48)
+    other = guise.enroll(cut("p02", tmp_path / "p02.mp4", 40, clip="talk.mp4"), frames=16, resolution=48)
     assert str(other).startswith("p02: ")
     output = tmp_path / "out.mp4"
     clip = cut("p01", tmp_path / "clip.mp4", 8)
@@ -110,9 +116,9 @@ def test_swap_file_from_paths_and_models_of_different_resolutions(tmp_path: Path
         guise.swap_file(clip, other, output, source=model_file("p01"))
 
 
-def test_nothing_to_enrol_is_one_sentence() -> None:
+def test_nothing_to_enroll_is_one_sentence() -> None:
     with pytest.raises(guise.GuiseError, match="at least one clip"):
-        guise.enrol([])
+        guise.enroll([])
 
 
 def test_photos(tmp_path: Path) -> None:

@@ -154,20 +154,20 @@ def test_values_out_of_range_are_refused(
         ),
         (
             [TALK2, "--identity", "cut.guise"],
-            "cut.guise is not a Guise model or is truncated; enrol the person again",
+            "cut.guise is not a Guise model or is truncated; enroll the person again",
         ),
         (
             [TALK2, "--identity", "later.guise"],
-            "later.guise has model format 9, this Guise reads formats 1 and 2; enrol the person again",
+            "later.guise has model format 9, this Guise reads formats 1 and 2; enroll the person again",
         ),
         (
             [TALK2, "--landmarks", "a.npz"],
-            "Invalid value: --landmarks and --landmarker are for enrolment, which --source replaces: leave them out",
+            "Invalid value: --landmarks and --landmarker are for enrollment, which --source replaces: leave them out",
         ),
         (
             ["nobody.mp4"],
             "no face of the source person (p01) found in the 8 frames of nobody.mp4: give the model of the person "
-            "in the video with --source, or enrol them from it",
+            "in the video with --source, or enroll them from it",
         ),
     ],
 )
@@ -210,7 +210,7 @@ def test_a_model_of_another_reference_frame(capsys: pytest.CaptureFixture[str], 
     code, _, err = run(capsys, "info", "alien.guise")
     assert code == 2
     assert err == (
-        f"error: alien.guise was enrolled on reference frame 0123456789ab, this Guise has {own.decode()}; enrol the "
+        f"error: alien.guise was enrolled on reference frame 0123456789ab, this Guise has {own.decode()}; enroll the "
         "person again\n"
     )
 
@@ -249,7 +249,7 @@ def test_one_image_needs_a_source(capsys: pytest.CaptureFixture[str], people: Pa
     code, _, err = run(capsys, "swap", "one.png", "--identity", "p06.guise", "-o", "two.png")
     assert code == 2
     assert err == (
-        "error: one.png is a single image, which isn't enough to enrol a face from: give the model of the person in "
+        "error: one.png is a single image, which isn't enough to enroll a face from: give the model of the person in "
         "it with --source\n"
     )
     assert not (people / "two.png").exists()

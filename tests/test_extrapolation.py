@@ -169,5 +169,5 @@ def test_models_of_different_reference_frames_are_refused() -> None:
         Extrapolator(SOURCE, other)
     assert str(caught.value) == (
         "the two models have different reference frames (32 and 40 pixels across the face); "
-        "enrol both with the same --resolution"
+        "enroll both with the same --resolution"
     )

@@ -109,13 +109,13 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_truncated_file(saved: Path, tmp_path: Path, share: float) -> None:
     path, data = tmp_path / "half.guise", saved.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
-    assert message(path) == f"{path} is not a Guise model or is truncated; enrol the person again"
+    assert message(path) == f"{path} is not a Guise model or is truncated; enroll the person again"
 
 
 def test_not_a_model_at_all(tmp_path: Path) -> None:
     path = tmp_path / "notes.guise"
     path.write_text("these are not the weights you are looking for\n" * 20)
-    assert message(path) == f"{path} is not a Guise model or is truncated; enrol the person again"
+    assert message(path) == f"{path} is not a Guise model or is truncated; enroll the person again"
 
 
 def test_safetensors_of_something_else(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_safetensors_of_something_else(tmp_path: Path) -> None:
 def test_other_version(saved: Path, tmp_path: Path) -> None:
     path = rewritten(saved, tmp_path / "future.guise", version="99")
     assert message(path) == (
-        f"{path} has model format 99, this Guise reads formats {VERSION} and {COMPACT_VERSION}; enrol the person again"
+        f"{path} has model format 99, this Guise reads formats {VERSION} and {COMPACT_VERSION}; enroll the person again"
     )
 
 
@@ -138,7 +138,7 @@ def test_other_reference_frame(saved: Path, p01: Identity, tmp_path: Path) -> No
     path = rewritten(saved, tmp_path / "other.guise", reference=wanted)
     assert message(path) == (
         f"{path} was enrolled on reference frame 0123456789ab, this Guise has {p01.reference.id}; "
-        "enrol the person again"
+        "enroll the person again"
     )
 
 
@@ -148,7 +148,7 @@ def test_other_reference_frame(saved: Path, p01: Identity, tmp_path: Path) -> No
 )
 def test_unusable_reference(saved: Path, tmp_path: Path, reference: str) -> None:
     path = rewritten(saved, tmp_path / "odd.guise", reference=reference)
-    assert message(path) == f"{path} is damaged (no usable reference frame); enrol the person again"
+    assert message(path) == f"{path} is damaged (no usable reference frame); enroll the person again"
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_unusable_reference(saved: Path, tmp_path: Path, reference: str) -> None
 def test_missing_part(saved: Path, tmp_path: Path, tensor: str) -> None:
     path = rewritten(saved, tmp_path / "part.guise", drop=tensor)
     assert message(path).startswith(f"{path} is damaged (")
-    assert message(path).endswith("); enrol the person again")
+    assert message(path).endswith("); enroll the person again")
 
 
 @pytest.mark.parametrize(

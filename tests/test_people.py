@@ -111,7 +111,7 @@ def test_a_damaged_model_is_a_note_and_no_model(person: Identity) -> None:
     assert cached("camera", said.append) is None
     assert said == [
         f"a model that was kept is not used: {path} is not a Guise model or is "
-        "truncated; enrol the person again"
+        "truncated; enroll the person again"
     ]
     keep("camera", person)
     assert cached("camera") is not None

@@ -318,7 +318,7 @@ def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
     chrome: Any, server: StudioServer, regions: tuple[np.ndarray, np.ndarray]
 ) -> None:
     with visit(chrome, server, "/live") as page:
-        choose(page, "Who is at the camera", "Enrol me")
+        choose(page, "Who is at the camera", "Enroll me")
         page.get_by_role("button", name="Start").click()
         until(
             page,
@@ -328,7 +328,7 @@ def test_the_first_use_begins_with_enrolment_and_sends_nothing_bare(
         until(page, lambda: read(page, "The result") is not None, "received")
         sent, shown = read(page, "Your camera"), result(page)
         assert sent is not None
-        assert page.get_by_label("Enrolment").is_visible()
+        assert page.get_by_label("Enrollment").is_visible()
         until(page, lambda: over_face(page, regions[0]), "drawn over the person's own picture")
         assert alike(sent, sent[:, ::1], regions[0]) > 0.99
         assert alike(sent, shown, regions[0]) < 0.3
@@ -359,9 +359,9 @@ def test_somebody_else_is_offered_an_enrolment(browser: Any, server: StudioServe
         choose(page, "Camera", "The clip talk")
         choose(page, "Who is at the camera", "Robin")
         page.get_by_role("button", name="Start").click()
-        page.get_by_role("button", name="This is not Robin? Enrol me").click(timeout=TIMEOUT_MS)
+        page.get_by_role("button", name="This is not Robin? Enroll me").click(timeout=TIMEOUT_MS)
         until(page, lambda: "covered" not in page.get_by_role("status").first.inner_text(), "enrolling")
-        page.get_by_label("Enrolment").wait_for()
+        page.get_by_label("Enrollment").wait_for()
 
 
 def test_a_camera_that_is_not_allowed_is_one_sentence(chrome: Any, server: StudioServer) -> None:

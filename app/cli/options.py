@@ -116,7 +116,7 @@ NoKeep = Annotated[
     bool,
     typer.Option(
         "--no-keep",
-        help="Enrol the person in VIDEO even if their model was kept by an earlier run, and do not keep it.",
+        help="Enroll the person in VIDEO even if their model was kept by an earlier run, and do not keep it.",
     ),
 ]
 LandmarkFiles = Annotated[
@@ -132,7 +132,7 @@ LandmarkFile = Annotated[
     typer.Option(
         "--landmarks",
         metavar="FILE",
-        help="Landmarks of VIDEO for enrolment; default: the file beside it, or detected.",
+        help="Landmarks of VIDEO for enrollment; default: the file beside it, or detected.",
     ),
 ]
 LandmarkerSpec = Annotated[

@@ -26,7 +26,7 @@ def demo(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Enrol two sample people and swap one's face onto the other."""
+    """Enroll two sample people and swap one's face onto the other."""
     from guise.app.swapping.report import SwapSettings
     from guise.app.tools.demo import run_demo
 

@@ -211,7 +211,7 @@ def _open(
         return shown, landmark_source([landmarks] if landmarks else [], landmarker, 1)
     if landmarks or landmarker:
         raise typer.BadParameter(
-            "--landmarks and --landmarker are for enrolment, which --source replaces: leave them out"
+            "--landmarks and --landmarker are for enrollment, which --source replaces: leave them out"
         )
     return shown, open_face(source)
 

@@ -76,7 +76,7 @@ KEYS = {
     "f": "readout",
     "r": "record",
     "c": "snapshot",
-    "e": "enrol again",
+    "e": "enroll again",
     "h": "help",
     "q": "quit",
 }

@@ -215,7 +215,7 @@ class OnScreenEnrolment:
 
         def watched(stage: str, share: float) -> None:
             if self._cancelled.is_set():
-                raise Interrupted("the enrolment was cancelled; no model was made")
+                raise Interrupted("the enrollment was cancelled; no model was made")
             progress(stage, share)
 
         frames = self._album.frames()

@@ -207,7 +207,7 @@ class _RequestHandler:
             if request == "quit":
                 return False
             if request == "enrol" and self._config.cast:
-                self._say("Who else is here is covered: end, enrol them, and name them with --map.")
+                self._say("Who else is here is covered: end, enroll them, and name them with --map.")
             elif request == "enrol" and self._session is not None:
                 self._session.enrol()
             if request == "record":

@@ -53,7 +53,7 @@ STRANGER_SECONDS = 3.0  # of a covered face, after which it may be somebody else
 SWITCHES = ("mirror", "mesh", "mask")
 KEYS = (
     "1 to 9 face, up and down expression, S swap, P puppet, O cover, M mirror, L mesh, K mask, R record, C snapshot, "
-    "E enrol"
+    "E enroll"
 )
 GRAPH_POINTS = 120  # of the latency graph, one for each update
 LISTEN_SECONDS = 5.0  # that the browser gets to begin with its sound
@@ -130,7 +130,7 @@ class _LivePage:
             self._result = video("The result")
         with ui.row().classes("w-full items-center no-wrap min-h-12"):
             self._ring = ui.circular_progress(0, min=0, max=1, show_value=False, size="3rem")
-            self._ring.props('aria-label="Enrolment"')
+            self._ring.props('aria-label="Enrollment"')
             self._message = ui.label().classes("text-h6").props("role=status")
         with ui.row():
             self._start_button = ui.button("Start", icon="play_arrow", on_click=self._start)
@@ -138,7 +138,7 @@ class _LivePage:
             self._record = ui.button("Record", icon="fiber_manual_record", on_click=self._toggle_recording)
             self._record.props("outline")
             self._snap = ui.button("Snapshot", icon="photo_camera", on_click=self._snapshot).props("outline")
-            self._stranger = ui.button("Not you? Enrol me", icon="person_add", on_click=self._enrol_anew)
+            self._stranger = ui.button("Not you? Enroll me", icon="person_add", on_click=self._enrol_anew)
             self._stranger.set_visibility(False)
 
     def _choices(self) -> None:
@@ -443,7 +443,7 @@ class _LivePage:
             if shown.result.outcome not in ("covered", "lost"):
                 self._seen = time.monotonic()
             unknown = self._person.value != NOBODY and time.monotonic() - self._seen > STRANGER_SECONDS
-            self._stranger.text = f"This is not {self._people()[self._person.value]}? Enrol me"
+            self._stranger.text = f"This is not {self._people()[self._person.value]}? Enroll me"
             self._stranger.set_visibility(unknown)
             self._ring.value = shown.ring or 0.0
         self._record.text = "Stop recording" if run.recording else "Record"
@@ -472,7 +472,9 @@ class _LivePage:
 
     def _people(self) -> dict[str, str]:
         """Ids and names of the people who can be at the camera."""
-        return {person.id: person.name for person in self.studio.store.people()} | {NOBODY: "Enrol me (20 s)"}
+        return {person.id: person.name for person in self.studio.store.people()} | {
+            NOBODY: "Enroll me (20 s)"
+        }
 
 
 def _has_virtual_camera() -> bool:

@@ -109,9 +109,9 @@ class Grade:
 
 
 _ADVICE = {
-    "colour": "the colours differ: enrol the two in light of the same colour",
-    "light": "the light differs: enrol the two in even light from the front",
-    "softness": "the face's picture is softer than the video: enrol the face from a sharper or nearer clip",
+    "colour": "the colours differ: enroll the two in light of the same colour",
+    "light": "the light differs: enroll the two in even light from the front",
+    "softness": "the face's picture is softer than the video: enroll the face from a sharper or nearer clip",
     "shape": "the faces differ in shape, or are turned: a face of a more similar shape will look better",
 }
 

@@ -148,7 +148,7 @@ class Tally:
             seen = sum(self.counts.values())
             raise SwapError(
                 f"no face of the source person ({person}) found in the {seen} frames of {self._media.name}: give the "
-                "model of the person in the video with --source, or enrol them from it"
+                "model of the person in the video with --source, or enroll them from it"
             )
 
     def report(self, output: Path, stats: ProcessStats, first_packet: float | None) -> SwapReport:

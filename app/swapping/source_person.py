@@ -24,7 +24,7 @@ def source_person(
         return given
     if media.kind == "image":
         raise SwapError(
-            f"{media.name} is a single image, which isn't enough to enrol a face from: "
+            f"{media.name} is a single image, which isn't enough to enroll a face from: "
             "give the model of the person in it with --source"
         )
     from guise.app.enrolment.landmark_source import landmark_file

@@ -10,7 +10,7 @@ face, video, output = sys.argv[1:]
 frames = cv2.VideoCapture(video)
 size = (int(frames.get(cv2.CAP_PROP_FRAME_WIDTH)), int(frames.get(cv2.CAP_PROP_FRAME_HEIGHT)))
 writer = cv2.VideoWriter(output, cv2.VideoWriter.fourcc(*"mp4v"), frames.get(cv2.CAP_PROP_FPS), size)
-with guise.Swapper(guise.enrol(face), source=video) as swapper:
+with guise.Swapper(guise.enroll(face), source=video) as swapper:
     while (taken := frames.read())[0]:
         writer.write(swapper(taken[1][..., ::-1])[..., ::-1])
 writer.release()
