@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
@@ -33,6 +34,7 @@ Picture = U8
 Sense = Literal["<=", ">=", "<", ">"]
 
 SHARED = Path(__file__).parents[2] / "shared"
+RESULTS = Path(__file__).parent / "results"
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "av", "moderngl", "onnxruntime")
 
 
@@ -131,10 +133,11 @@ class Criterion:
         m, t = self.measured, self.target
         return bool({"<=": m <= t, ">=": m >= t, "<": m < t, ">": m > t}[self.sense])
 
-    def cells(self) -> tuple[str, str, str, str]:
-        """What, measured, target, met or not."""
+    def cells(self, kept: float | None = None) -> tuple[str, ...]:
+        """What, measured, what was kept of an earlier run, target, met or not."""
+        before = "" if kept is None else shown(kept, self.unit)
         target = f"{self.sense} {shown(self.target, self.unit)}"
-        return self.what, shown(self.measured, self.unit), target, "met" if self.met else "NOT MET"
+        return self.what, shown(self.measured, self.unit), before, target, "met" if self.met else "NOT MET"
 
 
 @dataclass(frozen=True)
@@ -158,8 +161,9 @@ class Report:
 
     def markdown(self) -> str:
         """The report as Markdown."""
-        rows = [c.cells() for c in self.criteria]
-        parts = [f"## {self.title}", "", markdown_table(("what", "measured", "target", ""), rows)]
+        kept = kept_figures(self.name)
+        rows = [c.cells(kept.get(c.what)) for c in self.criteria]
+        parts = [f"## {self.title}", "", markdown_table(("what", "measured", "kept", "target", ""), rows)]
         for table in self.tables:
             parts += ["", f"**{table.title}**", "", markdown_table(table.columns, table.rows)]
         return "\n".join(parts + [f"\n{note}" for note in self.notes]) + "\n"
@@ -239,31 +243,64 @@ def _first_line(command: Sequence[str]) -> str:
         return "unknown"
 
 
+# -- what is kept ---------------------------------------------------------------------------------------------
+
+
+def kept_figures(name: str) -> dict[str, float]:
+    """What a benchmark measured when its figures were kept, by what was measured; empty when they never were."""
+    file = RESULTS / f"{name}.json"
+    return dict(json.loads(file.read_text())["figures"]) if file.is_file() else {}
+
+
+def keep(report: Report) -> None:
+    """Keep a report's figures with the day, the revision and the kind of machine."""
+    here = machine()
+    content = {
+        "day": datetime.now(UTC).date().isoformat(),
+        **{name: here[name] for name in ("revision", "processor", "cores")},
+        "figures": {c.what: float(f"{c.measured:.4g}") for c in report.criteria},
+    }
+    RESULTS.mkdir(exist_ok=True)
+    (RESULTS / f"{report.name}.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
 # -- the command ----------------------------------------------------------------------------------------------
 
+SHARED_OPTIONS = ("shared", "peers_python", "landmarker", "parts", "work", "minutes")
 
-def arguments(description: str | None) -> argparse.ArgumentParser:
-    """The options that every benchmark has."""
+
+def arguments(description: str | None, **defaults: object) -> argparse.ArgumentParser:
+    """The options that every benchmark takes, whether it has a use for them or not; defaults as `set_defaults`."""
     parser = argparse.ArgumentParser(description=(description or "").split("\n")[0])
-    parser.add_argument("--shared", type=Path, default=SHARED, help="folder that holds data/ and models/")
-    parser.add_argument("--json", type=Path, help="also write the figures here")
-    parser.add_argument("--quick", action="store_true", help="do only part of the work, to check the script")
-    return parser
-
-
-def with_peers(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """Add the option for the peers' environment."""
-    parser.add_argument("--peers-python", type=Path, help="Python of the peers' environment, see README.md")
+    add = parser.add_argument
+    add("--shared", type=Path, default=SHARED, help="folder that holds data/ and models/")
+    add("--json", type=Path, help="also write the figures here")
+    add(
+        "--keep",
+        action="store_true",
+        help="keep the figures in benchmarks/results, beside which new ones are shown",
+    )
+    add("--quick", action="store_true", help="do only part of the work, to check the script")
+    add("--peers-python", type=Path, help="Python of the peers' environment, see README.md")
+    add("--landmarker", default="builtin", help="the landmarker under test (default: builtin)")
+    add("--parts", type=Path, help="folder of training/render_people.py; held-out people are used")
+    add("--work", type=Path, help="keep models, videos and pictures here, and use those that are there")
+    add("--minutes", type=float, help="length of the long run")
+    parser.set_defaults(**defaults)
     return parser
 
 
 def run(measure: Callable[[argparse.Namespace], Report], parser: argparse.ArgumentParser) -> None:
-    """Measure, print, and write the JSON file if requested."""
+    """Measure, print, and write or keep the figures if requested."""
     options = parser.parse_args()
+    if options.keep and options.quick:
+        parser.error("--keep needs the whole run, got --quick")
     report = measure(options)
     if options.quick:
         report.notes.append("Quick run: do not quote these figures.")
     print(report.markdown())
+    if options.keep:
+        keep(report)
     if options.json:
         options.json.parent.mkdir(parents=True, exist_ok=True)
         content = {"machine": machine(), "report": report.plain()}

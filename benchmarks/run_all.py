@@ -17,123 +17,22 @@ from typing import Any
 from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 
-NAMES = (
-    "roundtrip",
-    "tracker_synthetic",
-    "tracker_real",
-    "tracker_scenes",
-    "unswapped",
-    "tracker_speed",
-    "transfer",
-    "frame_time",
-    "file_to_file",
-    "speed",
-    "identity",
-    "enrolment",
-    "structure",
-    "startup",
-    "fuzz",
-    "self_calibration",
-    "recognition",
-    "memory",
+HERE = Path(__file__).parent
+ALL = tuple(
+    sorted(
+        ".".join(path.relative_to(HERE).with_suffix("").parts)
+        for path in HERE.rglob("*.py")
+        if "common.run(measure" in path.read_text() and path != Path(__file__)
+    )
 )
-LANDMARKS = (
-    "landmarks.stills",
-    "landmarks.real_clips",
-    "landmarks.small_faces",
-    "landmarks.rendered",
-    "landmarks.rolls",
-    "landmarks.head_pose",
-    "landmarks.gaze",
-    "landmarks.expressions",
-    "landmarks.parsing",
-    "landmarks.jitter",
-    "landmarks.speed",
-    "landmarks.footprint",
-    "landmarks.false_faces",
-    "landmarks.calibration",
-)
-DEIDENTIFY = (
-    "deidentify.leaks",
-    "deidentify.identity",
-    "deidentify.attack",
-    "deidentify.voice",
-    "deidentify.expression",
-    "deidentify.swapped",
-    "deidentify.speed",
-    "deidentify.memory",
-    "deidentify.resumed",
-    "deidentify.cluster",
-    "deidentify.scaling",
-)
-LIVE = (
-    "live.throughput",
-    "live.latency",
-    "live.start",
-    "live.closed",
-    "live.studio",
-    "live.browser",
-    "live.soak",
-)
-IMAGE = (
-    "image.onto_itself",
-    "image.across",
-    "image.light",
-    "image.crossings",
-    "image.speed",
-)
-MESH = (
-    "mesh.transfer",
-    "mesh.people",
-    "mesh.correspondence",
-    "mesh.cylinder",
-    "mesh.landmarks",
-    "mesh.production",
-    "mesh.large_rig",
-    "mesh.speed",
-)
-PICTURE = (
-    "picture.truth",
-    "picture.turned",
-    "picture.pairs",
-    "picture.grade",
-    "picture.ideal",
-    "picture.exemplars",
-)
-PEOPLE = (
-    "people.photo",
-    "people.several",
-    "people.studio",
-)
-ALL = (*NAMES, *LANDMARKS, *PICTURE, *PEOPLE, *DEIDENTIFY, *LIVE, *MESH, *IMAGE)
-WITH_PEERS = (
-    "tracker_speed", "file_to_file", "landmarks.stills", "landmarks.small_faces", "landmarks.speed",
-    "deidentify.leaks", "deidentify.expression", "deidentify.speed", "picture.pairs",
-    "picture.grade", "picture.ideal", "people.photo",
-)  # fmt: skip
-WITH_PARTS = ("landmarks.rendered", "landmarks.head_pose", "landmarks.parsing", "landmarks.calibration")
 
 
-def arguments_of(name: str, options: argparse.Namespace, file: Path) -> list[str]:
-    """What a benchmark is given."""
-    given = ["--shared", str(options.shared), "--json", str(file)]
-    if options.quick:
-        given.append("--quick")
-    if name in WITH_PEERS and options.peers_python:
-        given += ["--peers-python", str(options.peers_python)]
-    if name in LANDMARKS:
-        given += ["--landmarker", options.landmarker]
-    if name in PICTURE or name == "people.photo":
-        given += ["--work", str(options.output / "picture")]
-    if name in WITH_PARTS and options.parts:
-        given += ["--parts", str(options.parts)]
-    if name.endswith("memory"):
-        given += ["--minutes", str(options.minutes)]
-    if name == "live.soak":
-        given += ["--minutes", str(options.soak_minutes)]
-    if name == "identity":
-        given += ["--sheets", str(options.output / "sheets")]
-    return given
+def arguments_of(options: argparse.Namespace, file: Path) -> list[str]:
+    """What each benchmark is given."""
+    told = {name: getattr(options, name) for name in common.SHARED_OPTIONS}
+    given = [f"--{name.replace('_', '-')}={value}" for name, value in told.items() if value is not None]
+    switches = [f"--{name}" for name in ("quick", "keep") if getattr(options, name)]
+    return [*given, *switches, "--json", str(file)]
 
 
 def result(name: str, options: argparse.Namespace) -> dict[str, Any] | None:
@@ -141,8 +40,8 @@ def result(name: str, options: argparse.Namespace) -> dict[str, Any] | None:
     file = options.output / f"{name}.json"
     file.unlink(missing_ok=True)
     common.say(f"== {name}")
-    command = [sys.executable, "-m", f"benchmarks.{name}", *arguments_of(name, options, file)]
-    done = subprocess.run(command, cwd=Path(__file__).parents[1], stdout=subprocess.DEVNULL, check=False)
+    command = [sys.executable, "-m", f"benchmarks.{name}", *arguments_of(options, file)]
+    done = subprocess.run(command, cwd=HERE.parent, stdout=subprocess.DEVNULL, check=False)
     return json.loads(file.read_text()) if done.returncode == 0 and file.is_file() else None
 
 
@@ -158,7 +57,7 @@ def report_of(content: dict[str, Any]) -> Report:
 def markdown(reports: Sequence[Report], failed: Sequence[str], machine: dict[str, Any], day: str) -> str:
     """One page: the machine, all targets, then every benchmark."""
     libraries = ", ".join(f"{k} {v}" for k, v in machine["libraries"].items())
-    rows = [(r.title, *c.cells()) for r in reports for c in r.criteria]
+    rows = [(r.title, *c.cells(common.kept_figures(r.name).get(c.what))) for r in reports for c in r.criteria]
     missed = sum(not c.met for r in reports for c in r.criteria)
     parts = [
         f"# Benchmarks, {day}, revision {machine['revision']}",
@@ -168,7 +67,7 @@ def markdown(reports: Sequence[Report], failed: Sequence[str], machine: dict[str
         "",
         f"{len(rows) - missed} of {len(rows)} targets met.",
         "",
-        common.markdown_table(("benchmark", "what", "measured", "target", ""), rows),
+        common.markdown_table(("benchmark", "what", "measured", "kept", "target", ""), rows),
         "",
         *(f"**{name} failed**: no figures.\n" for name in failed),
         *(r.markdown() for r in reports),
@@ -193,13 +92,9 @@ def run_all(options: argparse.Namespace) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """Options of all benchmarks together."""
-    made = common.with_peers(common.arguments(__doc__))
+    made = common.arguments(__doc__)
     made.add_argument("--output", type=Path, default=Path("out/benchmarks"), help="folder for the figures")
     made.add_argument("--only", nargs="+", choices=ALL, help="some of the benchmarks")
-    made.add_argument("--landmarker", default="builtin", help="the landmarker of the landmarks benchmarks")
-    made.add_argument("--parts", type=Path, help="rendered parts for the landmarks benchmarks")
-    made.add_argument("--minutes", type=float, default=10.0, help="length of the memory runs")
-    made.add_argument("--soak-minutes", type=float, default=60.0, help="length of the long live run")
     return made
 
 

@@ -4,9 +4,6 @@ Guise and ffmpeg alternate, and ratios are medians over the rounds, so that othe
 Clips: room_s18 (720p), the same ten times over, and two made from it by ffmpeg in which the face is 420 pixels wide
 (1080p) and 800 pixels wide (4K).  The first packet is timed from the start of the process to the moment at which the
 first encoded picture is handed to the container.
-
-`benchmarks/speed.json` holds the figures of the last release, with which the new ones are compared; `--keep VERSION`
-replaces it.
 """
 
 from __future__ import annotations
@@ -30,7 +27,6 @@ from benchmarks.common import Clip, Criterion, Report, Table
 CLIP, DONOR = "room_s18", "studio_d7"
 ROUNDS = 5
 SECONDS = 9.4  # of CLIP
-KEPT = Path(__file__).with_name("speed.json")
 ENCODE = ("-c:v", "libx264", "-preset", "veryfast", "-crf", "20", "-c:a", "copy")
 # As GUISE, writing the time of the first packet to a file.
 TIMED = """
@@ -136,14 +132,7 @@ def measure(options: argparse.Namespace) -> Report:
             video, count = make(folder), 1 if options.quick else options.rounds
             found[key] = figures([one_round(video, models, folder) for _ in range(count)])
             common.say(f"{key}: {found[key]}")
-    if options.keep:
-        KEPT.write_text(json.dumps({"version": options.keep, "figures": _kept() | found}, indent=1) + "\n")
-    return summary(found, json.loads(KEPT.read_text()) if KEPT.exists() else {})
-
-
-def _kept() -> dict[str, dict[str, float]]:
-    """Figures of clips that were kept before."""
-    return dict(json.loads(KEPT.read_text())["figures"]) if KEPT.exists() else {}
+    return summary(found)
 
 
 TARGETS = (
@@ -159,24 +148,14 @@ TARGETS = (
 )
 
 
-def summary(found: dict[str, dict[str, float]], kept: dict[str, object]) -> Report:
-    """Targets, and every figure beside that of the last release."""
-    before = kept.get("figures", {})
-    assert isinstance(before, dict)
-    rows = [
-        (clip, what, value, before.get(clip, {}).get(what, float("nan")))
-        for clip, values in found.items()
-        for what, value in values.items()
-    ]
+def summary(found: dict[str, dict[str, float]]) -> Report:
+    """Targets, and every figure."""
+    rows = [(clip, what, value) for clip, values in found.items() for what, value in values.items()]
     return Report(
         "speed",
         "As fast as the codec allows",
         [Criterion(f"{c}: {w}", found[c][w], "<=", t) for c, w, t in TARGETS if c in found],
-        [
-            Table(
-                "Medians", ("clip", "what", "now", f"last release ({kept.get('version', 'none kept')})"), rows
-            )
-        ],
+        [Table("Medians", ("clip", "what", "measured"), rows)],
     )
 
 
@@ -184,5 +163,4 @@ if __name__ == "__main__":
     parser = common.arguments(__doc__)
     parser.add_argument("--rounds", type=int, default=ROUNDS, help="swaps and transcodes of each clip")
     parser.add_argument("--clips", nargs="+", metavar="NAME", help='some of them, such as "4K, face 800"')
-    parser.add_argument("--keep", metavar="VERSION", help="keep the figures as those of this release")
     common.run(measure, parser)

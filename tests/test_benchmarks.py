@@ -1,7 +1,11 @@
 """Benchmarks: targets are judged rightly, tables hold what was measured, and the measures measure."""
 
 import argparse
+import json
+import re
+import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import av
@@ -10,7 +14,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import common, file_to_file, identity, run_all, speed, tracker_real
+from benchmarks import common, identity, run_all, speed, threads
 from benchmarks.children import CommandError, Ran, ran
 from benchmarks.common import Criterion, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_MOUTH_CORNER, NOSE_TIP, RIGHT_EYE, RIGHT_MOUTH_CORNER
@@ -46,34 +50,58 @@ def test_report_survives_json() -> None:
 
 
 def test_every_script_is_run_and_listed() -> None:
-    folder = Path(run_all.__file__).parent
-    scripts = {p.stem for p in folder.glob("*.py") if "common.run(measure" in p.read_text()}
-    assert scripts == set(run_all.NAMES)
-    listed = (folder / "README.md").read_text()
-    assert all(f"| `{name}` |" in listed for name in scripts)
+    assert {"speed", "picture.truth", "deidentify.leaks", "live.closed", "mesh.transfer"} <= set(run_all.ALL)
+    assert len(run_all.ALL) > 40
+    listed = (Path(run_all.__file__).parent / "README.md").read_text()
+    assert sorted(run_all.ALL) == sorted(re.findall(r"^\| `([a-z_.]+)` \|", listed, re.MULTILINE))
 
 
-def test_jitter_of_a_shaken_point_is_its_second_difference() -> None:
-    points = np.zeros((30, 4, 2))
-    points[::2, :, 0] = 1.0  # second difference 2 px everywhere
-    measured = tracker_real.jitter(points, np.full(30, 50.0), np.ones(30, bool))
-    assert measured == pytest.approx(100 * 2 / 50)
+@pytest.mark.parametrize("name", run_all.ALL)
+def test_every_script_takes_what_it_is_given(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that its imports and its options are sound, too."""
+    given = ["--peers-python=python", "--landmarker=card.toml", "--parts=parts", "--work=work", "--minutes=1"]
+    told = run_all.arguments_of(run_all.parser().parse_args([*given, "--quick"]), Path("x.json"))
+    made: list[argparse.ArgumentParser] = []
+    monkeypatch.setattr(common, "run", lambda _, parser: made.append(parser))
+    monkeypatch.setattr(threads, "one_thread", lambda module: None)  # it would start this process anew
+    monkeypatch.setattr(sys, "argv", [name])
+    path = Path(run_all.__file__).parent / f"{name.replace('.', '/')}.py"
+    runpy.run_path(str(path), run_name="__main__")
+    options = made[0].parse_args(told)
+    assert (options.quick, options.landmarker, options.minutes) == (True, "card.toml", 1.0)
 
 
-def test_still_frames_are_those_without_motion_in_their_window() -> None:
-    points = np.zeros((60, 4, 2))
-    points[30:, :, 0] = np.arange(30)[:, None]  # moves 1 px = 2 % a frame from frame 30 on
-    still = tracker_real.still_frames(points, np.full(60, 50.0))
-    assert still[10:25].all()
-    assert not still[33:].any()
+def test_what_is_kept_stands_beside_what_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def measured(value: float) -> Callable[[argparse.Namespace], Report]:
+        return lambda options: Report("made.up", "T", [Criterion("x", value, "<=", 2.0, "ms")])
+
+    monkeypatch.setattr(common, "RESULTS", tmp_path)
+    for argument, value in (("--keep", 1.25), ("--shared=.", 1.5)):
+        monkeypatch.setattr(sys, "argv", ["made_up", argument])
+        common.run(measured(value), common.arguments("Made up."))
+    assert capsys.readouterr().out.splitlines()[-2].split("|")[1:5] == [
+        " x    ",
+        " 1.5 ms   ",
+        " 1.25 ms ",
+        " <= 2 ms ",
+    ]
+    kept = json.loads((tmp_path / "made.up.json").read_text())
+    assert kept["figures"] == {"x": 1.25}
+    assert kept.keys() == {"day", "revision", "processor", "cores", "figures"}
 
 
-def test_landmarks_that_are_missing_are_never_still() -> None:
-    points = np.zeros((40, 4, 2))
-    points[20] = np.nan
-    still = tracker_real.still_frames(points, np.full(40, 50.0))
-    assert not still[17:24].any()
-    assert still[6:14].all()
+def test_a_part_of_the_work_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["made_up", "--keep", "--quick"])
+    with pytest.raises(SystemExit, match="2"):
+        common.run(lambda options: pytest.fail("was run"), common.arguments("Made up."))
+
+
+@pytest.mark.parametrize("file", sorted(common.RESULTS.glob("*.json")), ids=lambda file: file.stem)
+def test_what_is_kept_is_of_a_benchmark_that_is_there(file: Path) -> None:
+    assert file.stem in run_all.ALL
+    assert all(np.isfinite(value) for value in json.loads(file.read_text())["figures"].values())
 
 
 def test_recogniser_sees_the_template_where_the_face_is() -> None:
@@ -100,15 +128,6 @@ def test_judged_and_enrolled_frames_of_a_person_differ() -> None:
     assert not set(every[::2]) & set(every[1::2])
 
 
-def test_ratio_to_ffmpeg_is_the_median_over_rounds() -> None:
-    def runs(*seconds: float) -> list[Ran]:
-        return [Ran(s, s, 0.0) for s in seconds]
-
-    report = file_to_file.summary({"ffmpeg": runs(1, 2, 10), "guise swap": runs(1.2, 2.8, 50)}, 100)
-    assert report.criteria[0].measured == pytest.approx(1.4)
-    assert report.notes
-
-
 def test_failed_command_is_told_with_its_words() -> None:
     with pytest.raises(CommandError, match="no such thing"):
         ran(["sh", "-c", "echo no such thing >&2; exit 3"])
@@ -119,14 +138,6 @@ def test_child_is_timed_and_its_memory_seen() -> None:
     assert 0.25 < run.seconds < 5
     assert run.peak_mb > 0
     assert max(mb for _, mb in run.samples) > 0
-
-
-def test_peers_are_only_given_to_those_that_have_them() -> None:
-    options = run_all.parser().parse_args(["--peers-python", "peers/python"])
-    assert isinstance(options, argparse.Namespace)
-    for name in run_all.NAMES:
-        given = run_all.arguments_of(name, options, Path("x.json"))
-        assert ("--peers-python" in given) == (name in run_all.WITH_PEERS)
 
 
 def test_a_face_counts_as_changed_as_far_as_its_box_was() -> None:
@@ -201,13 +212,7 @@ def test_faces_that_cannot_be_seen_are_a_line_without_figures() -> None:
     assert row("clip", "guise", [])[:5] == ("clip", "guise", 0, 0, 0)
 
 
-def test_every_benchmark_of_de_identification_runs_with_all() -> None:
-    helpers = {"__init__", "changes", "espeak", "forms", "guise"}
-    scripts = {p.stem for p in (Path(run_all.__file__).parent / "deidentify").glob("*.py")} - helpers
-    assert {f"deidentify.{name}" for name in scripts} == set(run_all.DEIDENTIFY)
-
-
-def test_speed_is_a_median_of_ratios_beside_the_last_release() -> None:
+def test_speed_is_a_median_of_ratios_over_the_rounds() -> None:
     def one(transcode: float, swap: float) -> speed.Round:
         return speed.Round(Ran(transcode, transcode, 100.0), Ran(swap, 2 * swap, 300.0 + swap), 0.5, 0.1)
 
@@ -215,7 +220,5 @@ def test_speed_is_a_median_of_ratios_beside_the_last_release() -> None:
     assert found["720p"]["wall over transcode"] == pytest.approx(1.5)
     assert found["720p"]["processor over transcode"] == pytest.approx(3.0)
     assert found["720p"]["peak, MB"] == pytest.approx(308)
-    kept = {"version": "0.2.0", "figures": {"720p": {"wall over transcode": 1.7}}}
-    report = speed.summary(found, kept)
+    report = speed.summary(found)
     assert [(c.what, c.met) for c in report.criteria][:1] == [("720p: wall over transcode", False)]
-    assert ("720p", "wall over transcode", pytest.approx(1.5), 1.7) in list(report.tables[0].rows)

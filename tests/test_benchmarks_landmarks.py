@@ -10,7 +10,6 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import run_all
 from benchmarks.landmarks import annotated, false_faces, metrics, rendered, small_faces
 from benchmarks.landmarks import jitter as jitter_benchmark
 from benchmarks.landmarks.mediapipe_mesh import FACE81, face81
@@ -132,34 +131,6 @@ def test_depth_halves_when_blinks_do() -> None:
     assert metrics.depth(shallow) / metrics.depth(curve) == pytest.approx(0.5)
 
 
-def test_ranking_is_the_chance_of_the_right_order() -> None:
-    right = np.array([True, True, False, False])
-    assert metrics.ranking(np.array([0.9, 0.8, 0.3, 0.1]), right) == 1
-    assert metrics.ranking(np.array([0.9, 0.2, 0.3, 0.1]), right) == 0.75
-    assert metrics.ranking(np.full(4, 0.5), right) == 0.5
-    assert np.isnan(metrics.ranking(np.full(2, 0.5), np.array([True, True])))
-
-
-def test_calibration_of_a_forecast_that_is_right_and_of_one_that_boasts() -> None:
-    rng = np.random.default_rng(0)
-    confidence = rng.uniform(0, 1, 20000)
-    right = rng.uniform(0, 1, 20000) < confidence
-    edges = np.linspace(0, 1, 11)
-    assert metrics.calibration_error(confidence, right, edges) < 0.02
-    assert metrics.brier(confidence, right) == pytest.approx(1 / 6, abs=0.01)
-    assert metrics.calibration_error(np.sqrt(confidence), right, edges) > 0.1
-    assert metrics.brier(np.sqrt(confidence), right) > metrics.brier(confidence, right)
-
-
-def test_reliability_counts_every_face_once() -> None:
-    confidence = np.array([0.0, 0.5, 0.5, 0.99, 1.0])
-    rows = metrics.reliability(
-        confidence, np.array([False, True, False, True, True]), np.array([0, 0.5, 1.0])
-    )
-    assert [row[2] for row in rows] == [1, 4]
-    assert rows[1][4] == 0.75
-
-
 def test_mesh_points_are_all_different() -> None:
     mesh = np.arange(478.0)[:, None] * np.ones(2)
     assert len(set(FACE81)) == 81
@@ -237,23 +208,3 @@ def test_face_free_pictures_follow_from_their_numbers() -> None:
     assert {kind for kind, _ in first} == {"photographs", "made up"}
     assert all((a[1] != b[1]).any() for a, b in pairwise(first))
     assert {p.shape for _, p in first} == {(false_faces.HEIGHT, false_faces.WIDTH, 3)}
-
-
-def test_every_landmark_script_is_run_and_listed() -> None:
-    folder = Path(run_all.__file__).parent
-    scripts = {
-        f"landmarks.{p.stem}" for p in (folder / "landmarks").glob("*.py") if "NAME, TITLE" in p.read_text()
-    }
-    assert scripts == set(run_all.LANDMARKS)
-    listed = (folder / "README.md").read_text()
-    assert all(f"| `{name}` |" in listed for name in scripts)
-
-
-def test_landmark_scripts_get_their_options() -> None:
-    given = ["--peers-python", "peers/python", "--landmarker", "card.toml", "--parts", "parts"]
-    options = run_all.parser().parse_args(given)
-    for name in run_all.ALL:
-        told = run_all.arguments_of(name, options, Path("x.json"))
-        assert ("card.toml" in told) == name.startswith("landmarks.")
-        assert ("--parts" in told) == (name in run_all.WITH_PARTS)
-        assert ("--peers-python" in told) == (name in run_all.WITH_PEERS)

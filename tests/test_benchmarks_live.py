@@ -9,7 +9,6 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import run_all
 from benchmarks.live import clock, latency, soak, throughput
 from benchmarks.live.runs import SAMPLES
 from guise.app.live.stats import PipelineStats
@@ -108,11 +107,3 @@ def test_what_was_seen_in_the_first_seconds_does_not_count_and_nothing_is_not_me
     assert latency.after_warm_up(seen[:0]) == []
     report = latency.report({"window": []}, {"window": 600})
     assert not any(c.met for c in report.criteria)
-
-
-def test_every_benchmark_of_the_live_application_runs_with_all() -> None:
-    folder = Path(run_all.__file__).parent
-    scripts = {p.stem for p in (folder / "live").glob("*.py") if "common.run(measure" in p.read_text()}
-    assert {f"live.{name}" for name in scripts} == set(run_all.LIVE)
-    listed = (folder / "README.md").read_text()
-    assert all(f"| `{name}` |" in listed for name in run_all.LIVE)

@@ -11,7 +11,6 @@ from made_up import SAMPLES
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import run_all
 from benchmarks.common import F64, Clip
 from benchmarks.picture import pairs, program, sheets, truth
 from benchmarks.picture.turned import distances_from_line
@@ -28,16 +27,6 @@ def still_face() -> F64:
 
 def rendered(name: str, **figures: float) -> truth.Row:
     return {**dict.fromkeys(truth.COLUMNS, 1.0), "scene": name, **figures}
-
-
-def test_every_benchmark_of_the_picture_runs_with_all() -> None:
-    folder = Path(run_all.__file__).parent / "picture"
-    scripts = {p.stem for p in folder.glob("*.py") if "common.run(measure" in p.read_text()}
-    assert {f"picture.{name}" for name in scripts} == set(run_all.PICTURE)
-    listed = (folder.parent / "README.md").read_text()
-    assert all(f"| `picture.{name}` |" in listed for name in scripts)
-    given = run_all.arguments_of("picture.truth", run_all.parser().parse_args([]), Path("x.json"))
-    assert "--work" in given
 
 
 def test_frames_are_chosen_for_what_the_face_does_in_them() -> None:

@@ -23,8 +23,7 @@ class LandmarkSource:
 
     points : (n, 81, 2) of all frames of each clip, NaN without a face, where they are known already.
     refine : whether detected landmarks are refined jointly over all frames.  By default only those of other landmarkers
-        are, as refinement doesn't improve tracking with the built-in one (benchmarks/self_calibration.py).  Landmarks
-        from files are trusted.
+        are, as refinement doesn't improve tracking with the built-in one.  Landmarks from files are trusted.
     """
 
     files: Sequence[Path] = ()

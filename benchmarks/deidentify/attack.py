@@ -219,7 +219,6 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--region", default="face", choices=("face", "head"), help="what a swap replaces")
     parser.add_argument("--only", nargs="*", default=[], help="names of people; all by default")
-    parser.add_argument("--work", type=Path, help="keep clips and outputs here, and continue there")
     return parser
 
 

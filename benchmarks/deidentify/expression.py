@@ -120,4 +120,4 @@ def summary(rows: list[tuple[object, ...]]) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(common.arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__))

@@ -159,7 +159,7 @@ def measure(options: argparse.Namespace) -> Report:
 
 def parser() -> argparse.ArgumentParser:
     """The options."""
-    made = common.with_peers(common.arguments(__doc__))
+    made = common.arguments(__doc__)
     made.add_argument(
         "--forms", nargs="+", default=[*ALL_ROLLS, *SPOILED],
         help=f"degrees clockwise, {', '.join(SPOILED)} (default: every 15 degrees, and these)",

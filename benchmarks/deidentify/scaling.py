@@ -11,15 +11,16 @@ import argparse
 import os
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks import common
-from benchmarks.children import ffmpeg, ran
+from benchmarks.children import GUISE, ffmpeg, ran
 from benchmarks.common import Criterion, Report, Table
-from benchmarks.deidentify.cluster import ADDRESS, cluster, command
 
 CLIPS = (
     "room_s18", "studio_d7", "studio_d3", "studio_d5", "studio_d6", "studio_d18", "talk_r1", "talk_r2",
@@ -27,6 +28,37 @@ CLIPS = (
 SECONDS = 0.7  # of each clip
 ROUNDS = 3
 SAMPLE_SECONDS = 0.2
+PORT = 18786
+ADDRESS = f"tcp://127.0.0.1:{PORT}"
+
+
+@contextmanager
+def cluster(workers: int, *, pinned: bool) -> Iterator[None]:
+    """A scheduler and workers with one thread each, and one core each if they are `pinned`."""
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", str(PORT), "--no-dashboard"]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", ADDRESS, "--nthreads", "1"]
+    path = os.pathsep.join(filter(None, (os.environ.get("PYTHONPATH"), str(Path(__file__).parents[2]))))
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": path}
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(command: list[str]) -> None:
+        quiet = subprocess.DEVNULL
+        process = subprocess.Popen(
+            command, env=environment, stdout=quiet, stderr=quiet, start_new_session=True
+        )
+        started.append(process)
+
+    try:
+        start(dask)
+        time.sleep(3)
+        for number in range(workers):
+            core = ["taskset", "--cpu-list", str(number)] if pinned else []
+            start([*core, *worker, "--no-dashboard", "--no-nanny"])
+        yield
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
 
 
 def pieces(shared: Path, count: int, seconds: float, folder: Path) -> list[Path]:
@@ -47,7 +79,8 @@ def run(videos: Sequence[Path], folder: Path) -> tuple[float, int]:
     """Wall seconds on the running cluster, and the most bytes in work folders."""
     folder.mkdir()
     start, most = time.perf_counter(), 0
-    process = subprocess.Popen(command(list(videos), folder, "--engine", f"dask:{ADDRESS}"))
+    options = ("--preset", "ultrafast", "--quiet", "--engine", f"dask:{ADDRESS}")
+    process = subprocess.Popen([*GUISE, "deidentify", *map(str, videos), "-o", str(folder), *options])
     while process.poll() is None:
         most = max(most, sum(_size(file) for work in folder.glob("*.work") for file in work.rglob("*")))
         time.sleep(SAMPLE_SECONDS)

@@ -80,4 +80,4 @@ def _report(runs: dict[str, tuple[list[Ran], list[Ran]]], peers: dict[str, float
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(common.arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__))

@@ -193,4 +193,4 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, setting.arguments(__doc__))
+    common.run(measure, common.arguments(__doc__))

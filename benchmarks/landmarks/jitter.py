@@ -257,7 +257,7 @@ def lag_criteria(rows: list[tuple[object, ...]]) -> list[Criterion]:
 
 def parser() -> argparse.ArgumentParser:
     """The options."""
-    made = setting.arguments(__doc__)
+    made = common.arguments(__doc__)
     made.add_argument("--frames", type=int, default=FRAMES, help="first frames of each real clip; 0 for all")
     samples = Path(__file__).parents[2] / "sample_videos"
     made.add_argument("--samples", type=Path, default=samples, help="folder of rendered clips with truth")

@@ -63,4 +63,4 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(common.arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__))

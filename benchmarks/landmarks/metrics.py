@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,40 +175,3 @@ def depth(curve: F64) -> float:
     """How far a curve (t,) dips below its median: median less the second percentile."""
     known = curve[np.isfinite(curve)]
     return float(np.median(known) - np.quantile(known, 0.02)) if len(known) else float("nan")
-
-
-# -- confidence -----------------------------------------------------------------------------------------------
-
-
-def brier(confidence: F64, right: Bools) -> float:
-    """Mean squared difference of predicted probability (n,) and outcome (n,)."""
-    return float(np.mean((confidence - right) ** 2)) if len(confidence) else float("nan")
-
-
-def ranking(confidence: F64, right: Bools) -> float:
-    """Area under the ROC curve: chance that a right one has more confidence than a wrong one; ties count half."""
-    from scipy.stats import rankdata
-
-    good, bad = int(right.sum()), int((~right).sum())
-    if not good or not bad:
-        return float("nan")
-    ranks = rankdata(confidence)
-    return float((ranks[right].sum() - good * (good + 1) / 2) / (good * bad))
-
-
-def reliability(confidence: F64, right: Bools, edges: F64) -> list[tuple[float, float, int, float, float]]:
-    """Low, high, number, mean predicted and share right of the bins [low, high) that hold any; 1 is in the last."""
-    index = np.clip(np.searchsorted(edges, confidence, side="right") - 1, 0, len(edges) - 2)
-    rows = []
-    for i, (low, high) in enumerate(pairwise(edges)):
-        chosen = index == i
-        if chosen.any():
-            mean, share = float(confidence[chosen].mean()), float(right[chosen].mean())
-            rows.append((float(low), float(high), int(chosen.sum()), mean, share))
-    return rows
-
-
-def calibration_error(confidence: F64, right: Bools, edges: F64) -> float:
-    """Expected calibration error: mean difference of predicted and observed share, weighted by the bins' numbers."""
-    rows = reliability(confidence, right, edges)
-    return sum(n * abs(mean - share) for _, _, n, mean, share in rows) / max(len(confidence), 1)

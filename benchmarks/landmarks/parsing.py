@@ -26,7 +26,6 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
-from benchmarks.landmarks import setting
 from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.builtin import DATA
 from guise.aam.parsing import CELLS, FaceClass, FaceParser, FaceParsing
@@ -168,4 +167,4 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, setting.with_parts(setting.arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__))

@@ -121,7 +121,7 @@ def criteria(frontal: list[Result], hard: list[Result]) -> list[Criterion]:
 
 def parser() -> argparse.ArgumentParser:
     """The options."""
-    made = setting.arguments(__doc__)
+    made = common.arguments(__doc__)
     made.add_argument("--frames", type=int, default=FRAMES, help="first frames of each clip; 0 for all")
     return made
 

@@ -234,7 +234,7 @@ def add_groups(report: Report, result: Found, pictures: Any) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """The options."""
-    made = setting.with_parts(setting.arguments(__doc__))
+    made = common.arguments(__doc__)
     made.add_argument("--every", type=int, default=FRAME_STEP, help="take one frame of the clips in so many")
     made.add_argument("--pictures", type=int, default=PICTURES, help="about so many pictures of the parts")
     return made

@@ -143,4 +143,4 @@ def criteria(name: str, rows: Sequence[Row]) -> list[Criterion]:
 
 
 if __name__ == "__main__":
-    common.run(measure, setting.arguments(__doc__))
+    common.run(measure, common.arguments(__doc__))

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import common
 from benchmarks.common import F64, Picture, Report
 from guise.aam.landmarks import Face, Landmarker, open_landmarker
 from guise.aam.landmarks.tracking import LIMITS
@@ -19,23 +18,6 @@ from guise.aam.landmarks.tracking import LIMITS
 MIN_CONFIDENCE = LIMITS.min_confidence
 MEDIAPIPE = "face_landmarker.task"
 CENTERFACE_MIN_SCORE = 0.5  # the score from which CenterFace's boxes count
-
-
-def arguments(description: str | None) -> argparse.ArgumentParser:
-    """The options that every landmarker benchmark has."""
-    parser = common.with_peers(common.arguments(description))
-    parser.add_argument(
-        "--landmarker", default="builtin", help="the landmarker under test (default: builtin)"
-    )
-    return parser
-
-
-def with_parts(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """Adds where the rendered parts are."""
-    parser.add_argument(
-        "--parts", type=Path, help="folder of training/render_people.py; held-out people are used"
-    )
-    return parser
 
 
 def landmarker(options: argparse.Namespace) -> Landmarker:

@@ -175,7 +175,7 @@ def crowd_table(crowds: dict[str, Crowd]) -> Table:
 
 def parser() -> argparse.ArgumentParser:
     """The options."""
-    made = setting.arguments(__doc__)
+    made = common.arguments(__doc__)
     made.add_argument("--every", type=int, default=FRAME_STEP, help="take one frame in so many")
     return made
 

@@ -128,4 +128,4 @@ def summary(times: dict[str, list[Times]]) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, setting.arguments(__doc__))
+    common.run(measure, common.arguments(__doc__))

@@ -187,7 +187,7 @@ def criteria(ours: dict[str, Accuracy]) -> list[Criterion]:
 
 def parser() -> argparse.ArgumentParser:
     """The options."""
-    made = setting.arguments(__doc__)
+    made = common.arguments(__doc__)
     made.add_argument(
         "--faces", choices=("detected", "true-box"), default="detected", help="where to start from"
     )

@@ -135,6 +135,4 @@ def report(samples: Sequence[Sample], left: int, short: float, stats: PipelineSt
 
 
 if __name__ == "__main__":
-    parser = common.arguments(__doc__)
-    parser.add_argument("--minutes", type=float, default=60.0, help="length of the run")
-    common.run(measure, parser)
+    common.run(measure, common.arguments(__doc__, minutes=60.0))

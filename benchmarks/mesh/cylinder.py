@@ -95,12 +95,7 @@ def measure(options: argparse.Namespace) -> Report:
         "heads", "vertices", "points", "seconds", "on the reference", "found, %", "error, cm", "median, cm", "err",
         "registered: error, cm", "median, cm", "err",
     )  # fmt: skip
-    return Report(
-        NAME,
-        TITLE,
-        criteria,
-        [Table("Each pair", columns, rows)],
-    )
+    return Report(NAME, TITLE, criteria, [Table("Each pair", columns, rows)])
 
 
 def measure_case(case: Case, reference: Reference) -> tuple[tuple[object, ...], float]:

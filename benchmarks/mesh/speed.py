@@ -72,10 +72,7 @@ class Reference:
     def factorise(self) -> None:
         """The operation itself."""
         self._factor = splu(
-            self._matrix,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
+            self._matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
         )
 
     def solve(self) -> None:

@@ -17,7 +17,7 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.landmarks.peers import MISSING
 from benchmarks.landmarks.setting import skipped
 from benchmarks.picture.pairs import TOOL
-from benchmarks.picture.program import alone, arguments, beginning, enrolled, judged, swapped
+from benchmarks.picture.program import WORK, alone, beginning, enrolled, judged, swapped
 from guise.app.measure.figures import mean_of
 
 NAME, TITLE = "people.photo", "People: one photo against a clip"
@@ -77,4 +77,4 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__, work=WORK))

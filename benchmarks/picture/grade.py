@@ -23,7 +23,7 @@ from benchmarks.common import Criterion, Report, Table
 from benchmarks.landmarks.setting import skipped
 from benchmarks.picture import pairs
 from benchmarks.picture.pairs import EXPRESSIONS, PAIRS
-from benchmarks.picture.program import arguments
+from benchmarks.picture.program import WORK
 from guise.aam.model import Identity
 from guise.app.measure.figures import mean_of
 from guise.app.swapping.engine import Engine
@@ -135,4 +135,4 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__, work=WORK))

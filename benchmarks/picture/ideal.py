@@ -16,7 +16,7 @@ from benchmarks.children import PEER_ENVIRONMENT
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.landmarks.setting import skipped
 from benchmarks.picture import pairs, truth
-from benchmarks.picture.program import alone, arguments, judged, swapped
+from benchmarks.picture.program import WORK, alone, judged, swapped
 from guise.app.measure.figures import mean_of
 
 NAME, TITLE = "picture.ideal", "Picture: the judge of real pairs on swaps whose ideal is known"
@@ -86,4 +86,4 @@ def summary(found: dict[str, dict[str, Row]]) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__, work=WORK))

@@ -22,7 +22,7 @@ from benchmarks.picture.program import (
     FAR_FROM_1,
     HIGH,
     LOW,
-    arguments,
+    WORK,
     beginning,
     enrolled,
     judged,
@@ -164,4 +164,4 @@ def summary(rows: list[Row]) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, common.with_peers(arguments(__doc__)))
+    common.run(measure, common.arguments(__doc__, work=WORK))

@@ -5,7 +5,6 @@ Clips are copied to the working folder without the landmarks beside them, so tha
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import shutil
@@ -21,6 +20,9 @@ from benchmarks.children import GUISE, CommandError, ran
 from guise.app.measure.figures import mean_of
 from guise.app.media import EncodeOptions, open_input, open_sink
 
+WORK = Path(
+    "out/benchmarks/picture"
+)  # for models and videos unless --work tells another; delete them to enrol again
 Figures = dict[str, float]
 # How bad a figure is, for the worst of several.
 HIGH: Callable[[float], float] = float
@@ -36,16 +38,6 @@ class Swapped:
     video: Path
     frames: int
     not_swapped: int
-
-
-def arguments(description: str | None) -> argparse.ArgumentParser:
-    """The options of both benchmarks."""
-    parser = common.arguments(description)
-    parser.add_argument(
-        "--work", type=Path, default=Path("out/benchmarks/picture"),
-        help="folder for models and videos; models found there are used, delete them to enrol again",
-    )  # fmt: skip
-    return parser
 
 
 def alone(video: Path, output: Path) -> Path:

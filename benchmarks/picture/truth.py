@@ -21,8 +21,8 @@ from benchmarks.picture.program import (
     FAR_FROM_1,
     HIGH,
     LOW,
+    WORK,
     alone,
-    arguments,
     enrolled,
     judged,
     swapped,
@@ -136,4 +136,4 @@ def summary(rows: list[Row]) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, arguments(__doc__))
+    common.run(measure, common.arguments(__doc__, work=WORK))

@@ -32,7 +32,7 @@ from benchmarks.landmarks.head_pose import true_angles
 from benchmarks.landmarks.metrics import Bools
 from benchmarks.landmarks.setting import skipped
 from benchmarks.picture import sweeps
-from benchmarks.picture.program import alone, arguments, enrolled, swapped
+from benchmarks.picture.program import WORK, alone, enrolled, swapped
 from benchmarks.picture.truth import missing, model, pair_of
 from benchmarks.tracker_scenes import differences, tracked
 from guise.aam.appearance import openness
@@ -369,4 +369,4 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 if __name__ == "__main__":
-    common.run(measure, arguments(__doc__))
+    common.run(measure, common.arguments(__doc__, work=WORK))
