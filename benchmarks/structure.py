@@ -387,7 +387,7 @@ def donor_visits(person: Identity, donor: Identity) -> list[Visits]:
 
 def sample_person(frames: int | None = None, resolution: int | None = None) -> Identity:
     """Sample p01, enrolled."""
-    return guise.enrol(SAMPLES / "p01" / "talk.mp4", frames=frames, resolution=resolution)
+    return guise.enroll(SAMPLES / "p01" / "talk.mp4", frames=frames, resolution=resolution)
 
 
 def gallery_face(name: str = "p06") -> Identity:

@@ -16,8 +16,10 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
-from benchmarks.landmarks.peers import Peer
+from benchmarks.landmarks.peers import MISSING, Peer
+from benchmarks.landmarks.setting import skipped
 
+NAME, TITLE = "landmarks.mediapipe_mesh", "MediaPipe's mesh as face81"
 CLIPS = ("studio_d3", "address_o2", "phone_d13")
 FRAMES = 40  # of each: the mesh is followed from the first frame on, as it was then
 
@@ -39,6 +41,8 @@ def face81(mesh: F64) -> F64:
 
 def measure(options: argparse.Namespace) -> Report:
     """Mean distances between the given points and all vertices."""
+    if options.peers_python is None:
+        return skipped(NAME, TITLE, MISSING.format("MediaPipe"))
     distances = []
     for name in CLIPS:
         clip = common.real_clip(options.shared, name)
@@ -51,7 +55,7 @@ def measure(options: argparse.Namespace) -> Report:
     nearest = mean.argmin(1).tolist()
     same = sum(a == b for a, b in zip(nearest, FACE81, strict=True))
     rows = [(i, v, float(mean[i, v])) for i, v in enumerate(nearest)]
-    report = Report("mediapipe_mesh", "MediaPipe's mesh as face81")
+    report = Report(NAME, TITLE)
     report.criteria = [
         Criterion("points whose nearest vertex is the listed one", same, ">=", len(FACE81)),
         Criterion(
