@@ -22,12 +22,10 @@ from guise.aam.landmarks.schemes import (
     LOWER_LIDS,
     RIGHT_EYE_OUTER,
     RIGHT_MOUTH_CORNER,
-    RIGID_WEIGHTS,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, U8, Bool, Floating
 from guise.common.errors import GuiseError
 
@@ -144,7 +142,7 @@ def face_region(rgb: U8, shape: F64, reference: ReferenceFrame) -> tuple[U8, F64
     if roi.size == 0:
         raise ValueError("the face lies outside the picture")
     local = shape - (x0, y0)
-    ratio = align_planar(reference.points, local, RIGID_WEIGHTS).scale  # picture pixels per grid pixel
+    ratio = reference.to_shape(local).scale  # picture pixels per grid pixel
     if ratio > 1.25:
         small = (max(2, round(roi.shape[1] / ratio)), max(2, round(roi.shape[0] / ratio)))
         factor = np.array(small) / (roi.shape[1], roi.shape[0])

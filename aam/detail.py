@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.landmarks.schemes import INNER_LIPS, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import INNER_LIPS
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.sampling import remap_points
 
@@ -59,7 +58,7 @@ class FineGrid:
 
     def __call__(self, rgb: U8, shape: F64) -> F32:
         """Luma (2 h, 2 w) of a picture (h', w', 3) under a shape (81, 2) in its pixels; reduced by area if larger."""
-        scale = align_planar(self._reference.points, shape, RIGID_WEIGHTS).scale / FINE
+        scale = self._reference.to_shape(shape).scale / FINE
         luma = (rgb @ LUMA).astype(np.float32)
         if scale > 1.25:
             small = (max(2, round(luma.shape[1] / scale)), max(2, round(luma.shape[0] / scale)))

@@ -17,11 +17,11 @@ import numpy as np
 from guise.aam.landmarks import BoxDetector, Face, Landmarker, iou
 from guise.aam.landmarks.crops import upright_square
 from guise.aam.landmarks.plausible import is_plausible_motion
-from guise.aam.landmarks.schemes import IBUG68, INNER51, RIGID_WEIGHTS, interocular
+from guise.aam.landmarks.schemes import IBUG68, INNER51, interocular
 from guise.aam.model import RestFrame
 from guise.aam.reference import ReferenceFrame
 from guise.aam.shape_filter import ShapeFilter
-from guise.aam.similarity import Failed, align_planar
+from guise.aam.similarity import Failed
 from guise.aam.solid_shape import SolidPrior
 from guise.aam.tracker import Fit, Tracker
 from guise.common.arrays import F64, U8
@@ -275,10 +275,10 @@ class _Definition:
         away = rest.shape - face.points
         allowed = LIMITS.max_same_definition_interocular * interocular(rest.shape)
         if np.linalg.norm(away[INNER51], axis=1).mean() > allowed:
-            self._offset = away @ align_planar(rest.shape, reference.points, RIGID_WEIGHTS).linear
+            self._offset = away @ reference.to_grid(rest.shape).linear
 
     def on(self, points: F64) -> F64:
         """The difference (81, 2) on a face with points (81, 2), in their pixels."""
         if self._offset is None:
             return np.zeros_like(points)
-        return self._offset @ align_planar(self._reference.points, points, RIGID_WEIGHTS).linear
+        return self._offset @ self._reference.to_shape(points).linear

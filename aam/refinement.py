@@ -31,10 +31,8 @@ from guise.aam.landmarks.schemes import (
     NOSE_BRIDGE,
     OUTLINE,
     RIGHT_EYE_OUTER,
-    RIGID_WEIGHTS,
 )
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
-from guise.aam.similarity import align_planar
 from guise.aam.tracker import Crop
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating
 
@@ -145,7 +143,7 @@ def anchored(before: F64, after: F64, kept: Bool) -> F64:
 
 def _to_reference(shape: F64) -> F64:
     """(2, 2) that rotates and scales displacements in a picture to those in the reference frame."""
-    return align_planar(shape, ReferenceFrame.canonical(OPTIONS.resolution).points, RIGID_WEIGHTS).linear
+    return ReferenceFrame.canonical(OPTIONS.resolution).to_grid(shape).linear
 
 
 def _few_modes(shapes: F64) -> F64:

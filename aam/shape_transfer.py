@@ -28,13 +28,12 @@ from guise.aam.landmarks.schemes import (
     LOWER_LIDS,
     NOSE,
     OUTLINE,
-    RIGID_WEIGHTS,
     SILHOUETTE,
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
 from guise.aam.reference import ReferenceFrame
-from guise.aam.similarity import Failed, align, align_planar
+from guise.aam.similarity import Failed, align
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
 
@@ -124,7 +123,7 @@ class ShapeTransfer:
 
     def _seen(self, shape: F64, pose: HeadPose) -> tuple[F64, F64, F64]:
         """(81, 2) on the grid: the tracked shape; source and target at rest as they are turned, anywhere."""
-        to_grid = align_planar(shape, self._reference.points, RIGID_WEIGHTS)
+        to_grid = self._reference.to_grid(shape)
         view = pose.linear @ to_grid.linear
         return to_grid.apply(shape), self._from @ view, self.solid @ view
 

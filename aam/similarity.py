@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from guise.common.arrays import F64
+from guise.common.small import mean
 
 Complex = NDArray[np.complex128]
 Scale = Literal["least-squares", "symmetric"]
@@ -176,9 +177,10 @@ def align_complex(source: Complex, target: Complex) -> tuple[Complex, Complex]:
     :func:`align` without weights, for batches.  Both results are (..., 1); the absolute value of the first is the scale
     and its angle the turn.  The source must have extent.
     """
-    mu_x, mu_y = source.mean(), target.mean(axis=-1, keepdims=True)
+    mu_x, mu_y = mean(source), mean(target, -1)[..., None]
     dx = source - mu_x
-    scale = np.sum(np.conj(dx) * (target - mu_y), axis=-1, keepdims=True) / np.sum(np.abs(dx) ** 2)
+    covariance: Complex = np.add.reduce(np.conj(dx) * (target - mu_y), -1, keepdims=True)
+    scale = covariance / np.add.reduce(np.abs(dx) ** 2)
     return scale, mu_y - scale * mu_x
 
 
@@ -210,10 +212,38 @@ def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:
 
     Weights (n,) must sum to 1 and the source must have extent; neither is checked here.
     """
-    x, y = (np.ascontiguousarray(points, np.float64).view(np.complex128)[:, 0] for points in (source, target))
-    mu_x, mu_y = complex(weights @ x), complex(weights @ y)
-    dx = x - mu_x
-    wx = weights * dx
-    turn = complex(np.vdot(wx, y - mu_y)) / float(np.vdot(wx, dx).real)
-    shift = mu_y - turn * mu_x
+    return WeightedPoints(source, weights).onto(target)
+
+
+class WeightedPoints:
+    """Points (n, 2) that are aligned with others again and again, as by :func:`align_planar`."""
+
+    def __init__(self, points: F64, weights: F64) -> None:
+        self._weights = weights
+        self._mean, self._away = self._centred(points)
+        self._weighted = weights * self._away
+        self._variance = float(np.vdot(self._weighted, self._away).real)
+
+    def onto(self, target: F64) -> PlanarSimilarity:
+        """The similarity that takes these points to others (n, 2)."""
+        mean, away = self._centred(target)
+        return _similarity(complex(np.vdot(self._weighted, away)) / self._variance, self._mean, mean)
+
+    def under(self, source: F64) -> PlanarSimilarity:
+        """The similarity that takes others (n, 2) to these points."""
+        mean, away = self._centred(source)
+        weighted = self._weights * away
+        turn = complex(np.vdot(weighted, self._away)) / float(np.vdot(weighted, away).real)
+        return _similarity(turn, mean, self._mean)
+
+    def _centred(self, points: F64) -> tuple[complex, Complex]:
+        """Their weighted mean and what they are away from it (n,), as x + iy."""
+        plane: Complex = np.ascontiguousarray(points, np.float64).view(np.complex128)[:, 0]
+        mean = complex(self._weights @ plane)
+        return mean, plane - mean
+
+
+def _similarity(turn: complex, source: complex, target: complex) -> PlanarSimilarity:
+    """The similarity that multiplies by a complex number and takes a point to another."""
+    shift = target - turn * source
     return PlanarSimilarity(turn.real, turn.imag, shift.real, shift.imag)

@@ -17,7 +17,7 @@ import numpy as np
 from guise.aam.appearance import Components
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
-from guise.aam.similarity import Failed, PlanarSimilarity, align_planar
+from guise.aam.similarity import Failed, PlanarSimilarity
 from guise.aam.texture_match import TextureMatcher, normalised
 from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
 
@@ -103,7 +103,7 @@ class Crop:
 
 def cut(luma: U8, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
     """The working crop of a picture (h, w) around a shape (81, 2) in its pixels."""
-    grid_pixel = align_planar(reference.points, shape, RIGID_WEIGHTS).scale  # picture pixels
+    grid_pixel = reference.to_shape(shape).scale  # picture pixels
     ratio = LIMITS.crop_face_pixels / max(grid_pixel * reference.resolution, 1e-6)
     centre = shape.mean(0)
     half = LIMITS.crop_reach_face_widths * LIMITS.crop_face_pixels / ratio
@@ -294,7 +294,7 @@ class ShapeSpace:
 
     def encode(self, shape: F64) -> tuple[Pose, F64]:
         """Pose and parameters (k,), in standard deviations, of a shape (81, 2) in picture pixels."""
-        fit = align_planar(shape, self.reference.points, RIGID_WEIGHTS)
+        fit = self.reference.to_grid(shape)
         vector = fit.apply(shape).ravel()
         parameters = ((vector - self.shapes.mean) @ self.shapes.basis) / self.shapes.deviations
         back = np.ascontiguousarray(fit.linear.T) / (fit.a * fit.a + fit.b * fit.b)

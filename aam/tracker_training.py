@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import Components, principal_components
-from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import LEFT_EYE_OUTER, RIGHT_EYE_OUTER
 from guise.aam.reference import ReferenceFrame
-from guise.aam.similarity import align_planar
 from guise.aam.texture_match import normalised
 from guise.aam.tracker import FEATURE_RESOLUTION, Crop, Pose, Quality, ShapeSpace, Tracker
 from guise.common.arrays import F32, F64, U8, Bool
@@ -217,7 +216,7 @@ def turn_head(image: U8, shape: F64, reference: ReferenceFrame, degrees: float) 
     The reference frame's yaw mode moves the landmarks; the picture follows by a smooth field (a Gaussian mean of their
     displacements), which is good enough for turns of up to about 20 degrees.
     """
-    fit = align_planar(reference.points, shape, RIGID_WEIGHTS)
+    fit = reference.to_shape(shape)
     moved = shape + degrees * reference.yaw_mode @ fit.linear
     step, reach = 6, 0.12 * fit.scale * reference.resolution
     h, w = image.shape

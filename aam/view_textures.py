@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.appearance import openness
-from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
 from guise.aam.resampling import resampled_texture
-from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import SolidPrior, depth_across, pulled
 from guise.common.arrays import F32, F64, U8
 from guise.common.sampling import remap_points
@@ -112,14 +111,14 @@ class TurnedFaces:
         """Of faces (h, w, 3) at shapes (81, 2) of their pixels; `rest` is the shape (81, 2) at rest."""
         person = SolidPrior.shipped().rest_of(rest)
         prior = SolidPrior.shipped().of_person(person)
-        enrolled = person.pose.linear[2] @ align_planar(rest, reference.points, RIGID_WEIGHTS).linear
+        enrolled = person.pose.linear[2] @ reference.to_grid(rest).linear
         relief = Relief.shipped(reference)
         ys, xs = np.divmod(reference.pixels, reference.size[1])
         sampler = MeshSampler.build(relief.mesh, np.column_stack([xs, ys]).astype(np.float64))
         yaws, logs, seen = [], [], []
         for picture, shape in faces:
             fit = prior.fit(shape)
-            there = enrolled @ align_planar(reference.points, shape, RIGID_WEIGHTS).linear
+            there = enrolled @ reference.to_shape(shape).linear
             mesh = relief.seen(pulled(shape, fit), depth_across(fit.pose, there))
             luma = remap_points(picture, sampler.positions(mesh)) @ LUMA
             cosines = -relief.normals(fit.rest) @ fit.pose.rotation[2]

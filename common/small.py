@@ -15,7 +15,7 @@ from guise.common.arrays import F64, Floating
 
 
 def mean(values: NDArray[Any], axis: int | tuple[int, ...] | None = None) -> Any:
-    """numpy.mean of float32, float64, integers or booleans, with at least one value in each mean.
+    """numpy.mean of numbers of 32 bits and more, bytes or booleans, with at least one value in each mean.
 
     >>> mean(np.array([[1.0, 2.0], [5.0, 6.0]]), axis=0).tolist()
     [3.0, 4.0]

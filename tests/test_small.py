@@ -22,11 +22,11 @@ def normal(shape: tuple[int, ...], dtype: type) -> NDArray[Any]:
     return np.random.default_rng(sum(shape)).normal(30, 100, shape).astype(dtype)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.uint8, np.int64, np.bool_])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex128, np.uint8, np.int64, np.bool_])
 @pytest.mark.parametrize("axis", [None, 0, 1, -1, (0, 1), (1, 2)])
 @pytest.mark.parametrize("shape", [(81, 2, 3), (1, 7, 1), (3, 513, 2)])
 def test_a_mean_is_that_of_numpy(shape: tuple[int, ...], axis: Any, dtype: type) -> None:
-    values = normal(shape, np.float64).astype(dtype)
+    values = (normal(shape, np.float64) * (1 if dtype is not np.complex128 else 1 + 2j)).astype(dtype)
     assert same(mean(values, axis), values.mean(axis))
     assert same(mean(values.T, axis), values.T.mean(axis))
 

@@ -134,7 +134,7 @@ def rows(group: Group, rng: np.random.Generator) -> Iterator[tuple[F64, F64]]:
     """Inputs of the network, and how far the features of `ShapeTransfer` are from where they belong, face widths."""
     for place in transferred(group, rng, learned=False):
         scene, transfer, donor = place.shape, place.transfer, place.donor
-        seen = align_planar(scene, REFERENCE.points, RIGID_WEIGHTS).apply(scene)
+        seen = REFERENCE.to_grid(scene).apply(scene)
         ideal = _as(group.truths[place.head, donor, place.scene], scene, seen)
         ideal += _bias(group.donors[donor], group.true_donors[donor])
         away = (ideal - transfer.apply(scene, place.pose))[FEATURES] / REFERENCE.resolution

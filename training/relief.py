@@ -18,11 +18,10 @@ import cv2
 import numpy as np
 from scipy.spatial import Delaunay
 
-from guise.aam.landmarks.schemes import BROWS, LEFT_EYE, LIPS, MIRROR, RIGHT_EYE, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import BROWS, LEFT_EYE, LIPS, MIRROR, RIGHT_EYE
 from guise.aam.mask import soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import DATA, Relief
-from guise.aam.similarity import align_planar
 from guise.common.arrays import F32, F64, I32, Bool
 from guise.render.visibility import visible
 from training.brows import hair_points
@@ -78,7 +77,7 @@ def _bulge(p, number: int, reference: ReferenceFrame) -> F64:
     vertices = (vertices - skull[:3, 3]) @ skull[:3, :3] * (1, -1, -1)
     points = _points(p, person, lift, np.zeros(len(p["human"].WEIGHT_NAMES)), np.eye(3)) * (1, -1, -1)
     points = _defined(points[None])[0]
-    fit = align_planar(points[:, :2], reference.points, RIGID_WEIGHTS)
+    fit = reference.to_grid(points[:, :2])
     low, span = points[:, :2].min(0), float(np.ptp(points[:, 0]))
     scale = FACE_SHARE * SURFACE_PIXELS / max(span, float(np.ptp(points[:, 1])))
     origin = low - (1 - FACE_SHARE) / 2 * SURFACE_PIXELS / scale

@@ -21,7 +21,6 @@ import numpy as np
 from guise.aam.landmarks import Face, open_landmarker
 from guise.aam.landmarks.schemes import BROWS, JAW, MIRROR, OUTLINE, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import DATA, SolidPrior
 from guise.common.arrays import F64
 from training.brows import hair_points
@@ -80,7 +79,7 @@ def _moments(p, number: int, count: int) -> tuple[F64, F64]:
         shapes.append(_points(p, person, lift, random_expression(p, rng), turn))
     defined = _defined(np.array(shapes) * (1, -1, -1))
     reference = ReferenceFrame.canonical()
-    fit = align_planar(defined[0, :, :2], reference.points, RIGID_WEIGHTS)
+    fit = reference.to_grid(defined[0, :, :2])
     depth = fit.scale * (defined[..., 2] - RIGID_WEIGHTS @ defined[0, :, 2])
     flat = fit.apply(defined[..., :2].reshape(-1, 2)).reshape(*defined.shape[:2], 2)
     solid = np.dstack([flat - reference.points.mean(0), depth]) / reference.resolution

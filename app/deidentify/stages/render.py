@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import iou
-from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.parsing import HeadParser
-from guise.aam.similarity import align_planar
 from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, FaceTreatment
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
@@ -180,7 +178,7 @@ def _drawn(track: int, engine: Engine, mesh: F64) -> DrawnFace:
     box, uncovered = np.concatenate([mesh.min(0), mesh.max(0)]), engine.uncovered
     if uncovered is None:
         return DrawnFace(track, box)
-    step, place = LIMITS.audit_grid_step, align_planar(mesh, engine.target.reference.points, RIGID_WEIGHTS)
+    step, place = LIMITS.audit_grid_step, engine.target.reference.to_grid(mesh)
     small = cv2.resize(uncovered, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
     shift = (place.apply(np.zeros((1, 2)))[0] + 0.5) / step - 0.5
     to_grid = np.column_stack([place.linear.T / step, shift])
