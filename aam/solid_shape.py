@@ -9,7 +9,7 @@ counting less (Xiao, Baker, Matthews and Kanade, Real-time combined 2D+3D active
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from guise.aam.landmarks.schemes import EYES_AND_LIPS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.common.arrays import F64, I32
+from guise.common.small import lengths, mean, ramp
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
 
@@ -25,6 +26,7 @@ PULL_DEGREES = (10.0, 30.0)  # of turn, between which points begin to be drawn t
 PULL: F64 = np.full(POINTS, 0.35)
 PULL[EYES_AND_LIPS] = 0.25
 PULL.setflags(write=False)
+_UPRIGHT: F64 = np.eye(3)
 DEPTH_DEGREES = (8.0, 22.0)  # of turn, between which depth comes in: poses are noisy
 
 
@@ -59,24 +61,24 @@ class HeadPose:
     scale: float
     translation: F64
 
-    @property
+    @cached_property
     def angles(self) -> tuple[float, float, float]:
         """Yaw to the image's right, pitch up and roll to the image's right, degrees."""
         r = self.rotation
-        yaw = np.arcsin(np.clip(r[2, 0], -1, 1))
+        yaw = np.arcsin(np.minimum(np.maximum(r[2, 0], -1), 1))
         pitch, roll = -np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
-        return tuple(float(np.degrees(a)) for a in (yaw, pitch, roll))  # type: ignore[return-value]
+        return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))
 
-    @property
+    @cached_property
     def turn(self) -> float:
         """Degrees from looking straight at the camera; roll doesn't count."""
-        return float(np.degrees(np.arccos(np.clip(self.rotation[2, 2], -1, 1))))
+        return _degrees(self.rotation[2, 2])
 
     def turn_from(self, other: HeadPose) -> float:
         """Degrees between the directions in which two heads look; roll doesn't count."""
-        return float(np.degrees(np.arccos(np.clip(self.rotation[2] @ other.rotation[2], -1, 1))))
+        return _degrees(self.rotation[2] @ other.rotation[2])
 
-    @property
+    @cached_property
     def linear(self) -> F64:
         """(3, 2) for rows: solid differences (n, 3) are seen as differences @ linear, pixels."""
         return self.scale * self.rotation[:2].T
@@ -103,7 +105,7 @@ class SolidFit:
     rest: F64
     solid: F64
 
-    @property
+    @cached_property
     def points(self) -> F64:
         """(81, 2) pixels, where the solid shape is seen."""
         return self.pose.apply(self.solid)
@@ -171,22 +173,20 @@ class SolidPrior:
         known : (k,) the person's identity, of which each entry is sure within `deviation` standard deviations.
         still : see `rest_of`.
         """
-        centre = np.zeros(len(self.identity)) if known is None else known
-        amounts = np.concatenate([centre, np.zeros(len(self.movement))])
-        precision = np.ones(len(amounts))
-        precision[: len(centre)] = deviation**-2
-        if still:
-            precision[len(centre) :] = LIMITS.still_deviation**-2
+        own = len(self.identity)
+        middle, precision = np.zeros(len(self._modes)), np.empty(len(self._modes))
+        if known is not None:
+            middle[:own] = known
+        precision[:own], precision[own:] = deviation**-2, LIMITS.still_deviation**-2 if still else 1
         if start is None:
-            pose, steps = _first_pose(self._solid(amounts), points), LIMITS.first_steps
+            amounts, steps = middle, LIMITS.first_steps
+            pose = _first_pose(self._solid(amounts), points)
         else:
             pose, steps = start.pose, LIMITS.next_steps
             amounts = np.concatenate([start.identity, start.movement])
-        middle = np.concatenate([centre, np.zeros(len(self.movement))])
         for _ in range(steps):
             pose, amounts = self._step(points, pose, amounts, middle, precision)
-        own, moved = np.split(amounts, [len(centre)])
-        return SolidFit(pose, own, moved, self.at_rest(own), self._solid(amounts))
+        return SolidFit(pose, amounts[:own], amounts[own:], self.at_rest(amounts[:own]), self._solid(amounts))
 
     def _solid(self, amounts: F64) -> F64:
         return _moved(self.mean, amounts, self._modes)
@@ -198,7 +198,7 @@ class SolidPrior:
         turned = self._solid(amounts) @ pose.rotation.T
         away = points - pose.scale * turned[:, :2] - pose.translation
         sigma = pose.scale * self.noise
-        far = (away**2).sum(1) / (LIMITS.outlier_deviations * sigma) ** 2
+        far = np.add.reduce(away**2, 1) / (LIMITS.outlier_deviations * sigma) ** 2
         weight = 1 / (sigma * np.sqrt(1 + far))
         x, y, z = turned.T
         size = 6  # turns about x, y, z, scale and translation
@@ -211,11 +211,13 @@ class SolidPrior:
         design *= weight
         flat = design.reshape(len(design), -1)
         normal, right = flat @ flat.T, flat @ (away.T * weight).ravel()
-        normal.ravel()[:: len(right) + 1] += np.concatenate([np.zeros(size), precision]) + 1e-9
+        diagonal = normal.reshape(-1)[:: len(right) + 1]
+        diagonal[:size] += 1e-9
+        diagonal[size:] += precision + 1e-9
         right[size:] -= precision * (amounts - middle)
         step = np.linalg.solve(normal, right)
         rotation = _turned(step[:3]) @ pose.rotation
-        scale = float(np.clip(pose.scale + step[3], 0.5 * pose.scale, 2 * pose.scale))
+        scale = min(max(float(pose.scale + step[3]), 0.5 * pose.scale), 2 * pose.scale)
         return HeadPose(rotation, scale, pose.translation + step[4:6]), amounts + step[6:]
 
 
@@ -248,13 +250,13 @@ class SolidTracker:
         """The last fit, if the face is near it."""
         if self._last is None:
             return None
-        away = np.linalg.norm(points - self._last.points, axis=1).mean()
+        away = mean(lengths(points - self._last.points))
         return self._last if away < LIMITS.max_step_face_widths * self._last.pose.scale else None
 
 
 def turned_share(pose: HeadPose) -> float:
     """Share in [0, 1] to which a head is treated as turned."""
-    return float(np.interp(pose.turn, DEPTH_DEGREES, (0, 1)))
+    return ramp(pose.turn, *DEPTH_DEGREES)
 
 
 def depth_across(pose: HeadPose, enrolled: F64) -> F64:
@@ -271,7 +273,7 @@ def pulled(points: F64, fit: SolidFit) -> F64:
     Hidden points of the far side stay on the silhouette; the constraint of Xiao et al., with shares that grow as the
     head turns.
     """
-    share = float(np.interp(fit.pose.turn, PULL_DEGREES, (0, 1))) * PULL[:, None]
+    share = ramp(fit.pose.turn, *PULL_DEGREES) * PULL[:, None]
     return np.asarray(points + share * (fit.points - points))
 
 
@@ -295,23 +297,28 @@ def _first_pose(solid: F64, points: F64) -> HeadPose:
     weights = RIGID_WEIGHTS[:, None]
     away, seen = solid - RIGID_WEIGHTS @ solid, points - RIGID_WEIGHTS @ points
     affine = np.linalg.lstsq(away * np.sqrt(weights), seen * np.sqrt(weights), rcond=None)[0].T
-    u, lengths, vt = np.linalg.svd(affine, full_matrices=False)
+    u, sizes, vt = np.linalg.svd(affine, full_matrices=False)
     two = u @ vt
-    rotation, scale = np.vstack([two, np.cross(two[0], two[1])]), max(float(lengths.mean()), 1e-6)
+    rotation, scale = np.vstack([two, np.cross(two[0], two[1])]), max(float(sizes.mean()), 1e-6)
     return HeadPose(rotation, scale, RIGID_WEIGHTS @ points - scale * two @ (RIGID_WEIGHTS @ solid))
 
 
-def _moved(mean: F64, amounts: F64, modes: F64) -> F64:
+def _moved(rest: F64, amounts: F64, modes: F64) -> F64:
     """A mean (81, 3) moved by amounts (k,) of modes (k, 81, 3)."""
-    return np.asarray(mean + (amounts @ modes.reshape(len(modes), mean.size)).reshape(mean.shape))
+    return np.asarray(rest + (amounts @ modes.reshape(-1, rest.size)).reshape(rest.shape))
 
 
 def _turned(vector: F64) -> F64:
     """(3, 3) rotation about a vector (3,) by its length, radians (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
+    angle = float(np.sqrt(vector @ vector))
     x, y, z = vector / max(angle, 1e-12)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
+    return np.asarray(_UPRIGHT + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
+
+
+def _degrees(cosine: float) -> float:
+    """The angle of a cosine, which rounding may have taken beyond one."""
+    return float(np.degrees(np.arccos(np.minimum(np.maximum(cosine, -1), 1))))
 
 
 @cache
