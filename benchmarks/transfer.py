@@ -7,13 +7,11 @@ Landmark error: mean distance over the inner points (17-67), the synthesised sha
 similarity of the rigid landmarks, in % of the truth's inter-ocular distance.
 
 Face-region error: mean absolute RGB difference, on the reference grid inside the target's mask, between the synthesised
-texture and the true frame's at the true landmarks, in grey levels.  The true frames are in the driver's light and the
-target's model is in its own, so the two must be made comparable.  It is done in two ways:
-- change: both are taken relative to the target's true face at rest in the same light (the still neutral.jpg; and the
-  mean of the true frames with the least expression), and the synthesised one is scaled per channel by the ratio of the
-  standard deviations of these two.  A wrong rest, such as the mean of a talking face, counts in full.
-- level: mean and standard deviation of each channel are matched in each frame.  Shadows that fall otherwise remain in
-  this error, and are most of it.
+texture and the true frame's at the true landmarks, in grey levels; also with the weights of eyes and mouth.  The true
+frames are in the driver's light and the target's model is in its own, so both are taken relative to the target's true
+face at rest in the same light (the still neutral.jpg; and the mean of the true frames with the least expression), and
+the synthesised one is scaled per channel by the ratio of the standard deviations of these two.  A wrong rest, such as
+the mean of a talking face, counts in full.
 
 The targets' own clips are as expressive as what they must show.  So a second set of tables has targets enrolled on the
 first quarter of their clips, where what alpha lets through is needed more.
@@ -43,7 +41,6 @@ from guise.common.arrays import F32
 
 REST_FRAMES = 8
 WEIGHT_UNITS = np.array([1.0] * 34 + [30.0] * 2)  # expression units, then gaze in degrees
-LABELS = {"landmarks": "landmarks", "change": "face region, change", "level": "face region, level"}
 FEW_EXPRESSIONS_SHARE = 0.25  # share of the clip that a target with few expressions is enrolled on
 Results = dict[str, list["Errors"]]  # by setting, for each pair
 
@@ -84,13 +81,11 @@ class Truth:
 
 @dataclass(frozen=True)
 class Errors:
-    """Mean errors over a clip: landmarks in %; change and level, and the same at eyes and mouth, in grey levels."""
+    """Mean errors over a clip: landmarks in %; face region, and eyes and mouth, in grey levels."""
 
     landmarks: float
-    change: float
-    level: float
-    change_features: float
-    level_features: float
+    face: float
+    features: float
 
 
 def driven(driver: Clip, source: Identity) -> dict[int, F32]:
@@ -150,10 +145,12 @@ def errors(setting: Setting, source: Identity, target: Identity, rho: dict[int, 
     made = synthesised(setting, source, target, np.stack([rho[i] for i in index]))
     rows = []
     for i, y in zip(index, made, strict=True):
-        textures = y[SHAPE_ENTRIES:].reshape(-1, 3)[inside], truth.textures[i][inside]
-        misses = change_error(*textures, truth.own_rest[inside], truth.rest[inside]), level_error(*textures)
-        whole, part = ([float(np.average(m, weights=w)) for m in misses] for w in (None, features))
-        rows.append((landmark_error(y, truth.shapes[i], frame), *whole, *part))
+        made_texture = y[SHAPE_ENTRIES:].reshape(-1, 3)[inside]
+        away = change_error(
+            made_texture, truth.textures[i][inside], truth.own_rest[inside], truth.rest[inside]
+        )
+        whole, part = (float(np.average(away, weights=weights)) for weights in (None, features))
+        rows.append((landmark_error(y, truth.shapes[i], frame), whole, part))
     return Errors(*(float(v) for v in np.mean(rows, axis=0)))
 
 
@@ -161,12 +158,6 @@ def change_error(made: F32, true: F32, own_rest: F32, rest: F32) -> F32:
     """(m,) grey levels by which the change from rest is wrong; textures (m, 3)."""
     gain = rest.std(0) / own_rest.std(0)
     return np.asarray(np.abs((made - own_rest) * gain - (true - rest)).mean(1), np.float32)
-
-
-def level_error(made: F32, true: F32) -> F32:
-    """(m,) grey levels by which a texture (m, 3) is wrong, with mean and deviation matched."""
-    matched = (made - made.mean(0)) * (true.std(0) / made.std(0)) + true.mean(0)
-    return np.asarray(np.abs(matched - true).mean(1), np.float32)
 
 
 def pairs(shared: Path) -> list[tuple[str, str]]:
@@ -197,11 +188,9 @@ def measure(options: argparse.Namespace) -> Report:
 
 
 KINDS = {
-    "landmarks": ("Landmark error, % of inter-ocular distance", "%"),
-    "change": ("Face-region error, change from rest, grey levels", ""),
-    "level": ("Face-region error, level, grey levels", ""),
-    "change_features": ("Change from rest around eyes and mouth, grey levels", ""),
-    "level_features": ("Level around eyes and mouth, grey levels", ""),
+    "landmarks": ("Landmarks, % of inter-ocular distance", "%"),
+    "face": ("Face region, change from rest, grey levels", ""),
+    "features": ("Around eyes and mouth, change from rest, grey levels", ""),
 }
 
 
@@ -210,39 +199,23 @@ def means(results: Results, kind: str) -> dict[str, float]:
     return {name: float(np.mean([getattr(e, kind) for e in some])) for name, some in results.items()}
 
 
-def criteria(results: Results) -> list[Criterion]:
-    """The default setting against its rivals."""
-    made = []
-    for kind in ("landmarks", "change", "level"):
-        mean = means(results, kind)
-        for rival in RIVALS:
-            what = f"{LABELS[kind]}, {CHOSEN} against {rival}"
-            made.append(Criterion(what, mean[CHOSEN], "<", mean[rival], KINDS[kind][1]))
-    return made
-
-
-def tables(chosen: list[tuple[str, str]], results: Results, whose: str) -> list[Table]:
-    """A table for each kind of error."""
+def summary(chosen: list[tuple[str, str]], rich: Results, poor: Results) -> Report:
+    """The default setting against its rivals on targets enrolled on whole clips, and a table for each kind."""
+    report = Report("transfer", "Expression transfer against rendered truth")
     columns = ["setting", *(f"{a} drives {b}" for a, b in chosen), "mean"]
-    return [
-        Table(
-            f"{title}; {whose}",
-            columns,
-            [
+    for kind, (title, unit) in KINDS.items():
+        mean = means(rich, kind)
+        report.criteria += [
+            Criterion(f"{kind}, {CHOSEN} against {rival}", mean[CHOSEN], "<", mean[rival], unit)
+            for rival in (RIVALS if kind != "features" else ())
+        ]
+        for whose, results in (("whole clips", rich), ("a quarter of their clips", poor)):
+            rows = [
                 (name, *(getattr(e, kind) for e in results[name]), mean)
                 for name, mean in means(results, kind).items()
-            ],
-        )
-        for kind, (title, _) in KINDS.items()
-    ]
-
-
-def summary(chosen: list[tuple[str, str]], rich: Results, poor: Results) -> Report:
-    """Criteria on targets enrolled on whole clips."""
-    made = tables(chosen, rich, "whole clips") + tables(
-        chosen, poor, "targets enrolled on a quarter of their clips"
-    )
-    return Report("transfer", "Expression transfer against rendered truth", criteria(rich), made)
+            ]
+            report.tables.append(Table(f"{title}; targets enrolled on {whose}", columns, rows))
+    return report
 
 
 if __name__ == "__main__":
