@@ -56,19 +56,20 @@ def test_every_script_is_run_and_listed() -> None:
     assert sorted(run_all.ALL) == sorted(re.findall(r"^\| `([a-z_.]+)` \|", listed, re.MULTILINE))
 
 
-@pytest.mark.parametrize("name", run_all.ALL)
-def test_every_script_takes_what_it_is_given(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that its imports and its options are sound, too."""
+def test_every_script_takes_what_it_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that its imports and its options are sound, too.  One test, as most of its time is one import of them all."""
     given = ["--peers-python=python", "--landmarker=card.toml", "--parts=parts", "--work=work", "--minutes=1"]
     told = run_all.arguments_of(run_all.parser().parse_args([*given, "--quick"]), Path("x.json"))
     made: list[argparse.ArgumentParser] = []
     monkeypatch.setattr(common, "run", lambda _, parser: made.append(parser))
     monkeypatch.setattr(threads, "one_thread", lambda module: None)  # it would start this process anew
-    monkeypatch.setattr(sys, "argv", [name])
-    path = Path(run_all.__file__).parent / f"{name.replace('.', '/')}.py"
-    runpy.run_path(str(path), run_name="__main__")
-    options = made[0].parse_args(told)
-    assert (options.quick, options.landmarker, options.minutes) == (True, "card.toml", 1.0)
+    for name in run_all.ALL:
+        path = Path(run_all.__file__).parent / f"{name.replace('.', '/')}.py"
+        monkeypatch.setattr(sys, "argv", [name])
+        runpy.run_path(str(path), run_name="__main__")
+        options = made[-1].parse_args(told)
+        assert (options.quick, options.landmarker, options.minutes) == (True, "card.toml", 1.0), name
+    assert len(made) == len(run_all.ALL)
 
 
 def test_what_is_kept_stands_beside_what_is_measured(

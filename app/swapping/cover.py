@@ -14,20 +14,22 @@ import numpy as np
 
 from guise.app.media import Frame
 from guise.common.arrays import F64, U8
+from guise.common.tuned import derived, tuned
 
 CoverStyle = Literal["solid", "mosaic", "blur"]
 
-OPAQUE = 255
+OPAQUE = derived(255, "levels", "the most that a byte holds")
 
 
 @dataclass(frozen=True)
 class CoverShape:
     """Form and filling of the covered region."""
 
-    superellipse_power: float = 4.0
-    corners: int = 64  # of the polygon that is drawn
-    cells: int = 6  # across the region, of "mosaic" and "blur"
-    grey_level: float = 112.0  # of "solid"
+    superellipse_power: float = tuned(4.0, "", "deidentify.leaks")
+    # of the polygon that is drawn
+    corners: int = derived(64, "", "its sides leave the curve by 0.06 % of the region's size")
+    cells: int = tuned(6, "", "deidentify.identity")  # across the region, of "mosaic" and "blur"
+    grey_level: float = derived(112.0, "levels of luma", "a choice: a plain grey")  # of "solid"
 
 
 COVER = CoverShape()

@@ -22,13 +22,14 @@ from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.quantile import quantile
+from guise.common.tuned import derived, tuned
 
-SMOOTH_FACE_WIDTHS = 0.05
+SMOOTH_FACE_WIDTHS = tuned(0.05, "face widths", "picture.grade")
 TYPICAL_FACE = "p03"  # of the gallery, with which somebody who is enrolled is graded
-TRIAL_FRAMES = 6  # over which light and occlusion settle
-MARGIN_FACE_WIDTHS = 0.2  # about the face, of what is looked at
-MIN_SKIN = 0.8  # of a pixel that counts as skin
-FAR = 0.95  # quantile of the differences that is told
+TRIAL_FRAMES = tuned(6, "frames", "picture.grade")  # over which light and occlusion settle
+MARGIN_FACE_WIDTHS = tuned(0.2, "face widths", "picture.grade")  # about the face, of what is looked at
+MIN_SKIN = tuned(0.8, "share", "picture.grade")  # of a pixel that counts as skin
+FAR = tuned(0.95, "share", "picture.grade")  # quantile of the differences that is told
 
 
 @dataclass(frozen=True)
@@ -39,16 +40,17 @@ class GradeWeights:
     targets that the figures of a whole swap reach.
     """
 
-    colour: float = 3.0  # Lab
-    light: float = 4.0  # Lab
-    softness: float = 0.3  # octaves of gradient energy; what is too sharp is softened in a whole swap
-    most: float = 3.0
-    constant: float = 0.77
-    trial: float = 0.35  # of the mean multiple of the three in the trial
-    shape: float = 4.9  # of the distance of the shapes, face widths
-    points: float = 40.0  # that the score loses by each multiple
-    good: int = 60  # all targets met
-    fair: int = 45
+    colour: float = derived(3.0, "Lab", "the target of picture.pairs")
+    light: float = derived(4.0, "Lab", "the target of picture.pairs")
+    # what is too sharp is softened in a whole swap
+    softness: float = derived(0.3, "octaves of gradient energy", "the target of picture.pairs")
+    most: float = tuned(3.0, "targets", "picture.grade")
+    constant: float = tuned(0.77, "targets", "picture.grade")
+    trial: float = tuned(0.35, "ratio", "picture.grade")  # of the mean multiple of the three in the trial
+    shape: float = tuned(4.9, "targets a face width", "picture.grade")  # of the distance of the shapes
+    points: float = derived(40.0, "of 100 points", "what a multiple costs, so that `good` is 1")
+    good: int = derived(60, "of 100 points", "100 less `points`: on average the targets are met")
+    fair: int = derived(45, "of 100 points", "a choice of words: 1.4 times the targets")
 
 
 WEIGHTS = GradeWeights()

@@ -22,32 +22,38 @@ from guise.aam.tracker import FaceMatch, Fit, Tracker
 from guise.app.media import Frame
 from guise.app.swapping.occlusion import parse_frame
 from guise.common.arrays import F32, F64
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class TrustLimits:
     """Thresholds of trust; each logistic function gives a confidence of one half at its limit."""
 
-    agreement_interocular: float = (
-        0.06  # mean distance of tracker and landmarker, up to which their mean is taken
-    )
-    occluded_share: float = 0.08  # of the visible face, that isn't the person's texture
-    occluded_share_width: float = 0.015  # of the logistic function
-    min_object_share: float = 0.15  # of a place, from which an object hides it
-    object_share: float = 0.15  # of a place, from which an object hides it
-    edge_share: float = 0.08  # the same where nothing is compared,
-    object_edge_cells: int = 2  # about it, either
-    min_hidden_share: float = 0.02  # of the face, from which an object is seen
-    hidden_share: float = 0.6  # of the face, behind objects
-    hidden_share_width: float = 0.02
+    # mean distance of tracker and landmarker, up to which their mean is taken
+    agreement_interocular: float = tuned(0.06, "inter-ocular distances", "deidentify.swapped")
+    # of the visible face, that isn't the person's texture, and the width of the logistic function
+    occluded_share: float = tuned(0.08, "share", "deidentify.leaks")
+    occluded_share_width: float = tuned(0.015, "share", "deidentify.leaks")
+    # of a place, from which an object hides it; beside objects, where nothing is compared either; from how much is seen
+    object_share: float = tuned(0.15, "share", "deidentify.leaks")
+    edge_share: float = tuned(0.08, "share", "deidentify.leaks")
+    object_edge_cells: int = tuned(2, "cells", "deidentify.leaks")
+    min_hidden_share: float = tuned(0.02, "share of the face", "deidentify.leaks")
+    hidden_share: float = tuned(0.6, "share of the face", "deidentify.leaks")  # behind objects
+    hidden_share_width: float = tuned(0.02, "share of the face", "deidentify.leaks")
     # As less of the face is compared, it must be more like the person's; shadows and missed fingers may be near.
-    residual_gain_behind_objects: float = 1.3
-    occluded_share_behind_objects: float = 0.16
-    unquestioned: float = 0.9  # confidence from which nothing in front is searched for
-    profile_degrees: float = 42.0  # to which a head may be turned, or nod
-    profile_degrees_width: float = 2.0
-    surely_frontal_degrees: float = 26.0  # of a rough pose, up to which it is not looked at more closely
-    landmarker_gain: float = 1.25  # by which a landmarker's confidence counts
+    residual_gain_behind_objects: float = tuned(1.3, "ratio", "deidentify.leaks")
+    occluded_share_behind_objects: float = tuned(0.16, "share", "deidentify.leaks")
+    # confidence from which nothing in front is searched for
+    unquestioned: float = tuned(0.9, "confidence", "deidentify.swapped")
+    profile_degrees: float = tuned(
+        42.0, "degrees", "deidentify.leaks"
+    )  # to which a head may be turned, or nod
+    profile_degrees_width: float = tuned(2.0, "degrees", "deidentify.leaks")
+    # of a rough pose, up to which it is not looked at more closely
+    surely_frontal_degrees: float = tuned(26.0, "degrees", "live.throughput")
+    # by which a landmarker's confidence counts
+    landmarker_gain: float = tuned(1.25, "ratio", "deidentify.swapped")
 
 
 LIMITS = TrustLimits()
