@@ -1,9 +1,13 @@
-"""Brows found again by their looks: where tracked brows follow only half of a movement, the rest of it.
+"""Brows where the picture shows them: a landmarker that has seen few raised brows leaves its points behind.
 
-A landmarker that has seen few raised brows leaves its brow points behind (half of the way on some people, measured
-against other landmarkers).  Then the brow lies higher in the sampled texture than in the neutral one, which shows by
-how much: the band about each brow is compared at shifts up and down (normalised cross-correlation), and the brow's
-points move along.  Frame pixels, x right, y down, unless said otherwise.
+On some people tracked brows follow half of a movement only, measured against other landmarkers.  Two ways to find the
+rest of it.  :class:`BrowLift`, of any face: the parsing (`parsing.py`) tells which pixels are hair of a brow.  How far
+its upper edge lies from the points differs little between people; where it lies higher or lower, turned or arched
+otherwise, the points move along.  :class:`BrowFollower`, of a known person: then the brow lies higher in the sampled
+texture than in the neutral one, which shows by how much: the band about each brow is compared at shifts up and down
+(normalised cross-correlation), and the brow's points move along.
+
+Frame pixels, x right, y down, unless said otherwise.
 """
 
 from __future__ import annotations
@@ -14,31 +18,116 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import AppearanceModel
-from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW, RIGID_WEIGHTS
+from guise.aam.landmarks.schemes import LEFT_BROW, RIGHT_BROW
 from guise.aam.light import LUMA
+from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.aam.similarity import align_planar
-from guise.common.arrays import F32, F64, U8
+from guise.common.arrays import F32, F64, U8, Int
+from guise.common.interpolation import interpolation
+from guise.common.sampling import remap_points
+from guise.common.small import mean, ramp
 
-BROW_PAIR = (RIGHT_BROW, LEFT_BROW)
+BROW_PAIR: Int = np.stack([RIGHT_BROW, LEFT_BROW])  # (2, 5)
+
+# (12,) how far below the line through a brow's points its hair begins, from the outer end to the inner one: medians of
+# the people of the sample clips (`training/brow_edges.py`), face widths.
+USUAL_EDGE = np.array([-53, -42, -25, -11, -7, 0, 8, 13, 17, 4, -9, -19]) / 1000
 
 
 @dataclass(frozen=True)
 class BrowLimits:
-    """Size of the bands and of the search, and what counts; lengths in face widths."""
+    """Where brows are looked for, and how much of what is found counts; lengths in face widths."""
 
-    beside: float = 0.012  # of the band, beyond the brow's points
-    above: float = 0.06
-    below: float = 0.03
+    hair_above: float = 0.11  # of the line through a brow's points, where hair is looked for
+    hair_below: float = 0.09
+    hair_row: float = 0.005  # between the places that are looked at
+    edge: float = 0.1  # share of a column's hair that lies above its upper edge
+    whole_column: float = 0.015  # of hair, from which a column counts fully
+    believed: tuple[float, float] = (0.5, 0.8)  # share of such columns, at which not at all and fully
+    stiffness: tuple[float, float, float] = (0.0, 0.75, 1.25)  # against a shift, a turn, an arch; columns
+    strength: float = 0.75
+    memory: float = 0.85  # share of the last frame's shifts that is kept
+
+    band_beside: float = 0.012  # of a brow's points, what is compared by its looks
+    band_above: float = 0.06
+    band_below: float = 0.03
+    band_column: float = 0.01  # between the columns that are sampled
+    band_row: float = 0.006  # between the rows
     search: float = 0.06  # up and down
-    column: float = 0.01  # between the columns that are sampled
-    row: float = 0.006  # between the rows
     cost: float = 6.0  # of correlation, by which a shift of one face width must be better than none, squared
     unsure: tuple[float, float] = (0.3, 0.5)  # correlations from which and at which a shift is believed
     jitter: float = 0.004  # smaller changes from frame to frame count less
 
 
 LIMITS = BrowLimits()
+
+_ROWS = np.arange(-LIMITS.hair_above, LIMITS.hair_below, LIMITS.hair_row)
+_ALONG = interpolation(np.linspace(0, 4, len(USUAL_EDGE)), np.arange(5.0))  # from a brow's points to columns
+_USUAL = np.stack([USUAL_EDGE, USUAL_EDGE[::-1]])  # of the right brow and the left one, from left to right
+# Shift, turn and arch of columns and of points, and what they are held back by.
+_COLUMNS, _POINTS = (
+    np.vander(np.linspace(-1, 1, n), len(LIMITS.stiffness), increasing=True) for n in (len(USUAL_EDGE), 5)
+)
+_STIFF = np.diag(np.maximum(LIMITS.stiffness, 1e-6))
+
+_MARGIN = round(LIMITS.search / LIMITS.band_row)  # rows above and below the bands that are searched
+_SHIFTS = LIMITS.band_row * np.arange(-_MARGIN, _MARGIN + 1)
+_COSTS = LIMITS.cost * _SHIFTS**2
+
+
+class BrowLift:
+    """Sets the brows of one face onto their hair, frame by frame, steadily; a new one for a single picture."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the next face."""
+        self._shifts: F64 | None = None  # (2, 5) of the points of both brows
+
+    @property
+    def has_seen(self) -> bool:
+        """Whether a face was seen since the last reset."""
+        return self._shifts is not None
+
+    def see(self, parsing: Parsing, points: F64) -> None:
+        """Look at the brows of a parsed face with points (81, 2), pixels, as they were found."""
+        found = _shifts(*edges_of_hair(parsing, points))
+        self._shifts = found if self._shifts is None else found + LIMITS.memory * (self._shifts - found)
+
+    def __call__(self, points: F64) -> F64:
+        """Points (81, 2) as they were found, pixels, with the brows on their hair as it was seen last."""
+        lifted = points.copy()
+        if self._shifts is not None:
+            lifted[BROW_PAIR] += self._shifts[..., None] * _down(ReferenceFrame.canonical(), points)
+        return lifted
+
+
+def edges_of_hair(parsing: Parsing, points: F64) -> tuple[F64, F64]:
+    """How far below the lines through the brows of a face (81, 2) their hair begins, from left to right.
+
+    (2, 12) face widths, in columns along the right and the left brow, and their weights (2, 12).
+    """
+    down = _down(ReferenceFrame.canonical(), points)
+    places = (_ALONG @ points[BROW_PAIR])[:, :, None] + _ROWS[:, None] * down
+    hair = parsing.at(places.reshape(-1, 2), parsing.shares[FaceClass.BROWS]).reshape(-1, len(_ROWS))
+    amount = np.add.reduce(hair, 1)
+    above = hair.cumsum(1) / np.maximum(amount, 1e-6)[:, None]
+    columns, after = np.arange(len(above)), (above > LIMITS.edge).argmax(1)
+    low, high = above[columns, after - 1], above[columns, after]
+    edges = _ROWS[after] - LIMITS.hair_row * (high - LIMITS.edge) / np.maximum(high - low, 1e-6)
+    edges = np.where(after > 0, edges, _ROWS[0])
+    weights = np.minimum(np.maximum(amount * LIMITS.hair_row / LIMITS.whole_column, 0), 1)
+    return edges.reshape(_USUAL.shape), weights.reshape(_USUAL.shape)
+
+
+def _shifts(edges: F64, weights: F64) -> F64:
+    """(2, 5) by how much the points of the brows belong lower: a smooth fit to their edges."""
+    weighted = _COLUMNS * weights[..., None]
+    right = [one.T @ away for one, away in zip(weighted, edges - _USUAL, strict=True)]
+    fits = np.linalg.solve(_COLUMNS.T @ weighted + _STIFF, np.array(right)[..., None])
+    believed = np.array([ramp(share, *LIMITS.believed) for share in mean(weights, 1)])
+    return np.asarray((LIMITS.strength * believed)[:, None] * (_POINTS @ fits)[..., 0])
 
 
 class BrowFollower:
@@ -48,10 +137,12 @@ class BrowFollower:
     """
 
     def __init__(self, appearance: AppearanceModel) -> None:
-        reference = appearance.reference
+        self._reference = reference = appearance.reference
+        grids = [_band(reference, brow) for brow in BROW_PAIR]
+        self._sizes = [grid.shape[:2] for grid in grids]
+        self._sampler = MeshSampler.build(reference, np.concatenate([grid.reshape(-1, 2) for grid in grids]))
         luma = reference.scatter(appearance.neutral_texture @ LUMA)
-        self._reference = reference
-        self._bands = [_Band.of(reference, brow, luma) for brow in BROW_PAIR]
+        self._at_rest = [seen[_MARGIN:-_MARGIN] for seen in self._bands(luma, reference.points)]
         self.reset()
 
     def reset(self) -> None:
@@ -60,61 +151,47 @@ class BrowFollower:
 
     def corrected(self, luma: U8, shape: F64) -> F64:
         """A tracked shape (81, 2) in a picture (h, w), with the brows where the picture shows them."""
-        found = np.array([band.shift(luma, shape) for band in self._bands])
+        bands = zip(self._bands(luma, shape), self._at_rest, strict=True)
+        found = np.array([_shift(seen, at_rest) for seen, at_rest in bands])
         if self._shifts is None:
             self._shifts = found
         else:
             step = found - self._shifts
             self._shifts = self._shifts + step * step**2 / (step**2 + LIMITS.jitter**2)
-        down = np.array([0.0, self._reference.resolution]) @ _to_picture(self._reference, shape)
         made = shape.copy()
-        for brow, shift in zip(BROW_PAIR, self._shifts, strict=True):
-            made[brow] += shift * down
+        made[BROW_PAIR] += self._shifts[:, None, None] * _down(self._reference, shape)
         return made
 
-
-@dataclass(frozen=True, eq=False)
-class _Band:
-    """The surroundings of a brow: how they look at rest, and where they and the rows above and below are seen."""
-
-    template: F32
-    sampler: MeshSampler
-    size: tuple[int, int]  # of what is sampled: rows, columns
-    margin: int  # rows above and below the template
-
-    @classmethod
-    def of(cls, reference: ReferenceFrame, brow: np.ndarray, luma: F32) -> _Band:
-        points, width = reference.points[brow] / reference.resolution, reference.resolution
-        low, high = points.min(0), points.max(0)
-        margin = round(LIMITS.search / LIMITS.row)
-        xs = np.arange(low[0] - LIMITS.beside, high[0] + LIMITS.beside, LIMITS.column)
-        rows = round((high[1] - low[1] + LIMITS.above + LIMITS.below) / LIMITS.row)
-        ys = low[1] - LIMITS.above + LIMITS.row * np.arange(-margin, rows + margin)
-        places = width * np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
-        sampler = MeshSampler.build(reference, places)
-        band = cls(np.zeros((0, 0), np.float32), sampler, (len(ys), len(xs)), margin)
-        seen = band._seen(luma, reference.points)
-        return cls(seen[margin:-margin], sampler, band.size, margin)
-
-    def shift(self, luma: U8, shape: F64) -> float:
-        """By how much the brow lies lower than its points, face widths; 0 where it isn't recognised."""
-        alike = cv2.matchTemplate(self._seen(luma, shape), self.template, cv2.TM_CCOEFF_NORMED)[:, 0]
-        at = LIMITS.row * np.arange(-self.margin, self.margin + 1)
-        likely = alike - LIMITS.cost * at**2
-        k = int(np.argmax(likely))
-        peak = float(at[k])
-        if 0 < k < len(at) - 1:
-            before, here, after = likely[k - 1 : k + 2]
-            peak += LIMITS.row * float((before - after) / (2 * min(before - 2 * here + after, -1e-6)))
-        first, last = LIMITS.unsure
-        return peak * float(np.clip((alike[k] - first) / (last - first), 0, 1))
-
-    def _seen(self, luma: U8 | F32, shape: F64) -> F32:
-        places: F32 = self.sampler.positions(shape).astype(np.float32).reshape(*self.size, 2)
-        picture = cv2.remap(luma, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        return np.asarray(picture, np.float32)
+    def _bands(self, luma: U8 | F32, shape: F64) -> tuple[F32, F32]:
+        """How both bands look (rows, columns) under a shape (81, 2)."""
+        seen = remap_points(luma, self._sampler.positions(shape))
+        (rows, columns), left = self._sizes
+        return seen[: rows * columns].reshape(rows, columns), seen[rows * columns :].reshape(left)
 
 
-def _to_picture(reference: ReferenceFrame, shape: F64) -> F64:
-    """(2, 2) that takes steps on the reference grid to steps in the picture, for rows."""
-    return np.asarray(align_planar(reference.points, shape, RIGID_WEIGHTS).linear)
+def _band(reference: ReferenceFrame, brow: Int) -> F64:
+    """(rows, columns, 2) places on the grid about a brow at rest, and above and below it as far as it is searched."""
+    points = reference.points[brow] / reference.resolution
+    low, high = points.min(0), points.max(0)
+    xs = np.arange(low[0] - LIMITS.band_beside, high[0] + LIMITS.band_beside, LIMITS.band_column)
+    rows = round((high[1] - low[1] + LIMITS.band_above + LIMITS.band_below) / LIMITS.band_row)
+    ys = low[1] - LIMITS.band_above + LIMITS.band_row * np.arange(-_MARGIN, rows + _MARGIN)
+    return np.asarray(reference.resolution * np.stack(np.meshgrid(xs, ys), -1))
+
+
+def _shift(seen: F32, at_rest: F32) -> float:
+    """By how much a brow lies lower than its points, face widths; 0 where it isn't recognised."""
+    alike = cv2.matchTemplate(seen, at_rest, cv2.TM_CCOEFF_NORMED)[:, 0]
+    likely = alike - _COSTS
+    k = int(likely.argmax())
+    peak = float(_SHIFTS[k])
+    if 0 < k < len(likely) - 1:
+        before, here, after = likely[k - 1 : k + 2]
+        peak += LIMITS.band_row * float((before - after) / (2 * min(before - 2 * here + after, -1e-6)))
+    first, last = LIMITS.unsure
+    return peak * float(np.minimum(np.maximum((alike[k] - first) / (last - first), 0), 1))
+
+
+def _down(reference: ReferenceFrame, points: F64) -> F64:
+    """(2,) pixels, a face width down a face with points (81, 2)."""
+    return np.asarray(reference.resolution * reference.to_shape(points).linear[1])

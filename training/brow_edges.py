@@ -1,4 +1,4 @@
-"""Measure where the hair of brows begins, seen from their landmarks: `USUAL_EDGE` of `aam/brow_lift.py`.
+"""Measure where the hair of brows begins, seen from their landmarks: `USUAL_EDGE` of `aam/brows.py`.
 
     python -m training.brow_edges CLIP [CLIP ...]
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.aam.brow_lift import BROW_PAIR, edge_of_hair, face_width_down
+from guise.aam.brows import edges_of_hair
 from guise.aam.landmarks import FaceTracker, open_landmarker
 from guise.aam.parsing import FaceParser
 from guise.app.media import open_input
@@ -37,9 +37,7 @@ def edges_of(clip: Path) -> F64:
             if face is None:
                 continue
             points = face.points.astype(np.float64)
-            parsing = parser.parse(rgb, points)
-            down = face_width_down(points)
-            right, left = (edge_of_hair(parsing, points[brow], down)[0] for brow in BROW_PAIR)
+            (right, left), _ = edges_of_hair(parser.parse(rgb, points), points)
             found += [right, left[::-1]]
     return np.median(found, axis=0)
 

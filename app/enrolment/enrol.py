@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg  # noqa: F401  so that its threads are known to `one_thread`
 
-from guise.aam.brow_lift import BrowLift
+from guise.aam.brows import BrowLift
 from guise.aam.landmarks import (
     Annotations,
     FaceTracker,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from guise.aam.brow_lift import BrowLift
+from guise.aam.brows import BrowLift
 from guise.aam.landmarks import Face, Landmarker, tight_box
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.landmark_filter import LandmarkFilter

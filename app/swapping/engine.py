@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
-from guise.aam.brow_lift import BrowLift
-from guise.aam.brows import BrowFollower
+from guise.aam.brows import BrowFollower, BrowLift
 from guise.aam.even_light import evenly_lit
 from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Face

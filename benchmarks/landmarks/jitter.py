@@ -28,7 +28,7 @@ from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.clips import RealClip, real_clips
 from benchmarks.landmarks.metrics import Bools, depth, lag, mean_of, motion, opening, root_mean_square
-from guise.aam.brow_lift import BrowLift
+from guise.aam.brows import BrowLift
 from guise.aam.landmarks import FaceTracker, Landmarker, interocular
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.landmark_filter import LandmarkFilter

@@ -28,7 +28,7 @@ from benchmarks.landmarks.annotated import SETS, Still, stills
 from benchmarks.landmarks.mediapipe_mesh import face81
 from benchmarks.landmarks.metrics import Accuracy, accuracy, matches
 from benchmarks.landmarks.peers import MISSING, Peer
-from guise.aam.brow_lift import BrowLift
+from guise.aam.brows import BrowLift
 from guise.aam.landmarks import Face, OnnxLandmarker
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.schemes import IBUG68
