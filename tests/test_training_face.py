@@ -128,9 +128,9 @@ def test_outlines_of_occluders_count_more_and_nothing_else_does() -> None:
 
 
 def test_names_of_modules_are_read_from_the_graph() -> None:
-    assert module_name("/fine/fine.2/first/first.0/Conv_output_0") == "fine.2.first.0"
-    assert module_name("/from_coarse/Conv_output_0") == "from_coarse"
-    assert module_name("/squeeze/squeeze.0/Conv_output_0") == "squeeze.0"
+    assert module_name("/fine/fine.2/first/first.0/Conv") == "fine.2.first.0"
+    assert module_name("/from_coarse/Conv") == "from_coarse"
+    assert module_name("/squeeze/squeeze.0/Conv") == "squeeze.0"
 
 
 def test_the_rate_rises_holds_and_falls_to_nothing() -> None:

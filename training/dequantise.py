@@ -37,18 +37,18 @@ def load_shipped(net: LandmarkNet, path: Path, crops: U8) -> None:
     for node in graph.node:
         if node.op_type == "Conv":
             weight, bias = (torch.from_numpy(values[name].copy()) for name in node.input[1:3])
-            filled.append(_fill(modules, module_name(node.output[0]), weight, bias))
+            filled.append(_fill(modules, module_name(node.name), weight, bias))
     _unfold(net, torch.from_numpy(crops), [module for module in filled if module is not None])
 
 
-def module_name(output: str) -> str:
-    """Name of the module whose output an exported tensor is.
+def module_name(node: str) -> str:
+    """Name of the module that an exported node is of.
 
-    >>> module_name("/fine/fine.2/first/first.0/Conv_output_0")
+    >>> module_name("/fine/fine.2/first/first.0/Conv")
     'fine.2.first.0'
     """
     names: list[str] = []
-    for part in output.strip("/").split("/")[:-1]:
+    for part in node.strip("/").split("/")[:-1]:
         if names and part.startswith(names[-1].split(".")[0] + "."):
             names[-1] = part
         else:

@@ -40,6 +40,7 @@ from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import read_alignment
+from training.exact_rounding import powers_of_two
 from training.face_net import FaceNet
 from training.measure import Answer, answers_of_file, figures_of, point_errors
 from training.report import report, tables
@@ -48,7 +49,11 @@ from training.stored_weights import halve
 DATA = Path(__file__).parents[1] / "aam" / "data"
 OUTPUTS = ("points", "sigma", "face")
 GOOD_ERROR_INTEROCULAR = 0.05  # the mean error that the confidence speaks of
-UNROUNDED_CONVOLUTIONS = 2
+UNROUNDED = (
+    "/fine.0/fine.0.0/Conv",
+    "/classes/Conv",
+)  # the first layer, and the parsing's last, whose steps would show
+ROUNDED = ("Conv", "Relu", "Add", "Resize")
 MAX_ERROR_RATIO = 1.02  # of the 8-bit variant's error to the float32 one's
 
 
@@ -83,18 +88,29 @@ class _Feed(CalibrationDataReader):  # type: ignore[misc]
 
 
 def eight_bit(source: Path, target: Path, crops: U8) -> None:
-    """Convolutions in 8 bits, calibrated on crops, but for the first; what places the points in half precision.
+    """Convolutions in 8 bits, calibrated on crops, but for `UNROUNDED`; what places the points in half precision.
 
-    Rounding the first layers, or for the sake of the rarest values, made points jitter by a quarter more.
+    The answer is the same on every processor (`exact_rounding.py`). Rounding the first layer, or for the sake of the
+    rarest values, made points jitter by a quarter more.
     """
-    convolutions = [node.name for node in onnx.load(source).graph.node if node.op_type == "Conv"]
     quantize_static(
-        source, target, _Feed(crops), quant_format=QuantFormat.QDQ, op_types_to_quantize=["Conv"],
+        source, target, _Feed(crops), quant_format=QuantFormat.QDQ, op_types_to_quantize=list(ROUNDED),
         activation_type=QuantType.QUInt8, weight_type=QuantType.QInt8, per_channel=True,
         reduce_range=True,  # or older processors overflow
-        calibrate_method=CalibrationMethod.Percentile, nodes_to_exclude=convolutions[:UNROUNDED_CONVOLUTIONS],
+        calibrate_method=CalibrationMethod.Percentile, nodes_to_exclude=[*UNROUNDED, *last_sums(source)],
     )  # fmt: skip
+    powers_of_two(source, target)
     halve(target)
+
+
+def last_sums(path: Path) -> list[str]:
+    """Names of the additions of an ONNX file behind which there is no convolution."""
+    nodes = onnx.load(path).graph.node
+    leading: set[str] = set()  # what convolutions are made of
+    for node in reversed(nodes):
+        if node.op_type == "Conv" or leading & set(node.output):
+            leading |= set(node.input)
+    return [node.name for node in nodes if node.op_type == "Add" and not leading & set(node.output)]
 
 
 def milliseconds(paths: list[Path], crop: U8, rounds: int = 80) -> list[float]:

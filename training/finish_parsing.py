@@ -31,7 +31,7 @@ from training.data import Pictures, by_hands, load_parts, load_real
 from training.definitions import read_alignment
 from training.face_net import FaceNet
 from training.finish_face import DATA, arguments, eight_bit, export, milliseconds
-from training.measure import answers_of_file, figures_of
+from training.measure import AGREEMENT_EVERY, answers_of_file, figures_of, fused_apart
 from training.parsing_labels import CLASSES
 from training.real_occluders import load_outlined, outlined_figures
 from training.report import by_class, by_group
@@ -70,6 +70,9 @@ Made by `training/train_face.py --goal {goal}` and `training/finish_parsing.py`;
 
 - Licence: that of Guise (Apache-2.0).
 - Size: {bytes:,} bytes; {ms:.1f} ms for one crop on one core of the machine that wrote this.
+- The same on every processor, as all scales of 8 bits are powers of two (`training/exact_rounding.py`). Answers for
+  {compared} crops, as the runtime fuses the network and operator by operator, differ by at most {fused:.1g} of an
+  output's range; `tests/test_networks_agree.py` holds answers to compare processors with.
 - Data: {rendered:,} pictures of {people} rendered fictional people (CC0, `training/render_people.py`), {held:,} of them
   with a hand before the face (`training/hands.py`), cut-outs of rendered hands (`training/render_hands.py`), procedural
   objects in front (`training/occluders.py`), and {real} pictures of {real_people} real people under CC BY 4.0:
@@ -115,6 +118,7 @@ def card(facts: dict[str, Any]) -> str:
     )
     return CARD.format(
         **facts["training"], bytes=facts["bytes"], ms=facts["ms"],
+        compared=facts["compared"], fused=facts["fused"],
         classes=", ".join(c.replace("_", " ") for c in CLASSES), irises="\n".join(lines), parsing="\n".join(table),
         outlined=outlined,
     ).rstrip() + "\n"  # fmt: skip
@@ -195,6 +199,8 @@ def main() -> None:
         "occluded": by_class(answer, unseen, options.count, props),
         "hand": by_class(answer, behind, options.count, None) if len(behind) else {},
         "outlined": outlined_figures(parsing, outlined),
+        "compared": len(calibration[::AGREEMENT_EVERY]),
+        "fused": fused_apart(run / "face.onnx", calibration[::AGREEMENT_EVERY]),
     }
     finish(options, run / "face.onnx", times[chosen], facts, card)
 

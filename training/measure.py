@@ -19,6 +19,7 @@ from guise.common.arrays import F32, F64, U8
 from training.augment import Sample
 from training.parsing_labels import CLASSES, OCCLUDER
 
+AGREEMENT_EVERY = 5  # crops of those at hand are compared fused and not
 FACE_PARTS = (1, 2, 3, 4, 5, 7)  # skin, brows, eyes, lips, inner mouth, facial hair
 
 
@@ -52,11 +53,13 @@ def answers_of(net: Any) -> Answer:
     return answer
 
 
-def answers_of_file(path: Path) -> Answer:
-    """Predictions of an ONNX file, on one thread as the package runs it."""
+def answers_of_file(path: Path, *, fused: bool = True) -> Answer:
+    """Predictions of an ONNX file, on one thread as the package runs it; fused: else operator by operator."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
+    if not fused:
+        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.intra_op_num_threads = 1
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
@@ -68,6 +71,16 @@ def answers_of_file(path: Path) -> Answer:
         return Answers(**dict(zip(names, columns, strict=True)))
 
     return answer
+
+
+def fused_apart(path: Path, crops: U8) -> float:
+    """Greatest difference of an ONNX file's answers fused and not, as a share of each output's range."""
+    fused, plain = (vars(answers_of_file(path, fused=fused)(crops)) for fused in (True, False))
+    return max(
+        float(np.abs(value - plain[name]).max() / np.ptp(value))
+        for name, value in fused.items()
+        if value is not None
+    )
 
 
 def figures_of(answer: Answer, samples: Sequence[Sample]) -> dict[str, float | F64]:

@@ -1,10 +1,11 @@
 """Round the shipped networks for points, irises and parsing of faces to 8 bits anew, without training.
 
-    python -m training.requantise --parts PARTS --real DATA --out OUT [--ship]
+    python -m training.requantise --parts PARTS --real DATA --out OUT [--networks face.onnx ...] [--ship]
 
 PARTS and DATA are those of `train_face.py`, of which people held out calibrate and measure; `finish_face.py` has the
 rounding.  Prints errors and unrest of the networks before and after: how far what is found moves about its mean as the
-crop moves by hundredths of its side, which jitters in a video, in per cent of the inter-ocular distance.
+crop moves by hundredths of its side, which jitters in a video, in per cent of the inter-ocular distance.  `fused` is
+how far the answers move, as a share of an output's range, when the runtime fuses nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from training.dequantise import load_shipped
 from training.face_net import FaceNet
 from training.finish_face import DATA, OUTPUTS, Landmarker, eight_bit, export, milliseconds
 from training.finish_parsing import FaceParser
-from training.measure import Answer, answers_of_file, figures_of
+from training.measure import AGREEMENT_EVERY, Answer, answers_of_file, figures_of, fused_apart
 
 NETWORKS: dict[str, tuple[type[nn.Module], tuple[str, ...]]] = {
     "landmarks.onnx": (Landmarker, OUTPUTS),
@@ -77,6 +78,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for name in ("parts", "real", "out"):
         parser.add_argument(f"--{name}", type=Path, required=True)
+    parser.add_argument("--networks", nargs="+", choices=NETWORKS, default=list(NETWORKS))
     parser.add_argument("--ship", action="store_true", help="copy the networks to aam/data")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -86,12 +88,13 @@ def main() -> None:
     real = alignment.real(load_real(options.real, held_out=True))
     plain: list[Sample] = plain_samples(unseen, min(300, len(unseen)))
     crops = np.stack([sample.crop for sample in plain + plain_samples(real, len(real))])
-    for name in NETWORKS:
+    for name in options.networks:
         files = DATA / name, rounded(name, options.out, crops)
         for file, ms in zip(files, milliseconds(list(files), crops[0]), strict=True):
             answer = answers_of_file(file)
             figures = {k: v for k, v in figures_of(answer, plain).items() if isinstance(v, float)}
             figures |= {"unrest": unrest(answer, unseen), "unrest of real": unrest(answer, real), "ms": ms}
+            figures |= {"fused": fused_apart(file, crops[::AGREEMENT_EVERY])}
             print(file, {k: round(v, 3) for k, v in figures.items()}, file.stat().st_size, flush=True)
         if options.ship:
             shutil.copy(files[1], files[0])
