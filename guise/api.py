@@ -154,13 +154,13 @@ class Swapper(Closing):
     ) -> None:
         from guise.app.swapping.engine import Engine
         from guise.app.swapping.options import EngineOptions
+        from guise.app.swapping.session import SwapSession
 
         shown = _identity(identity)
-        person = _source(source, shown)
-        self._engine = Engine(
-            person, shown, open_landmarker("builtin"), EngineOptions(alpha=alpha, renderer=renderer)
-        )
-        self.outcome: Literal["swapped", "held", "lost"] = "lost"
+        person, options = _source(source, shown), EngineOptions(alpha=alpha, renderer=renderer)
+        self._session = SwapSession(lambda _: Engine(person, shown, open_landmarker("builtin"), options))
+        self._engine = self._session.engine(1)
+        self.outcome: str = "lost"
 
     def __call__(self, frame: U8) -> U8:
         """The frame (h, w, 3) RGB uint8 with the other face, as a new array."""
@@ -168,12 +168,12 @@ class Swapper(Closing):
 
         picture = Frame.from_rgb(_checked(frame))
         with one_thread():
-            self.outcome = self._engine.swap(picture).outcome
+            self.outcome = self._session.swap(picture, 1, self._engine.track(picture)).outcome
         return picture.rgb()
 
     def close(self) -> None:
         """Release the renderer."""
-        self._engine.close()
+        self._session.close()
 
 
 def swap_file(

@@ -10,7 +10,7 @@ from guise.app.deidentify.report.report import (
     BatchEntry,
 )
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, Track, TrackOutcome
-from guise.app.swapping.decide import DONE
+from guise.app.swapping.policy import DONE
 
 HOSTILE = "\"'><script>alert(1)</script>\u202e\n</style>\udcff&amp;.mp4"
 SECRET = "mean:p01+/secret/a.guise"

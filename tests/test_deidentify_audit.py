@@ -17,7 +17,6 @@ from guise.app.deidentify.stages.audit import (
     AuditDetection,
     AuditSearch,
     DrawnFace,
-    FaceTreatment,
     _inside,
     _is_hair,
     _is_unchanged,
@@ -25,7 +24,7 @@ from guise.app.deidentify.stages.audit import (
 )
 from guise.app.media import Frame, open_input
 from guise.app.swapping.cover import CoverStyle, cover
-from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
+from guise.app.swapping.policy import COVERED, LEFT, SWAPPED, FaceTreatment
 
 FRAMES = (0, 40)
 RATE = 30.0

@@ -327,7 +327,7 @@ def test_who_leaves_and_returns_keeps_the_donor_and_another_person_gets_another(
 ) -> None:
     def draw(self: SegmentRenderer, frame: Frame) -> None:
         plain(self, frame)
-        engines.append(len(self._engines))
+        engines.append(len(self._session.engines))
 
     engines: list[int] = []
     plain = SegmentRenderer.draw

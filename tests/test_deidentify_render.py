@@ -3,12 +3,14 @@
 import numpy as np
 
 from guise.app.deidentify.options import DeidentifyOptions
-from guise.app.deidentify.stages.audit import AuditDetection, FaceTreatment
+from guise.app.deidentify.stages.audit import AuditDetection
 from guise.app.deidentify.stages.jobs import PICTURE_PIXELS, picture
-from guise.app.deidentify.stages.render import LIMITS, entries_of, with_detections
+from guise.app.deidentify.stages.render import entries_of, with_detections
 from guise.app.media import EncodeOptions, Frame
-from guise.app.swapping.decide import COVERED, SWAPPED
+from guise.app.swapping.policy import COVERED, LIMITS, SWAPPED, FaceTreatment, frames_within
 
+RATE = 30.0
+AUDIT_FRAMES = frames_within(LIMITS.near_seconds, RATE)
 BOX = np.array([10, 20, 50, 70], np.float32)
 
 
@@ -26,33 +28,31 @@ def test_a_segment_gets_the_entries_of_its_frames_only() -> None:
         plan(frame=[1, 5, 5, 9], track=[1, 1, 2, 1], done=[SWAPPED, COVERED, COVERED, SWAPPED]), 2, 9
     )
     assert sorted(made) == [5]
-    assert [e.track for e in made[5]] == [1, 2]
+    assert [e.who for e in made[5]] == [1, 2]
 
 
 def test_a_find_is_covered_in_the_frames_about_it_and_changes_nothing_else() -> None:
     entries = {3: [FaceTreatment(1, SWAPPED, BOX, 1.0)]}
-    more = with_detections(entries, [AuditDetection(4, BOX + 100, 0.9)], 2, 6)
+    more = with_detections(entries, [AuditDetection(4, BOX + 100, 0.9)], 2, 6, RATE)
     assert sorted(more) == [2, 3, 4, 5]
     assert [e.done for e in more[3]] == [SWAPPED, COVERED]
     assert len(entries[3]) == 1
-    assert (
-        len(with_detections({}, [AuditDetection(50, BOX, 0.9)], 0, 100)) == 2 * LIMITS.audit_margin_frames + 1
-    )
+    assert len(with_detections({}, [AuditDetection(50, BOX, 0.9)], 0, 100, RATE)) == 2 * AUDIT_FRAMES + 1
 
 
 def test_what_is_found_again_at_the_same_place_is_covered_in_all_frames() -> None:
     finds = [AuditDetection(10, BOX, 0.9), AuditDetection(60, BOX + 2, 0.9)]
-    assert sorted(with_detections({}, finds, 0, 100)) == list(range(100))
+    assert sorted(with_detections({}, finds, 0, 100, RATE)) == list(range(100))
     elsewhere = [finds[0], AuditDetection(60, BOX + 100, 0.9)]
-    assert len(with_detections({}, elsewhere, 0, 100)) == 2 * (2 * LIMITS.audit_margin_frames + 1)
+    assert len(with_detections({}, elsewhere, 0, 100, RATE)) == 2 * (2 * AUDIT_FRAMES + 1)
 
 
 def test_a_face_that_is_followed_is_covered_where_it_is_found_only() -> None:
     finds = [AuditDetection(10, BOX, 0.9), AuditDetection(60, BOX + 2, 0.9)]
     entries = {k: [FaceTreatment(1, SWAPPED, BOX, 1.0)] for k in range(100)}
-    more = with_detections(entries, finds, 0, 100)
+    more = with_detections(entries, finds, 0, 100, RATE)
     covered = [k for k, these in more.items() if len(these) > 1]
-    assert len(covered) == 2 * (2 * LIMITS.audit_margin_frames + 1)
+    assert len(covered) == 2 * (2 * AUDIT_FRAMES + 1)
 
 
 def test_the_picture_of_a_face_at_the_edge_is_whole() -> None:

@@ -35,7 +35,7 @@ from guise.app.deidentify.report.report import (
     write_report,
 )
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport
-from guise.app.swapping.decide import DONE
+from guise.app.swapping.policy import DONE
 
 ROOT = Path(__file__).parents[1]
 SCHEMA = json.loads((ROOT / "docs" / "report.schema.json").read_text(encoding="utf-8"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guise.app.deidentify.run.results import _counts
-from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
+from guise.app.swapping.policy import COVERED, LEFT, SWAPPED
 
 
 def test_every_frame_counts_by_the_worst_that_was_done_there() -> None:

@@ -9,15 +9,14 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.landmarks.heads import region
-from guise.aam.landmarks.rolls import RolledBoxes
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
-from guise.aam.tracker import Fit
 from guise.app.live.controls import LiveSettings
-from guise.app.live.face import LIMITS, CoverPlanner, FaceResult, LiveFace
+from guise.app.live.face import CastMember, FaceResult, LiveFaces
 from guise.app.media import Frame, open_input
 from guise.app.swapping.occlusion import LIMITS as OCCLUSION
 from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.policy import LIMITS
 from guise.common.arrays import F64, U8, Bool
 from guise.common.threads import one_thread
 
@@ -46,8 +45,8 @@ def truth() -> F64:
 
 
 @pytest.fixture
-def face(p01: Identity) -> Iterator[LiveFace]:
-    with one_thread(), LiveFace(p01, [p01, stiff(p01)]) as face:
+def face(p01: Identity) -> Iterator[LiveFaces]:
+    with one_thread(), LiveFaces([CastMember(p01, [p01, stiff(p01)])]) as face:
         yield face
 
 
@@ -72,7 +71,7 @@ def empty(seed: int, width: int = WIDTH) -> U8:
 class Player:
     """Plays pictures to a face at FPS and reports what became of them."""
 
-    def __init__(self, face: LiveFace) -> None:
+    def __init__(self, face: LiveFaces) -> None:
         self.face, self.count = face, 0
 
     def __call__(self, picture: U8, settings: LiveSettings = SOLID) -> tuple[FaceResult, Bool, U8]:
@@ -91,7 +90,7 @@ def box(points: F64) -> tuple[slice, slice]:
 
 
 def test_the_person_is_swapped_from_the_first_picture_and_the_background_stays(
-    face: LiveFace, talk: list[U8], truth: F64
+    face: LiveFaces, talk: list[U8], truth: F64
 ) -> None:
     play = Player(face)
     for number, picture in enumerate(talk[:5]):
@@ -104,13 +103,13 @@ def test_the_person_is_swapped_from_the_first_picture_and_the_background_stays(
 
 
 def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
-    face: LiveFace, talk: list[U8], truth: F64
+    face: LiveFaces, talk: list[U8], truth: F64
 ) -> None:
     play = Player(face)
     for picture in talk[:3]:
         play(picture)
     last, areas, outcomes = box(truth[2]), [], []
-    for number in range(round(LIMITS.max_missing_seconds * FPS) + 4):
+    for number in range(round(LIMITS.unseen_seconds * FPS) + 4):
         result, changed, _ = play(empty(number))
         outcomes.append(result.outcome)
         areas.append(changed.mean())
@@ -118,7 +117,7 @@ def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
     assert outcomes == sorted(outcomes)
     assert set(outcomes) == {"covered", "lost"}
     assert outcomes.index("lost") in range(
-        round(LIMITS.max_missing_seconds * FPS) - 2, round(LIMITS.max_missing_seconds * FPS) + 2
+        round(LIMITS.unseen_seconds * FPS) - 2, round(LIMITS.unseen_seconds * FPS) + 2
     )
     assert areas == sorted(areas)
     assert areas[0] < 0.6
@@ -126,7 +125,7 @@ def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
 
 
 def test_who_returns_is_covered_until_the_face_was_confident_for_a_while(
-    face: LiveFace, talk: list[U8], truth: F64
+    face: LiveFaces, talk: list[U8], truth: F64
 ) -> None:
     play = Player(face)
     for picture in [*talk[:2], *(empty(n) for n in range(40))]:
@@ -137,7 +136,7 @@ def test_who_returns_is_covered_until_the_face_was_confident_for_a_while(
         outcomes.append(result.outcome)
         assert changed[box(truth[number + 2])].mean() > (0.7 if result.outcome == "swapped" else 0.99)
     first = outcomes.index("swapped")
-    assert first >= LIMITS.min_confident_seconds * FPS - 1
+    assert first >= LIMITS.near_seconds * FPS - 1
     assert set(outcomes[first:]) == {"swapped"}
 
 
@@ -150,7 +149,7 @@ def hidden_from(picture: U8, shape: F64, share: float) -> tuple[U8, slice, slice
     return hidden, slice(rows.start, top), columns
 
 
-def test_a_face_that_is_hidden_is_covered(face: LiveFace, talk: list[U8], truth: F64) -> None:
+def test_a_face_that_is_hidden_is_covered(face: LiveFaces, talk: list[U8], truth: F64) -> None:
     play = Player(face)
     play(talk[0])
     hidden, rows, columns = hidden_from(talk[1], truth[1], 0.2)
@@ -159,7 +158,7 @@ def test_a_face_that_is_hidden_is_covered(face: LiveFace, talk: list[U8], truth:
     assert changed[rows, columns].mean() > 0.99
 
 
-def test_a_face_behind_a_board_is_swapped_around_it(face: LiveFace, talk: list[U8], truth: F64) -> None:
+def test_a_face_behind_a_board_is_swapped_around_it(face: LiveFaces, talk: list[U8], truth: F64) -> None:
     play = Player(face)
     play(talk[0])
     hidden, rows, columns = hidden_from(talk[1], truth[1], 0.5)
@@ -171,7 +170,7 @@ def test_a_face_behind_a_board_is_swapped_around_it(face: LiveFace, talk: list[U
 
 
 def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
-    face: LiveFace, talk: list[U8], visitor: list[U8]
+    face: LiveFaces, talk: list[U8], visitor: list[U8]
 ) -> None:
     play = Player(face)
     play(wide(talk[0]))
@@ -180,17 +179,17 @@ def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
         assert (result.outcome, result.covered) == ("swapped", 1)
         assert changed[VISITOR][30:130, 70:170].mean() > 0.99
     covered = []
-    for number in range(4, 4 + round(LIMITS.bystander_seconds * FPS) + 4):
+    for number in range(4, 4 + round(LIMITS.unseen_seconds * FPS) + 4):
         result, changed, _ = play(wide(talk[number]))
         assert result.outcome == "swapped"
         covered.append(bool(changed[VISITOR].any()))
     assert covered == sorted(covered, reverse=True)
     assert covered.count(True) in range(
-        round(LIMITS.bystander_seconds * FPS) - 1, round(LIMITS.bystander_seconds * FPS) + 2
+        round(LIMITS.unseen_seconds * FPS) - 1, round(LIMITS.unseen_seconds * FPS) + 2
     )
 
 
-def test_somebody_else_alone_is_never_shown(face: LiveFace, talk: list[U8]) -> None:
+def test_somebody_else_alone_is_never_shown(face: LiveFaces, talk: list[U8]) -> None:
     play = Player(face)
     play(talk[0])
     for picture in pictures("p06", 40):
@@ -199,20 +198,20 @@ def test_somebody_else_alone_is_never_shown(face: LiveFace, talk: list[U8]) -> N
         assert changed[140:340, 240:400].mean() > 0.99
 
 
-def test_off_covers_who_is_there_and_all_when_nobody_is(face: LiveFace, talk: list[U8], truth: F64) -> None:
+def test_off_covers_who_is_there_and_all_when_nobody_is(face: LiveFaces, talk: list[U8], truth: F64) -> None:
     play, off = Player(face), replace(SOLID, mode="off", uncovered=True)
     for number, picture in enumerate(talk[:3]):
         result, changed, after = play(picture, off)
         assert (result.outcome, result.mesh, result.covered) == ("off", None, 1)
         assert np.ptp(after[box(truth[number])].reshape(-1, 3), axis=0).max() <= 1
         assert 0.05 < changed.mean() < 0.6
-    for number in range(round(LIMITS.max_missing_seconds * FPS) + 2):
+    for number in range(round(LIMITS.unseen_seconds * FPS) + 2):
         result, changed, _ = play(empty(number), off)
     assert result.outcome == "off"
     assert changed.mean() > 0.99
 
 
-def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFace, talk: list[U8]) -> None:
+def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFaces, talk: list[U8]) -> None:
     play, bare = Player(face), replace(SOLID, uncovered=True)
     assert play(talk[0], bare)[0].outcome == "swapped"
     result, changed, _ = play(empty(0), bare)
@@ -225,14 +224,14 @@ def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[U8]) ->
     puppet = replace(SOLID, mode="puppet")
     shown = []
     for seed in (0, 1):
-        with LiveFace(p01, [p01]) as face:
+        with LiveFaces([CastMember(p01, [p01])]) as face:
             result, _, after = Player(face)(empty(seed), puppet)
             assert result.outcome == "swapped"
             shown.append(after)
     assert (shown[0] == shown[1]).all()
     magenta = talk[0].copy()
     magenta[:, :100] = (255, 0, 255)
-    with LiveFace(p01, [p01]) as face:
+    with LiveFaces([CastMember(p01, [p01])]) as face:
         _, changed, after = Player(face)(magenta, puppet)
     assert changed[:, :100].all()
     assert (after[..., 1] > 0)[:, :100].mean() > 0.9
@@ -240,19 +239,19 @@ def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[U8]) ->
 
 @pytest.mark.parametrize("changes", [{"identity": 1, "mode": "puppet"}, {"identity": 1}])
 def test_the_chosen_face_takes_effect_at_once_and_back(
-    face: LiveFace, talk: list[U8], changes: dict[str, object]
+    face: LiveFaces, talk: list[U8], changes: dict[str, object]
 ) -> None:
     assert_effect(face, talk, replace(SOLID, mode=changes.get("mode", "swap")), replace(SOLID, **changes))
 
 
-def test_alpha_takes_effect_at_once_and_back(face: LiveFace, talk: list[U8]) -> None:
+def test_alpha_takes_effect_at_once_and_back(face: LiveFaces, talk: list[U8]) -> None:
     assert_effect(face, talk, replace(SOLID, identity=1, alpha=0.0), replace(SOLID, identity=1, alpha=1.0))
 
 
 SETTLING_FRAMES = 12  # until light and grain stay the same on one picture
 
 
-def assert_effect(face: LiveFace, talk: list[U8], one: LiveSettings, other: LiveSettings) -> None:
+def assert_effect(face: LiveFaces, talk: list[U8], one: LiveSettings, other: LiveSettings) -> None:
     play = Player(face)
     for _ in range(SETTLING_FRAMES):
         play(talk[-1], one)
@@ -270,7 +269,7 @@ def wide(picture: U8, other: U8 | None = None) -> U8:
     return canvas
 
 
-def test_the_region_of_a_cover_takes_in_the_whole_head(face: LiveFace, talk: list[U8], truth: F64) -> None:
+def test_the_region_of_a_cover_takes_in_the_whole_head(face: LiveFaces, talk: list[U8], truth: F64) -> None:
     _, changed, _ = Player(face)(talk[0], replace(SOLID, mode="off"))
     inner = truth[0][IBUG68]
     x0, y0, x1, y1 = region(np.concatenate([inner.min(0), inner.max(0)]), 0.85).astype(int)
@@ -279,23 +278,8 @@ def test_the_region_of_a_cover_takes_in_the_whole_head(face: LiveFace, talk: lis
     assert changed[(y0 + y1) // 2, x0:x1].all()
 
 
-def test_a_cover_holds_the_face_where_it_was_detected_when_the_fit_lags(talk: list[U8], truth: F64) -> None:
-    inner = truth[0][IBUG68]
-    known = np.concatenate([inner.min(0), inner.max(0)])
-    moved = known - np.tile([0.4 * (known[2] - known[0]), 0], 2)
-    found = RolledBoxes(moved[None].astype(np.float32), np.ones(1, np.float32), np.zeros(1, np.float32))
-    lagging = Fit(truth[0], np.zeros(0), 0.0, 0.0)
-    covered = CoverPlanner().update(Frame.from_rgb(talk[0], 0, Fraction(1, FPS), 0), lagging, found)
-    assert covered.face is not None
-    for box_ in (known, moved):
-        whole = region(box_)
-        assert (covered.face[:2] <= whole[:2] + 1).all()
-        assert (covered.face[2:] >= whole[2:] - 1).all()
-    assert covered.others == []
-
-
 def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
-    face: LiveFace, p01: Identity, talk: list[U8]
+    face: LiveFaces, p01: Identity, talk: list[U8]
 ) -> None:
     before = p01.appearance.neutral.copy()
     for number, picture in enumerate(talk[:5]):
@@ -305,5 +289,5 @@ def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
 
 def test_live_only_objects_in_front_of_the_face_are_kept(p01: Identity) -> None:
     """What looks like hair or glasses in front could be the person's own face."""
-    with LiveFace(p01, [p01], EngineOptions(renderer="cpu")) as face:
+    with LiveFaces([CastMember(p01, [p01])], EngineOptions(renderer="cpu")) as face:
         assert face.options.occluders == "objects"

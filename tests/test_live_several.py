@@ -10,7 +10,7 @@ from models import model_file
 
 from guise.aam.model import Identity
 from guise.app.live.controls import LiveSettings
-from guise.app.live.several import CastMember, LiveFaces
+from guise.app.live.face import CastMember, LiveFaces
 from guise.app.media import Frame, open_input
 from guise.app.swapping.donors import open_donor
 from guise.common.arrays import U8
@@ -39,7 +39,7 @@ def p06() -> Identity:
 
 @pytest.fixture
 def faces(p01: Identity, p06: Identity) -> Iterator[LiveFaces]:
-    cast = [CastMember(p01, open_donor("p03")), CastMember(p06, open_donor("p04"))]
+    cast = [CastMember(p01, [open_donor("p03")]), CastMember(p06, [open_donor("p04")])]
     with one_thread(), LiveFaces(cast) as faces:
         yield faces
 
@@ -74,7 +74,7 @@ def test_each_gets_their_own_face_on_either_side(faces: LiveFaces, both: tuple[l
 
 def test_a_newcomer_is_covered(p06: Identity, both: tuple[list[U8], list[U8]]) -> None:
     one, other = both
-    with one_thread(), LiveFaces([CastMember(p06, open_donor("p04"))]) as faces:
+    with one_thread(), LiveFaces([CastMember(p06, [open_donor("p04")])]) as faces:
         done = played(faces, [np.hstack(pair) for pair in zip(one, other, strict=True)])
     for outcome, covered, picture in done[4:]:
         assert (outcome, covered) == ("swapped", 1)
@@ -82,6 +82,6 @@ def test_a_newcomer_is_covered(p06: Identity, both: tuple[list[U8], list[U8]]) -
 
 
 def test_nobody_known_covers_everything(p06: Identity, both: tuple[list[U8], list[U8]]) -> None:
-    with one_thread(), LiveFaces([CastMember(p06, open_donor("p04"))]) as faces:
+    with one_thread(), LiveFaces([CastMember(p06, [open_donor("p04")])]) as faces:
         done = played(faces, both[0])
     assert all(picture[FACE].reshape(-1, 3).std(0).max() < 1 for _, _, picture in done)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.app.swapping.decide import Action
+from guise.app.swapping.policy import Action
 
 BYSTANDERS = 0  # number of the track that stands for all faces that are covered without being tracked
 

@@ -164,7 +164,7 @@ class _VideoFaces:
             ]
         tracked = self._tracker.update(rgb)
         if self._smooth:
-            tracked = self._smoothed(tracked, float(frame.pts * frame.time_base))
+            tracked = self._smoothed(tracked, frame.seconds)
         self._solids = {number: self._solids.get(number) or SolidTracker() for number in tracked}
         self._lifts = {
             number: self._lifts[number] if self._smooth and number in self._lifts else BrowLift()

@@ -96,7 +96,7 @@ class FileCapture(Capture):
             base = last + interval
 
     def _wait(self, frame: Frame) -> None:
-        at = float(frame.pts * frame.time_base)
+        at = frame.seconds
         if self.begun is None:
             self.begun = time.perf_counter() - at
         time.sleep(max(0.0, self.begun + at - time.perf_counter()))

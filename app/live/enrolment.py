@@ -124,7 +124,7 @@ class OnScreenEnrolment:
 
     def observe(self, frame: Frame) -> EnrolmentStatus:
         """Take the camera's next frame."""
-        elapsed = self._elapsed(float(frame.pts * frame.time_base))
+        elapsed = self._elapsed(frame.seconds)
         rgb = frame.rgb()
         face = self._tracker.update(rgb)
         complaint = self._miss(elapsed) if face is None else self._consider(rgb, frame.luma, face, elapsed)

@@ -1,8 +1,10 @@
-"""Swap or cover the person at the camera, frame by frame; fails closed.
+"""Swap or cover the people at the camera, frame by frame; fails closed (`guise.app.swapping.policy`).
 
-A face is drawn where the tracker and the person's own texture agree that it is theirs.  Where they do not, the region
-of the face is covered; the region grows while the face is missing, up to the whole frame, which stays covered until the
-person is found again.  Every other detected face is covered too.  Pixels as displayed.
+Each person who is known has a tracker, and a face that two of them claim goes to whom its texture fits better.  A face
+is drawn where the tracker and the person's own texture agree that it is theirs.  Where they do not, its region is
+covered; when somebody has not been seen for longer, it is no longer known where they are: every face that is detected
+stays covered, and the whole frame is while nobody is recognised.  Every other detected face is covered too.  Pixels as
+displayed.
 """
 
 from __future__ import annotations
@@ -15,9 +17,7 @@ import cv2
 import numpy as np
 
 from guise.aam.extrapolation import Extrapolator
-from guise.aam.landmarks import iou, open_landmarker
-from guise.aam.landmarks.heads import region
-from guise.aam.landmarks.rolls import RolledBoxes, turn_of
+from guise.aam.landmarks import Face, iou, open_landmarker, tight_box
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
@@ -30,30 +30,15 @@ from guise.app.media.pictures import letterboxed
 from guise.app.swapping.cover import cover, cover_all
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.policy import LIMITS, FacePlace, FollowedFace, UnfollowedFaces
 from guise.app.swapping.puppet import Puppet
+from guise.app.swapping.session import SwapSession
 from guise.app.swapping.trust import TrustJudge
-from guise.common.arrays import F64, U8
+from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 
 Outcome = Literal["swapped", "covered", "lost", "off", "shown", "enrolling"]
-
-
-@dataclass(frozen=True)
-class CoverLimits:
-    """When a face is drawn, and for how long and how far missing faces are covered."""
-
-    min_confidence: float = 0.5  # from which a face is drawn
-    min_confident_seconds: float = 0.1  # for which the confidence must hold after it was too low
-    growth_per_second: float = 2.0  # of the covered region, relative, while the face is missing
-    max_missing_seconds: float = 0.6  # after which the whole frame is covered
-    bystander_seconds: float = 0.5  # for which a bystander stays covered after the last detection
-    min_unmoved_iou: float = (
-        0.7  # of a bystander who has not moved, so that the old box is not covered as well
-    )
-    min_person_iou: float = 0.2  # of a detected box with the person's
-
-
-LIMITS = CoverLimits()
+MAX_PEOPLE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +47,9 @@ class FaceResult:
 
     Parameters
     ----------
-    outcome : "swapped" (puppets too); "covered", only the face; "lost", the whole frame is covered; "off", covered
+    outcome : "swapped" (puppets too); "covered", only faces; "lost", the whole frame is covered; "off", covered
         at the user's request; "shown", unchanged at the user's request; "enrolling", covered until there is a model.
-    mesh : (81, 2) pixels where the face was drawn, or None.
+    mesh : (81, 2) pixels where a face was drawn, or None.
     confidence : in [0, 1] that the person's face was found.
     covered : number of covered regions.
     """
@@ -75,96 +60,127 @@ class FaceResult:
     covered: int = 0
 
 
-class LiveFace(Closing):
-    """Draws one of several donor faces over a person, in place; used by one thread and closed there by `with`.
+@dataclass(frozen=True)
+class CastMember:
+    """Somebody at the camera, and the face that they get, or those among which the user chooses."""
+
+    person: Identity
+    faces: Sequence[Identity]
+
+
+class LiveFaces(Closing):
+    """Draws a face over each of several people, in place; used by one thread and closed there by `with`.
 
     Parameters
     ----------
-    person : model of the person at the camera.
-    identities : the donors.
-    options : of the engine; alpha is taken from the settings instead.
+    cast : the people, at most MAX_PEOPLE.
+    options : of the engines; alpha is taken from the settings instead.
 
     Raises
     ------
     ReferenceMismatchError
-        By `process`, when the person and the donor do not share a reference frame.
+        By `process`, when a person and their face do not share a reference frame.
     RendererError
         When the chosen renderer is not available.
     """
 
-    def __init__(
-        self, person: Identity, identities: Sequence[Identity], options: EngineOptions = EngineOptions()
-    ) -> None:
-        self.person, self.identities = person, list(identities)
-        self.options = replace(options, occluders="objects")
+    def __init__(self, cast: Sequence[CastMember], options: EngineOptions = EngineOptions()) -> None:
+        self.options = replace(options, occluders="objects", hold_frames=0)
         self.detector = BackgroundDetector()
-        self.landmarker = open_landmarker("builtin")
-        self.tracker = PersonTracker(
-            person.tracker, self.detector, landmarker=self.landmarker, rest=person.rest_frame
-        )
-        self.cover_planner = CoverPlanner()
-        self._judge = TrustJudge()
-        self._engines: dict[int, Engine] = {}
+        self._slots = [_Slot(member.person, self.detector) for member in cast[:MAX_PEOPLE]]
+        self._choices = [(slot, face) for slot, one in enumerate(cast[:MAX_PEOPLE]) for face in one.faces]
+        self._session = SwapSession(self._open_engine)
+        self._others = UnfollowedFaces()
         self._puppets: dict[int, Puppet] = {}
 
     def process(self, frame: Frame, settings: LiveSettings) -> FaceResult:
         """Change a frame as the settings say; whatever happens, no detected face is left visible."""
-        if settings.mode == "puppet":
+        is_alone = len(self._slots) == 1
+        if settings.mode == "puppet" and is_alone:
             return self._puppet(frame, settings)
         self.detector.submit(frame)
-        fit = self.tracker.update(frame.luma)
-        confidence = self._trust(frame, fit)
-        trusted = self.cover_planner.is_trusted(frame, confidence)
-        if settings.mode == "swap" and trusted and isinstance(fit, Fit):
-            return self._swapped(frame, settings, fit, confidence)
-        regions = self.cover_planner.update(frame, fit, self.detector.found)
-        if settings.uncovered and settings.mode == "swap":
+        for slot in self._slots:
+            slot.look(frame, self._boxes_but(slot, certain=True))
+        self._settle()
+        meshes = self._drawn(frame, settings)  # while the detector runs
+        self._see(frame)
+        confidence = max(slot.confidence for slot in self._slots)
+        if settings.uncovered and settings.mode == "swap" and is_alone and not meshes:
             return FaceResult("shown", None, confidence)
-        return self._covered(frame, settings, regions, confidence)
+        return self._covered(frame, settings, meshes, confidence)
 
     def close(self) -> None:
         """Release the compositors and the detector's thread."""
-        for one in (*self._engines.values(), *self._puppets.values(), self.detector):
+        for one in (*self._puppets.values(), self._session, self.detector):
             one.close()
 
-    def _swapped(self, frame: Frame, settings: LiveSettings, fit: Fit, confidence: float) -> FaceResult:
-        """Draw the face and cover others: known bystanders before it, newcomers after it, once they are detected."""
-        alone = not self.cover_planner.has_bystanders
-        mesh = self._engine(settings).draw(frame, fit.shape) if alone else None  # while the detector runs
-        others = self.cover_planner.update(frame, fit, self.detector.found).others
-        for box in others:
-            cover(frame, box, settings.style)
-        if mesh is None:
-            mesh = self._engine(settings).draw(frame, fit.shape)
-        return FaceResult("swapped", mesh, confidence, len(others))
+    def _drawn(self, frame: Frame, settings: LiveSettings) -> dict[int, F64]:
+        """The meshes (81, 2) of those who are trusted to be where they were tracked, by slot; they are drawn."""
+        meshes = {}
+        for number, slot in enumerate(self._slots):
+            is_trusted = slot.face.is_trusted(frame.seconds, slot.confidence)
+            if is_trusted and settings.mode != "off":
+                who = number if len(self._slots) > 1 else settings.identity
+                set_alpha(self._session.engine(who).extrapolator, settings.alpha)
+                mesh = self._session.swap(frame, who, slot.fit).mesh
+                if mesh is not None:
+                    meshes[number] = mesh
+        return meshes
+
+    def _see(self, frame: Frame) -> None:
+        """Note where everybody known is in a frame, by their fit, or as they are detected where they were."""
+        now, found = frame.seconds, FacePlace.detected(self.detector.found)
+        for slot in self._slots:
+            others = self._boxes_but(slot)
+            slot.detected = [place for place in found if not _is_on(place.box, others)]
+            if isinstance(slot.fit, Fit):
+                slot.face.see(now, FacePlace.of(slot.fit.shape))
+            else:
+                slot.face.look_for(now, slot.detected)
+        self._strangers = [one for one in found if not any(slot.face.holds(now, one) for slot in self._slots)]
 
     def _covered(
-        self, frame: Frame, settings: LiveSettings, regions: CoverRegions, confidence: float
+        self, frame: Frame, settings: LiveSettings, meshes: dict[int, F64], confidence: float
     ) -> FaceResult:
-        off = settings.mode == "off"
-        if regions.face is None:
+        """Cover who was not drawn and who is not known, or everything where nobody is known to be anywhere."""
+        now, off = frame.seconds, settings.mode == "off"
+        rectangles = self._others.see(now, self._strangers)
+        hidden = [
+            slot.face.region(now, slot.detected) for k, slot in enumerate(self._slots) if k not in meshes
+        ]
+        if not meshes and all(one is None for one in hidden):
             cover_all(frame, settings.style)
             return FaceResult("off" if off else "lost", None, confidence, 1)
-        for box in (regions.face, *regions.others):
-            cover(frame, box, settings.style)
-        return FaceResult("off" if off else "covered", None, confidence, 1 + len(regions.others))
+        rectangles += [one for one in hidden if one is not None]
+        for rectangle in rectangles:
+            cover(frame, rectangle, settings.style)
+        outcome: Outcome = "off" if off else "swapped" if meshes else "covered"
+        return FaceResult(outcome, next(iter(meshes.values()), None), confidence, len(rectangles))
 
-    def _trust(self, frame: Frame, fit: Fit | Failed) -> float:
-        return self._judge.trust(self.person.tracker, frame, fit.shape) if isinstance(fit, Fit) else 0.0
+    def _open_engine(self, who: int) -> Engine:
+        slot, face = self._choices[who]
+        return Engine(self._slots[slot].person, face, None, self.options)
 
-    def _engine(self, settings: LiveSettings) -> Engine:
-        if settings.identity not in self._engines:
-            donor = self.identities[settings.identity]
-            self._engines[settings.identity] = Engine(self.person, donor, None, self.options)
-        engine = self._engines[settings.identity]
-        set_alpha(engine.extrapolator, settings.alpha)
-        return engine
+    def _boxes_but(self, slot: _Slot, *, certain: bool = False) -> list[F32]:
+        """Where the other people's faces are.   certain : only of those who are recognised there."""
+        least = LIMITS.min_confidence if certain else 0.0
+        others = [other for other in self._slots if other is not slot and other.confidence >= least]
+        return [other.box for other in others if other.box is not None]
+
+    def _settle(self) -> None:
+        """Leave a face that two trackers claim to the one that trusts it more."""
+        kept: list[F32] = []
+        for slot in sorted(self._slots, key=lambda one: -one.confidence):
+            if slot.box is not None and _is_on(slot.box, kept):
+                slot.lose(Failed("the face is somebody else's"))
+            elif slot.box is not None:
+                kept.append(slot.box)
 
     def _puppet(self, frame: Frame, settings: LiveSettings) -> FaceResult:
         if settings.identity not in self._puppets:
-            donor = self.identities[settings.identity]
+            [slot], (_, donor) = self._slots, self._choices[settings.identity]
             self._puppets[settings.identity] = Puppet(
-                self.person, donor, self.detector, self.options, self.landmarker
+                slot.person, donor, self.detector, self.options, slot.landmarker
             )
         puppet = self._puppets[settings.identity]
         set_alpha(puppet.extrapolator, settings.alpha)
@@ -174,96 +190,69 @@ class LiveFace(Closing):
         return FaceResult("swapped", None, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
-class CoverRegions:
-    """Regions (4,) to cover in a frame: the person's face, or None for the whole frame, and other faces."""
+class _Slot:
+    """A person of the cast: where they are and how certain that is."""
 
-    face: F64 | None
-    others: list[F64]
+    fit: Fit | Failed
+    confidence: float
+    _tracker: PersonTracker
+    _doubted: float | None  # seconds, since when
 
+    def __init__(self, person: Identity, detector: BackgroundDetector) -> None:
+        self.person, self._finder, self._judge = person, _FreeFaces(detector), TrustJudge()
+        self.landmarker = open_landmarker("builtin")
+        self.face = FollowedFace()
+        self.detected: list[FacePlace] = []  # faces of the current frame that are nobody else's
+        self.lose(Failed("no face found yet"))
 
-class CoverPlanner:
-    """Decides what must be covered, from all frames so far."""
+    def look(self, frame: Frame, taken: Sequence[F32]) -> None:
+        """Find the person in a frame.   taken : boxes (4,) of other people's faces in the frame before."""
+        self._finder.taken = taken
+        self.fit = self._tracker.update(frame.luma)
+        if not isinstance(self.fit, Fit):
+            self.confidence = 0.0
+            return
+        self.confidence = self._judge.trust(self.person.tracker, frame, self.fit.shape)
+        if self.confidence >= LIMITS.min_confidence:
+            self._doubted = None
+        elif self._doubted is None:
+            self._doubted = frame.seconds
+        elif frame.seconds - self._doubted > LIMITS.lose_seconds:  # it may be somebody else: look anywhere
+            self.lose(Failed("the face is not certainly theirs"))
 
-    def __init__(self) -> None:
-        self._own_place: FacePlace | None = None
-        self._seen = self._doubted = -np.inf  # seconds
-        self._others: list[tuple[float, FacePlace]] = []
+    def lose(self, why: Failed) -> None:
+        """Forget where the person is."""
+        self.fit, self.confidence, self._doubted = why, 0.0, None
+        self._tracker = PersonTracker(
+            self.person.tracker, self._finder, landmarker=self.landmarker, rest=self.person.rest_frame
+        )
 
     @property
-    def has_bystanders(self) -> bool:
-        """Whether another face was detected recently."""
-        return bool(self._others)
-
-    def is_trusted(self, frame: Frame, confidence: float) -> bool:
-        """Whether the next frame's face may be drawn: its confidence must have been high enough for a while."""
-        now = float(frame.pts * frame.time_base)
-        if confidence < LIMITS.min_confidence:
-            self._doubted = now
-        return now - self._doubted >= LIMITS.min_confident_seconds
-
-    def update(self, frame: Frame, fit: Fit | Failed, found: RolledBoxes) -> CoverRegions:
-        """The regions to cover in the same frame, given the tracker's fit and what the detector found."""
-        now = float(frame.pts * frame.time_base)
-        own = self._own(fit, found)
-        if own is not None:
-            self._own_place, self._seen = own, now
-        missing = now - self._seen
-        if self._own_place is None or missing > LIMITS.max_missing_seconds:
-            face = None
-        else:
-            growth = 1 + LIMITS.growth_per_second * missing
-            seen = [place for place in _places(found) if self._belongs(place.box)]  # the fit may lag behind
-            regions = np.array([place.region(growth) for place in (self._own_place, *seen)])
-            face = np.concatenate([regions[:, :2].min(0), regions[:, 2:].max(0)])
-        return CoverRegions(face, self._bystanders(now, found))
-
-    def _own(self, fit: Fit | Failed, found: RolledBoxes) -> FacePlace | None:
-        """The place of the person's 68 points, or else the detected one at the person's last position."""
-        if isinstance(fit, Fit):
-            inner = fit.shape[IBUG68]
-            return FacePlace(np.concatenate([inner.min(0), inner.max(0)]), turn_of(fit.shape))
-        if self._own_place is None:
-            return None
-        last = self._own_place.box.astype(np.float32)
-        near = [place for place in _places(found) if iou(place.box, last) > LIMITS.min_person_iou]
-        return near[0] if near else None
-
-    def _bystanders(self, now: float, found: RolledBoxes) -> list[F64]:
-        others = [place for place in _places(found) if not self._belongs(place.box)]
-        kept = [
-            (at, place)
-            for at, place in self._others
-            if now - at <= LIMITS.bystander_seconds
-            and not any(iou(place.box, other.box) > LIMITS.min_unmoved_iou for other in others)
-        ]
-        self._others = kept + [(now, place) for place in others]
-        return [place.region() for _, place in self._others]
-
-    def _belongs(self, box: F64) -> bool:
-        """Whether a box lies on the person's face."""
-        if self._own_place is None:
-            return False
-        own, centre = self._own_place.box, (box[:2] + box[2:]) / 2
-        inside = bool((centre > own[:2]).all() and (centre < own[2:]).all())
-        return inside or iou(box, own.astype(np.float32)) > LIMITS.min_person_iou
+    def box(self) -> F32 | None:
+        """Where the face is, (4,), or None."""
+        return tight_box(self.fit.shape[IBUG68]) if isinstance(self.fit, Fit) else None
 
 
-@dataclass(frozen=True, eq=False)
-class FacePlace:
-    """Where a face is: the box (4,) of its 68 points, and the turn in radians by which it is rolled clockwise."""
+class _FreeFaces:
+    """The detector's faces without those that other people have."""
 
-    box: F64
-    turn: float
+    name = BackgroundDetector.name
 
-    def region(self, growth: float = 1.0) -> F64:
-        """The rectangle (4,) that covers it."""
-        return region(self.box, growth, self.turn)
+    def __init__(self, detector: BackgroundDetector) -> None:
+        self._detector = detector
+        self.taken: Sequence[F32] = ()
+
+    def detect(self, rgb: U8) -> list[Face]:
+        """Faces of the current frame, largest first."""
+        return [face for face in self._detector.detect(rgb) if not _is_on(face.box, self.taken)]
+
+    def refine(self, rgb: U8, previous: Face) -> Face | None:
+        """The previous frame's face in the current frame."""
+        return self._detector.refine(rgb, previous)
 
 
-def _places(found: RolledBoxes) -> list[FacePlace]:
-    pairs = zip(found.boxes.astype(np.float64), found.turns.tolist(), strict=True)
-    return [FacePlace(box, turn) for box, turn in pairs]
+def _is_on(box: F32 | F64, others: Sequence[F32]) -> bool:
+    return any(iou(box, other) > LIMITS.min_same_iou for other in others)
 
 
 def set_alpha(extrapolator: Extrapolator, alpha: float) -> None:

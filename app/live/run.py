@@ -14,12 +14,12 @@ from guise.aam.model import Identity
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.face import MAX_PEOPLE, CastMember
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.recorder import Recordings, VideoRecorder, snapshot
 from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS, LiveSession, SessionConfig
-from guise.app.live.several import MAX_PEOPLE, CastMember
 from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.media import EncodeOptions
@@ -148,9 +148,9 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
     _check(options)
     notices = Notices(say)
     say = notices.say
-    cast = [CastMember(open_face(who), open_face(face)) for who, face in options.cast.items()]
+    cast = [CastMember(open_face(who), [open_face(face)]) for who, face in options.cast.items()]
     identities = [open_face(face) for face in options.identities] or [open_donor(n) for n in gallery()]
-    identities = [member.face for member in cast] or identities
+    identities = [face for member in cast for face in member.faces] or identities
     controls = Controls(len(identities), options.settings)
     with contextlib.ExitStack() as stack, one_thread():
         capture = stack.enter_context(_capture(options, say))

@@ -15,10 +15,9 @@ from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.enrolment import EnrolmentStatus, OnScreenEnrolment
-from guise.app.live.face import FaceResult, LiveFace
+from guise.app.live.face import CastMember, FaceResult, LiveFaces
 from guise.app.live.output import OutputFrame
 from guise.app.live.overlay import draw_mesh
-from guise.app.live.several import CastMember, LiveFaces
 from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
 from guise.app.swapping.cover import cover_all
@@ -70,11 +69,8 @@ class LiveSession:
 
     def __init__(self, config: SessionConfig, controls: Controls) -> None:
         self._config, self._controls = config, controls
-        self._face: LiveFace | LiveFaces | None = None
-        if config.cast:
-            self._face = LiveFaces(config.cast, config.options)
-        elif config.person:
-            self._face = LiveFace(config.person, config.identities, config.options)
+        cast = config.cast or ([CastMember(config.person, config.identities)] if config.person else [])
+        self._faces = LiveFaces(cast, config.options) if cast else None
         self._enrolment: BackgroundEnrolment | None = None
         self._restart_requested = threading.Event()
 
@@ -84,10 +80,10 @@ class LiveSession:
         if self._restart_requested.is_set():
             self._restart_requested.clear()
             self.close()
-        if self._face is None:
+        if self._faces is None:
             return self._enrol(frame, arrived, stats, settings)
         original = frame.copy() if settings.side_by_side else None
-        result = self._face.process(frame, settings)
+        result = self._faces.process(frame, settings)
         return self._shown(frame, result, stats, arrived, original=original)
 
     def enrol(self) -> None:
@@ -96,11 +92,11 @@ class LiveSession:
 
     def close(self) -> None:
         """Release the face and cancel the enrolment."""
-        if self._face is not None:
-            self._face.close()
+        if self._faces is not None:
+            self._faces.close()
         if self._enrolment is not None:
             self._enrolment.cancel()
-        self._face = self._enrolment = None
+        self._faces = self._enrolment = None
 
     def _enrol(
         self, frame: Frame, arrived: float, stats: PipelineStats, settings: LiveSettings
@@ -111,7 +107,8 @@ class LiveSession:
         status = self._enrolment.observe(frame)
         if self._enrolment.model is not None:
             self._config.keep(self._enrolment.model)
-            self._face = LiveFace(self._enrolment.model, self._config.identities, self._config.options)
+            member = CastMember(self._enrolment.model, self._config.identities)
+            self._faces = LiveFaces([member], self._config.options)
             self._enrolment = None
         original = frame.copy()
         cover_all(frame, settings.style)

@@ -75,7 +75,7 @@ class SoundOutput(Output):
         if self._playing is None:
             return
         frame = shown.frame
-        at = float(frame.pts * frame.time_base)
+        at = frame.seconds
         if frame.index < self._index:  # the file starts over
             self._base = at - frame.index / float(self._media.frame_rate)
         self._index = frame.index

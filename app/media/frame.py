@@ -87,6 +87,11 @@ class Frame:
         return cls(own, pts=pts, time_base=time_base, index=index, name=name, alpha=alpha)
 
     @property
+    def seconds(self) -> float:
+        """The time at which the frame is shown."""
+        return float(self.pts * self.time_base)
+
+    @property
     def video_frame(self) -> av.VideoFrame | None:
         """The decoder's frame, as stored, for an encoder; None for an RGB picture."""
         return self._video

@@ -122,7 +122,7 @@ class _LandmarkerTracker:
         face = self._tracker.update(frame.rgb())
         if face is None:
             return None
-        seconds = float(frame.pts * frame.time_base)
+        seconds = frame.seconds
         points = self._filter.update(face.points, face.point_confidence, seconds)
         return points.astype(np.float64) if _is_unoccluded(face) else None
 

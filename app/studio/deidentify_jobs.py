@@ -28,7 +28,7 @@ from guise.app.media.pictures import save_picture
 from guise.app.studio.pictures import fitted_to, frames_until
 from guise.app.studio.store import StudioError
 from guise.app.swapping.cover import CoverStyle
-from guise.app.swapping.decide import Action
+from guise.app.swapping.policy import Action
 from guise.common.arrays import U8
 from guise.common.files import write_whole
 from guise.common.progress import Progress, mute

@@ -10,16 +10,20 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
+from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
+from guise.app.swapping.session import SwapSession
 from guise.app.swapping.source_person import source_person
-from guise.app.swapping.unsure import LostFaceCover
 from guise.common.memory import one_heap
 from guise.common.threads import one_thread
 
 if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
+
+
+PERSON = 1  # the only one
 
 
 def swap_file(
@@ -53,27 +57,24 @@ def swap_file(
             if settings.rest_seconds is not None:
                 person = _at_rest(person, video, settings)
             tally = Tally(settings, media, "swapping")
-            options = settings.engine_options()
-            with one_thread(), Engine(person, identity, settings.face_finder(), options) as engine:
-                lost_face = LostFaceCover() if settings.unsure == "cover" else None
+            options, finder = settings.engine_options(float(media.frame_rate)), settings.face_finder()
+            style: CoverStyle | None = "mosaic" if settings.unsure == "cover" else None
+            with (
+                one_thread(),
+                SwapSession(lambda _: Engine(person, identity, finder, options), style) as session,
+            ):
+                engine = session.engine(PERSON)
                 fits: dict[int, Fit | Failed] = {}
 
                 def track(frame: Frame) -> None:
                     fits[frame.index] = engine.track(frame)
 
                 def swap(frame: Frame) -> None:
-                    result = engine.swap_tracked(frame, fits.pop(frame.index))
-                    if lost_face is not None and result.mesh is not None:
-                        lost_face.seen(result.mesh)
-                        lost_face.fade(frame, result.doubt)
-                    elif lost_face is not None and lost_face.cover(frame):
-                        tally.add("covered")
-                        return
-                    tally.add(result.outcome)
+                    tally.add(session.follow(frame, PERSON, fits.pop(frame.index)).outcome)
 
                 stats = process(media, sink, swap, ahead=track, progress=tally.progress)
                 tally.require_some(person.name)
-                tally.faces, tally.renderer = engine.tracker.most_faces, engine.painter.renderer
+                tally.faces, tally.renderer = engine.tracker.most_faces, session.renderer
                 if settings.graded:
                     tally.grade = grade(engine)
         return tally.report(output, stats, sink.first_packet)

@@ -13,7 +13,7 @@ from guise.app.media import EncodeOptions, MediaInput, ProcessStats
 from guise.app.media.hardware import HardwareDecoder
 from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.outline import LIMITS as OUTLINE
-from guise.app.swapping.unsure import UNSURE_HOLD_FRAMES, Unsure
+from guise.app.swapping.policy import LIMITS, Unsure, frames_within
 from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
 
@@ -54,10 +54,10 @@ class SwapSettings:
     progress: Progress = silent
     say: Say = mute
 
-    def engine_options(self) -> EngineOptions:
-        """How the engine draws, with the frames for which a lost face is held."""
-        held = max(self.options.hold_frames, UNSURE_HOLD_FRAMES if self.unsure == "hold" else 0)
-        return replace(self.options, hold_frames=held)
+    def engine_options(self, rate: float) -> EngineOptions:
+        """How the engine draws, with the frames for which a lost face is held.   rate : frames a second."""
+        seconds = LIMITS.hold_seconds if self.unsure == "hold" else LIMITS.bridge_seconds
+        return replace(self.options, hold_frames=frames_within(seconds, rate))
 
     def face_finder(self) -> FaceFinder:
         """What finds the face."""

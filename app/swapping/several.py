@@ -2,7 +2,7 @@
 
 The people are found first (`guise.app.people.finding`), so that everybody keeps their face through crossings and cuts;
 then each frame is drawn by one engine a person.  What happens to whom is decided as in de-identification
-(`guise.app.swapping.decide`): where it isn't certain who or where somebody is, they are covered.
+(`guise.app.swapping.policy`): where it isn't certain who or where somebody is, they are covered.
 
 Pixels as shown, x right, y down; boxes ``x0 y0 x1 y1`` of the 68 iBUG points; frames counted from 0.
 """
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +19,6 @@ from typing import Any, Literal
 import numpy as np
 
 from guise.aam.landmarks import Face, open_landmarker
-from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
 from guise.aam.training import TrainingError, TrainingOptions
@@ -28,30 +26,32 @@ from guise.app.media import Frame, MediaInput, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.people import kept
 from guise.app.people.finding import MIN_ALIKE, VideoPeople, VideoPerson, find_people
-from guise.app.swapping.cover import CoverStyle, cover
-from guise.app.swapping.decide import COVERED, LEFT, SWAPPED, Action, Bystanders, TrackObservations, decide
+from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.donors import MODEL_SUFFIX, assign, fictional, open_donor, open_face
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
+from guise.app.swapping.policy import (
+    COVERED,
+    DONE,
+    LEFT,
+    LIMITS,
+    NOBODY,
+    SWAPPED,
+    Action,
+    Bystanders,
+    FaceTreatment,
+    TrackObservations,
+    decide,
+)
 from guise.app.swapping.report import DEFAULTS, SwapError, SwapReport, SwapSettings, Tally
+from guise.app.swapping.session import SwapSession
 from guise.app.swapping.source_person import keep_person
-from guise.common.arrays import F32
+from guise.common.closing import Closing
 from guise.common.threads import one_thread
 
 Others = Literal["leave", "cover", "fictional"]
 Learn = Callable[[VideoPerson, Identity], Identity]  # the model of a person, to be shown as another
 PLACES = ("left", "right", "largest")
-
-
-@dataclass(frozen=True)
-class SeveralLimits:
-    """Thresholds of swapping several people."""
-
-    min_confidence: float = 0.5  # of the landmarks on which a face is drawn
-    max_gap_seconds: float = 1.5  # between two sights of somebody who was there meanwhile
-
-
-LIMITS = SeveralLimits()
 
 
 @dataclass(frozen=True)
@@ -120,23 +120,12 @@ class _Role:
     shown: Identity | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class _Treatment:
-    """What is done with a face in a frame: index of the role or None, code, box (4,), growth of a cover, turn."""
-
-    role: int | None
-    done: int
-    box: F32
-    growth: float
-    turn: float
-
-
 @dataclass
 class _Plan:
     """By frame, what is done, and the faces of those who are swapped."""
 
-    treatments: dict[int, list[_Treatment]] = field(default_factory=lambda: defaultdict(list))
-    faces: dict[tuple[int, int], Face] = field(default_factory=dict)  # by role and frame
+    treatments: dict[int, list[FaceTreatment]] = field(default_factory=lambda: defaultdict(list))
+    faces: dict[tuple[int, int], Face] = field(default_factory=dict)  # by person and frame
 
 
 def swap_people(
@@ -187,7 +176,7 @@ def swap_people(
                 raise SwapError(
                     f"nobody could be swapped in {media.name}: their faces are too small, hidden or turned"
                 )
-            tally.renderer = drawing.renderer
+            tally.renderer = drawing.session.renderer
         report = tally.report(output, stats, sink.first_packet)
     most = max(Counter(int(f) for person in found.people for f in person.frames).values(), default=0)
     return SeveralReport(**vars(replace(report, faces=most)), people=outcomes)
@@ -329,12 +318,12 @@ def _plan(
     found: VideoPeople, roles: Sequence[_Role], casting: Casting, settings: SwapSettings, rate: float
 ) -> _Plan:
     plan = _Plan()
-    for number, role in enumerate(roles):
+    for role in roles:
         private = not role.named and role.action != "leave"
         for rows in _sights(role.person, rate, found.cuts):
-            _add_sight(plan, found, role, number, rows, rate, margins=private)
+            _add_sight(plan, found, role, rows, rate, margins=private)
         if role.action == "swap" and settings.unsure == "leave" and not private:
-            _leave_unsure(plan, number)
+            _leave_unsure(plan, role.person.number)
     _add_unknown(plan, found, roles, casting, settings, rate)
     return plan
 
@@ -350,7 +339,7 @@ def _sights(person: VideoPerson, rate: float, cuts: Sequence[int]) -> list[slice
 
 
 def _add_sight(
-    plan: _Plan, found: VideoPeople, role: _Role, number: int, rows: slice, rate: float, *, margins: bool
+    plan: _Plan, found: VideoPeople, role: _Role, rows: slice, rate: float, *, margins: bool
 ) -> None:
     """One sight of a person.   margins : cover where they may be before and after it, too."""
     person = role.person
@@ -362,13 +351,13 @@ def _add_sight(
     for k, frame in enumerate(map(int, decision.frames)):
         if margins or person.frames[rows][0] <= frame <= person.frames[rows][-1]:
             plan.treatments[frame].append(
-                _Treatment(
-                    number, int(decision.done[k]), decision.boxes[k], float(decision.growth[k]),
+                FaceTreatment(
+                    person.number, int(decision.done[k]), decision.boxes[k], float(decision.growth[k]),
                     float(decision.turns[k]),
                 )
             )  # fmt: skip
     for row in np.flatnonzero(clear) + rows.start:
-        plan.faces[number, int(person.frames[row])] = Face(
+        plan.faces[person.number, int(person.frames[row])] = Face(
             person.points[row], float(person.confidence[row]), person.boxes[row]
         )
 
@@ -377,7 +366,7 @@ def _leave_unsure(plan: _Plan, number: int) -> None:
     """Leave a person where they would be covered."""
     for frame, entries in plan.treatments.items():
         plan.treatments[frame] = [
-            replace(one, done=LEFT) if one.role == number and one.done == COVERED else one for one in entries
+            replace(one, done=LEFT) if one.who == number and one.done == COVERED else one for one in entries
         ]
 
 
@@ -387,93 +376,70 @@ def _add_unknown(
     """Cover the faces that are nobody's for certain, unless all of them may be left."""
     if casting.others == "leave" and settings.unsure == "leave":
         return
-    unknown = found.unknown
-    faces = Bystanders(unknown.frames, unknown.boxes, unknown.scores, unknown.turns)
+    seen = found.unknown
+    faces = Bystanders(seen.frames, seen.boxes, seen.scores, seen.turns)
     if casting.others != "leave":
         faces = faces.spread(total=found.count, rate=rate, cuts=found.cuts)
     for frame, box, turn in zip(faces.frames.tolist(), faces.boxes, faces.turns.tolist(), strict=True):
-        near = any(_overlap(box, one.box) for one in plan.treatments[frame] if one.role is not None)
+        unknown = FaceTreatment(NOBODY, COVERED, box, 1.0, float(turn))
+        near = any(_overlap(unknown, one) for one in plan.treatments[frame] if one.who != NOBODY)
         if casting.others != "leave" or near:  # it may be somebody who is to be swapped
-            plan.treatments[frame].append(_Treatment(None, COVERED, box, 1.0, float(turn)))
+            plan.treatments[frame].append(unknown)
 
 
-def _overlap(box: F32, other: F32) -> bool:
-    a, b = region(box), region(other)
-    return bool((np.minimum(a[2:], b[2:]) > np.maximum(a[:2], b[:2])).all())
+def _overlap(a: FaceTreatment, b: FaceTreatment) -> bool:
+    return bool((np.minimum(a.region[2:], b.region[2:]) > np.maximum(a.region[:2], b.region[:2])).all())
 
 
-class _Drawing:
+class _Drawing(Closing):
     """Draws the plan; one engine a person, made when it is first needed."""
 
     def __init__(
         self, roles: Sequence[_Role], plan: _Plan, style: CoverStyle, settings: SwapSettings
     ) -> None:
-        self._roles, self._plan, self._style = roles, plan, style
-        self._options = replace(settings.engine_options(), hold_frames=0)
+        self._roles, self._plan = {role.person.number: role for role in roles}, plan
+        self._options = replace(settings.options, hold_frames=0)
         self._landmarker = open_landmarker("builtin")
-        self._engines: dict[int, Engine] = {}
-        self._stack = ExitStack()
-        self._counts: dict[int, Counter[int]] = defaultdict(Counter)
-
-    def __enter__(self) -> _Drawing:
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self._stack.close()
-
-    @property
-    def renderer(self) -> str:
-        """What draws the faces."""
-        return next((engine.painter.renderer for engine in self._engines.values()), "")
+        self.session = SwapSession(self._open_engine, style)
+        self._counts: dict[int, Counter[str]] = defaultdict(Counter)
 
     def draw(self, frame: Frame) -> str:
-        """Change a frame in place: swaps first, smaller faces before larger ones, so that covers lie over them."""
-        entries = self._plan.treatments.get(frame.index, [])
-        swaps = {one.role: one for one in entries if one.done == SWAPPED and one.role is not None}
-        for number in self._engines.keys() - swaps.keys():
-            self._engines[number].swap_face(frame, None)
-        hidden, drawn = [one for one in entries if one.done == COVERED], False
-        for number, one in sorted(swaps.items(), key=lambda pair: float(pair[1].box[2] - pair[1].box[0])):
-            result = self._engine(number).swap_face(frame, self._plan.faces.get((number, frame.index)))
-            if result.mesh is None:
-                hidden.append(one)
-            else:
-                self._counts[number][SWAPPED] += 1
-                drawn = True
-        for one in hidden:
-            cover(frame, region(one.box, one.growth, one.turn), self._style)
-            self._count(one, COVERED)
-        for one in entries:
-            if one.done == LEFT:
-                self._count(one, LEFT)
-        return "covered" if any(self._is_cast(one) for one in hidden) else "swapped" if drawn else "lost"
+        """Change a frame in place; what it counts as."""
+        treatments = self._plan.treatments.get(frame.index, [])
+        swapped = {one.who for one in treatments if one.done == SWAPPED}
+        fits = {
+            who: self.session.engine(who).tracker.follow(
+                frame.luma, self._plan.faces.get((who, frame.index)) if who in swapped else None
+            )
+            for who in swapped | self.session.engines.keys()
+        }
+        rows = self.session.treat(frame, treatments, fits)
+        for row in rows:
+            self._counts[row.who][row.outcome] += 1
+        named = {who for who, role in self._roles.items() if role.named}
+        if any(row.outcome == "covered" and row.who in named for row in rows):
+            return "covered"
+        return "swapped" if any(row.outcome == "swapped" for row in rows) else "lost"
 
     def outcomes(self) -> tuple[PersonOutcome, ...]:
         """What was done with everybody, at the end."""
-        grades = {number: grade(engine) for number, engine in self._engines.items()}
+        grades = {who: grade(engine) for who, engine in self.session.engines.items()}
         found = []
-        for k, role in enumerate(self._roles):
-            swapped, covered, left = (self._counts[k][code] for code in (SWAPPED, COVERED, LEFT))
-            outcome = PersonOutcome(role.person.number, role.face, swapped, covered, left)
-            judged = grades.get(k)
+        for who, role in self._roles.items():
+            swapped, covered, left = (self._counts[who][done] for done in DONE)
+            outcome = PersonOutcome(who, role.face, swapped, covered, left)
+            judged = grades.get(who)
             if judged is not None:
                 outcome = replace(outcome, grade=judged.score, advice=judged.advice)
             found.append(outcome)
         return tuple(found)
 
-    def _is_cast(self, one: _Treatment) -> bool:
-        """Whether a face is that of somebody whom the user named."""
-        return one.role is not None and self._roles[one.role].named
+    def close(self) -> None:
+        """Release the engines."""
+        self.session.close()
 
-    def _count(self, one: _Treatment, code: int) -> None:
-        if one.role is not None:
-            self._counts[one.role][code] += 1
-
-    def _engine(self, number: int) -> Engine:
-        if number not in self._engines:
-            role = self._roles[number]
-            assert role.model is not None
-            assert role.shown is not None
-            engine = Engine(role.model, role.shown, self._landmarker, self._options)
-            self._engines[number] = self._stack.enter_context(engine)
-        return self._engines[number]
+    def _open_engine(self, who: int) -> Engine:
+        role = self._roles[who]
+        assert role.model is not None
+        assert role.shown is not None
+        return Engine(role.model, role.shown, self._landmarker, self._options)

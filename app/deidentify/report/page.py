@@ -31,8 +31,8 @@ from guise.app.deidentify.report.report import (
 from guise.app.deidentify.report.timeline import LABELS, SCALE, Timeline, column_times
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
 from guise.app.media.pictures import Picture, shrunk
-from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare, titled
+from guise.app.swapping.policy import DONE
 from guise.common.files import write_whole
 from guise.common.version import VERSION
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutcome
-from guise.app.swapping.decide import DONE
 from guise.app.swapping.donors import bare
+from guise.app.swapping.policy import DONE
 from guise.common.files import write_whole
 from guise.common.version import VERSION
 

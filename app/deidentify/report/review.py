@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from guise.app.deidentify.options import DeidentifyError
 from guise.app.deidentify.tracks import Track, split_tracks
-from guise.app.swapping.decide import ACTIONS
+from guise.app.swapping.policy import ACTIONS
 from guise.common.files import write_whole
 
 TRACKS_FORMAT = "guise-tracks"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from guise.app.deidentify.report.html import render_fragment
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.tracks import FileReport, TrackOutcome
-from guise.app.swapping.decide import DONE
+from guise.app.swapping.policy import DONE
 
 MAX_COLUMNS = 500
 LABELS = {"swapped": "swapped", "covered": "covered", "left": "left as it is"}

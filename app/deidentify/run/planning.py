@@ -17,8 +17,10 @@ from guise.app.deidentify.stages.people import LIMITS as ENROLMENT
 from guise.app.deidentify.stages.people import why_not
 from guise.app.deidentify.tracks import BYSTANDERS, Track
 from guise.app.people.link import Tracklet, link
-from guise.app.swapping.decide import (
+from guise.app.swapping.donors import KeyFile, assign
+from guise.app.swapping.policy import (
     COVERED,
+    LIMITS,
     SWAPPED,
     Action,
     Bystanders,
@@ -26,12 +28,9 @@ from guise.app.swapping.decide import (
     TrackObservations,
     decide,
 )
-from guise.app.swapping.donors import KeyFile, assign
 from guise.common.arrays import F32
 
 MAX_CONFIDENCE_PARTS = 100  # of a track's curve
-MIN_SWAP_SHARE = 0.05  # of a track's frames that must be fit to swap; otherwise all of it is covered
-HEAD_COVER_GROWTH = 1.35  # of covers, so that they hide hair and outline as well
 
 
 def link_tracks(case: Case) -> dict[str, Any]:
@@ -126,7 +125,7 @@ def propose_tracks(case: Case) -> list[Track]:
 def _why_cover(case: Case, track: LinkedTrack, share: float) -> str:
     if not case.has_model(track.number):
         return why_not(track) or str(case.work.load_json(f"person.{track.number - 1}.json"))
-    return "" if share >= MIN_SWAP_SHARE else "hardly any frame shows the face well enough"
+    return "" if share >= LIMITS.min_swap_share else "hardly any frame shows the face well enough"
 
 
 def _curve(track: LinkedTrack, frames: NDArray[np.int32], values: F32) -> tuple[float, ...]:
@@ -182,7 +181,7 @@ def plan_faces(case: Case) -> dict[str, NDArray[Any]]:
     names = ("track", "frame", "done", "box", "turn", "growth", "confidence")
     types = (np.int32, np.int32, np.uint8, *[np.float32] * 4)
     if case.options.region == "head":
-        joined[names.index("growth")] *= HEAD_COVER_GROWTH
+        joined[names.index("growth")] *= LIMITS.head_growth
     return {n: a[order].astype(t) for n, a, t in zip(names, joined, types, strict=True)}
 
 

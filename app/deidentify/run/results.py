@@ -19,12 +19,12 @@ from guise.app.deidentify.stages.case import Case, track_from
 from guise.app.deidentify.tracks import BYSTANDERS, AuditFinding, FileReport, TrackOutcome
 from guise.app.media import open_input
 from guise.app.media.pictures import save_picture
-from guise.app.swapping.decide import (
+from guise.app.swapping.donors import bare
+from guise.app.swapping.policy import (
     COVERED,
     LEFT,
     SWAPPED,
 )
-from guise.app.swapping.donors import bare
 
 
 def beside(output: Path, suffix: str) -> Path:

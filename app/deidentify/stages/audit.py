@@ -25,12 +25,11 @@ from guise.aam.landmarks import open_detector
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.landmarks.detector import MIN_FACE_PIXELS, FaceDetector
 from guise.aam.landmarks.face import BoxDetector
-from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.rolls import RolledBoxes, detect_at_rolls, detect_at_turns
 from guise.aam.landmarks.sides import detect_at_sides
 from guise.app.media import Frame
 from guise.app.people.looks import small_picture
-from guise.app.swapping.decide import COVERED, LEFT, SWAPPED
+from guise.app.swapping.policy import COVERED, LEFT, SWAPPED, FaceTreatment
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.closing import Closing
 
@@ -69,22 +68,6 @@ class AuditLimits:
 LIMITS = AuditLimits()
 THREADS = 2  # in which is searched while frames are drawn and read
 _BETWEEN_QUARTERS = tuple(np.pi / 8 + np.pi / 2 * np.arange(4))
-
-
-@dataclass(frozen=True, eq=False)
-class FaceTreatment:
-    """What is done with a face in a frame: track (0 for a bystander), code, box (4,), growth of a cover, turn."""
-
-    track: int
-    done: int
-    box: F32
-    growth: float
-    turn: float = 0.0
-
-    @property
-    def region(self) -> F64:
-        """The rectangle (4,) that is covered, if the face is."""
-        return region(self.box, self.growth, self.turn)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +275,7 @@ class Audit(Closing):
         for frame in frames:
             shown = {face.track: face.shown for face in drawn.get(frame.index, [])}
             for entry, patch in self._patches.get(frame.index, []):
-                where = shown[entry.track](entry.box) if entry.track in shown else None
+                where = shown[entry.who](entry.box) if entry.who in shown else None
                 if _is_unchanged(patch, patch_of(frame.luma, entry.box), LIMITS.max_unchanged_swapped, where):
                     yield AuditDetection(frame.index, entry.box, 1.0, entry.turn)
             ways = [way for way in self._ways(frame.index) if (frame.index, way) in self._original]

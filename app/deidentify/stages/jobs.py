@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks.heads import region
 from guise.aam.model import Identity
 from guise.aam.parsing import HeadParser
-from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch, FaceTreatment
+from guise.app.deidentify.stages.audit import Audit, AuditDetection, AuditSearch
 from guise.app.deidentify.stages.case import KEPT, Case, LinkedTrack
 from guise.app.deidentify.stages.fit import Fits
 from guise.app.deidentify.stages.gaps import Gaps, packed, steadied
@@ -32,6 +32,7 @@ from guise.app.media import Frame, MediaInput, Sink, open_input, process
 from guise.app.media.input import VideoInput
 from guise.app.media.reader import ProblemLog
 from guise.app.people.faces import detect_faces
+from guise.app.swapping.policy import FaceTreatment
 from guise.app.swapping.trust import LocatedFace, TrustJudge
 from guise.common.files import write_whole
 from guise.common.memory import given_back
@@ -143,7 +144,7 @@ def render(case: Case, segment: int) -> None:
     covered: list[AuditDetection] = []
 
     def entries() -> dict[int, list[FaceTreatment]]:
-        return with_detections(planned, covered, first, last)
+        return with_detections(planned, covered, first, last, case.rate)
 
     with ExitStack() as stack:
         media = stack.enter_context(open_input(case.input))
@@ -222,8 +223,8 @@ def _output_pictures(
         if frame.index > max(wanted):
             break
         for entry in segment_renderer.entries.get(frame.index, []):
-            if entry.track in origins and wanted.get(frame.index) == origins[entry.track]:
-                pictures[f"{entry.track}.{frame.index}"] = picture(frame, entry.box, entry.turn)
+            if entry.who in origins and wanted.get(frame.index) == origins[entry.who]:
+                pictures[f"{entry.who}.{frame.index}"] = picture(frame, entry.box, entry.turn)
     return pictures
 
 

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import iou
 from guise.aam.parsing import HeadParser
-from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace, FaceTreatment
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Fit
+from guise.app.deidentify.stages.audit import AuditDetection, DrawnFace
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.gaps import Gaps
 from guise.app.deidentify.stages.head import Behind, HeadPainter, Plate
@@ -26,12 +28,14 @@ from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
 from guise.app.deidentify.tracks import Track
 from guise.app.media import Frame
-from guise.app.swapping.cover import cover
-from guise.app.swapping.decide import COVERED, SWAPPED
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
+from guise.app.swapping.policy import COVERED, NOBODY, SWAPPED, FaceTreatment, frames_within
+from guise.app.swapping.policy import LIMITS as POLICY
+from guise.app.swapping.session import FaceRow, SwapSession
 from guise.common.arrays import F64
+from guise.common.closing import Closing
 
 
 @dataclass(frozen=True)
@@ -41,15 +45,14 @@ class RenderLimits:
     jaw_face_widths: float = 0.05  # hides the own outline even where a rolled head is found less exactly
     forehead_face_widths: float = 0.28  # with the region "face": a head brings its own hairline
     audit_grid_step: int = 4  # pixels of the reference grid, of what the audit is told of objects in front
-    audit_margin_frames: int = 3  # covered before and after a detection of the audit
-    same_place_iou: float = 0.5  # of two detections
+    same_place_iou: float = 0.5  # of two detections of the audit
     max_repeats: int = 3  # of a segment in which the audit found faces
 
 
 LIMITS = RenderLimits()
 
 
-class SegmentRenderer:
+class SegmentRenderer(Closing):
     """Draws what was decided into the frames of a segment.
 
     Parameters
@@ -64,60 +67,57 @@ class SegmentRenderer:
         self._tracks = {track.number: track for track in case.tracks}
         self._shapes = _shapes(case, segment)
         self._segment = segment
-        self._engines: dict[int, Engine] = {}
+        self._session = SwapSession(self._open_engine, case.options.cover)
         self._heads: dict[int, HeadPainter] = {}
         self._plates: dict[int, Plate | None] = {}  # by shot
         self._gaps = _gaps(case, segment)
         self._label: Label | None = None
-        self._last = {
-            e.track: frame for frame in sorted(entries) for e in entries[frame] if e.done == SWAPPED
-        }
+        self._last = {e.who: frame for frame in sorted(entries) for e in entries[frame] if e.done == SWAPPED}
         self.drawn: dict[int, list[DrawnFace]] = defaultdict(list)  # by frame
-        self.renderer = ""
 
     def draw(self, frame: Frame) -> None:
         """Change a frame in place: swaps first, so that covers lie over them."""
         entries = self.entries.get(frame.index, [])
-        self.drawn[frame.index].clear()
-        swapped = [entry for entry in entries if entry.done == SWAPPED]
-        heads = self._heads_in(frame, swapped) if self._case.options.region == "head" else {}
-        for entry in swapped:
-            self._swap(frame, entry, heads)
-            if frame.index == self._last[entry.track]:
-                self._release(entry.track)
-        for entry in entries:
-            if entry.done == COVERED:
-                cover(frame, entry.region, self._case.options.cover)
+        drawn = self.drawn[frame.index] = []
+        shapes = {one.who: self._shape(frame, one.who) for one in entries if one.done == SWAPPED}
+        known = {who: shape for who, shape in shapes.items() if shape is not None}
+        heads = self._heads_in(frame, known) if self._case.options.region == "head" else {}
+
+        def after(engine: Engine, row: FaceRow) -> None:
+            assert row.mesh is not None
+            if row.who in heads:
+                self._head(self._tracks[row.who]).draw(frame, row.mesh, *heads[row.who])
+            drawn.append(_drawn(row.who, engine, row.mesh))
+
+        fits: dict[int, Fit | Failed] = {
+            who: Fit(shape, np.zeros(0), 0.0, 1.0) for who, shape in known.items()
+        }
+        self._session.treat(frame, entries, fits, after)
+        for who in shapes:
+            if frame.index == self._last[who]:
+                self._release(who)
         if self._case.options.label:
             self._label = self._label or Label(frame.width, frame.height)
             self._label.draw(frame)
 
-    def _swap(self, frame: Frame, entry: FaceTreatment, heads: dict[int, tuple[Gap, Behind]]) -> None:
-        shape, track = self._shape(frame, entry), self._tracks[entry.track]
-        if shape is None:
-            cover(frame, entry.region, self._case.options.cover)
-            return
-        engine = self._engine(track)
-        mesh = engine.draw(frame, shape)
-        if track.number in heads:
-            self._head(track).draw(frame, mesh, *heads[track.number])
-        self.drawn[frame.index].append(_drawn(track.number, engine, mesh))
+    @property
+    def renderer(self) -> str:
+        """What drew the faces."""
+        return self._session.renderer
 
-    def _shape(self, frame: Frame, entry: FaceTreatment) -> F64 | None:
-        return self._shapes.get((self._tracks[entry.track].origin, frame.index))
+    def _shape(self, frame: Frame, track: int) -> F64 | None:
+        return self._shapes.get((self._tracks[track].origin, frame.index))
 
-    def _heads_in(self, frame: Frame, swapped: list[FaceTreatment]) -> dict[int, tuple[Gap, Behind]]:
+    def _heads_in(self, frame: Frame, shapes: dict[int, F64]) -> dict[int, tuple[Gap, Behind]]:
         """By track, what its head leaves in a frame and what is behind, before anything is drawn."""
-        shapes = {entry.track: self._shape(frame, entry) for entry in swapped}
-        known = {number: shape for number, shape in shapes.items() if shape is not None}
-        gaps = {number: self._gap(frame, self._tracks[number], shape) for number, shape in known.items()}
+        gaps = {number: self._gap(frame, self._tracks[number], shape) for number, shape in shapes.items()}
         shot = int(np.searchsorted(self._case.cuts, frame.index, "right"))
         if gaps and shot not in self._plates:
             self._plates[shot] = plate_of(self._case, self._segment, shot, self._gaps)
         found = {}
         for number, gap in gaps.items():
             others = [other for k, other in gaps.items() if k != number]
-            width, painter = float(np.ptp(known[number][:, 0])), self._head(self._tracks[number])
+            width, painter = float(np.ptp(shapes[number][:, 0])), self._head(self._tracks[number])
             found[number] = gap, painter.behind(frame, width, gap, others, self._plates[shot])
         return found
 
@@ -132,45 +132,38 @@ class SegmentRenderer:
             self._heads[track.number] = HeadPainter(donor, self._case.options.renderer)
         return self._heads[track.number]
 
-    def _engine(self, track: Track) -> Engine:
-        if track.number not in self._engines:
-            options = self._case.options
-            engine = Engine(
-                self._case.model_of(track.origin),
-                open_donor(track.donor),
-                None,
-                EngineOptions(
-                    alpha=options.alpha,
-                    renderer=options.renderer,
-                    jaw=LIMITS.jaw_face_widths,
-                    forehead=LIMITS.forehead_face_widths if options.region == "face" else 0.0,
-                    occluders="objects",
-                    disguise=True,
-                    # The privacy figures are measured with it: narrower means of light cost some privacy, and so
-                    # would the learned light, which knows the person at rest.
-                    light="classical",
-                ),
-            )
-            self._engines[track.number] = engine
-            self.renderer = engine.painter.renderer
-        return self._engines[track.number]
+    def _open_engine(self, number: int) -> Engine:
+        track, options = self._tracks[number], self._case.options
+        return Engine(
+            self._case.model_of(track.origin),
+            open_donor(track.donor),
+            None,
+            EngineOptions(
+                alpha=options.alpha,
+                renderer=options.renderer,
+                jaw=LIMITS.jaw_face_widths,
+                forehead=LIMITS.forehead_face_widths if options.region == "face" else 0.0,
+                hold_frames=0,
+                occluders="objects",
+                disguise=True,
+                # The privacy figures are measured with it: narrower means of light cost some privacy, and so
+                # would the learned light, which knows the person at rest.
+                light="classical",
+            ),
+        )
 
     def _release(self, track: int) -> None:
-        """Let go of what draws a face, 40 MB or more: many come and go in a street."""
-        for drawing in (self._engines.pop(track, None), self._heads.pop(track, None)):
-            if drawing is not None:
-                drawing.close()
+        """Let go of what draws a face."""
+        self._session.release(track)
+        head = self._heads.pop(track, None)
+        if head is not None:
+            head.close()
 
     def close(self) -> None:
         """Release the engines and heads."""
-        for track in {*self._engines, *self._heads}:
+        for track in list(self._heads):
             self._release(track)
-
-    def __enter__(self) -> SegmentRenderer:
-        return self
-
-    def __exit__(self, *problem: object) -> None:
-        self.close()
+        self._session.close()
 
 
 def _drawn(track: int, engine: Engine, mesh: F64) -> DrawnFace:
@@ -225,30 +218,30 @@ def entries_of(plan: dict[str, NDArray[Any]], first: int, last: int) -> dict[int
 
 
 def with_detections(
-    entries: dict[int, list[FaceTreatment]], detections: Sequence[AuditDetection], first: int, last: int
-) -> dict[int, list[FaceTreatment]]:
+    entries: dict[int, list[FaceTreatment]], detections: Sequence[AuditDetection], first: int, last: int, rate: float
+) -> dict[int, list[FaceTreatment]]:  # fmt: skip
     """The entries, with the faces that the audit found covered in the frames about each.
 
     What is found once more at the same place, beyond those frames, rests there: it is covered in all of them, unless it
-    is a face that is followed, whose every frame is judged.
+    is a face that is followed, whose every frame is judged.   rate : frames a second.
     """
+    about = frames_within(POLICY.near_seconds, rate)
     more = defaultdict(list, {frame: list(these) for frame, these in entries.items()})
     for one in detections:
         is_followed = any(
             entry.done == SWAPPED and iou(entry.box, one.box) > LIMITS.same_place_iou
             for entry in entries.get(one.frame, [])
         )
-        rests = not is_followed and _rests(one, detections)
-        margin = last - first if rests else LIMITS.audit_margin_frames
+        rests = not is_followed and _rests(one, detections, about)
+        margin = last - first if rests else about
         for frame in range(max(first, one.frame - margin), min(last, one.frame + margin + 1)):
-            more[frame].append(FaceTreatment(0, COVERED, one.box, 1.0, one.turn))
+            more[frame].append(FaceTreatment(NOBODY, COVERED, one.box, 1.0, one.turn))
     return more
 
 
-def _rests(one: AuditDetection, detections: Sequence[AuditDetection]) -> bool:
+def _rests(one: AuditDetection, detections: Sequence[AuditDetection], about: int) -> bool:
     """Whether something is found at the same place in a frame beyond those covered about this one."""
     return any(
-        abs(one.frame - other.frame) > LIMITS.audit_margin_frames
-        and iou(one.box, other.box) > LIMITS.same_place_iou
+        abs(one.frame - other.frame) > about and iou(one.box, other.box) > LIMITS.same_place_iou
         for other in detections
     )

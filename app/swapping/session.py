@@ -1,0 +1,159 @@
+"""The one loop body of all that swaps: a frame comes in, and goes out with faces drawn and covered, and a row for each.
+
+Files, the API, live and de-identification drive it; what is done to whom is the policy's (`guise.app.swapping.policy`).
+Pixels as shown, x right, y down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from guise.aam.landmarks.detector import FaceDetector
+from guise.aam.landmarks.rolls import RolledBoxes, ScoredDetector, detect_on_schedule
+from guise.aam.similarity import Failed
+from guise.aam.tracker import Fit
+from guise.app.media import Frame
+from guise.app.swapping.cover import CoverStyle, cover
+from guise.app.swapping.engine import Engine
+from guise.app.swapping.policy import COVERED, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
+from guise.common.arrays import F64
+from guise.common.closing import Closing
+
+OpenEngine = Callable[[int], Engine]
+AfterSwap = Callable[[Engine, "FaceRow"], None]
+ABSENT = Failed("not in this frame")
+
+
+@dataclass(frozen=True, eq=False)
+class FaceRow:
+    """What became of a face in a frame.
+
+    Parameters
+    ----------
+    who : whose face it is; people are numbered from 1.
+    outcome : "swapped"; "held", drawn where it was seen last; "covered"; "left" as the user wished; or "lost": neither
+        drawn nor covered.
+    mesh : (81, 2) pixels that was drawn, or None.
+    """
+
+    who: int
+    outcome: Literal["swapped", "held", "covered", "left", "lost"]
+    mesh: F64 | None = None
+
+
+class SwapSession(Closing):
+    """Draws faces on people's heads and covers others, in frames in the order of time; use it by `with`, in one thread.
+
+    Parameters
+    ----------
+    open_engine : makes the engine of somebody, when they are first drawn; the session closes it.
+    style : of covers; None covers nothing: a face that cannot be drawn stays as it is.
+    detector : looks for a lost face; the built-in one, made when it is first needed.
+    """
+
+    def __init__(
+        self,
+        open_engine: OpenEngine,
+        style: CoverStyle | None = None,
+        detector: ScoredDetector | None = None,
+    ) -> None:
+        self._open_engine, self._style, self._detector = open_engine, style, detector
+        self._engines: dict[int, Engine] = {}
+        self._followed: dict[int, FollowedFace] = {}
+        self.renderer = ""  # of the faces that were drawn
+
+    def engine(self, who: int) -> Engine:
+        """Somebody's engine."""
+        if who not in self._engines:
+            self._engines[who] = self._open_engine(who)
+            self.renderer = self._engines[who].painter.renderer
+        return self._engines[who]
+
+    @property
+    def engines(self) -> Mapping[int, Engine]:
+        """The engines of all who were drawn and not released."""
+        return self._engines
+
+    def swap(self, frame: Frame, who: int, fit: Fit | Failed) -> FaceRow:
+        """Draw somebody's face, in place, where it was tracked; a cover comes in over a head that turns too far."""
+        result = self.engine(who).swap_tracked(frame, fit)
+        if result.mesh is not None and result.doubt > 0 and self._style is not None:
+            cover(frame, FacePlace.of(result.mesh).region(), self._style, result.doubt)
+        return FaceRow(who, result.outcome, result.mesh)
+
+    def follow(self, frame: Frame, who: int, fit: Fit | Failed) -> FaceRow:
+        """As `swap`, for somebody who is in every frame; where they are lost, their face is searched and covered."""
+        row, now = self.swap(frame, who, fit), frame.seconds
+        if self._style is None:
+            return row
+        face = self._followed.setdefault(who, FollowedFace())
+        if row.mesh is not None:
+            face.see(now, FacePlace.of(row.mesh))
+            return row
+        self._search(frame, face)
+        rectangle = face.region(now)
+        is_covered = rectangle is not None and cover(frame, rectangle, self._style) is not None
+        return replace(row, outcome="covered") if is_covered else row
+
+    def treat(
+        self, frame: Frame, treatments: Sequence[FaceTreatment], fits: Mapping[int, Fit | Failed],
+        after: AfterSwap | None = None,
+    ) -> list[FaceRow]:  # fmt: skip
+        """Do what is planned, in place; a face that cannot be swapped is covered.
+
+        Smaller faces are drawn before larger ones, and covers lie over all of them.
+
+        fits : by person, where the faces are that are swapped.   after : called after each swap.
+        """
+        rows, hidden = [], [one for one in treatments if one.done == COVERED]
+        swaps = sorted(
+            (one for one in treatments if one.done == SWAPPED), key=lambda one: one.box[2] - one.box[0]
+        )
+        for who in self._engines.keys() - {one.who for one in swaps}:
+            self._engines[who].swap_tracked(frame, ABSENT)
+        for one in swaps:
+            row = self.swap(frame, one.who, fits.get(one.who, ABSENT))
+            if row.mesh is None:
+                hidden.append(one)
+                continue
+            rows.append(row)
+            if after is not None:
+                after(self.engine(one.who), row)
+        for one in hidden:
+            assert self._style is not None
+            cover(frame, one.region, self._style)
+            rows.append(FaceRow(one.who, "covered"))
+        return rows + [FaceRow(one.who, "left") for one in treatments if one.done not in (SWAPPED, COVERED)]
+
+    def release(self, who: int) -> None:
+        """Let go of somebody's engine, 40 MB or more: many come and go in a street."""
+        if who in self._engines:
+            self._engines.pop(who).close()
+
+    def close(self) -> None:
+        """Release all engines."""
+        for who in list(self._engines):
+            self.release(who)
+
+    def _search(self, frame: Frame, face: FollowedFace) -> None:
+        """Look for a lost face where it was, or for the largest clear one before it was seen at all."""
+        if self._detector is None:
+            self._detector = FaceDetector(min_score=LIMITS.min_box_score)
+        found = detect_on_schedule(
+            self._detector, frame.quick_rgb(), frame.index, LIMITS.sure_score
+        ).distinct()
+        if face.was_seen:
+            face.look_for(frame.seconds, FacePlace.detected(found))
+        else:
+            clear = found[found.scores >= LIMITS.min_first_score]
+            for place in FacePlace.detected(_largest(clear)):
+                face.see(frame.seconds, place)
+
+
+def _largest(found: RolledBoxes) -> RolledBoxes:
+    sizes = np.prod(found.boxes[:, 2:] - found.boxes[:, :2], axis=1)
+    return found[np.argsort(-sizes, kind="stable")[:1]]
