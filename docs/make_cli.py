@@ -25,6 +25,30 @@ Generated from the commands by docs/make_cli.py; `guise COMMAND --help` shows th
 
 Every command takes `--json`, which prints one JSON object on stdout and notes on stderr, and `--quiet`, which prints
 errors only. Exit codes and the rules for output files are in [conventions.md](conventions.md).
+
+An option means the same in every command:
+
+| option | meaning |
+|---|---|
+| `--identity FACE` | the face that is shown: `NAME.guise`, a name of `guise people list`, or a fictional one, as Mei |
+| `--source SRC` | the person in the video or at the camera: their model, or a name of `guise people list` |
+| `--input`, or the first argument | what is read: a file, a folder, a stream |
+| `--map SOURCE=FACE` | both, for each of several people |
+| `--look`, `--eyes`, `--mouth`, `--alpha`, `--outline` | how the face is drawn |
+| `--cover` | how a face is covered that is not swapped |
+| `--landmarks`, `--landmarker`, `--detector` | where points and boxes of faces come from |
+| `--encoder`, `--crf`, `--preset`, `--lossless` | how a video is written |
+
+So are the defaults, but for these:
+
+| option | default | why |
+|---|---|---|
+| `--alpha` | 0.3 in `deidentify`, 0.6 elsewhere | more brings traces of the hidden person's moustache or glasses |
+| `--cover` | solid in `deidentify`, mosaic in `live` | solid leaves nothing of a face; a mosaic disturbs calls less |
+| `--eyes` | donor in `live`, source in `swap` | the person's gaze in files; live not their irises unasked |
+| `--crf` | 20 in `live` | a camera has no file whose fineness could be kept |
+
+Former names of options work until version 0.3, with a note: see the [changelog](../CHANGELOG.md).
 """
 WORDS = {int: "INTEGER", float: "NUMBER", str: "TEXT", Path: "PATH"}
 

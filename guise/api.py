@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -79,9 +80,17 @@ def enroll(
     )  # fmt: skip
 
 
-def load(path: AnyPath) -> Identity:
-    """Read a model file, NAME.guise; `guise.GuiseError` when it is missing, damaged or of another version."""
-    return Identity.load(path)
+def load(face: AnyPath) -> Identity:
+    """The model of a face: a file NAME.guise, somebody who is kept, or a fictional person, such as "Mei".
+
+    Raises
+    ------
+    GuiseError
+        When there is none, or its file is damaged or of another version.
+    """
+    from guise.app.swapping.donors import open_face
+
+    return Identity.load(face) if Path(face).is_file() else open_face(os.fspath(face))
 
 
 def landmarks(
@@ -132,8 +141,8 @@ class Swapper(Closing):
 
     Parameters
     ----------
-    identity : whose face is shown: a model or its file.
-    source : the person in the frames: a model, its file, or a clip to enroll them from.
+    identity : the face that is shown: a model, its file or its name, see `load`.
+    source : the person in the frames: likewise, or a clip to enroll them from.
     alpha : share in [0, 1] of the expression outside the identity's own space that is let through.
     renderer : "auto", "gl" or "cpu".
 
@@ -195,9 +204,9 @@ def swap_file(
     Parameters
     ----------
     video : a video, an image or a folder of images.
-    identity : whose face is shown: a model or its file.
+    identity : the face that is shown: a model, its file or its name, see `load`.
     output : its suffix decides what is written.
-    source : the person in the video: a model or its file; by default they are enrolled from the video itself.
+    source : the person in the video: likewise; by default they are enrolled from the video itself.
     unsure : what is done to frames in which the person's face is lost but may be visible: "cover" it, "hold" the last
         face for a second, or "leave" the frame as it is.
     crf : quality of the encoder; lower is better and larger.
@@ -225,7 +234,7 @@ def deidentify(
     inputs: AnyPath | Sequence[AnyPath],
     output: AnyPath | None = None,
     *,
-    donor: str = "auto",
+    identity: str = "auto",
     cover: Literal["solid", "mosaic", "blur"] = "solid",
     seed: int = 0,
     audio: Literal["keep", "drop", "mask", "disguise"] = "keep",
@@ -234,6 +243,7 @@ def deidentify(
     workers: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    donor: str | None = None,
 ) -> list[BatchEntry]:
     """Swap every face for a fictional one that keeps the expression, or cover it; a report lies beside each output.
 
@@ -241,7 +251,7 @@ def deidentify(
     ----------
     inputs : videos, images or folders.
     output : of a single input, or a folder for all; by default beside each input, as NAME_deidentified.
-    donor : "auto" (fictional people), "NAME.guise", or "mean:K".
+    identity : "auto" (fictional people), "same", "mean:K", or a face as for `load`.
     cover : how a face that is not swapped is covered.
     seed : of the choice of donors.
     audio : "mask" lowers voices, "disguise" makes them whisper.
@@ -249,6 +259,7 @@ def deidentify(
     audit : "full" searches all frames of the original and the result for faces, "sampled" some.
     workers : processes; half as many as there are cores by default.
     resume : go on where an earlier run stopped; the result has the same bytes.
+    donor : the former name of `identity`, which goes with version 0.3.
 
     Returns
     -------
@@ -261,9 +272,12 @@ def deidentify(
     from guise.app.deidentify.run.registry import open_engine
     from guise.app.media.containers import suffix_for
 
+    if donor is not None:
+        warnings.warn("donor is now identity", DeprecationWarning, stacklevel=2)
+        identity = donor
     texts = [os.fspath(path) for path in ([inputs] if isinstance(inputs, str | os.PathLike) else inputs)]
     options = DeidentifyOptions(
-        donor=donor, cover=cover, seed=seed, audio=audio, audit=audit, region=region
+        donor=identity, cover=cover, seed=seed, audio=audio, audit=audit, region=region
     )  # fmt: skip
     place = None if output is None else os.fspath(output)
     plan = make_plan(
@@ -399,11 +413,16 @@ def _checked(picture: U8) -> U8:
 
 
 def _identity(person: Person) -> Identity:
-    return person if isinstance(person, Identity) else Identity.load(person)
+    return person if isinstance(person, Identity) else load(person)
 
 
 def _source(person: Person, shown: Identity) -> Identity:
     """The model of the person in the video; a clip is enrolled at the resolution of the face that is shown."""
-    if isinstance(person, Identity) or Path(person).suffix == ".guise":
+    if isinstance(person, Identity) or _is_face(Path(person)):
         return _identity(person)
     return enroll(person, resolution=shown.reference.resolution)
+
+
+def _is_face(path: Path) -> bool:
+    """Whether a path is a model's or the name of a face, not that of a clip."""
+    return path.suffix == ".guise" or (not path.suffix and not path.exists())

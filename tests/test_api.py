@@ -121,6 +121,25 @@ def test_nothing_to_enroll_is_one_sentence() -> None:
         guise.enroll([])
 
 
+def test_a_face_is_loaded_by_file_or_by_name(frames: list[np.ndarray]) -> None:
+    assert guise.load(model_file("p01")).name == "p01"
+    assert guise.load("Mei").name == "Mei"
+    with pytest.raises(guise.GuiseError, match="there is no face Bob"):
+        guise.load("Bob")
+    with guise.Swapper("Mei", source=model_file("p01"), renderer="cpu") as swapper:
+        swapper(frames[0])
+        assert swapper.outcome == "swapped"
+
+
+def test_the_former_name_of_the_faces_of_a_deidentification_warns(tmp_path: Path) -> None:
+    clip = cut("p01", tmp_path / "clip.mp4", 2)
+    with (
+        pytest.warns(DeprecationWarning, match="^donor is now identity$"),
+        pytest.raises(guise.GuiseError, match="there is no face Bob"),
+    ):
+        guise.deidentify(clip, donor="Bob")
+
+
 def test_photos(tmp_path: Path) -> None:
     capture = cv2.VideoCapture(str(SAMPLES / "p01" / "talk.mp4"))
     pictures = [capture.read()[1] for _ in range(60)]

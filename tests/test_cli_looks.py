@@ -39,6 +39,18 @@ def test_info_as_table_and_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(capsys.readouterr().out)["clips"] == ["talk.mp4"]
 
 
+def test_info_takes_the_names_of_fictional_people(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "Mei", "--json"]) == 0
+    mei = json.loads(capsys.readouterr().out)
+    assert main(["info", "p03", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == mei
+    assert mei["path"].endswith("p03.guise")
+    assert main(["info", "Bob"]) == 2
+    assert capsys.readouterr().err.startswith(
+        "error: there is no face Bob: give NAME.guise, or one of Luca, "
+    )
+
+
 def test_the_montage_is_drawn_and_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "modes.png"
     assert main(["info", str(model_file("p01")), "--montage", str(output), "-q"]) == 0
@@ -79,7 +91,7 @@ def test_doctor_without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clip, model = cut("p01", tmp_path / "clip.mp4", 32), str(model_file("p01"))
-    assert main(["bench", str(clip), "--source", model, "--frames", "20", "--json"]) == 0
+    assert main(["bench", str(clip), "--source", model, "--identity", "mei", "--frames", "20", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     timings = found["milliseconds"]
     on_cpu = {t["stage"]: t for t in timings if t["renderer"] == "cpu"}

@@ -138,7 +138,7 @@ def test_every_option_arrives(
     make("a.mp4", "cert.pem", "key.pem", "a.tracks.json")
     (here / "p01.guise").symlink_to(model_file("p01"))
     arguments = [
-        "a.mp4", "-o", "b.mkv", "--donor", "mean:1", "--gallery", "p01.guise", "--cover", "blur", "--alpha", "0.3",
+        "a.mp4", "-o", "b.mkv", "--identity", "mean:1", "--gallery", "p01.guise", "--cover", "blur", "--alpha", "0.3",
         "--tracks", "a.tracks.json", "--resume", "--seed", "7", "--keyfile", "people.json", "--audio", "drop",
         "--keep-metadata", "--label", "--c2pa", "cert.pem", "key.pem", "--encoder", "libx265", "--crf", "30",
         "--preset", "fast", "--lossless", "--renderer", "cpu", "--force",
@@ -202,14 +202,14 @@ def test_an_interruption_tells_how_to_go_on(
         (["a.mp4", "--workers", "0"], None),
         (["a.mp4", "--alpha", "1.5"], None),
         (["a.mp4", "--seed", "x"], None),
-        (["a.mp4", "--donor", "nobody"], None),
+        (["a.mp4", "--identity", "nobody"], None),
         (
-            ["a.mp4", "--donor", "nobody.guise"],
+            ["a.mp4", "--identity", "nobody.guise"],
             "there is no model file nobody.guise; make one with: guise enroll VIDEO -o nobody.guise",
         ),
-        (["a.mp4", "--donor", "a.mp4"], None),
-        (["a.mp4", "--donor", "mean:1000"], None),
-        (["a.mp4", "--donor", "mean:0"], None),
+        (["a.mp4", "--identity", "a.mp4"], None),
+        (["a.mp4", "--identity", "mean:1000"], None),
+        (["a.mp4", "--identity", "mean:0"], None),
         (["a.mp4", "--gallery", "nobody.guise"], None),
         (["a.mp4", "--gallery", "a.mp4"], None),
         (

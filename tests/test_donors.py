@@ -194,7 +194,8 @@ def test_own_donors_replace_the_gallery_wherever_they_lie() -> None:
 
 
 def test_own_donors_are_model_files() -> None:
-    with pytest.raises(DonorError, match=r"a donor is a file NAME\.guise, got photo\.jpg; make one with"):
+    sentence = r"a donor is a file NAME\.guise or a fictional face, got photo\.jpg; make one with"
+    with pytest.raises(DonorError, match=sentence):
         assign([1], "auto", own=[Path("photo.jpg")], seed=0, salt="x")
 
 

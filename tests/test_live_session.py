@@ -112,8 +112,8 @@ def test_headless_keeps_every_frame_and_the_sound(
     clip = cut("p01", tmp_path / "clip.mp4", 90, clip="talk.mp4")
     person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
     p01.save(person)
-    people = ("--person", person, "--identity", person)
-    assert live("--headless", "--source", clip, *people, "-o", out, "--json") == 0
+    people = ("--source", person, "--identity", person)
+    assert live("--headless", "--input", clip, *people, "-o", out, "--json") == 0
     report = json.loads(capsys.readouterr().out)
     assert report["files"] == [str(out)]
     assert report["frames"] == 90
@@ -133,21 +133,21 @@ def test_the_model_of_a_file_is_made_once(
     kept.keep(kept.video_key(clip, p01.reference.resolution, kept.video_key(points)), p01)
     person, out = tmp_path / "p01.guise", tmp_path / "out.mp4"
     p01.save(person)
-    assert live("--headless", "--source", clip, "--identity", person, "-o", out) == 0
+    assert live("--headless", "--input", clip, "--identity", person, "-o", out) == 0
     assert "enrolling" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--headless", "-o", "out.mp4"], "--headless needs --source"),
-        (["--headless", "--source", CLIP], "add --output"),
-        (["--headless", "--source", CLIP, "-o", "window"], "no window"),
-        (["--headless", "--source", CLIP, "-o", "o.mp4", "--loop"], "leave out --loop"),
-        (["--source", "missing.mp4"], "does not exist"),
+        (["--headless", "-o", "out.mp4"], "--headless needs --input"),
+        (["--headless", "--input", CLIP], "add --output"),
+        (["--headless", "--input", CLIP, "-o", "window"], "no window"),
+        (["--headless", "--input", CLIP, "-o", "o.mp4", "--loop"], "leave out --loop"),
+        (["--input", "missing.mp4"], "does not exist"),
         (["--size", "huge"], "like 1280x720"),
-        (["--source", CLIP, "--identity", "missing.guise"], "missing.guise"),
-        (["--source", CLIP, "-o", "window", "-o", "window"], "each only once"),
+        (["--input", CLIP, "--identity", "missing.guise"], "missing.guise"),
+        (["--input", CLIP, "-o", "window", "-o", "window"], "each only once"),
         (["--output", "studio", "--output", "window"], "give it alone"),
         (["--camera", "97"], "camera 97 cannot be opened"),
     ],

@@ -18,8 +18,8 @@ PATIENCE_SECONDS = 120.0
 
 def live(folder: Path, *more: str) -> "subprocess.Popen[str]":
     """The command, writing what it shows of a clip that never ends."""
-    command = [sys.executable, "-m", "guise", "live", "--source", str(SAMPLES / "p01" / "talk.mp4"), "--loop"]
-    people = ["--person", str(model_file("p01")), "--identity", str(model_file("p06"))]
+    command = [sys.executable, "-m", "guise", "live", "--input", str(SAMPLES / "p01" / "talk.mp4"), "--loop"]
+    people = ["--source", str(model_file("p01")), "--identity", str(model_file("p06"))]
     environment = os.environ | {"GUISE_PEOPLE": str(folder / "people")}
     return subprocess.Popen(
         [*command, *people, "-o", "out.mp4", *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -12,6 +12,8 @@ from models import model_file
 
 from guise.aam.model import Identity
 from guise.app.cli.main import main
+from guise.app.deidentify.options import DeidentifyOptions
+from guise.app.deidentify.run.checks import checked
 from guise.app.people.kept import PeopleError, cached, delete, everybody, keep, named, rename, video_key
 from guise.app.swapping.donors import open_face
 from guise.common.errors import GuiseError
@@ -183,3 +185,15 @@ def test_a_face_is_named_by_file_gallery_or_person(person: Identity, tmp_path: P
         GuiseError, match=r"there is no face Bob: give NAME.guise, or one of Luca, .*, Omar, Ann"
     ):
         open_face("Bob")
+
+
+def test_a_deidentification_takes_names_and_models_of_people(person: Identity) -> None:
+    ann = keep("camera", replace(person, name="Ann"))
+    named = checked(DeidentifyOptions("Ann", gallery=(Path("Kofi"), Path("Ann"))), [])
+    assert named.donor == str(ann)
+    assert named.gallery == (Path("p05"), ann)
+    assert checked(DeidentifyOptions("mean:mei+Kofi"), []).donor == "mean:p03+p05"
+    for choice in ("auto", "same", "average:2", "mean:2"):
+        assert checked(DeidentifyOptions(choice), []).donor == choice
+    with pytest.raises(GuiseError, match="there is no face Bob"):
+        checked(DeidentifyOptions("auto", gallery=(Path("Bob"),)), [])

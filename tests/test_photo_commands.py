@@ -375,7 +375,7 @@ def test_animate_keeps_times_and_sound_and_says_what_it_did(
 def test_animate_by_a_photo_and_by_a_model(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "p01.guise").symlink_to(model_file("p01"))
     code, out, _ = run(
-        capsys, "animate", "s.png", *ANIMATE[1:], "--model", "p01.guise", "--landmarks-s", "s.json", "--lossless"
+        capsys, "animate", "s.png", *ANIMATE[1:], "--source", "p01.guise", "--landmarks-s", "s.json", "--lossless"
     )  # fmt: skip
     assert code == 0
     assert out.startswith("out.mp4: 8 of 8 frames animated, 0 held; neutral is s.png;")
@@ -461,8 +461,8 @@ def test_before_the_face_is_seen_the_photo_is_itself(here: Path, capsys: pytest.
             "many.npz must have landmarks for the 8 frames of the video, got 3; give the landmarks of this very video",
         ),
         (
-            ["clip.mp4", "t.png", "-o", "o.mp4", "--landmarks", "many.npz", "--model", "p01.guise"],
-            "Invalid value: give either --model or --landmarks",
+            ["clip.mp4", "t.png", "-o", "o.mp4", "--landmarks", "many.npz", "--source", "p01.guise"],
+            "Invalid value: give either --source or --landmarks",
         ),
     ],
 )

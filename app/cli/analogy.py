@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from guise.app.cli.former import Command
 from guise.app.cli.image import animate, image
 from guise.app.cli.mesh import mesh
 from guise.app.cli.options import help_without_command
@@ -14,4 +15,4 @@ analogy = typer.Typer(
 analogy.callback(invoke_without_command=True)(help_without_command)
 analogy.add_typer(mesh, name="mesh")
 analogy.command()(image)
-analogy.command()(animate)
+analogy.command(cls=Command)(animate)

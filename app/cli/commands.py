@@ -13,6 +13,7 @@ import typer
 from typer import Abort
 from typer.core import TyperGroup
 
+from guise.app.cli.former import Command
 from guise.common.version import VERSION
 
 __all__ = ["GROUPS", "Abort", "command_line"]
@@ -54,7 +55,7 @@ def command_line(name: str | None = None) -> typer.Typer:
             if isinstance(found, typer.Typer):
                 made.add_typer(found, rich_help_panel=panel)
             else:
-                made.command(rich_help_panel=panel)(found)
+                made.command(cls=Command, rich_help_panel=panel)(found)
     return made
 
 

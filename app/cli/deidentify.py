@@ -13,6 +13,7 @@ import typer
 
 from guise.app.cli.console import Board, Console
 from guise.app.cli.options import (
+    FACE_HELP,
     Alpha,
     Crf,
     Encoder,
@@ -80,20 +81,19 @@ Output = Annotated[
     ),
 ]
 Recursive = Annotated[bool, typer.Option("--recursive", help="Include the subfolders of folders.")]
-Donor = Annotated[
+Identity = Annotated[
     str,
     typer.Option(
-        "--donor",
-        "--donors",
-        metavar="auto|same|average:K|mean:K|NAME.guise",
-        help="Whose faces are shown: a different fictional person for each; the same, or the same average of K, for "
-        "all people of all files; a different average of K for each; or one model for all.",
+        "--identity",
+        metavar="auto|same|average:K|mean:K|FACE",
+        help="The faces that are shown: a different fictional one for each; the same, or the same average of K, for "
+        f"all people of all files; a different average of K for each; or one for all: {FACE_HELP}.",
     ),
 ]
 Gallery = Annotated[
     list[Path] | None,
     typer.Option(
-        metavar="NAME.guise", help="A donor of your own instead of those of Guise; may be repeated."
+        metavar="FACE", help="A face to choose from, instead of all fictional ones; may be repeated."
     ),
 ]
 Cover = Annotated[CoverName, typer.Option(help="How a face that is not swapped is covered.")]
@@ -166,7 +166,7 @@ def deidentify(
     inputs: Inputs,
     output: Output = None,
     recursive: Recursive = False,
-    donor: Donor = "auto",
+    identity: Identity = "auto",
     gallery: Gallery = None,
     cover: Cover = CoverName.solid,
     region: RegionOption = RegionName.face,
@@ -206,8 +206,8 @@ def deidentify(
     console = Console(quiet=quiet, json=json)
     certificate, key = c2pa or (None, None)
     options = DeidentifyOptions(
-        donor, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label, certificate,
-        key, EncodeOptions(encoder, crf, preset, lossless), renderer.value, audit.value, detector,
+        identity, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label,
+        certificate, key, EncodeOptions(encoder, crf, preset, lossless), renderer.value, audit.value, detector,
         region.value,
     )  # fmt: skip
     plan = make_plan(inputs, output, work, lambda path: suffix_for(path, encoder), recursive=recursive)

@@ -10,6 +10,7 @@ import typer
 
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import (
+    FACE_HELP,
     BoxDetectorSpec,
     Crf,
     Encoder,
@@ -122,7 +123,12 @@ def enroll(
 
 
 def info(
-    model: Annotated[Path, typer.Argument(metavar="NAME.guise", help="A model that `guise enroll` made.")],
+    model: Annotated[
+        str,
+        typer.Argument(
+            metavar="FACE", help=f"A model that `guise enroll` made, or another face: {FACE_HELP}."
+        ),
+    ],
     montage: Annotated[
         Path | None,
         typer.Option(metavar="OUT.png", help="Also draw the mean, the neutral face and the modes at +-2 sd."),
@@ -133,18 +139,20 @@ def info(
 ) -> None:
     """Show what a model holds."""
     from guise.app.people.info import describe
+    from guise.app.swapping.donors import face_file
     from guise.common.files import require_free
 
     console = Console(quiet=quiet, json=json)
     if montage is not None:
         require_free(montage, force=force)
-    identity, facts = describe(model)
+    with face_file(model) as path:
+        identity, facts = describe(path)
     if montage is not None:
         from guise.app.media.pictures import save_picture
         from guise.app.people.montage import montage as draw
 
         save_picture(montage, draw(identity))
-    console.table(str(model), facts.as_rows())
+    console.table(model, facts.as_rows())
     if montage is not None:
         console.say(f"montage: {montage}")
     console.result(asdict(facts) | {"montage": montage and str(montage)})

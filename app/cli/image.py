@@ -100,9 +100,11 @@ def animate(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="T, animated, with the sound of CLIP.")
     ],
-    model: Annotated[
-        Path | None,
-        typer.Option(metavar="NAME.guise", help="Model of the person in CLIP, for tracking."),
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--source", metavar="SRC", help="Model of the person in CLIP, for tracking, a file or a name."
+        ),
     ] = None,
     landmarks: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Landmarks of CLIP; default: detected and tracked.")
@@ -126,14 +128,14 @@ def animate(
     from guise.app.photos.animate import animate_file
     from guise.app.photos.driving_track import TrackingOptions
 
-    source, clip, target = _split_photos(photos)
-    if model is not None and landmarks is not None:
-        raise typer.BadParameter("give either --model or --landmarks")
+    neutral, clip, target = _split_photos(photos)
+    if source is not None and landmarks is not None:
+        raise typer.BadParameter("give either --source or --landmarks")
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         report = animate_file(
-            source, clip, target, output, _options(method, strength, mouth, landmarker, force),
-            TrackingOptions(model, landmarker or "builtin", landmarks), landmarks={"s": landmarks_s, "t": landmarks_t},
+            neutral, clip, target, output, _options(method, strength, mouth, landmarker, force),
+            TrackingOptions(source, landmarker or "builtin", landmarks), landmarks={"s": landmarks_s, "t": landmarks_t},
             encode=EncodeOptions(encoder, crf, preset, lossless), progress=stages, say=console.note,
         )  # fmt: skip
     console.say(str(report))

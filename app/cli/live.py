@@ -11,13 +11,14 @@ import typer
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.deidentify import CoverName
 from guise.app.cli.options import (
+    FACE_HELP,
     Alpha,
     Encoder,
     EyesChoice,
     Force,
     Json,
-    LightChoice,
-    LightName,
+    LookChoice,
+    LookName,
     MouthChoice,
     OwnerName,
     Preset,
@@ -25,8 +26,7 @@ from guise.app.cli.options import (
     RecordingCrf,
     RendererChoice,
     RendererName,
-    TransferChoice,
-    TransferName,
+    drawn_as,
     faces_by_person,
 )
 from guise.app.cli.studio import studio
@@ -40,7 +40,7 @@ class ModeName(StrEnum):
     off = "off"
 
 
-Source = Annotated[
+Input = Annotated[
     str | None,
     typer.Option(
         metavar="FILE|URL",
@@ -53,10 +53,11 @@ Identities = Annotated[
     typer.Option(
         "--identity",
         metavar="FACE",
-        help="Whose face to show; repeat to choose among several with the number keys; default: the fictional people.",
+        help=f"The face that is shown: {FACE_HELP}; repeat to choose among several with the number keys; default: "
+        "the fictional faces.",
     ),
 ]
-Person = Annotated[
+Source = Annotated[
     str | None,
     typer.Option(
         metavar="SRC",
@@ -67,7 +68,7 @@ Cast = Annotated[
     list[str] | None,
     typer.Option(
         "--map",
-        metavar="PERSON=FACE",
+        metavar="SOURCE=FACE",
         help="For up to four people at once: a person's model and the face that they get; others are covered.",
     ),
 ]
@@ -87,7 +88,7 @@ Headless = Annotated[
     typer.Option("--headless", help="No window: write every frame of a file to files, as fast as possible."),
 ]
 Loop = Annotated[bool, typer.Option("--loop", help="Repeat the file.")]
-Enrol = Annotated[bool, typer.Option("--enrol", help="Make a new model of the person in the picture.")]
+Enroll = Annotated[bool, typer.Option("--enroll", help="Make a new model of the person in the picture.")]
 Mode = Annotated[ModeName, typer.Option(help="Swap, animate a still of the face, or cover.")]
 Cover = Annotated[CoverName, typer.Option(help="How a face is covered.")]
 Uncovered = Annotated[
@@ -105,17 +106,17 @@ Readout = Annotated[
 
 
 def live(
-    source: Source = None,
+    input: Input = None,
     camera: Camera = 0,
     identity: Identities = None,
-    person: Person = None,
+    source: Source = None,
     map: Cast = None,
     output: Outputs = None,
     headless: Headless = False,
     size: Size = "1280x720",
     fps: Fps = 30.0,
     loop: Loop = False,
-    enrol: Enrol = False,
+    enroll: Enroll = False,
     mode: Mode = ModeName.swap,
     alpha: Alpha = 0.6,
     cover: Cover = CoverName.mosaic,
@@ -123,8 +124,7 @@ def live(
     mirror: Mirror = None,
     side_by_side: SideBySide = False,
     readout: Readout = False,
-    light: LightChoice = LightName.learned,
-    transfer: TransferChoice = TransferName.full,
+    look: LookChoice = LookName.swap,
     eyes: EyesChoice = OwnerName.donor,
     mouth: MouthChoice = OwnerName.source,
     renderer: RendererChoice = RendererName.auto,
@@ -142,20 +142,20 @@ def live(
     from guise.app.media import EncodeOptions
     from guise.app.swapping.options import EngineOptions
 
-    if _is_for_studio(output, alone=not (source or identity or person)):
+    if _is_for_studio(output, alone=not (input or identity or source)):
         return studio(quiet=quiet, json=json)
-    cast = _cast(map, alone=not (identity or person or enrol or mode is ModeName.puppet))
+    cast = _cast(map, alone=not (identity or source or enroll or mode is ModeName.puppet))
     console = Console(quiet=quiet, json=json)
     settings = LiveSettings(
-        alpha=alpha, mode=mode.value, mirror=source is None if mirror is None else mirror,
+        alpha=alpha, mode=mode.value, mirror=input is None if mirror is None else mirror,
         side_by_side=side_by_side, readout=readout, style=cover.value, uncovered=uncovered,
     )  # fmt: skip
     options = LiveOptions(
-        source, camera, tuple(identity or ()), person, tuple(output or (() if headless else ("window",))), headless,
-        _size(size), fps, loop, enrol, settings,
+        input, camera, tuple(identity or ()), source, tuple(output or (() if headless else ("window",))), headless,
+        _size(size), fps, loop, enroll, settings,
         EngineOptions(
-            light=light.value, transfer=transfer.value, eyes=eyes.value, mouth=mouth.value,
-            jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value,
+            eyes=eyes.value, mouth=mouth.value, jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value,
+            **drawn_as(look),
         ),
         EncodeOptions(encoder, crf, preset), force, cast=cast,
     )  # fmt: skip
@@ -181,7 +181,7 @@ def _cast(map: list[str] | None, *, alone: bool) -> dict[str, str]:
     cast = faces_by_person(map)
     if cast and not alone:
         raise typer.BadParameter(
-            "--map says who gets which face: leave out --identity, --person, --enrol and puppet"
+            "--map says who gets which face: leave out --identity, --source, --enroll and puppet"
         )
     return cast
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, Json, LandmarkerSpec, Quiet
+from guise.app.cli.options import FACE_HELP, Force, Json, LandmarkerSpec, Quiet
 
 if TYPE_CHECKING:
     from guise.app.measure import MeasureRequest
@@ -40,8 +40,11 @@ Gallery = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Other people: a picture, a video or a folder of them for each."),
 ]
-Donors = Annotated[
-    list[str] | None, typer.Option(metavar="NAME.guise", help="A donor whose face the outputs show.")
+Identities = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--identity", metavar="FACE", help=f"A face that the outputs show: {FACE_HELP}; may be repeated."
+    ),
 ]
 Reports = Annotated[
     list[Path] | None,
@@ -71,7 +74,7 @@ def measure(
     attack: Attack = False,
     recogniser: Recognisers = None,
     gallery: Gallery = None,
-    donor: Donors = None,
+    identity: Identities = None,
     report: Reports = None,
     landmarks: Landmarks = None,
     landmarker: LandmarkerSpec = None,
@@ -91,14 +94,16 @@ def measure(
     if attack:
         from guise.app.measure.attack import AttackRequest
 
-        _refuse_beside_attack(gallery=gallery, donor=donor, report=report, landmarks=landmarks, plot=plot)
+        _refuse_beside_attack(
+            gallery=gallery, identity=identity, report=report, landmarks=landmarks, plot=plot
+        )
         _attack(console, AttackRequest(original, outputs, recogniser or (), landmarker or "builtin"), output)
         return
     if recogniser and len(recogniser) > 1:
         raise typer.BadParameter("several recognisers are compared with --attack only: give one --recogniser")
     request = MeasureRequest(
         original, outputs, landmarker or "builtin", landmarks, recogniser[0] if recogniser else None, gallery,
-        donor or (), report or (),
+        identity or (), report or (),
     )  # fmt: skip
     _measure(console, request, output, plot)
 

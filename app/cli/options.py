@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -47,11 +47,10 @@ class OthersName(StrEnum):
     fictional = "fictional"
 
 
-class LightName(StrEnum):
-    """How the face gets the light of the scene."""
+class LookName(StrEnum):
+    """How the face is drawn."""
 
-    learned = "learned"
-    classical = "classical"
+    swap = "swap"
     paper = "paper"
 
 
@@ -60,13 +59,6 @@ class OwnerName(StrEnum):
 
     donor = "donor"
     source = "source"
-
-
-class TransferName(StrEnum):
-    """How the expression moves the face."""
-
-    full = "full"
-    paper = "paper"
 
 
 class LandmarkFormat(StrEnum):
@@ -82,11 +74,14 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
+FACE_HELP = (
+    "NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, Mei, Walter, Kofi, Elena, Kenji, "
+    "Asha, Omar"
+)
 _IDENTITY = typer.Option(
     "--identity",
     metavar="FACE",
-    help="The face that is shown: NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, "
-    "Mei, Walter, Kofi, Elena, Kenji, Asha, Omar.",
+    help=f"The face that is shown: {FACE_HELP}.",
 )
 FaceSpec = Annotated[str, _IDENTITY]
 Output = Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mp4", help="The file to write.")]
@@ -150,18 +145,12 @@ Alpha = Annotated[
     ),
 ]
 RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Which renderer draws the face.")]
-LightChoice = Annotated[
-    LightName,
+LookChoice = Annotated[
+    LookName,
     typer.Option(
-        "--light",
-        help="Light on the face: by a network; by local means of skin; or smooth, as in the paper, and over hands too.",
-    ),
-]
-TransferChoice = Annotated[
-    TransferName,
-    typer.Option(
-        "--transfer",
-        help="Movement of the face: full is all of the person's; paper is within the identity's own range and --alpha.",
+        "--look",
+        help="How the face is drawn: swap, as well as Guise can; or paper, by the papers' plain formulas, for "
+        "comparison, and over hands, too.",
     ),
 ]
 Rest = Annotated[
@@ -248,6 +237,11 @@ BoxDetectorSpec = Annotated[
         "--detector", metavar="lbp|yunet:PATH", help="Face detector; default: the landmarker's own."
     ),
 ]
+
+
+def drawn_as(look: LookName) -> dict[str, Any]:
+    """The values of `EngineOptions` by which a look is drawn."""
+    return {"light": "paper", "transfer": "paper"} if look is LookName.paper else {}
 
 
 def faces_by_person(pairs: list[str] | None) -> dict[str, str]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, Json, Quiet
+from guise.app.cli.options import FACE_HELP, Force, Json, Quiet
 from guise.app.cli.video import say_report
 
 Samples = Annotated[
@@ -59,13 +59,15 @@ def bench(
         typer.Argument(metavar="[VIDEO]", help="The clip to measure with; default: a sample clip."),
     ] = None,
     source: Annotated[
-        Path | None,
-        typer.Option(metavar="SRC.guise", help="Model of the person in VIDEO; default: they are enrolled."),
+        str | None,
+        typer.Option(
+            metavar="SRC", help="Model of the person in VIDEO, a file or a name; default: they are enrolled."
+        ),
     ] = None,
     identity: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            metavar="NAME.guise", help="Model of the face that is shown; default: the same person's."
+            metavar="FACE", help=f"The face that is shown: {FACE_HELP}; default: the same person's."
         ),
     ] = None,
     samples: Samples = None,

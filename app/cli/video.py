@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -23,8 +23,8 @@ from guise.app.cli.options import (
     Json,
     LandmarkerSpec,
     LandmarkFile,
-    LightChoice,
-    LightName,
+    LookChoice,
+    LookName,
     Lossless,
     MouthChoice,
     NoKeep,
@@ -40,11 +40,10 @@ from guise.app.cli.options import (
     RendererName,
     Rest,
     SourceSpec,
-    TransferChoice,
-    TransferName,
     UnsureName,
     UnsureOption,
     Video,
+    drawn_as,
     faces_by_person,
     landmark_source,
 )
@@ -66,8 +65,7 @@ def swap(
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
-    light: LightChoice = LightName.learned,
-    transfer: TransferChoice = TransferName.full,
+    look: LookChoice = LookName.swap,
     eyes: EyesChoice = OwnerName.source,
     mouth: MouthChoice = OwnerName.source,
     outline: Outline = 0.0,
@@ -91,7 +89,7 @@ def swap(
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
-            console, stages, alpha, light, transfer, renderer, detector, encoder, crf, preset, lossless, force
+            console, stages, alpha, drawn_as(look), renderer, detector, encoder, crf, preset, lossless, force
         )
         settings = replace(
             settings,
@@ -159,7 +157,7 @@ def puppet(
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
     alpha: Alpha = 0.6,
-    light: LightChoice = LightName.learned,
+    look: LookChoice = LookName.swap,
     renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     encoder: Encoder = "libx264",
@@ -175,10 +173,11 @@ def puppet(
     from guise.app.swapping.puppet import puppet_file
 
     console = Console(quiet=quiet, json=json)
+    drawn = drawn_as(look) | {"transfer": "paper"}
     with Stages(console) as stages:
         settings = _settings(
-            console, stages, alpha, light, TransferName.paper, renderer, detector, encoder, crf, preset, lossless, force
-        )  # fmt: skip
+            console, stages, alpha, drawn, renderer, detector, encoder, crf, preset, lossless, force
+        )
         settings = replace(settings, keep_people=not no_keep)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
@@ -186,7 +185,7 @@ def puppet(
 
 
 def _settings(
-    console: Console, stages: Stages, alpha: float, light: LightName, transfer: TransferName, renderer: RendererName,
+    console: Console, stages: Stages, alpha: float, drawn: dict[str, Any], renderer: RendererName,
     detector: str, encoder: str, crf: int | None, preset: str, lossless: bool, force: bool,
 ) -> SwapSettings:  # fmt: skip
     from guise.app.media import EncodeOptions
@@ -194,7 +193,7 @@ def _settings(
     from guise.app.swapping.report import SwapSettings
 
     return SwapSettings(
-        EngineOptions(alpha=alpha, light=light.value, transfer=transfer.value, renderer=renderer.value),
+        EngineOptions(alpha=alpha, renderer=renderer.value, **drawn),
         EncodeOptions(encoder, crf, preset, lossless),
         detector=detector, force=force, progress=stages, say=console.note,
     )  # fmt: skip

@@ -191,7 +191,7 @@ class CameraCapture(ReconnectingCapture[cv2.VideoCapture]):
         if device is None:
             raise MediaError(
                 f"camera {index} cannot be opened: connect it, allow access to it, choose another with --camera, "
-                "or use --source FILE"
+                "or use --input FILE"
             )
         super().__init__(device, say)
         self.width = int(device.get(cv2.CAP_PROP_FRAME_WIDTH))

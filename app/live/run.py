@@ -46,7 +46,7 @@ class LiveOptions:
     input : a file or the address of a stream; None for the camera.
     camera : its number.
     identities : the faces, as for `open_face`; none: those of the gallery.
-    person : the person at the camera, likewise, or None.
+    source : the person in the picture, likewise, or None.
     cast : instead of both, the face of each of several people, by their models; everybody else is covered.
     outputs : "window", "virtualcam" or files.
     headless : without a window, every frame of a file, as fast as possible.
@@ -58,7 +58,7 @@ class LiveOptions:
     input: str | None = None
     camera: int = 0
     identities: Sequence[str] = ()
-    person: str | None = None
+    source: str | None = None
     outputs: Sequence[str] = (WINDOW,)
     headless: bool = False
     size: tuple[int, int] = (1280, 720)
@@ -222,7 +222,7 @@ def _check(options: LiveOptions) -> None:
     files = [name for name in options.outputs if name not in (WINDOW, VIRTUAL_CAMERA)]
     if options.headless and (options.input is None or not files or len(files) < len(options.outputs)):
         raise OutputError(
-            "--headless needs --source FILE and writes only files: add --output OUT.mp4, and no window"
+            "--headless needs --input FILE and writes only files: add --output OUT.mp4, and no window"
         )
     if options.headless and options.loop:
         raise OutputError("--headless ends with the file: leave out --loop")
@@ -273,8 +273,8 @@ def _person(
     options: LiveOptions, capture: Capture, like: Identity, progress: Progress, say: Say
 ) -> Identity | None:
     """The model of the person in the picture: given, cached or made from the file; None: to be enrolled on screen."""
-    if options.person is not None:
-        return open_face(options.person)
+    if options.source is not None:
+        return open_face(options.source)
     if isinstance(capture, FileCapture):
         settings = SwapSettings(keep_people=True, progress=progress, say=say)
         return source_person(capture.media, LandmarkSource(), like, settings, anew=options.enrol)
@@ -285,5 +285,5 @@ def _person(
 def _keep(camera: str, made: Identity, say: Say) -> None:
     say(
         f"your model, biometric data, is kept in {kept.keep(camera, made)}: guise people delete removes it, "
-        "--enrol makes a new one"
+        "--enroll makes a new one"
     )

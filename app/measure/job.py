@@ -49,7 +49,7 @@ from guise.app.measure.privacy import Scores, accepted, equal_error_rate, rank, 
 from guise.app.measure.reported import ReportedFaces, read_report
 from guise.app.media import open_input
 from guise.app.people.recogniser import Recogniser
-from guise.app.swapping.donors import open_donor
+from guise.app.swapping.donors import open_face
 from guise.common.arrays import F32, F64
 from guise.common.progress import NoteLog, Progress, Say, mute, silent
 from guise.common.threads import one_thread
@@ -65,7 +65,8 @@ class MeasureRequest:
     landmarker : spec of the landmarker, "builtin" by default.
     landmarks : file with those of the original, instead of the landmarker's.
     recogniser : TOML card of a face recogniser; without one only utility is measured.
-    gallery : folder of other people.   donors : specs.   reports : of outputs, by `guise deidentify`.
+    gallery : folder of other people.   donors : faces that the outputs show.
+    reports : of outputs, by `guise deidentify`.
     """
 
     original: Path
@@ -89,7 +90,7 @@ def measure(request: MeasureRequest, *, progress: Progress = silent, say: Say = 
     recogniser = Recogniser(request.recogniser) if request.recogniser else None
     if recogniser is None and (request.gallery or request.donors):
         raise MeasureError(
-            "--gallery and --donor are compared by a face recogniser: give one with --recogniser"
+            "--gallery and --identity are compared by a face recogniser: give one with --recogniser"
         )
     landmarker = open_landmarker(request.landmarker)
     reports = _reports(request)
@@ -406,7 +407,7 @@ def _donors(
     specs = dict.fromkeys([*request.donors, *(d for report in reports.values() for d in report.donors)])
     known = []
     for spec in specs:
-        still = open_donor(spec).rest_frame
+        still = open_face(spec).rest_frame
         vector = recogniser(still.picture, still.shape)
         if vector is None:
             say(f"the recogniser gives no embedding of the donor {spec}")

@@ -28,6 +28,7 @@ from guise.aam.tracker import FEATURE_RESOLUTION, Fit
 from guise.analogy.photo import PhotoError
 from guise.app.media import Frame, NullSink, open_input, process
 from guise.app.photos.faces import PHOTO_LIMITS, head_angles
+from guise.app.swapping.donors import open_face
 from guise.common.arrays import F64, U8, Bool
 from guise.common.progress import Progress, Say
 
@@ -42,12 +43,12 @@ class TrackingOptions:
 
     Parameters
     ----------
-    model : of that person, whose tracker is used, or None for a landmarker.
+    source : that person, as for `open_face`, whose model's tracker is used, or None for a landmarker.
     landmarker : see `guise.aam.landmarks.open_landmarker`; finds the face, and tracks it if there is no model.
     landmarks : a file of landmarks of the clip, instead of both.
     """
 
-    model: Path | None = None
+    source: str | None = None
     landmarker: str = "builtin"
     landmarks: Path | None = None
 
@@ -147,7 +148,7 @@ class _ModelTracker:
 
 def _track(clip: Path, tracking: TrackingOptions, progress: Progress, say: Say) -> F64:
     landmarker = open_landmarker(tracking.landmarker)
-    model = None if tracking.model is None else Identity.load(tracking.model)
+    model = None if tracking.source is None else open_face(tracking.source)
     step = _LandmarkerTracker(landmarker, say) if model is None else _ModelTracker(model, landmarker)
     rows: list[F64] = []
 

@@ -14,7 +14,7 @@ import json
 import os
 import secrets
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from importlib import resources
@@ -71,13 +71,17 @@ def open_donor(spec: str) -> Identity:
     if spec.startswith(MEAN_PREFIX):
         return average([open_donor(part) for part in parts(spec)], spec)
     if (id := fictional(spec)) is not None:
-        with resources.as_file(resources.files("guise.app").joinpath("gallery", id + MODEL_SUFFIX)) as path:
+        with _gallery_file(id) as path:
             return replace(Identity.load(path), name=FIRST_NAMES[id])
     if not spec.endswith(MODEL_SUFFIX):
         raise DonorError(
             f"there is no donor {spec}; use NAME.guise, or one of {', '.join(FIRST_NAMES.values())}"
         )
     return Identity.load(spec)
+
+
+def _gallery_file(id: str) -> AbstractContextManager[Path]:
+    return resources.as_file(resources.files("guise.app").joinpath("gallery", id + MODEL_SUFFIX))
 
 
 def fictional(spec: str) -> str | None:
@@ -99,32 +103,56 @@ def titled(spec: str) -> str:
     return names[0] if len(names) == 1 else f"the average of {', '.join(names[:-1])} and {names[-1]}"
 
 
-def open_face(spec: str) -> Identity:
-    """The model that a user names: a donor's spec as for `open_donor`, or the name of somebody who is kept.
-
-    Somebody who is kept comes before a fictional person of the same first name.
+def open_face(face: str) -> Identity:
+    """The model of the face that a user names, see `face_spec`.
 
     Raises
     ------
     DonorError, ModelError
         When there is none, or its file cannot be used.
     """
-    path = Path(spec)
-    if spec.startswith(MEAN_PREFIX) or path.suffix == MODEL_SUFFIX:
-        return open_donor(spec)
+    spec = face_spec(face)
+    kept = spec != face and spec.endswith(MODEL_SUFFIX)
+    return Identity.load(spec) if kept else open_donor(spec)
+
+
+def face_spec(face: str) -> str:
+    """The donor's spec, as for `open_donor`, of a face that a user names: a spec, or the name of somebody who is kept.
+
+    Somebody who is kept comes before a fictional person of the same first name.
+
+    Raises
+    ------
+    DonorError
+        When there is none.
+    """
+    path = Path(face)
+    if face.startswith(MEAN_PREFIX) or path.suffix == MODEL_SUFFIX:
+        return face
     if path.is_file():
         raise DonorError(
-            f"{spec} is not a model of a face: make one from it with: guise enroll {spec} -o {path.stem}{MODEL_SUFFIX}"
+            f"{face} is not a model of a face: make one from it with: guise enroll {face} -o {path.stem}{MODEL_SUFFIX}"
         )
-    people = {} if spec in gallery() else {person.name: person.path for person in everybody()}
-    if spec in people:
-        return Identity.load(people[spec])
-    if fictional(spec) is None:
+    people = {} if face in gallery() else {person.name: person.path for person in everybody()}
+    if face in people:
+        return str(people[face])
+    if (id := fictional(face)) is None:
         raise DonorError(
-            f"there is no face {spec}: give NAME{MODEL_SUFFIX}, or one of "
+            f"there is no face {face}: give NAME{MODEL_SUFFIX}, or one of "
             f"{', '.join([*FIRST_NAMES.values(), *people])}"
         )
-    return open_donor(spec)
+    return id
+
+
+@contextmanager
+def face_file(face: str) -> Iterator[Path]:
+    """The model file of the face that a user names, as for `face_spec`, within a `with` block."""
+    spec = face_spec(face)
+    if (id := fictional(spec)) is None:
+        yield Path(spec)
+        return
+    with _gallery_file(id) as path:
+        yield path
 
 
 def parts(spec: str) -> list[str]:
@@ -218,10 +246,11 @@ def _shared(donor: str, names: Sequence[str], seed: int) -> str | None:
 
 
 def _names(own: Sequence[Path]) -> tuple[str, ...]:
-    wrong = [path for path in own if path.suffix != MODEL_SUFFIX]
+    wrong = [path for path in own if path.suffix != MODEL_SUFFIX and fictional(str(path)) is None]
     if wrong:
         raise DonorError(
-            f"a donor is a file NAME{MODEL_SUFFIX}, got {wrong[0]}; make one with: guise enroll VIDEO"
+            f"a donor is a file NAME{MODEL_SUFFIX} or a fictional face, got {wrong[0]}; make one with: "
+            "guise enroll VIDEO"
         )
     return tuple(dict.fromkeys(map(str, own))) or gallery()
 

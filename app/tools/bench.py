@@ -87,12 +87,13 @@ class _TimedPainter(Painter):
 
 
 def prepare(
-    clip: Path | None, source: Path | None, identity: Path | None, samples: Path | None,
+    clip: Path | None, source: str | None, identity: str | None, samples: Path | None,
     *, progress: Progress = silent, say: Say = mute,
 ) -> tuple[Path, Identity, Identity]:  # fmt: skip
     """Clip, person in it, and identity; default: a sample clip, the person enrolled from it, and the same person."""
     from guise.app.enrolment.enrol import enrol
     from guise.app.enrolment.landmark_source import LandmarkSource
+    from guise.app.swapping.donors import open_face
     from guise.app.tools.demo import HEAD, find_samples
 
     training_clip = clip
@@ -101,14 +102,15 @@ def prepare(
         clip, training_clip = folder / "talk2.mp4", folder / "talk.mp4"
     assert training_clip is not None
     if source is not None:
-        person = Identity.load(source)
+        person = open_face(source)
     else:
         say(f"enrolling the person in {training_clip.name}")
         options = TrainingOptions(frames=ENROLMENT_FRAMES)
         person = enrol(
             [training_clip], LandmarkSource(), name="bench", options=options, progress=progress, say=say
         )
-    return clip, person, Identity.load(identity) if identity is not None else person
+    shown = person if identity is None else open_face(identity)
+    return clip, person.at_resolution(shown.reference.resolution), shown
 
 
 def measure(

@@ -105,7 +105,7 @@ def attacked(options: argparse.Namespace, work: Path) -> AttackResult:
         outputs.append(
             work / f"{setting.replace(':', '')}{options.tilt:g}{options.region.replace('face', '')}"
         )
-        more = ("--recursive", "--resume", "--donors", setting, "--region", options.region)
+        more = ("--recursive", "--resume", "--identity", setting, "--region", options.region)
         more += ("--preset", "ultrafast", "--crf", "14")
         done(guise_command(originals, outputs[-1], *more))
         common.say(f"{setting}: de-identified")

@@ -1,6 +1,6 @@
 """Leaked frames of `guise live`: true faces in the hard synthetic clips that are neither swapped nor covered.
 
-The person is enrolled from the clip itself, as the command does with --source.  Every frame is processed, and then
+The person is enrolled from the clip itself, as the command does with --input.  Every frame is processed, and then
 only every third, as on a slow computer.  Leaked is a cover that doesn't hold all that can be seen, as
 `benchmarks.deidentify.changes` says, and a swap of which too little was changed; it fades out within the face's rim.
 """

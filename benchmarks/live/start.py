@@ -64,7 +64,7 @@ def measure(options: argparse.Namespace) -> Report:
         }
         for turn in range(2 if options.quick else ROUNDS + 1):
             for way, more in ways.items():
-                seconds = first_swap(["--quiet", "--source", CLIP, *more], folder / "cache")
+                seconds = first_swap(["--quiet", "--input", CLIP, *more], folder / "cache")
                 common.say(f"round {turn}, {way}: {seconds:.2f} s")
                 if turn > 0:
                     taken[way].append(seconds)

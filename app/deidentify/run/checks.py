@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,17 @@ from guise.aam.landmarks import open_detector
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.media.encoder import encoder_settings, find_encoder
 from guise.app.media.provenance import check_signing
-from guise.app.swapping.donors import MEAN_PREFIX, MODEL_SUFFIX, KeyFile, assign, fictional, open_donor, parts
+from guise.app.swapping.donors import (
+    AVERAGE_PREFIX,
+    MEAN_PREFIX,
+    MODEL_SUFFIX,
+    SAME,
+    KeyFile,
+    assign,
+    face_spec,
+    open_donor,
+    parts,
+)
 from guise.render import GLMissing, RendererError, probe_gl
 
 
@@ -28,13 +38,16 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
     encoder_settings(options.encode)
     if options.renderer == "gl" and isinstance(found := probe_gl(), GLMissing):
         raise RendererError(found.reason)
+    named = tuple(Path(face_spec(str(face))) for face in options.gallery)
+    options = replace(options, gallery=named, donor=_each_part(options.donor, face_spec))
     chosen = assign([0], options.donor, own=options.gallery, seed=options.seed, salt="")[0]
     for donor in {*parts(chosen), *map(str, options.gallery)}:
         open_donor(donor)
     options = replace(
-        options, gallery=tuple(path.absolute() for path in options.gallery), donor=_absolute(options.donor),
-        keyfile=_key_file(options.keyfile), certificate=_existing(options.certificate, "certificate"),
-        key=_existing(options.key, "key"), detector=_detector(options.detector),
+        options, gallery=tuple(Path(_absolute(str(spec))) for spec in options.gallery),
+        donor=_each_part(options.donor, _absolute), keyfile=_key_file(options.keyfile),
+        certificate=_existing(options.certificate, "certificate"), key=_existing(options.key, "key"),
+        detector=_detector(options.detector),
     )  # fmt: skip
     if options.certificate and options.key:
         for output in {output.suffix: output for output in outputs}.values():
@@ -42,13 +55,16 @@ def checked(options: DeidentifyOptions, outputs: Iterable[Path]) -> DeidentifyOp
     return options
 
 
-def _absolute(donor: str) -> str:
-    """The spec of a donor with absolute paths in it, and without first names."""
-    found = [
-        fictional(part) or (str(Path(part).absolute()) if part.endswith(MODEL_SUFFIX) else part)
-        for part in parts(donor)
-    ]
-    return MEAN_PREFIX * donor.startswith(MEAN_PREFIX) + "+".join(found)
+def _each_part(donor: str, change: Callable[[str], str]) -> str:
+    """A donor with each of its specs changed; "auto" and the like, which name nobody, stay as they are."""
+    if donor in ("auto", SAME) or donor.startswith(AVERAGE_PREFIX) or parts(donor)[0].isdigit():
+        return donor
+    return MEAN_PREFIX * donor.startswith(MEAN_PREFIX) + "+".join(map(change, parts(donor)))
+
+
+def _absolute(spec: str) -> str:
+    """A spec with an absolute path."""
+    return str(Path(spec).absolute()) if spec.endswith(MODEL_SUFFIX) else spec
 
 
 def _detector(spec: str | None) -> str | None:
