@@ -1,5 +1,6 @@
 """One session: faces are drawn, a lost one is covered where it is or was, covers lie on top."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -204,3 +205,14 @@ def test_a_face_that_cannot_be_swapped_is_covered_and_who_is_absent_is_forgotten
     assert np.ptp(frame.rgb()[55:80, 65:90].reshape(-1, 3), axis=0).max() == 0
     session.treat(noise(), [], {})
     assert engine.absent == 2
+
+
+def test_who_may_be_left_is_never_covered() -> None:
+    engine = Engine()
+    session = SwapSession(lambda _: engine, "solid")  # type: ignore[arg-type,return-value]
+    one = replace(treatment(1, SWAPPED), otherwise=LEFT)
+    engine.doubt = 1.0
+    for given, outcome in ((fit(), "swapped"), (LOST, "left")):
+        frame = noise()
+        assert [row.outcome for row in session.treat(frame, [one], {1: given})] == [outcome]
+        np.testing.assert_array_equal(frame.rgb(), noise().rgb())

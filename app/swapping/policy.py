@@ -134,13 +134,22 @@ class FacePlace:
 
 @dataclass(frozen=True, eq=False)
 class FaceTreatment:
-    """What is to be done with a face in a frame: whose it is or NOBODY, code, box (4,), growth of a cover, turn."""
+    """What is to be done with a face in a frame.
+
+    Parameters
+    ----------
+    who : whose it is, or NOBODY.
+    done : index into DONE.
+    box, turn : (4,) and radians, of the face.   growth : of its cover.
+    otherwise : COVERED or LEFT, what is done where a swap is not possible after all.
+    """
 
     who: int
     done: int
     box: F32
     growth: float
     turn: float = 0.0
+    otherwise: int = COVERED
 
     @property
     def region(self) -> F64:

@@ -19,7 +19,7 @@ from guise.aam.tracker import Fit
 from guise.app.media import Frame
 from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.engine import Engine
-from guise.app.swapping.policy import COVERED, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
+from guise.app.swapping.policy import COVERED, DONE, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
 from guise.common.arrays import F64
 from guise.common.closing import Closing
 
@@ -78,10 +78,13 @@ class SwapSession(Closing):
         """The engines of all who were drawn and not released."""
         return self._engines
 
-    def swap(self, frame: Frame, who: int, fit: Fit | Failed) -> FaceRow:
-        """Draw somebody's face, in place, where it was tracked; a cover comes in over a head that turns too far."""
+    def swap(self, frame: Frame, who: int, fit: Fit | Failed, *, fades: bool = True) -> FaceRow:
+        """Draw somebody's face, in place, where it was tracked.
+
+        fades : let a cover come in over a head that turns too far.
+        """
         result = self.engine(who).swap_tracked(frame, fit)
-        if result.mesh is not None and result.doubt > 0 and self._style is not None:
+        if result.mesh is not None and result.doubt > 0 and self._style is not None and fades:
             cover(frame, FacePlace.of(result.mesh).region(), self._style, result.doubt)
         return FaceRow(who, result.outcome, result.mesh)
 
@@ -103,31 +106,33 @@ class SwapSession(Closing):
         self, frame: Frame, treatments: Sequence[FaceTreatment], fits: Mapping[int, Fit | Failed],
         after: AfterSwap | None = None,
     ) -> list[FaceRow]:  # fmt: skip
-        """Do what is planned, in place; a face that cannot be swapped is covered.
+        """Do what is planned, in place; a face that cannot be swapped is covered, or left if it may be.
 
         Smaller faces are drawn before larger ones, and covers lie over all of them.
 
         fits : by person, where the faces are that are swapped.   after : called after each swap.
         """
-        rows, hidden = [], [one for one in treatments if one.done == COVERED]
+        rows, rest = [], [one for one in treatments if one.done != SWAPPED]
         swaps = sorted(
             (one for one in treatments if one.done == SWAPPED), key=lambda one: one.box[2] - one.box[0]
         )
         for who in self._engines.keys() - {one.who for one in swaps}:
             self._engines[who].swap_tracked(frame, ABSENT)
         for one in swaps:
-            row = self.swap(frame, one.who, fits.get(one.who, ABSENT))
+            fit = fits.get(one.who, ABSENT)
+            row = self.swap(frame, one.who, fit, fades=one.otherwise == COVERED)
             if row.mesh is None:
-                hidden.append(one)
+                rest.append(replace(one, done=one.otherwise))
                 continue
             rows.append(row)
             if after is not None:
                 after(self.engine(one.who), row)
-        for one in hidden:
-            assert self._style is not None
-            cover(frame, one.region, self._style)
-            rows.append(FaceRow(one.who, "covered"))
-        return rows + [FaceRow(one.who, "left") for one in treatments if one.done not in (SWAPPED, COVERED)]
+        for one in rest:
+            if one.done == COVERED:
+                assert self._style is not None
+                cover(frame, one.region, self._style)
+            rows.append(FaceRow(one.who, DONE[one.done]))
+        return rows
 
     def release(self, who: int) -> None:
         """Let go of somebody's engine, 40 MB or more: many come and go in a street."""

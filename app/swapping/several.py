@@ -324,7 +324,7 @@ def _plan(
             _add_sight(plan, found, role, rows, rate, margins=private)
         if role.action == "swap" and settings.unsure == "leave" and not private:
             _leave_unsure(plan, role.person.number)
-    _add_unknown(plan, found, roles, casting, settings, rate)
+    _add_unknown(plan, found, casting, settings, rate)
     return plan
 
 
@@ -366,13 +366,16 @@ def _leave_unsure(plan: _Plan, number: int) -> None:
     """Leave a person where they would be covered."""
     for frame, entries in plan.treatments.items():
         plan.treatments[frame] = [
-            replace(one, done=LEFT) if one.who == number and one.done == COVERED else one for one in entries
+            replace(one, done=LEFT if one.done == COVERED else one.done, otherwise=LEFT)
+            if one.who == number
+            else one
+            for one in entries
         ]
 
 
 def _add_unknown(
-    plan: _Plan, found: VideoPeople, roles: Sequence[_Role], casting: Casting, settings: SwapSettings, rate: float
-) -> None:  # fmt: skip
+    plan: _Plan, found: VideoPeople, casting: Casting, settings: SwapSettings, rate: float
+) -> None:
     """Cover the faces that are nobody's for certain, unless all of them may be left."""
     if casting.others == "leave" and settings.unsure == "leave":
         return
@@ -382,8 +385,10 @@ def _add_unknown(
         faces = faces.spread(total=found.count, rate=rate, cuts=found.cuts)
     for frame, box, turn in zip(faces.frames.tolist(), faces.boxes, faces.turns.tolist(), strict=True):
         unknown = FaceTreatment(NOBODY, COVERED, box, 1.0, float(turn))
-        near = any(_overlap(unknown, one) for one in plan.treatments[frame] if one.who != NOBODY)
-        if casting.others != "leave" or near:  # it may be somebody who is to be swapped
+        known = (one for one in plan.treatments[frame] if one.who != NOBODY)
+        if casting.others != "leave" or any(
+            _overlap(unknown, one) for one in known
+        ):  # it may be one of these
             plan.treatments[frame].append(unknown)
 
 
