@@ -8,7 +8,8 @@ import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from guise.common.errors import OutputError
 
@@ -98,19 +99,22 @@ def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = Tr
     write_whole(path, write)
 
 
-class PartFile:
-    """NAME.part of an output that grows while others must not write it: a file, or a folder of files.
+class WholeOutput:
+    """An output that grows as NAME.part, which others must not write, and has its name only when it is complete.
+
+    By `with` it is completed, or on an exception removed.
 
     Parameters
     ----------
-    target : the name that the output gets when it is complete.
-    force : take over what another run left under the name NAME.part.
+    path : the name that it gets.   part : NAME.part.
+    force : replace an existing one, and take over what another run left under the name NAME.part.
     folder : whether it is a folder of files.
     """
 
-    def __init__(self, target: Path, *, force: bool = False, folder: bool = False) -> None:
-        self.target, self.path = target, part_of(target)
+    def __init__(self, path: Path, *, force: bool = False, folder: bool = False) -> None:
+        self.path, self.part = path, part_of(path)
         self._force, self._folder = force, folder
+        self._closed = False
 
     def claim(self) -> None:
         """Create an empty NAME.part; OutputError when there is one, which another run may be writing."""
@@ -118,27 +122,50 @@ class PartFile:
             self._create()
         except FileExistsError as error:
             raise OutputError(
-                f"{self.path} exists, from another run or one that was killed: delete it or use --force"
+                f"{self.part} exists, from another run or one that was killed: delete it or use --force"
             ) from error
 
     def _create(self) -> None:
         if not self._folder:
-            with self.path.open("wb" if self._force else "xb"):
+            with self.part.open("wb" if self._force else "xb"):
                 return
-        if self._force and self.path.is_dir():
-            shutil.rmtree(self.path)
-        self.path.mkdir()
+        if self._force and self.part.is_dir():
+            shutil.rmtree(self.part)
+        self.part.mkdir()
 
     def publish(self) -> None:
         """Give NAME.part its final name, in place of what had that name."""
-        self.path.replace(self.target)
+        self.part.replace(self.path)
 
     def discard(self) -> None:
         """Remove NAME.part, if it is still there."""
         if self._folder:
-            shutil.rmtree(self.path, ignore_errors=True)
+            shutil.rmtree(self.part, ignore_errors=True)
         else:
-            self.path.unlink(missing_ok=True)
+            self.part.unlink(missing_ok=True)
+
+    def complete(self) -> None:
+        """Finish NAME.part and rename it."""
+        self.publish()
+
+    def abort(self) -> None:
+        """Remove what was written, unless the output is complete."""
+        if not self._closed:
+            self._closed = True
+            self.discard()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None and not self._closed:
+                self.complete()
+                self._closed = True
+        finally:
+            self.abort()
 
 
 def natural_key(name: str) -> tuple[list[tuple[int, str]], str]:

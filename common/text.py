@@ -10,6 +10,15 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def counted(number: int, word: str) -> str:
+    """A number of things, in words.
+
+    >>> counted(1, "face"), counted(1200, "frame")
+    ('1 face', '1,200 frames')
+    """
+    return f"{number:,} {word}{'' if number == 1 else 's'}"
+
+
 def first_line(error: BaseException) -> str:
     """First line of an error's text, or its kind when it says nothing.
 

@@ -270,7 +270,7 @@ def deidentify(
     from guise.app.deidentify.run.checks import checked
     from guise.app.deidentify.run.inputs import make_plan, require_possible
     from guise.app.deidentify.run.registry import open_engine
-    from guise.app.media.containers import suffix_for
+    from guise.app.media.stream_copies import suffix_for
 
     if donor is not None:
         warnings.warn("donor is now identity", DeprecationWarning, stacklevel=2)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from guise.common.errors import OutputError
-from guise.common.files import PartFile, natural_key, part_of, write_json, write_whole
+from guise.common.files import WholeOutput, natural_key, part_of, write_json, write_whole
 
 
 @pytest.mark.parametrize("content", [b"\xc3\xa9", "é", lambda part: part.write_bytes(b"\xc3\xa9")])
@@ -39,28 +39,42 @@ def test_a_report_that_json_cannot_hold_is_not_written(tmp_path: Path) -> None:
 
 
 def test_a_part_is_claimed_once(tmp_path: Path) -> None:
-    mine = PartFile(tmp_path / "out.mp4")
+    mine = WholeOutput(tmp_path / "out.mp4")
     mine.claim()
     with pytest.raises(OutputError, match=r"out\.mp4\.part exists, from another run .* --force$"):
-        PartFile(tmp_path / "out.mp4").claim()
-    PartFile(tmp_path / "out.mp4", force=True).claim()
-    mine.path.write_bytes(b"whole")
+        WholeOutput(tmp_path / "out.mp4").claim()
+    WholeOutput(tmp_path / "out.mp4", force=True).claim()
+    mine.part.write_bytes(b"whole")
     mine.publish()
     mine.discard()
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == {"out.mp4": b"whole"}
 
 
 def test_a_folder_is_claimed_once_and_removed_with_what_is_in_it(tmp_path: Path) -> None:
-    mine = PartFile(tmp_path / "out", folder=True)
+    mine = WholeOutput(tmp_path / "out", folder=True)
     mine.claim()
-    (mine.path / "a.png").write_bytes(b"")
+    (mine.part / "a.png").write_bytes(b"")
     with pytest.raises(OutputError, match=r"out\.part exists"):
-        PartFile(tmp_path / "out", folder=True).claim()
-    taken = PartFile(tmp_path / "out", force=True, folder=True)
+        WholeOutput(tmp_path / "out", folder=True).claim()
+    taken = WholeOutput(tmp_path / "out", force=True, folder=True)
     taken.claim()
-    assert not list(taken.path.iterdir())
+    assert not list(taken.part.iterdir())
     taken.discard()
     assert not list(tmp_path.iterdir())
+
+
+def test_an_output_is_completed_once_or_removed(tmp_path: Path) -> None:
+    with WholeOutput(tmp_path / "a") as output:
+        output.claim()
+    output.abort()
+    assert (tmp_path / "a").exists()
+    broken = WholeOutput(tmp_path / "b")
+    broken.claim()
+    broken.__exit__(KeyError, KeyError(), None)
+    with WholeOutput(tmp_path / "c") as output:
+        output.claim()
+        output.abort()
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]
 
 
 @pytest.mark.parametrize(

@@ -283,9 +283,9 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path, clip: Path, monkeypatch: py
     from guise.app.media.sink import Sink
 
     def claim(self: Sink) -> None:
-        self._part.path.symlink_to("/dev/full")
+        self.part.symlink_to("/dev/full")
 
-    monkeypatch.setattr(Sink, "_claim", claim)
+    monkeypatch.setattr(Sink, "claim", claim)
     expect(r"No space left on device", lambda: convert(clip, tmp_path / "out.mp4"), tmp_path)
 
 

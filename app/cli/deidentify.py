@@ -201,7 +201,7 @@ def deidentify(
     from guise.app.deidentify.run.inputs import make_plan, require_possible
     from guise.app.deidentify.run.registry import open_engine
     from guise.app.media import EncodeOptions
-    from guise.app.media.containers import suffix_for
+    from guise.app.media.stream_copies import suffix_for
 
     console = Console(quiet=quiet, json=json)
     certificate, key = c2pa or (None, None)

@@ -33,6 +33,7 @@ from guise.common.arrays import F32, U8
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.report import Report
+from guise.common.text import counted
 from guise.common.threads import one_thread
 
 
@@ -81,11 +82,11 @@ class LandmarkReport(Report):
     def __str__(self) -> str:
         """One line for a person to read."""
         found = (
-            f"{_count(self.faces, 'face')} in {self.with_face} of {_count(self.frames, 'frame')}"
+            f"{counted(self.faces, 'face')} in {self.with_face} of {counted(self.frames, 'frame')}"
             if self.faces
-            else f"no face found in {_count(self.frames, 'frame')}"
+            else f"no face found in {counted(self.frames, 'frame')}"
         )
-        tracks = f", {_count(self.tracks, 'track')}" if self.tracks else ""
+        tracks = f", {counted(self.tracks, 'track')}" if self.tracks else ""
         rate = self.frames / max(self.seconds, 1e-9)
         return f"{self.output}: {found}{tracks}; {self.seconds:.1f} s, {rate:.1f} frames per second"
 
@@ -230,7 +231,3 @@ def _draw(frame: Frame, found: Sequence[TrackedFace]) -> None:
 
 def _moved(face: Face, points: F32) -> Face:
     return replace(face, points=points, box=tight_box(points))
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TextIO
 
 import numpy as np
@@ -27,7 +26,7 @@ from guise.aam.solid_shape import SolidTracker
 from guise.app.media import Frame, MediaInput
 from guise.common.arrays import F64
 from guise.common.errors import OutputError
-from guise.common.files import PartFile, require_free
+from guise.common.files import WholeOutput, require_free
 from guise.common.version import VERSION
 
 SCHEME = "face81"
@@ -87,7 +86,7 @@ class FileHeader:
         }
 
 
-class LandmarkFile:
+class LandmarkFile(WholeOutput):
     """A file of landmarks; by `with` it is complete and renamed, or removed.
 
     Parameters
@@ -100,9 +99,8 @@ class LandmarkFile:
     is_folder = False
 
     def __init__(self, path: Path, header: FileHeader, *, force: bool = False) -> None:
-        self.path, self.header = path, header
-        self._force = force
-        self._part = PartFile(path, force=force, folder=self.is_folder)
+        super().__init__(path, force=force, folder=self.is_folder)
+        self.header = header
 
     def add(self, frame: Frame, found: Sequence[TrackedFace]) -> None:
         """The faces of the next frame."""
@@ -114,16 +112,10 @@ class LandmarkFile:
             self._begin()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        try:
-            if kind is None:
-                self._require_free()
-                with _as_output_error(self.path):
-                    self._finish()
-        finally:
-            self._discard()
+    def complete(self) -> None:
+        self._require_free()
+        with _as_output_error(self.path):
+            self._finish()
 
     def _require_free(self) -> None:
         """OutputError when nothing may be written there."""
@@ -131,14 +123,11 @@ class LandmarkFile:
 
     def _begin(self) -> None:
         """Make NAME.part, which nobody else may be writing."""
-        self._part.claim()
+        self.claim()
 
     def _finish(self) -> None:
         """Complete NAME.part and rename it."""
-        self._part.publish()
-
-    def _discard(self) -> None:
-        self._part.discard()
+        self.publish()
 
 
 class JsonFile(LandmarkFile):
@@ -148,7 +137,7 @@ class JsonFile(LandmarkFile):
 
     def _begin(self) -> None:
         super()._begin()
-        self._text = self._part.path.open("w", encoding="utf-8")
+        self._text = self.part.open("w", encoding="utf-8")
         self._text.write(json.dumps(self.header.as_json())[:-1] + ', "frames": [')
         self._count = 0
 
@@ -170,10 +159,10 @@ class JsonFile(LandmarkFile):
         self._text.close()
         super()._finish()
 
-    def _discard(self) -> None:
+    def discard(self) -> None:
         with contextlib.suppress(AttributeError, OSError):
             self._text.close()
-        super()._discard()
+        super().discard()
 
 
 class NpzFile(LandmarkFile):
@@ -187,7 +176,7 @@ class NpzFile(LandmarkFile):
         self._rows.append((frame.pts, (frame.width, frame.height), list(found)))
 
     def _finish(self) -> None:
-        with self._part.path.open("wb") as file:
+        with self.part.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **self._arrays())
         super()._finish()
 
@@ -234,7 +223,7 @@ class PtsFolder(LandmarkFile):
         return f"{frame.index:06d}" if frame.name is None else Path(frame.name).stem
 
     def _write(self, name: str, points: NDArray[np.float32]) -> None:
-        file = self._part.path / f"{name}.pts"
+        file = self.part / f"{name}.pts"
         try:
             with _as_output_error(self.path), file.open("xb") as opened:
                 opened.write(pts_bytes(points))
@@ -269,11 +258,12 @@ class PtsPicture(PtsFolder):
         require_free(self.path, force=self._force)
 
     def _finish(self) -> None:
-        files = sorted(self._part.path.iterdir())
+        files = sorted(self.part.iterdir())
         for file in files:
             require_free(self.path.with_name(file.name), force=self._force)
         for file in files:
             file.replace(self.path.with_name(file.name))
+        self.discard()
 
 
 def open_landmark_file(

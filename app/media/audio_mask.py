@@ -19,7 +19,7 @@ from av.audio.stream import AudioStream
 from av.container import OutputContainer
 from av.filter import Graph
 
-from guise.app.media.codecs import find_codec
+from guise.app.media.encoder import find_codec
 from guise.app.media.errors import MediaError
 from guise.app.media.reader import AnyPacket, ProblemLog
 from guise.app.media.whisper import Whisper

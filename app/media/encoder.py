@@ -1,4 +1,4 @@
-"""From a user's options to the settings of one encoder."""
+"""Which codecs this PyAV has, and from a user's options to the settings of one encoder."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ import platform
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import av
+from av import library_versions as versions
+from av.codec.codec import UnknownCodecError
 
-from guise.app.media.codecs import find_codec
 from guise.app.media.errors import MediaError
 
 _SUGGESTED = ("libx264", "libx265", "libsvtav1", "libvpx-vp9", "ffv1")
@@ -61,6 +63,20 @@ class EncodeOptions:
         """Whether the crf is to be like the input's, which can be told on the scale of x264."""
         kind = self.encoder.rpartition("_")[2]
         return self.crf is None and not self.lossless and (self.encoder in _X26X or kind in _HARDWARE)
+
+
+def find_codec(name: str, mode: Literal["r", "w"]) -> av.Codec | None:
+    """The decoder ("r") or encoder ("w") of that name, of pictures or sound; None when there is none."""
+    try:
+        return av.Codec(name, mode)
+    except UnknownCodecError:
+        return None
+
+
+def library_versions() -> str:
+    """The versions of PyAV and its libavcodec, for people."""
+    number = ".".join(map(str, versions.get("libavcodec", ())))
+    return f"PyAV {av.__version__}, libavcodec {number}"
 
 
 def find_encoder(name: str) -> av.Codec:

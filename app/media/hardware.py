@@ -13,8 +13,7 @@ import av.error
 from av.codec.context import CodecContext
 from av.video.codeccontext import VideoCodecContext
 
-from guise.app.media.codecs import find_codec
-from guise.app.media.encoder import EncodeOptions
+from guise.app.media.encoder import EncodeOptions, find_codec
 from guise.app.media.errors import reason
 
 HardwareDecoder = Literal["none", "auto", "cuda", "vaapi", "videotoolbox", "d3d11va"]

@@ -65,8 +65,8 @@ class PacketSink(Sink):
         self._last: Fraction | None = None
         self._entries: list[_Entry] = []
         self._indices: dict[int, int] = {}
-        self._claim()
-        self._file = self._part.path.open("wb")
+        self.claim()
+        self._file = self.part.open("wb")
 
     def write(self, frame: Frame) -> None:
         self._last = later_time(frame, self._last)
@@ -89,7 +89,7 @@ class PacketSink(Sink):
         text = json.dumps(self._header()).encode()
         self._file.write(text + len(text).to_bytes(8, "little") + _MAGIC)
         self._file.close()
-        self._publish()
+        self.publish()
 
     def _header(self) -> dict[str, Any]:
         form, context = self._encoding.picture_format, self._context
@@ -105,9 +105,9 @@ class PacketSink(Sink):
             "packets": [[*asdict(entry).values()] for entry in self._entries],
         }
 
-    def _discard(self) -> None:
+    def discard(self) -> None:
         self._file.close()
-        super()._discard()
+        super().discard()
 
 
 def _encoder(encoding: Encoding) -> VideoCodecContext:

@@ -11,8 +11,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
-from types import MappingProxyType, TracebackType
-from typing import Self
+from types import MappingProxyType
 
 import av
 import av.error
@@ -34,7 +33,7 @@ from guise.app.media.stream_copies import (
     muxer_options,
 )
 from guise.common.errors import OutputError
-from guise.common.files import PartFile
+from guise.common.files import WholeOutput
 
 __all__ = ["EncodeOptions", "Sink", "open_sink"]
 
@@ -42,7 +41,7 @@ _NO_TAGS: Mapping[str, str] = MappingProxyType({})
 _DEFAULTS = EncodeOptions()
 
 
-class Sink:
+class Sink(WholeOutput):
     """An output that exists under its name only when it is complete.
 
     Use by `with`: a clean exit finishes and renames, an exception removes NAME.part.
@@ -52,13 +51,7 @@ class Sink:
 
     needs_frames = True
     first_packet: float | None = None
-
-    def __init__(self, path: Path, *, force: bool, folder: bool = False) -> None:
-        self.path = path
-        self.frames = 0
-        self._force = force
-        self._part = PartFile(path, force=force, folder=folder)
-        self._closed = False
+    frames = 0
 
     def write(self, frame: Frame) -> None:
         """Write one frame; its time must be later than the last one's."""
@@ -68,36 +61,15 @@ class Sink:
         """Complete NAME.part and rename it."""
         raise NotImplementedError
 
-    def _discard(self) -> None:
-        """Remove NAME.part."""
-        self._part.discard()
+    def complete(self) -> None:
+        if self.needs_frames and self.frames == 0:
+            raise MediaError(f"{self.path} was not written: no frame came from the input.")
+        with as_media_error(self.path):
+            self._finish()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def claim(self) -> None:
         try:
-            if kind is None and not self._closed:
-                if self.needs_frames and self.frames == 0:
-                    raise MediaError(f"{self.path} was not written: no frame came from the input.")
-                with as_media_error(self.path):
-                    self._finish()
-                self._closed = True
-        finally:
-            self.abort()
-
-    def abort(self) -> None:
-        """Remove what was written, unless the output is finished."""
-        if not self._closed:
-            self._closed = True
-            self._discard()
-
-    def _claim(self) -> None:
-        """Create NAME.part, which nobody else may be writing."""
-        try:
-            self._part.claim()
+            super().claim()
         except OutputError as error:
             raise MediaError(f"{error}.") from error
         except OSError as error:
@@ -105,10 +77,10 @@ class Sink:
                 f"{self.path} cannot be written ({error.strerror}): choose a folder that exists and is writable."
             ) from error
 
-    def _publish(self) -> None:
+    def publish(self) -> None:
         if self.path.exists() and not self._force:
             raise MediaError(f"{self.path} appeared meanwhile: use --force to replace it, or another name.")
-        self._part.publish()
+        super().publish()
 
 
 class NullSink(Sink):
@@ -134,10 +106,10 @@ class VideoOutput(Sink):
         format_name = _container_of(path)
         self._check_rotation(format_name)
         metadata = _metadata(media, tags, private)
-        self._claim()
+        self.claim()
         try:
             self._output = av.open(
-                str(self._part.path.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
+                str(self.part.absolute()), "w", format=format_name, metadata_errors="surrogateescape",
                 container_options=muxer_options(format_name, metadata, media.time_base),
             )  # fmt: skip
             self._output.metadata.update(metadata)
@@ -205,12 +177,12 @@ class VideoOutput(Sink):
         if self._copies is not None:
             self._copies.finish()
         self._output.close()
-        self._publish()
+        self.publish()
 
-    def _discard(self) -> None:
+    def discard(self) -> None:
         with contextlib.suppress(AttributeError, av.error.FFmpegError, OSError, ValueError):
             self._output.close()
-        super()._discard()
+        super().discard()
 
 
 class VideoSink(VideoOutput):
@@ -251,18 +223,18 @@ class ImageSink(Sink):
     def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
         super().__init__(path, force=force)
         self._tags = dict(tags)
-        self._claim()
+        self.claim()
 
     def write(self, frame: Frame) -> None:
         if self.frames:
             raise MediaError(f"{self.path} holds one image but more came: write to a folder or a video.")
         data = encode_image(frame.rgb(), frame.alpha, self.path.suffix, self._tags)
         with as_media_error(self.path):
-            self._part.path.write_bytes(data)
+            self.part.write_bytes(data)
         self.frames = 1
 
     def _finish(self) -> None:
-        self._publish()
+        self.publish()
 
 
 class FolderSink(Sink):
@@ -271,22 +243,22 @@ class FolderSink(Sink):
     def __init__(self, path: Path, *, force: bool = False, tags: Mapping[str, str] = _NO_TAGS) -> None:
         super().__init__(path, force=force, folder=True)
         self._tags = dict(tags)
-        self._claim()
+        self.claim()
 
     def write(self, frame: Frame) -> None:
         name = frame.name or f"frame_{self.frames:06d}.png"
         data = encode_image(frame.rgb(), frame.alpha, Path(name).suffix, self._tags)
         with as_media_error(self.path):
-            (self._part.path / name).write_bytes(data)
+            (self.part / name).write_bytes(data)
         self.frames += 1
 
     def _finish(self) -> None:
         if not self.path.exists():
-            self._part.publish()
+            self.publish()
             return
-        for file in self._part.path.iterdir():
+        for file in self.part.iterdir():
             file.replace(self.path / file.name)
-        self._part.discard()
+        self.discard()
 
 
 def open_sink(

@@ -1,9 +1,11 @@
-"""Streams and metadata that are copied unchanged from the input container to the output container."""
+"""Streams and metadata that are copied unchanged from the input container to the output container, and its choice."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Literal
 
 import av
@@ -15,7 +17,7 @@ from av.stream import Stream
 from guise.app.media.audio_mask import MaskedAudio, named_layout
 from guise.app.media.errors import MediaError
 from guise.app.media.input import VideoInput
-from guise.app.media.reader import AnyPacket, is_still
+from guise.app.media.reader import AnyPacket, is_still, open_container
 
 Audio = Literal["keep", "drop", "mask", "disguise"]
 
@@ -34,6 +36,7 @@ _MOV_KEYS = frozenset(
 )  # fmt: skip
 # Containers that support variable frame rates and arbitrary other streams.
 _FULL_CONTAINERS = frozenset({"mp4", "mov", "ipod", "3gp", "3g2", "matroska", "webm", "mpegts", "flv", "nut"})
+_FALLBACKS = (".mp4", ".mkv")  # of a result that the input's own container does not hold
 _ROTATING = frozenset({"mp4", "mov", "matroska", "ipod", "3gp", "3g2"})
 
 
@@ -217,3 +220,17 @@ def can_hold(suffix: str, copied: Sequence[Stream], encoder: str = "") -> bool:
             return keeps_times(container.format.name)
     except (ValueError, av.error.FFmpegError):
         return False
+
+
+def suffix_for(path: Path, encoder: str) -> str:
+    """The suffix of an output: the input's own where that can hold the result, otherwise .mp4, otherwise .mkv.
+
+    The result is the encoder's video with the input's time stamps, audio and subtitles.
+    """
+    with contextlib.ExitStack() as stack:
+        copied = []
+        with contextlib.suppress(MediaError):  # an input that cannot be read, which is reported elsewhere
+            media = stack.enter_context(open_container(path))
+            copied = [s for s in media.streams if s.type in ("audio", "subtitle") and s.codec_context]
+        fitting = (s for s in (path.suffix, _FALLBACKS[0]) if s and can_hold(s, copied, encoder))
+        return next(fitting, _FALLBACKS[1])

@@ -12,6 +12,7 @@ import numpy as np
 from guise.analogy.solver import solver_name
 from guise.common.arrays import F64
 from guise.common.report import Report
+from guise.common.text import counted
 from guise.common.version import VERSION
 
 MAX_LISTED_EXPRESSIONS = 12  # that get a line each
@@ -109,7 +110,7 @@ class TransferReport(MeshReport):
             else []
         )
         return [
-            f"{self.output}: {_counted(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
+            f"{self.output}: {counted(count, self.kind)}{skipped}, {sum(self.seconds.values()):.1f} s",
             f"  heads matched: {known['kind']}, {known['found']:.1%} of the target has a counterpart on the source",
             *([self._speed()] if self.kind == "frame" else each),
             *([f"  picture: {self.picture}"] if self.picture else []),
@@ -211,7 +212,3 @@ class RegisterReport(MeshReport):
 def versions() -> dict[str, str]:
     """Versions of Guise and the name of the solver."""
     return {"guise": VERSION, "solver": solver_name()}
-
-
-def _counted(count: int, word: str) -> str:
-    return f"{count} {word}{'' if count == 1 else 's'}"

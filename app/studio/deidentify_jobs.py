@@ -23,8 +23,8 @@ from guise.app.deidentify.run.results import pictures, write_review
 from guise.app.deidentify.stages.case import Case
 from guise.app.deidentify.stages.work import WorkFolder
 from guise.app.deidentify.tracks import Track
-from guise.app.media.containers import suffix_for
 from guise.app.media.pictures import save_picture
+from guise.app.media.stream_copies import suffix_for
 from guise.app.studio.pictures import fitted_to, frames_until
 from guise.app.studio.store import StudioError
 from guise.app.swapping.cover import CoverStyle

@@ -28,8 +28,8 @@ from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import draw_mask, draw_mesh
 from guise.app.media import Frame
 from guise.app.media.colour import BT470BG, BT709, FULL, LIMITED, UNSPECIFIED
+from guise.app.media.encoding import PictureFormat
 from guise.app.media.frame import from_planes, plane_arrays
-from guise.app.media.picture_format import PictureFormat
 from guise.app.media.reader import reformat
 from guise.app.studio.store import StudioError
 from guise.common.channel import Channel

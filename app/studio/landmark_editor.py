@@ -20,8 +20,7 @@ from guise.app.studio.landmark_correction import (
     propagated,
     save_correction,
 )
-from guise.app.studio.landmark_frames import ClipFrames
-from guise.app.studio.landmark_strip import LandmarkStrip, state_of
+from guise.app.studio.landmark_strip import ClipFrames, LandmarkStrip, state_of
 from guise.app.studio.landmark_view import SCREEN, FrameView, name_of
 from guise.app.studio.people import retrain
 from guise.app.studio.pictures import data_url

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from guise.app.studio.landmark_correction import Correction, landmarks_job, load_correction
 from guise.app.studio.landmark_editor import LandmarkEditor
-from guise.app.studio.landmark_frames import ClipFrames
+from guise.app.studio.landmark_strip import ClipFrames
 from guise.app.studio.site import Studio, heading, page, show_job
 from guise.app.studio.store import Clip, JobRow, Person
 

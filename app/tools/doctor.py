@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from guise.app.media.codecs import find_codec, library_versions
+from guise.app.media.encoder import find_codec, library_versions
 from guise.app.media.hardware import DEVICES, ENCODERS, decoder_fault, encoder_fault
 from guise.common.version import VERSION
 

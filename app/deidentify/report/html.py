@@ -14,6 +14,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from guise.app.deidentify.report.report import clock
+from guise.common.text import printable
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -31,15 +32,6 @@ def render_page(template: str, *, script: str = "", **values: Any) -> str:
 def render_fragment(template: str, **values: Any) -> str:
     """A piece of HTML or SVG of a template, for a page of another program."""
     return _environment().get_template(template).render(**values)
-
-
-def printable(name: str) -> str:
-    """A name from outside, such as of a file, with its invisible characters written out.
-
-    >>> printable("a\\nb.mp4")
-    'a\\\\nb.mp4'
-    """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
 
 
 def data_uri(data: bytes, kind: str) -> str:

@@ -15,7 +15,7 @@ from urllib.parse import quote
 
 import cv2
 
-from guise.app.deidentify.report.html import data_uri, printable, render_page
+from guise.app.deidentify.report.html import data_uri, render_page
 from guise.app.deidentify.report.report import (
     ALL_SWAPPED,
     FAILED,
@@ -34,6 +34,7 @@ from guise.app.media.pictures import Picture, shrunk
 from guise.app.swapping.donors import bare, titled
 from guise.app.swapping.policy import DONE
 from guise.common.files import write_whole
+from guise.common.text import printable
 from guise.common.version import VERSION
 
 

@@ -21,6 +21,7 @@ from guise.app.deidentify.tracks import BYSTANDERS, FileReport, Track, TrackOutc
 from guise.app.swapping.donors import bare
 from guise.app.swapping.policy import DONE
 from guise.common.files import write_whole
+from guise.common.text import counted
 from guise.common.version import VERSION
 
 REPORT_FORMAT = "guise-report"
@@ -95,21 +96,19 @@ def verdict(report: FileReport) -> str:
         return f"A face may be visible in the output, first in frame {seen[0]} ({when}): do not share it."
     swapped, covered, left = (len(frames_with(report, done)) for done in DONE)
     if not swapped + covered + left:
-        return f"No face was found in {_frames(report.frames)}."
+        return f"No face was found in {counted(report.frames, 'frame')}."
     if covered:
-        sentence = (
-            f"The faces that were found are swapped or covered; a covered one is in {_frames(covered)}."
-        )
+        sentence = f"The faces that were found are swapped or covered; a covered one is in {counted(covered, 'frame')}."
     else:
         sentence = (
-            f"The faces that were found are swapped, in {_frames(swapped)}."
+            f"The faces that were found are swapped, in {counted(swapped, 'frame')}."
             if swapped
             else "No face is changed."
         )
     if left:
-        sentence += f" A face is left as it is in {_frames(left)}, as you said."
+        sentence += f" A face is left as it is in {counted(left, 'frame')}, as you said."
     if without := unverified(report):
-        sentence += f" In {_frames(without)} after a face none was found: not verified."
+        sentence += f" In {counted(without, 'frame')} after a face none was found: not verified."
     return sentence
 
 
@@ -148,10 +147,6 @@ def clock(seconds: float) -> str:
     hours, minutes = divmod(minutes, 60)
     rest = f"{tenths // 10:02}.{tenths % 10}"
     return f"{hours}:{minutes:02}:{rest}" if hours else f"{minutes}:{rest}"
-
-
-def _frames(count: int) -> str:
-    return f"{count:,} frame{'' if count == 1 else 's'}"
 
 
 def _write(file: TextIO, report: FileReport) -> None:

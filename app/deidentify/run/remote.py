@@ -11,6 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 from guise.app.deidentify.options import DeidentifyError
 from guise.common.files import write_whole
+from guise.common.text import first_line
 
 _URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]*://")
 _PATTERN = re.compile(r"[*?\[]")
@@ -141,7 +142,7 @@ def _open(url: str) -> tuple[Any, str]:
         raise RemoteError(f"{shown(url)} needs one more package: pip install {package}") from error
     except Exception as error:
         raise RemoteError(
-            f"{shown(url)} can't be opened ({_short(error)}): give a path, s3://, gs:// or https://"
+            f"{shown(url)} can't be opened ({first_line(error)}): give a path, s3://, gs:// or https://"
         ) from error
 
 
@@ -156,11 +157,7 @@ def _explained(address: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.filename is not None and not is_url(str(error.filename)):
             raise  # a full disk here
-        reason = _short(error).replace(address, url)
+        reason = first_line(error).replace(address, url)
         raise RemoteError(
             f"{url} can't be read or written ({reason}): check the address and your credentials"
         ) from error
-
-
-def _short(error: Exception) -> str:
-    return str(error).split("\n")[0] or type(error).__name__
