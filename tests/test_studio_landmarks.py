@@ -16,7 +16,7 @@ from guise.aam.landmarks import load_annotations
 from guise.aam.model import Identity
 from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
-from guise.app.studio.store import Person, Store
+from guise.app.studio.store import CLIP, Person, Store
 
 GALLERY = Path(__file__).parents[1] / "app" / "gallery"
 FRAMES = 24
@@ -73,7 +73,7 @@ class Desk:
 def people(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Person]:
     """Ann, trained on a short clip, and Bob, whose clip is gone, in a studio's folder."""
     store = Store(tmp_path_factory.mktemp("landmarks") / "studio")
-    clip = store.add_clip("talk", ".mp4")
+    clip = store.add_upload(CLIP, "talk", ".mp4")
     clips.cut("p01", clip.path, FRAMES)
     known = {"Ann": store.add_person("Ann", clip.id), "Bob": store.add_person("Bob", None)}
     for person in known.values():

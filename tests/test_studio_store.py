@@ -1,11 +1,12 @@
 """The studio's store: rows outlive it, names are text alone, one studio to a folder."""
 
+import sqlite3
 import threading
 from pathlib import Path
 
 import pytest
 
-from guise.app.studio.store import MAX_NAME_CHARACTERS, Store, StudioError
+from guise.app.studio.store import CLIP, DATABASE, MAX_NAME_CHARACTERS, Store, StudioError
 
 TRICKS = [
     "../../evil",
@@ -28,7 +29,7 @@ def files(folder: Path) -> set[Path]:
 
 def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    clip = store.add_clip("Anna", ".mp4")
+    clip = store.add_upload(CLIP, "Anna", ".mp4")
     clip.path.write_bytes(b"video")
     person = store.add_person("Anna", clip.id)
     person.path.write_bytes(b"model")
@@ -47,7 +48,7 @@ def test_what_was_kept_is_there_after_a_restart(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", TRICKS)
 def test_a_name_is_no_part_of_a_path(tmp_path: Path, name: str) -> None:
     store = Store(tmp_path / "studio")
-    for row in (store.add_clip(name, ".mp4"), store.add_person(name, None)):
+    for row in (store.add_upload(CLIP, name, ".mp4"), store.add_person(name, None)):
         row.path.write_bytes(b"")
         assert row.path.stem == row.id
         assert row.name
@@ -61,13 +62,13 @@ def test_a_name_is_no_part_of_a_path(tmp_path: Path, name: str) -> None:
 def test_only_videos_are_taken(tmp_path: Path, suffix: str) -> None:
     store = Store(tmp_path)
     with pytest.raises(StudioError, match=r"isn.t a video file"):
-        store.add_clip("Anna", suffix)
+        store.add_upload(CLIP, "Anna", suffix)
     store.close()
 
 
 def test_what_is_incomplete_is_not_listed(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.add_clip("Anna", ".mp4")
+    store.add_upload(CLIP, "Anna", ".mp4")
     store.add_person("Anna", None)
     assert (store.clips(), store.people()) == ([], [])
     store.close()
@@ -76,8 +77,8 @@ def test_what_is_incomplete_is_not_listed(tmp_path: Path) -> None:
 def test_removing_leaves_nothing(tmp_path: Path) -> None:
     store = Store(tmp_path)
     clip, other, person = (
-        store.add_clip("a", ".mp4"),
-        store.add_clip("b", ".mp4"),
+        store.add_upload(CLIP, "a", ".mp4"),
+        store.add_upload(CLIP, "b", ".mp4"),
         store.add_person("a", None),
     )
     job = store.add_job("enrol", {})
@@ -85,7 +86,7 @@ def test_removing_leaves_nothing(tmp_path: Path) -> None:
     for path in (clip.path, clip.path.with_suffix(".npz"), person.path, person.montage, other.path):
         path.write_bytes(b"")
     (store.folder_of(job.id) / "part").write_bytes(b"")
-    store.remove_clip(clip.id)
+    store.remove_upload(clip.id)
     store.remove_person(person.id)
     store.remove_job(job.id)
     assert files(tmp_path) == {other.path}
@@ -98,11 +99,11 @@ def test_an_unknown_id_is_a_sentence(tmp_path: Path, id: str) -> None:
     store = Store(tmp_path)
     store.add_job("enrol", {})
     for look in (
-        store.clip,
+        store.upload,
         store.person,
         store.job,
         store.folder_of,
-        store.remove_clip,
+        store.remove_upload,
         store.remove_person,
     ):
         with pytest.raises(StudioError, match="no longer exists"):
@@ -158,3 +159,19 @@ def test_many_threads_lose_nothing(tmp_path: Path) -> None:
     rows = store._run("SELECT id FROM people")
     assert len(set(rows)) == 80
     store.close()
+
+
+def test_clips_of_an_earlier_version_are_kept_in_their_order(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / DATABASE) as database:
+        database.execute("CREATE TABLE clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT)")
+        database.executemany(
+            "INSERT INTO clips VALUES (?, ?, '2026', '.mp4')", [("b", "first"), ("a", "last")]
+        )
+    database.close()
+    for _ in range(2):
+        store = Store(tmp_path)
+        for id in ("a", "b"):
+            (tmp_path / "clips" / f"{id}.mp4").touch()
+        assert [clip.name for clip in store.clips()] == ["last", "first"]
+        assert store.upload("a").path == tmp_path / "clips" / "a.mp4"
+        store.close()

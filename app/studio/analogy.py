@@ -17,7 +17,7 @@ from guise.app.studio.analogy_jobs import MONTAGE, PICTURE, SOURCE, TARGET, ZIP,
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.file_picker import FilePicker
 from guise.app.studio.site import Studio, advanced, choice_row, heading, page, script, show_job
-from guise.app.studio.store import Clip, JobRow, StudioError
+from guise.app.studio.store import JobRow, StudioError
 from guise.app.studio.uploads import CLIP, MESH
 from guise.app.studio.uploads import PICTURE as IMAGE
 
@@ -137,7 +137,7 @@ class _PhotoForm(_AnalogyForm):
         s, s1, t = self._s.chosen, self._s1.chosen, self._t.chosen
         if not s1 or not t:
             raise StudioError("choose S' and T first")
-        moves = isinstance(s1[0], Clip)
+        moves = s1[0].kind == CLIP.name
         if not s and not moves:
             raise StudioError("choose S first: it is optional only with a clip")
         files = {str(row.path): row.name for row in (*s, *s1, *t)}

@@ -11,7 +11,7 @@ from guise.app.deidentify.report.page import COUNTS, HEADLINES
 from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS, TrackEditor
 from guise.app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
 from guise.app.studio.site import Studio, choice_row, heading, page
-from guise.app.studio.store import Clip, JobRow
+from guise.app.studio.store import JobRow, Upload
 from guise.app.studio.videos import (
     VideoList,
     VideoPage,
@@ -50,7 +50,7 @@ def register(studio: Studio) -> None:
     page(studio, PATH + "/{id}", "De-identify", lambda id: _ReviewPage(studio, id).build())
 
 
-def begin(studio: Studio, clip: Clip) -> None:
+def begin(studio: Studio, clip: Upload) -> None:
     """Begin with a video."""
     begin_video(studio, WORK, clip)
 

@@ -8,8 +8,8 @@ from nicegui import ui
 
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.site import Studio
-from guise.app.studio.store import Clip, Upload
-from guise.app.studio.uploads import CLIP, UploadKind, forget, uploader
+from guise.app.studio.store import CLIP, Upload
+from guise.app.studio.uploads import UploadKind, uploader
 
 
 class FilePicker:
@@ -40,18 +40,14 @@ class FilePicker:
             self._previews()
 
     @property
-    def chosen(self) -> list[Clip | Upload]:
+    def chosen(self) -> list[Upload]:
         """The chosen files that still exist."""
         rows = self._rows()
         ids = self._select.value if self._several else [self._select.value]
         return [rows[id] for id in ids or [] if id in rows]
 
-    def _rows(self) -> dict[str, Clip | Upload]:
-        store = self._studio.store
-        found: list[Clip | Upload] = []
-        for kind in self._kinds:
-            found += store.clips() if kind is CLIP else store.uploads(kind.name)
-        return {row.id: row for row in found}
+    def _rows(self) -> dict[str, Upload]:
+        return {row.id: row for kind in self._kinds for row in self._studio.store.uploads(kind.name)}
 
     def _offer(self, *added: str) -> None:
         """Offer all files there are now, uploaded here or elsewhere, and choose those that were added."""
@@ -65,7 +61,7 @@ class FilePicker:
     def _previews(self) -> None:
         with ui.row().classes("w-full gap-2"):
             for row in self.chosen:
-                if isinstance(row, Clip):
+                if row.kind == CLIP:
                     video = ui.video(self._studio.url(row.path)).classes("h-32")
                     video.props["aria-label"] = f"The clip {row.name}"
                 else:
@@ -78,5 +74,5 @@ class FilePicker:
         names = ", ".join(row.name for row in rows)
         if await confirm(f"Delete {names}? This cannot be undone.", "Delete", "Keep"):
             for row in rows:
-                forget(self._studio, row)
+                self._studio.store.remove_upload(row.id)
             self._offer()

@@ -12,7 +12,7 @@ from guise.app.studio.landmark_correction import Correction, landmarks_job, load
 from guise.app.studio.landmark_editor import LandmarkEditor
 from guise.app.studio.landmark_strip import ClipFrames
 from guise.app.studio.site import Studio, heading, page, show_job
-from guise.app.studio.store import Clip, JobRow, Person
+from guise.app.studio.store import JobRow, Person, Upload
 
 PATH = "/landmarks"
 LANDMARKS_JOB = "landmarks"
@@ -52,7 +52,7 @@ def _people(studio: Studio) -> None:
 def _open(studio: Studio, id: str) -> None:
     """A person's page; the landmarks are found first where that has not been done yet."""
     person = studio.store.person(id)
-    clip = studio.store.clip(person.clip or "")
+    clip = studio.store.upload(person.clip or "")
     heading(person.name)
     with ui.column().classes("w-full") as content:
         if landmark_file(clip).exists():
@@ -61,7 +61,7 @@ def _open(studio: Studio, id: str) -> None:
             _find(studio, person, clip, content)
 
 
-def _find(studio: Studio, person: Person, clip: Clip, content: ui.column) -> None:
+def _find(studio: Studio, person: Person, clip: Upload, content: ui.column) -> None:
     """Find the landmarks, then open the editor."""
 
     def ended(job: JobRow) -> None:
@@ -79,18 +79,18 @@ def _find(studio: Studio, person: Person, clip: Clip, content: ui.column) -> Non
     show_job(studio, running[0].id if running else studio.jobs.start(LANDMARKS_JOB, about), ended)
 
 
-async def _edit(studio: Studio, person: Person, clip: Clip) -> None:
+async def _edit(studio: Studio, person: Person, clip: Upload) -> None:
     spinner = ui.spinner(size="lg")
     frames, correction = await asyncio.to_thread(_loaded, clip)
     spinner.delete()
     await LandmarkEditor(studio, person, landmark_file(clip), correction, frames).build()
 
 
-def landmark_file(clip: Clip) -> Path:
+def landmark_file(clip: Upload) -> Path:
     """The landmark file of a clip; training on the clip uses it."""
     return clip.path.with_suffix(".landmarks.npz")
 
 
-def _loaded(clip: Clip) -> tuple[ClipFrames, Correction]:
+def _loaded(clip: Upload) -> tuple[ClipFrames, Correction]:
     correction = load_correction(landmark_file(clip))
     return ClipFrames(clip.path, correction.pts), correction

@@ -266,7 +266,7 @@ class _LivePage:
             return peer.camera
         if self._camera.value == COMPUTER:
             return _computers_camera
-        return partial(FileCapture, self.studio.store.clip(self._camera.value).path, loop=True)
+        return partial(FileCapture, self.studio.store.upload(self._camera.value).path, loop=True)
 
     def _session_config(self, person: str) -> SessionConfig:
         """Load the models.  ModelError when one cannot be used."""

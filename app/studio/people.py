@@ -19,7 +19,7 @@ from guise.app.studio.dialogs import asked, confirm
 from guise.app.studio.enrol_job import ENROL_JOB, enrol_job, keep_person
 from guise.app.studio.live import FACE as LIVE_FACE
 from guise.app.studio.site import Studio, heading, local_time, page, show_job
-from guise.app.studio.store import Clip, JobRow, Person, StudioError, Upload
+from guise.app.studio.store import JobRow, Person, StudioError, Upload
 from guise.app.studio.swap import FACE as SWAP_FACE
 from guise.app.studio.uploads import PHOTO, uploader
 from guise.app.swapping.donors import FIRST_NAMES, gallery, open_donor
@@ -46,7 +46,7 @@ def register(studio: Studio) -> None:
     nicegui_app.get("/portraits/{id}.png")(own)
 
 
-def train(studio: Studio, clip: Clip, name: str = "") -> str:
+def train(studio: Studio, clip: Upload, name: str = "") -> str:
     """Start training a new person's model on a clip; the id of the job."""
     return _enrol(studio, clip, studio.store.add_person(name or clip.name, clip.id))
 
@@ -56,10 +56,10 @@ def retrain(studio: Studio, person: Person) -> str:
 
     Raises StudioError when their clip no longer exists.
     """
-    return _enrol(studio, studio.store.clip(person.clip or ""), person)
+    return _enrol(studio, studio.store.upload(person.clip or ""), person)
 
 
-def _enrol(studio: Studio, clip: Clip, person: Person) -> str:
+def _enrol(studio: Studio, clip: Upload, person: Person) -> str:
     return _start(studio, person, {"clip": str(clip.path), "files": {str(clip.path): clip.name}})
 
 
@@ -137,7 +137,7 @@ class _PeoplePage:
             uploader(self.studio, "Upload photos", lambda _: self._photos.refresh(), (PHOTO,), several=True)
             self._photos()
 
-    def _train_named(self, clip: Clip) -> None:
+    def _train_named(self, clip: Upload) -> None:
         train(self.studio, clip, self._name.value)
         self._name.value = ""
         self._poll()
@@ -262,7 +262,7 @@ class _PeoplePage:
             self.studio.store.rename_person(person.id, name)
             self._poll()
 
-    def _clip(self, clip: Clip) -> None:
+    def _clip(self, clip: Upload) -> None:
         ui.label(clip.name).classes("text-bold break-all")
         ui.label(local_time(clip.created))
         ui.video(self.studio.url(clip.path)).classes("w-full").props["aria-label"] = f"The clip {clip.name}"
@@ -274,18 +274,18 @@ class _PeoplePage:
             button = ui.button("Delete", on_click=partial(self._confirm_delete, clip)).props("outline")
             button.props["aria-label"] = f"Delete the clip {clip.name}"
 
-    def _train(self, clip: Clip) -> None:
+    def _train(self, clip: Upload) -> None:
         train(self.studio, clip)
         self._poll()
 
-    async def _confirm_delete(self, row: Person | Clip) -> None:
+    async def _confirm_delete(self, row: Person | Upload) -> None:
         """Delete after the user confirms."""
-        what = "the clip" if isinstance(row, Clip) else "the person"
-        kept = "" if isinstance(row, Clip) else " Their clip is kept."
+        what = "the clip" if isinstance(row, Upload) else "the person"
+        kept = "" if isinstance(row, Upload) else " Their clip is kept."
         question = f"Delete {what} {row.name}? This cannot be undone.{kept}"
         if await confirm(question, "Delete", "Keep"):
             store = self.studio.store
-            (store.remove_person if isinstance(row, Person) else store.remove_clip)(row.id)
+            (store.remove_person if isinstance(row, Person) else store.remove_upload)(row.id)
             self._poll()
 
     def _gallery(self) -> None:

@@ -25,14 +25,18 @@ State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
 FOLDERS = ("clips", "people", "uploads", "jobs")
 DATABASE = "studio.sqlite"
+CLIP = "clip"  # the kind of uploads that are videos
 _PRIVATE = 0o700  # as all of it is biometric data
 MAX_NAME_CHARACTERS = 80
+# Of clips in a table of their own, as once, uploads are made.
 _TABLES = """
-CREATE TABLE IF NOT EXISTS clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT);
 CREATE TABLE IF NOT EXISTS people (id TEXT PRIMARY KEY, name TEXT, created TEXT, clip TEXT);
 CREATE TABLE IF NOT EXISTS uploads (id TEXT PRIMARY KEY, name TEXT, created TEXT, kind TEXT, suffix TEXT);
 CREATE TABLE IF NOT EXISTS jobs (id TEXT PRIMARY KEY, kind TEXT, about TEXT, state TEXT, stage TEXT, share REAL,
     sentence TEXT, result TEXT, created TEXT);
+CREATE TABLE IF NOT EXISTS clips (id TEXT PRIMARY KEY, name TEXT, created TEXT, suffix TEXT);
+INSERT INTO uploads SELECT id, name, created, 'clip', suffix FROM clips ORDER BY rowid;
+DELETE FROM clips;
 CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT);
 """
 
@@ -43,16 +47,6 @@ class StudioError(GuiseError):
 
 class MissingError(StudioError):
     """Something that is asked for and is not there, or no longer."""
-
-
-@dataclass(frozen=True)
-class Clip:
-    """A video; complete when the file at `path` exists."""
-
-    id: str
-    name: str
-    created: str
-    path: Path
 
 
 @dataclass(frozen=True)
@@ -73,7 +67,7 @@ class Person:
 
 @dataclass(frozen=True)
 class Upload:
-    """A picture or a mesh, as `kind` says; complete when the file at `path` exists."""
+    """A clip, a picture or a mesh, as `kind` says; complete when the file at `path` exists."""
 
     id: str
     name: str
@@ -137,29 +131,6 @@ class Store:
         """Where uploads are written until they are complete; emptied at the start."""
         return self.folder / "incoming"
 
-    def add_clip(self, name: str, suffix: str) -> Clip:
-        """Add a clip whose file the caller writes.  StudioError when the suffix is not a video's."""
-        if suffix.lower() not in VIDEO_SUFFIXES:
-            raise StudioError(
-                f"{_clean(name)} isn't a video file that Guise reads: use .mp4, .webm, .mov or .mkv"
-            )
-        return self._clip(self._add("clips", _clean(name), _now(), suffix.lower()))
-
-    def clips(self) -> list[Clip]:
-        """The complete clips, newest first."""
-        found = map(self._clip, self._all("clips"))
-        return [clip for clip in found if clip.path.exists()]
-
-    def clip(self, id: str) -> Clip:
-        """The clip of an id.  StudioError when there is none."""
-        return self._clip(self._one("clips", id, "clip"))
-
-    def remove_clip(self, id: str) -> None:
-        """Delete a clip, its file and the files beside it, such as landmarks."""
-        for file in (self.folder / "clips").glob(f"{self.clip(id).id}.*"):
-            file.unlink()
-        self._run("DELETE FROM clips WHERE id = ?", (id,))
-
     def add_person(self, name: str, clip: str | None) -> Person:
         """Add a person whose model the caller writes."""
         return self._person(self._add("people", _clean(name), _now(), clip))
@@ -188,7 +159,11 @@ class Store:
         self._run("DELETE FROM people WHERE id = ?", (id,))
 
     def add_upload(self, kind: str, name: str, suffix: str) -> Upload:
-        """Add a picture or a mesh whose file the caller writes."""
+        """Add a file that the caller writes.  StudioError when the suffix of a clip is not a video's."""
+        if kind == CLIP and suffix.lower() not in VIDEO_SUFFIXES:
+            raise StudioError(
+                f"{_clean(name)} isn't a video file that Guise reads: use .mp4, .webm, .mov or .mkv"
+            )
         return self._upload(self._add("uploads", _clean(name), _now(), kind, suffix.lower()))
 
     def uploads(self, kind: str) -> list[Upload]:
@@ -196,15 +171,19 @@ class Store:
         found = map(self._upload, self._all("uploads"))
         return [upload for upload in found if upload.kind == kind and upload.path.exists()]
 
+    def clips(self) -> list[Upload]:
+        """The complete clips, newest first."""
+        return self.uploads(CLIP)
+
     def upload(self, id: str) -> Upload:
         """The upload of an id.  StudioError when there is none."""
         return self._upload(self._one("uploads", id, "file"))
 
     def remove_upload(self, id: str) -> None:
-        """Delete an upload, its file and its preview."""
+        """Delete an upload, its file and the files beside it, such as its preview or landmarks."""
         upload = self.upload(id)
-        for path in (upload.path, upload.preview):
-            path.unlink(missing_ok=True)
+        for file in upload.path.parent.glob(f"{upload.id}.*"):
+            file.unlink()
         self._run("DELETE FROM uploads WHERE id = ?", (id,))
 
     def add_job(self, kind: str, about: dict[str, Any]) -> JobRow:
@@ -272,13 +251,10 @@ class Store:
             raise MissingError(f"this {word} no longer exists: reload the page")
         return rows[0]
 
-    def _clip(self, row: tuple[Any, ...]) -> Clip:
-        id, name, created, suffix = row
-        return Clip(id, name, created, self.folder / "clips" / f"{id}{suffix}")
-
     def _upload(self, row: tuple[Any, ...]) -> Upload:
         id, name, created, kind, suffix = row
-        return Upload(id, name, created, kind, self.folder / "uploads" / f"{id}{suffix}")
+        folder = self.folder / ("clips" if kind == CLIP else "uploads")
+        return Upload(id, name, created, kind, folder / f"{id}{suffix}")
 
     def _person(self, row: tuple[Any, ...]) -> Person:
         id, name, created, clip = row

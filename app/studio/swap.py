@@ -13,7 +13,7 @@ from nicegui import ui
 
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row, page
-from guise.app.studio.store import Clip, JobRow, StudioError
+from guise.app.studio.store import JobRow, StudioError, Upload
 from guise.app.studio.swap_jobs import REPORT, Choices, find, preview, render
 from guise.app.studio.videos import (
     PREVIEW_WIDTH_PIXELS,
@@ -52,7 +52,7 @@ def register(studio: Studio) -> None:
     page(studio, PATH + "/{id}", "Swap", lambda id: _SwapPage(studio, id).build())
 
 
-def begin(studio: Studio, clip: Clip) -> None:
+def begin(studio: Studio, clip: Upload) -> None:
     """Begin with a video."""
     begin_video(studio, WORK, clip)
 

@@ -13,9 +13,10 @@ from guise.app.deidentify.run.inputs import VIDEO_SUFFIXES
 from guise.app.media import open_input
 from guise.app.media.images import IMAGE_SUFFIXES, read_deep
 from guise.app.media.pictures import save_picture, shrunk
+from guise.app.studio import store
 from guise.app.studio.request_guard import too_large
 from guise.app.studio.site import Studio, show_error
-from guise.app.studio.store import Clip, StudioError, Upload
+from guise.app.studio.store import StudioError, Upload
 from guise.common.errors import GuiseError
 from guise.common.failures import explain
 
@@ -64,7 +65,7 @@ def _check_mesh(path: Path, preview: Path) -> None:
 
 
 CLIP = UploadKind(
-    "clip", "a video", "video/*", VIDEO_SUFFIXES, "use an .mp4, .webm, .mov or .mkv.", _check_video
+    store.CLIP, "a video", "video/*", VIDEO_SUFFIXES, "use an .mp4, .webm, .mov or .mkv.", _check_video
 )
 PICTURE = UploadKind(
     "picture", "a picture", "image/*", IMAGE_SUFFIXES, "use a .png, .jpg, .tif or .webp.", _check_picture
@@ -77,7 +78,7 @@ MESH = UploadKind(
 
 async def read_upload(
     studio: Studio, event: events.UploadEventArguments, kinds: Sequence[UploadKind]
-) -> Clip | Upload:
+) -> Upload:
     """Store an uploaded file.
 
     Raises StudioError when it is of none of the kinds or cannot be read; nothing is kept then.
@@ -86,7 +87,7 @@ async def read_upload(
     kind = next((kind for kind in kinds if file.suffix.lower() in kind.suffixes), None)
     if kind is None:
         raise StudioError(f"{file.name} {_none_of(kinds)}")
-    row = _place(studio, kind, file)
+    row = studio.store.add_upload(kind.name, file.stem, file.suffix)
     part = row.path.with_name(f"{row.path.stem}.part{row.path.suffix}")
     try:
         await event.file.save(part)
@@ -94,14 +95,9 @@ async def read_upload(
         part.replace(row.path)
     except BaseException:
         part.unlink(missing_ok=True)
-        forget(studio, row)
+        studio.store.remove_upload(row.id)
         raise
     return row
-
-
-def forget(studio: Studio, row: Clip | Upload) -> None:
-    """Delete an uploaded file."""
-    (studio.store.remove_clip if isinstance(row, Clip) else studio.store.remove_upload)(row.id)
 
 
 def uploader(
@@ -110,7 +106,7 @@ def uploader(
 ) -> ui.upload:  # fmt: skip
     """A button that uploads a file as soon as it is chosen, and says why when it is refused.
 
-    done : called with the clip or the upload.   several : more than one file can be chosen at once.
+    done : called with the upload.   several : more than one file can be chosen at once.
     """
 
     async def uploaded(event: events.UploadEventArguments) -> None:
@@ -145,15 +141,9 @@ def uploader(
     return field
 
 
-def _place(studio: Studio, kind: UploadKind, file: Path) -> Clip | Upload:
-    if kind is CLIP:
-        return studio.store.add_clip(file.stem, file.suffix)
-    return studio.store.add_upload(kind.name, file.stem, file.suffix)
-
-
-def _require(kind: UploadKind, part: Path, row: Clip | Upload) -> None:
+def _require(kind: UploadKind, part: Path, row: Upload) -> None:
     try:
-        kind.check(part, row.path.with_suffix(".png") if isinstance(row, Clip) else row.preview)
+        kind.check(part, row.preview)
     except GuiseError as error:
         why = f"{row.name} isn't {kind.noun} that Guise reads: {kind.advice}"
         raise StudioError(why if kind is CLIP else explain(error)[0].replace(str(part), row.name)) from error

@@ -18,7 +18,7 @@ from nicegui import events, run, ui
 from guise.app.studio.dialogs import confirm
 from guise.app.studio.pictures import data_url
 from guise.app.studio.site import Studio, heading, local_time, show_job
-from guise.app.studio.store import Clip, JobRow, MissingError
+from guise.app.studio.store import CLIP, JobRow, MissingError, Upload
 from guise.app.studio.uploads import uploader
 from guise.common.arrays import U8
 from guise.common.errors import GuiseError
@@ -53,22 +53,22 @@ class VideoWork:
     finding: str
 
 
-def sample_clip(studio: Studio) -> Clip:
+def sample_clip(studio: Studio) -> Upload:
     """The sample clip that comes with Guise, among the clips of the studio; it is kept once."""
     for clip in studio.store.clips():
         if clip.name == SAMPLE:
             return clip
-    clip = studio.store.add_clip(SAMPLE, SAMPLE_FILE.suffix)
+    clip = studio.store.add_upload(CLIP, SAMPLE, SAMPLE_FILE.suffix)
     write_whole(clip.path, (samples_folder() / SAMPLE_FILE).read_bytes())
     return clip
 
 
-def begin(studio: Studio, work: VideoWork, clip: Clip) -> None:
+def begin(studio: Studio, work: VideoWork, clip: Upload) -> None:
     """Look for faces in a video, and show its page."""
     ui.navigate.to(f"{work.path}/{enqueue(studio, work, clip)}")
 
 
-def enqueue(studio: Studio, work: VideoWork, clip: Clip) -> str:
+def enqueue(studio: Studio, work: VideoWork, clip: Upload) -> str:
     """Have faces looked for in a video when its turn comes; the id of the job."""
     about = {"source": str(clip.path), "name": clip.name, "files": {str(clip.path): clip.name}}
     return studio.jobs.start(work.find, about)
@@ -124,7 +124,7 @@ class VideoList:
     def _count(self, event: events.GenericEventArguments) -> None:
         self._chosen = int(event.args)
 
-    def _uploaded(self, clip: Clip) -> None:
+    def _uploaded(self, clip: Upload) -> None:
         """A single file is shown at once, several are queued."""
         if self._chosen == 1:
             begin(self._studio, self._work, clip)
@@ -139,7 +139,7 @@ class VideoList:
                 chosen = ui.select(clips, label="or choose one uploaded earlier").classes("grow")
                 start = ui.button(
                     self._work.begin,
-                    on_click=lambda: begin(self._studio, self._work, self._studio.store.clip(chosen.value)),
+                    on_click=lambda: begin(self._studio, self._work, self._studio.store.upload(chosen.value)),
                 )
                 start.bind_enabled_from(chosen, "value", bool)
 
