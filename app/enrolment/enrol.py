@@ -44,7 +44,7 @@ from guise.aam.training import (
 )
 from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
 from guise.app.enrolment.quality import weaknesses
-from guise.app.media import open_input
+from guise.app.media import frames_at, open_input
 from guise.app.people.finding import VideoPerson, find_people, people_followed
 from guise.common.arrays import F32, F64, Int
 from guise.common.errors import GuiseError
@@ -233,16 +233,11 @@ def _crops(
     crops: dict[int, Crop] = {}
     base = 0
     for clip, points, found in zip(clips, shapes, generic, strict=True):
-        last = max((i - base for i in wanted if i < base + len(points)), default=-1)
-        if found and last >= 0:
-            with open_input(clip) as source:
-                for picture in source:
-                    if picture.index > last:
-                        break
-                    if base + picture.index in wanted:
-                        crop = cut(picture.luma, points[picture.index], frame)
-                        if not isinstance(crop, Failed):
-                            crops[base + picture.index] = crop
+        own = {i - base for i in wanted if base <= i < base + len(points)} if found else ()
+        for picture in frames_at(clip, own):
+            crop = cut(picture.luma, points[picture.index], frame)
+            if not isinstance(crop, Failed):
+                crops[base + picture.index] = crop
         base += len(points)
     return crops
 

@@ -137,66 +137,53 @@ def landmarks_file(
     )  # fmt: skip
 
 
+@dataclass(eq=False)
+class _Known:
+    """What a track's earlier frames tell of the next one."""
+
+    filter: LandmarkFilter = field(default_factory=LandmarkFilter)
+    solid: SolidTracker = field(default_factory=SolidTracker)
+    lift: BrowLift = field(default_factory=BrowLift)
+
+
 class _VideoFaces:
     """The faces of each frame, their turn and irises: tracked and filtered in a video, detected in each picture."""
 
     def __init__(
         self, landmarker: Landmarker, source: MediaInput, min_confidence: float, smooth: bool
     ) -> None:
-        self._landmarker, self._min_confidence = landmarker, min_confidence
+        self._landmarker, self._min_confidence, self._smooth = landmarker, min_confidence, smooth
         self._tracker = (
             MultiFaceTracker(landmarker, TrackingLimits(min_confidence)) if source.kind == "video" else None
         )
-        self._smooth = smooth
-        self._filters: dict[int, LandmarkFilter] = {}
-        self._solids: dict[int, SolidTracker] = {}
-        self._lifts: dict[int, BrowLift] = {}
+        self._known: dict[int, _Known] = {}
         self._parser = FaceParser()
 
     def __call__(self, frame: Frame) -> list[TrackedFace]:
         """The faces of a frame: by their numbers, or the largest first."""
-        rgb = frame.rgb()
+        rgb, seconds = frame.rgb(), frame.seconds
         if self._tracker is None:
-            faces = self._landmarker.detect(rgb)
-            return [
-                self._described(rgb, face, SolidTracker(), BrowLift())
-                for face in faces
-                if face.confidence >= self._min_confidence
-            ]
+            found = [f for f in self._landmarker.detect(rgb) if f.confidence >= self._min_confidence]
+            return [self._described(rgb, seconds, face, _Known()) for face in found]
         tracked = self._tracker.update(rgb)
-        if self._smooth:
-            tracked = self._smoothed(tracked, frame.seconds)
-        self._solids = {number: self._solids.get(number) or SolidTracker() for number in tracked}
-        self._lifts = {
-            number: self._lifts[number] if self._smooth and number in self._lifts else BrowLift()
-            for number in tracked
-        }
-        return [
-            self._described(rgb, face, self._solids[number], self._lifts[number], number)
-            for number, face in tracked.items()
-        ]
+        self._known = {n: self._known.get(n) or _Known() for n in tracked}  # afresh after a gap
+        return [self._described(rgb, seconds, face, self._known[n], n) for n, face in tracked.items()]
 
     def _described(
-        self, rgb: U8, face: Face, solid: SolidTracker, lift: BrowLift, track: int | None = None
+        self, rgb: U8, seconds: float, face: Face, known: _Known, track: int | None = None
     ) -> TrackedFace:
         """A face with its brows on their hair, the turn of the head and the irises."""
+        if self._smooth:
+            face = _moved(face, known.filter.update(face.points, face.point_confidence, seconds))
         points = face.points.astype(np.float64)
         parsing = self._parser.parse(rgb, points)
         irises = parsing.open_irises(points)
         if isinstance(self._landmarker, BuiltinLandmarker):
+            lift = known.lift if self._smooth else BrowLift()
             lift.see(parsing, points)
             points = lift(points)
             face = _moved(face, points.astype(np.float32))
-        return TrackedFace(face, solid.update(points).pose.angles, track, irises)
-
-    def _smoothed(self, tracked: dict[int, Face], seconds: float) -> dict[int, Face]:
-        """Each face after the filter of its track, which starts afresh after a gap."""
-        kept = self._filters
-        self._filters = {number: kept[number] if number in kept else LandmarkFilter() for number in tracked}
-        return {
-            number: _moved(face, self._filters[number].update(face.points, face.point_confidence, seconds))
-            for number, face in tracked.items()
-        }
+        return TrackedFace(face, known.solid.update(points).pose.angles, track, irises)
 
 
 class _FrameWork:

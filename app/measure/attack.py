@@ -7,7 +7,7 @@ halves of a single video.  Faces are located in the original, and again in the o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from glob import escape
 from pathlib import Path
@@ -24,7 +24,7 @@ from guise.app.measure.figures import plain
 from guise.app.measure.pair import VideoTiming, require_alike
 from guise.app.measure.privacy import Scores, template
 from guise.app.measure.views import Region, View, views
-from guise.app.media import open_input
+from guise.app.media import frames_at
 from guise.app.people.recogniser import Recogniser, five_points
 from guise.common.arrays import F32, U8
 from guise.common.progress import NoteLog, Progress, Say, mute, silent
@@ -259,7 +259,8 @@ class _Attack:
             np.linspace(first, max(first, last), max(2, SAMPLED_FRAMES // among)).astype(int).tolist()
         )
         frames, faces = [], []
-        for index, rgb in _pictures(path, wanted if last >= first else set()):
+        for frame in frames_at(path, wanted if last >= first else ()):
+            index, rgb = frame.index, frame.rgb()
             found = [face for face in self._landmarker.detect(rgb) if face.confidence >= MIN_CONFIDENCE]
             if found:
                 frames.append(index)
@@ -273,7 +274,8 @@ class _Attack:
         for clip in clips:
             path = clip.path if output is None else self._outputs[clip.path][output]
             known = dict(zip(clip.frames, clip.faces, strict=True))
-            for index, rgb in _pictures(path, set(known)):
+            for frame in frames_at(path, known):
+                index, rgb = frame.index, frame.rgb()
                 points = known[index].points if output is None else self._found(rgb, known[index])
                 rows.append(self._looked(rgb, points))
                 rolls.append(roll_degrees(points))
@@ -335,7 +337,8 @@ class _Attack:
         clip = clips[0]
         known = dict(zip(clip.frames, clip.faces, strict=True))
         some = clip.frames[:: max(1, len(clip.frames) // CONTROL_FRAMES)]
-        for index, rgb in _pictures(clip.path, set(some)):
+        for frame in frames_at(clip.path, some):
+            index, rgb = frame.index, frame.rgb()
             turned, points = turned_face(
                 rgb, known[index].points, degrees - roll_degrees(known[index].points)
             )
@@ -392,18 +395,6 @@ def _worst(every: Mapping[View, Mapping[tuple[Attacker, By], Guesses]]) -> Worst
     flat = {(view, *key): one for view, guesses in every.items() for key, one in guesses.items()}
     view, attacker, by = max(flat, key=lambda key: flat[key].rank_one)
     return Worst(view.name, attacker, by, RankOne.of(flat[view, attacker, by]), *luck(list(flat.values())))
-
-
-def _pictures(path: Path, wanted: set[int]) -> Iterator[tuple[int, U8]]:
-    """The wanted frames of a file as RGB."""
-    if not wanted:
-        return
-    with open_input(path) as media:
-        for frame in media:
-            if frame.index in wanted:
-                yield frame.index, frame.rgb()
-            if frame.index >= max(wanted):
-                return
 
 
 def roll_degrees(points: NDArray[Any]) -> float:

@@ -3,7 +3,7 @@
 from guise.app.media.encoder import EncodeOptions
 from guise.app.media.errors import MediaError
 from guise.app.media.frame import ColourMatrix, Frame
-from guise.app.media.input import MediaInput, open_input
+from guise.app.media.input import MediaInput, frames_at, open_input
 from guise.app.media.process import ProcessStats, process
 from guise.app.media.sink import NullSink, Sink, open_sink
 
@@ -16,6 +16,7 @@ __all__ = [
     "NullSink",
     "ProcessStats",
     "Sink",
+    "frames_at",
     "open_input",
     "open_sink",
     "process",

@@ -5,7 +5,7 @@ Pictures come as `Frame`s in display orientation with integer time stamps.  Ever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -250,6 +250,18 @@ def open_input(path: Path | str, hwaccel: HardwareDecoder = "none") -> MediaInpu
     if path.is_dir() or looks_like_image(path):
         return ImageInput(path)
     return VideoInput(path, hwaccel)
+
+
+def frames_at(path: Path | str, wanted: Collection[int]) -> Iterator[Frame]:
+    """The frames of some indices; what comes after the last of them is not read."""
+    left = len(set(wanted))
+    with open_input(path) as media:
+        for frame in media if left else ():
+            if frame.index in wanted:
+                yield frame
+                left -= 1
+                if not left:
+                    return
 
 
 def _ignore(packet: AnyPacket) -> None:

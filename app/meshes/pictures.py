@@ -163,15 +163,20 @@ def draw_distances(
 
     after (N, 3).   unit : name of the unit of length.   points : (20, 3) feature points, for a portrait.
     """
+    picture = draw_strip(distance_heads(before, after, titles, points))
     distance = np.linalg.norm(after - before.vertices, axis=1)
+    return np.concatenate([picture, scale_bar(distance, unit, picture.shape[1])])
+
+
+def distance_heads(before: Mesh, after: F64, titles: tuple[str, str], points: F64 | None) -> list[DrawnHead]:
+    """A head before and after, and in the colours of the distances between the vertices."""
     view = HeadView.of(before.vertices, points)
-    warm = coloured_by(DrawnHead(after, before.faces, "how far apart", view), distance)
-    heads = [
+    warm = DrawnHead(after, before.faces, "how far apart", view)
+    return [
         DrawnHead(before.vertices, before.faces, titles[0], view),
         DrawnHead(after, before.faces, titles[1], view),
+        coloured_by(warm, np.linalg.norm(after - before.vertices, axis=1)),
     ]
-    picture = draw_strip([*heads, warm])
-    return np.concatenate([picture, scale_bar(distance, unit, picture.shape[1])])
 
 
 def coloured_by(head: DrawnHead, values: F64) -> DrawnHead:

@@ -61,10 +61,6 @@ def _draw_picture(mesh: Mesh, moved: F64 | None, titles: list[str], points: F64 
 
 
 def _drawn_heads(mesh: Mesh, moved: F64 | None, titles: list[str], points: F64 | None) -> list[DrawnHead]:
-    view = HeadView.of(mesh.vertices, points)
-    before = DrawnHead(mesh.vertices, mesh.faces, titles[0], view)
-    if moved is None:
-        return [before]
-    distance = np.linalg.norm(moved - mesh.vertices, axis=1)
-    warm = pictures.coloured_by(DrawnHead(moved, mesh.faces, "how far apart", view), distance)
-    return [before, DrawnHead(moved, mesh.faces, titles[1], view), warm]
+    if moved is not None:
+        return pictures.distance_heads(mesh, moved, (titles[0], titles[1]), points)
+    return [DrawnHead(mesh.vertices, mesh.faces, titles[0], HeadView.of(mesh.vertices, points))]

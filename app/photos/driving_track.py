@@ -26,7 +26,7 @@ from guise.aam.person_tracker import PersonTracker
 from guise.aam.reference import ReferenceFrame
 from guise.aam.tracker import FEATURE_RESOLUTION, Fit
 from guise.analogy.photo import PhotoError
-from guise.app.media import Frame, NullSink, open_input, process
+from guise.app.media import Frame, NullSink, frames_at, open_input, process
 from guise.app.photos.faces import PHOTO_LIMITS, head_angles
 from guise.app.swapping.donors import open_face
 from guise.common.arrays import F64, U8, Bool
@@ -108,8 +108,7 @@ def track_clip(clip: Path, tracking: TrackingOptions, progress: Progress, say: S
 
 def read_frame(clip: Path, index: int) -> U8:
     """A frame of a clip (h, w, 3)."""
-    with open_input(clip) as media:
-        return next(frame.rgb() for frame in media if frame.index == index)
+    return next(frames_at(clip, {index})).rgb()
 
 
 class _LandmarkerTracker:

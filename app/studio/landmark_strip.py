@@ -14,7 +14,7 @@ from nicegui import ui
 from numpy.typing import NDArray
 
 from guise.aam.landmarks import LandmarkError
-from guise.app.media import Frame, open_input
+from guise.app.media import Frame, frames_at
 from guise.app.media.segments import read_frames, scan
 from guise.app.studio.landmark_correction import CORRECTED, DETECTED, PROPAGATED, Correction
 from guise.app.studio.landmark_view import FrameView
@@ -76,12 +76,8 @@ class ClipFrames:
 
     def faces(self, rows: set[int], points: F32) -> dict[int, str]:
         """Thumbnails of rows, as data URLs; points : (t, 81, 2) of all rows."""
-        with open_input(self._path) as source:
-            return {
-                frame.index: thumbnail(frame.rgb(), points[frame.index])
-                for frame in source
-                if frame.index in rows
-            }
+        frames = frames_at(self._path, rows)
+        return {frame.index: thumbnail(frame.rgb(), points[frame.index]) for frame in frames}
 
 
 def thumbnail(rgb: U8, points: F32) -> str:
