@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 
 from guise.app.live import capture as captures
+from guise.app.live.capture import CameraCapture
 from guise.app.live.streams import StreamCapture
 from guise.app.media import Frame, MediaError
 
@@ -293,3 +295,40 @@ def test_a_playlist_on_the_network_cannot_open_files_of_this_computer(tmp_path: 
     playlist = "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile://{}\n#EXT-X-ENDLIST\n"
     with Server(playlist.format(tmp_path / "private.ts").encode()) as server:
         refused("cannot be played|has no pictures|ended before", server.url + ".m3u8")
+
+
+class _Camera:
+    """A camera of OpenCV that gives two pictures each time it is plugged in; it is not found at the second try."""
+
+    opened = 0
+
+    def __init__(self, index: int) -> None:
+        _Camera.opened += 1
+        self._left = 0 if _Camera.opened == 2 else 2
+
+    def isOpened(self) -> bool:
+        return self._left > 0
+
+    def read(self) -> tuple[bool, np.ndarray | None]:
+        self._left -= 1
+        return (True, np.full((48, 64, 3), (10, 20, 30), np.uint8)) if self._left >= 0 else (False, None)
+
+    def get(self, name: int) -> float:
+        return {cv2.CAP_PROP_FRAME_WIDTH: 64.0, cv2.CAP_PROP_FRAME_HEIGHT: 48.0}[name]
+
+    def set(self, name: int, value: float) -> None: ...
+
+    def release(self) -> None: ...
+
+
+def test_an_unplugged_camera_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(captures, "RECONNECT_SECONDS", 0.01)
+    monkeypatch.setattr(captures.cv2, "VideoCapture", _Camera)
+    said: list[str] = []
+    with CameraCapture(7, say=said.append) as capture:
+        assert (capture.width, capture.height) == (64, 48)
+        frames = list(itertools.islice(capture, 3))
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    assert frames[0].pts < frames[1].pts < frames[2].pts
+    assert frames[2].rgb()[0, 0].tolist() == [30, 20, 10]
+    assert said == ["camera 7 has stopped sending pictures; waiting for it", "camera 7 is back"]

@@ -17,7 +17,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from guise.aam.model import Identity
 from guise.app.live.capture import Capture, FileCapture
-from guise.app.live.controls import Controls
+from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.face import FaceResult
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.pipeline import Pipeline
@@ -275,7 +275,7 @@ def test_overlays_are_drawn_on_a_copy_and_any_picture_suits_the_codec() -> None:
     mesh = np.stack([np.linspace(40, 200, 81), np.linspace(20, 100, 81) ** 1.1], 1)
     frame = Frame.from_rgb(np.full((121, 241, 3), 90, np.uint8))
     shown = OutputFrame(frame, FaceResult("swapped", mesh), PipelineStats(), 0.0)
-    plain, drawn = picture(shown, mask=False, mesh=False), picture(shown, mask=True, mesh=True)
+    plain, drawn = picture(shown, LiveSettings()), picture(shown, LiveSettings(mask=True, mesh=True))
     assert (plain.width, plain.height, plain.format.name) == (242, 122, "yuv420p")
     assert plain.to_ndarray().std() < drawn.to_ndarray().std()
     assert (frame.rgb() == 90).all()

@@ -80,7 +80,7 @@ class Overlay:
             mesh = (
                 shown.result.mesh * (-1, 1) + (frame.width - 1, 0) if settings.mirror else shown.result.mesh
             )
-            _draw_face(frame, mesh, settings)
+            draw_face(frame, mesh, settings)
         if shown.ring is not None:
             draw_ring(frame, shown.ring)
         if settings.help:
@@ -219,7 +219,8 @@ def _font_size(frame: Frame) -> float:
     return max(STYLE.font_size * min(frame.width, frame.height), STYLE.min_font_pixels)
 
 
-def _draw_face(frame: Frame, mesh: F64, settings: LiveSettings) -> None:
+def draw_face(frame: Frame, mesh: F64, settings: LiveSettings) -> None:
+    """Draw the overlays of a face (81, 2) that the settings ask for, in place."""
     if settings.mask:
         draw_mask(frame, mesh)
     if settings.mesh:

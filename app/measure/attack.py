@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import Face, Landmarker, iou, open_landmarker
+from guise.aam.landmarks import Face, iou, open_landmarker
 from guise.app.measure.attackers import Attacker, By, Evidence, Guesses, attacks, guessed, luck
 from guise.app.measure.faces import MIN_CONFIDENCE, MIN_MATCH_IOU, MeasureError, files_by_person
 from guise.app.measure.figures import plain
@@ -166,16 +166,9 @@ def attack(request: AttackRequest, *, progress: Progress = silent, say: Say = mu
     MeasureError, RecogniserError, LandmarkError, MediaError
         For a user's mistake.
     """
-    recognisers = [Recogniser(card) for card in request.recognisers]
-    landmarker = open_landmarker(request.landmarker)
-    pairs = {name: _files(request, files) for name, files in _people(request.originals).items()}
-    for files in pairs.values():
-        for original, outputs in files:
-            timing = VideoTiming.of(original)
-            for output in outputs:
-                require_alike(timing, VideoTiming.of(output))
+    work = _Attack(request, progress, say)
     with one_thread():
-        return _Attack(landmarker, views(recognisers), pairs, request, progress, say).result()
+        return work.result()
 
 
 def _people(folder: Path) -> dict[str, list[Path]]:
@@ -206,15 +199,18 @@ def _counterpart(originals: Path, output: Path, file: Path) -> Path:
 
 
 class _Attack:
-    """The work of a request whose files have been checked."""
+    """The work of a request, whose files are checked at once."""
 
-    def __init__(
-        self, landmarker: Landmarker, looks: Sequence[View], pairs: Mapping[str, list[tuple[Path, list[Path]]]],
-        request: AttackRequest, progress: Progress, say: Say,
-    ) -> None:  # fmt: skip
-        self._landmarker, self._views, self._request = landmarker, looks, request
-        self._pairs, self._progress, self._say = pairs, progress, NoteLog(say)
-        self._outputs = {original: outputs for files in pairs.values() for original, outputs in files}
+    def __init__(self, request: AttackRequest, progress: Progress, say: Say) -> None:
+        self._request, self._progress, self._say = request, progress, NoteLog(say)
+        self._views = views([Recogniser(card) for card in request.recognisers])
+        self._landmarker = open_landmarker(request.landmarker)
+        self._pairs = {name: _files(request, files) for name, files in _people(request.originals).items()}
+        self._outputs = {original: outputs for files in self._pairs.values() for original, outputs in files}
+        for original, outputs in self._outputs.items():
+            timing = VideoTiming.of(original)
+            for output in outputs:
+                require_alike(timing, VideoTiming.of(output))
 
     def result(self) -> AttackResult:
         """All figures."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from guise.aam.landmarks import Landmarker, open_landmarker
+from guise.aam.landmarks import open_landmarker
 from guise.app.measure.curves import expression
 from guise.app.measure.faces import (
     FaceLocator,
@@ -87,19 +87,9 @@ def measure(request: MeasureRequest, *, progress: Progress = silent, say: Say = 
     MeasureError, RecogniserError, LandmarkError, MediaError, ModelError
         For a user's mistake.
     """
-    recogniser = Recogniser(request.recogniser) if request.recogniser else None
-    if recogniser is None and (request.gallery or request.donors):
-        raise MeasureError(
-            "--gallery and --identity are compared by a face recogniser: give one with --recogniser"
-        )
-    landmarker = open_landmarker(request.landmarker)
-    reports = _reports(request)
-    timing = VideoTiming.of(request.original)
-    timings = [VideoTiming.of(output) for output in request.outputs]
-    for one in timings:
-        require_alike(timing, one)
+    work = _Measurement(request, progress, say)
     with one_thread():
-        return _Measurement(request, landmarker, recogniser, timing, timings, reports, progress, say).result()
+        return work.result()
 
 
 def _reports(request: MeasureRequest) -> dict[Path, ReportedFaces]:
@@ -115,16 +105,22 @@ def _reports(request: MeasureRequest) -> dict[Path, ReportedFaces]:
 
 
 class _Measurement:
-    """The work of a request whose inputs have been checked."""
+    """The work of a request, whose inputs are checked at once."""
 
-    def __init__(
-        self, request: MeasureRequest, landmarker: Landmarker, recogniser: Recogniser | None, timing: VideoTiming,
-        timings: list[VideoTiming], reports: dict[Path, ReportedFaces], progress: Progress, say: Say,
-    ) -> None:  # fmt: skip
-        self._request, self._landmarker, self._recogniser = request, landmarker, recogniser
-        self._timing, self._timings, self._reports = timing, timings, reports
-        self._progress, self._say = progress, NoteLog(say)
-        self._seconds = np.array([float(t - timing.times[0]) for t in timing.times])
+    def __init__(self, request: MeasureRequest, progress: Progress, say: Say) -> None:
+        self._request, self._progress, self._say = request, progress, NoteLog(say)
+        self._recogniser = Recogniser(request.recogniser) if request.recogniser else None
+        if self._recogniser is None and (request.gallery or request.donors):
+            raise MeasureError(
+                "--gallery and --identity are compared by a face recogniser: give one with --recogniser"
+            )
+        self._landmarker = open_landmarker(request.landmarker)
+        self._reports = _reports(request)
+        self._timing = VideoTiming.of(request.original)
+        self._timings = [VideoTiming.of(output) for output in request.outputs]
+        for one in self._timings:
+            require_alike(self._timing, one)
+        self._seconds = np.array([float(t - self._timing.times[0]) for t in self._timing.times])
 
     def result(self) -> MeasureResult:
         """All figures."""

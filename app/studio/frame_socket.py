@@ -22,10 +22,10 @@ import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from guise.app.live.capture import Capture
-from guise.app.live.controls import Controls
+from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.microphone import Microphone, SenderClock
 from guise.app.live.output import Output, OutputFrame
-from guise.app.live.overlay import draw_mask, draw_mesh
+from guise.app.live.overlay import draw_face
 from guise.app.media import Frame
 from guise.app.media.colour import BT470BG, BT709, FULL, LIMITED, UNSPECIFIED
 from guise.app.media.encoding import PictureFormat
@@ -106,19 +106,15 @@ class PeerOutput(Output):
 
     def show(self, shown: OutputFrame) -> None:
         """Send a frame under the number with which it came."""
-        video = picture(shown, mask=self._controls.settings.mask, mesh=self._controls.settings.mesh)
-        self._peer.send(packed(video, shown.frame.index))
+        self._peer.send(packed(picture(shown, self._controls.settings), shown.frame.index))
 
 
-def picture(shown: OutputFrame, *, mask: bool, mesh: bool) -> Any:
+def picture(shown: OutputFrame, settings: LiveSettings) -> Any:
     """A frame as the browser takes it, with the requested overlays, which are drawn on a copy."""
     frame = shown.frame
-    if shown.result.mesh is not None and (mask or mesh):
+    if shown.result.mesh is not None and (settings.mask or settings.mesh):
         frame = frame.copy()
-        if mask:
-            draw_mask(frame, shown.result.mesh)
-        if mesh:
-            draw_mesh(frame, shown.result.mesh)
+        draw_face(frame, shown.result.mesh, settings)
     size = (frame.width, frame.height)
     even = (size[0] + size[0] % 2, size[1] + size[1] % 2)
     return PictureFormat(size, even, "yuv420p", BT470BG).picture(frame)
