@@ -30,14 +30,14 @@ _FIRST_CELL: F64 = np.full(2, (CROP_PIXELS_PER_CELL - 1) / 2)  # its middle, in 
 
 
 @dataclass(frozen=True)
-class IrisLimits:
+class SeenIrisLimits:
     """When an iris is seen."""
 
     min_opening_eye_widths: float = 0.17  # of the lids, below which an eye is shut
     max_offset_eye_widths: float = 0.6  # of an iris from the middle of the corners
 
 
-LIMITS = IrisLimits()
+LIMITS = SeenIrisLimits()
 
 
 class FaceClass(IntEnum):

@@ -17,7 +17,7 @@ import numpy as np
 from guise.analogy.geometry import sum_by_index
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit_vectors
-from guise.analogy.views import View, ViewedMesh
+from guise.analogy.views import OrthographicView, ViewedMesh
 from guise.common.arrays import F32, F64
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class FaceView:
     """
 
     solid: ViewedMesh
-    view: View
+    view: OrthographicView
     points: F32
 
 

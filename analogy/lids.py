@@ -19,7 +19,7 @@ from guise.analogy.lid_crease import find_crease
 from guise.analogy.mesh import Mesh
 from guise.analogy.normals import unit_vectors
 from guise.analogy.registration import skin_mask
-from guise.analogy.views import View
+from guise.analogy.views import OrthographicView
 from guise.common.arrays import F64, U8, Bool, Int
 from guise.render.visibility import visible
 
@@ -162,17 +162,19 @@ def _find(
     return Lids(upper, lower, width, fold if crease else None)
 
 
-def _eye_view(vertices: F64, normals: F64, middle: F64, width: float, forward: F64, across: F64) -> View:
+def _eye_view(
+    vertices: F64, normals: F64, middle: F64, width: float, forward: F64, across: F64
+) -> OrthographicView:
     """Along the mean normal of the skin around an eye."""
     near = np.linalg.norm(vertices - middle, axis=1) < LIDS.normal_reach_widths * width
     facing = near & (normals @ unit_vectors(forward) > 0.5)
     sight = unit_vectors(normals[facing].sum(0) if facing.any() else forward)
     right = unit_vectors(across - across @ sight * sight)
     axes = np.stack([right, np.cross(sight, right), sight])
-    return View(axes, middle, LIDS.picture_widths * width / 2, LIDS.picture_px)
+    return OrthographicView(axes, middle, LIDS.picture_widths * width / 2, LIDS.picture_px)
 
 
-def _hole(depth: F64, width: float, view: View, facing: Bool) -> Bool | None:
+def _hole(depth: F64, width: float, view: OrthographicView, facing: Bool) -> Bool | None:
     """The pixels (h, w) between the lids of an eye in the middle; None if there is no such hole.
 
     They lie behind the skin above and below, and the depth steps at their edge, unlike in the hollow beside the nose.

@@ -17,7 +17,7 @@ from guise.aam.similarity import Failed
 from guise.analogy.face_views import FaceView, landmarker
 from guise.analogy.normals import unit_vectors
 from guise.analogy.rigid import rotation_angle
-from guise.analogy.views import View, ViewedMesh
+from guise.analogy.views import OrthographicView, ViewedMesh
 from guise.common.arrays import F64, U8
 
 
@@ -89,7 +89,7 @@ def triangulate_face(facing: FaceView) -> TriangulatedFace | Failed:
 
 
 def _triangulate(
-    solid: ViewedMesh, front: View, turns: Sequence[tuple[float, float]], start: F64 | None
+    solid: ViewedMesh, front: OrthographicView, turns: Sequence[tuple[float, float]], start: F64 | None
 ) -> TriangulatedFace | Failed:
     """The points as seen from `turns` about a view; `start` (81, 3), about where they are, spares the search."""
     near = (
@@ -157,8 +157,8 @@ def _has_protruding_nose(seen: TriangulatedFace) -> bool:
     return float(nose @ seen.axes[2]) > 0
 
 
-def _frontal_view(points: F64) -> View:
-    return View(
+def _frontal_view(points: F64) -> OrthographicView:
+    return OrthographicView(
         frontal_axes(points),
         points[IBUG68].mean(0),
         TRIANGULATION.view_half_eye_widths * _eye_width(points),

@@ -36,7 +36,7 @@ SHADING = ShadingSettings()
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class OrthographicView:
     """A square orthographic view.
 
     Parameters
@@ -60,7 +60,7 @@ class View:
         across = (np.asarray(points, np.float64) - (self.pixels - 1) / 2) * (2 * self.half / self.pixels)
         return np.asarray(across * (1, -1) + self.axes[:2] @ self.centre)
 
-    def rotated(self, yaw: float, pitch: float) -> View:
+    def rotated(self, yaw: float, pitch: float) -> OrthographicView:
         """The view from `yaw` degrees further to the left and `pitch` degrees further up."""
         y, p = np.radians([yaw, pitch])
         around = np.array([[np.cos(y), 0, np.sin(y)], [0, 1, 0], [-np.sin(y), 0, np.cos(y)]])
@@ -110,7 +110,7 @@ class ViewedMesh:
         radius = np.linalg.norm(corners - middle[:, None], axis=2).max(1)
         return np.array([_closest_point(place, corners, middle, radius) for place in places])
 
-    def render(self, view: View) -> tuple[U8, Visibility]:
+    def render(self, view: OrthographicView) -> tuple[U8, Visibility]:
         """The shaded mesh, RGB uint8 (pixels, pixels, 3), its inside dark; and which triangle is visible where."""
         places = view.project(self.vertices)
         seen = visible(places, self.faces, (view.pixels, view.pixels))
@@ -125,12 +125,12 @@ class ViewedMesh:
         picture[seen.covered] = grey
         return _grey_to_rgb(picture), seen
 
-    def whole_view(self, axes: F64, pixels: int) -> View:
+    def whole_view(self, axes: F64, pixels: int) -> OrthographicView:
         """The view along `axes` that contains the whole mesh."""
         across = self.vertices @ axes.T
         low, high = across.min(0), across.max(0)
         half = 0.56 * float((high - low)[:2].max())
-        return View(axes, (low + high) / 2 @ axes, max(half, 1e-300), pixels)
+        return OrthographicView(axes, (low + high) / 2 @ axes, max(half, 1e-300), pixels)
 
 
 def _grey_to_rgb(grey: U8) -> U8:

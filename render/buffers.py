@@ -9,7 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from guise.common.arrays import F32, U8
 from guise.render.errors import RendererError
-from guise.render.mesh import Mesh
+from guise.render.mesh import TexturedMesh
 
 Texture = U8 | F32
 
@@ -35,7 +35,7 @@ class Texels:
     from the same eight bits.
     """
 
-    def __init__(self, mesh: Mesh, alpha: F32) -> None:
+    def __init__(self, mesh: TexturedMesh, alpha: F32) -> None:
         self._shape = (mesh.height, mesh.width)
         self.rgba: U8 = np.zeros((*self._shape, 4), np.uint8)
         self._rounded: U8 = np.empty((*self._shape, 3), np.uint8)

@@ -8,7 +8,7 @@ from guise.render.buffers import Texture, check_alpha
 from guise.render.context import GLMissing, may_have_hardware, probe_gl
 from guise.render.cpu import CpuCompositor
 from guise.render.errors import RendererError
-from guise.render.mesh import Mesh
+from guise.render.mesh import TexturedMesh
 
 Renderer = Literal["auto", "gl", "cpu"]
 
@@ -114,7 +114,7 @@ def make_compositor(
     if renderer not in get_args(Renderer):
         raise RendererError(f"renderer must be one of {', '.join(get_args(Renderer))}, got {renderer!r}")
     check_alpha(alpha)
-    mesh = Mesh(triangles, uv, *alpha.shape)
+    mesh = TexturedMesh(triangles, uv, *alpha.shape)
     if renderer == "gl":
         from guise.render.gl import GLCompositor
 
@@ -124,7 +124,7 @@ def make_compositor(
     return _choose(mesh, alpha)
 
 
-def _choose(mesh: Mesh, alpha: F32) -> Compositor:
+def _choose(mesh: TexturedMesh, alpha: F32) -> Compositor:
     found = probe_gl() if may_have_hardware() else GLMissing("no graphics device")
     if not isinstance(found, GLMissing) and not found.software:
         from guise.render.gl import GLCompositor

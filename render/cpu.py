@@ -16,8 +16,8 @@ from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output
 from guise.render.mesh import (
     SUBPIXELS,
     Box,
-    Mesh,
     Rasteriser,
+    TexturedMesh,
     back_first,
     bounding_box,
     snap,
@@ -36,7 +36,7 @@ class CpuCompositor(Closing):
 
     name = "cpu"
 
-    def __init__(self, mesh: Mesh, alpha: F32) -> None:
+    def __init__(self, mesh: TexturedMesh, alpha: F32) -> None:
         self.description = f"CPU: OpenCV {cv2.__version__}, NumPy {np.__version__}"
         self._mesh = mesh
         self._texels = Texels(mesh, alpha)

@@ -18,7 +18,7 @@ from guise.common.closing import Closing
 from guise.render.buffers import Scratch, Texels, Texture, check_opacity, output_for
 from guise.render.context import check, create_context, describe
 from guise.render.errors import RendererError
-from guise.render.mesh import SUBPIXELS, Box, Mesh, back_first, bounding_box, outline_box, snap
+from guise.render.mesh import SUBPIXELS, Box, TexturedMesh, back_first, bounding_box, outline_box, snap
 from guise.render.pixel_centres import to_clip_space, to_texture_space
 
 _TEXTURE_STEP_PIXELS = 64
@@ -29,7 +29,7 @@ class GLCompositor(Closing):
 
     name = "gl"
 
-    def __init__(self, mesh: Mesh, alpha: F32) -> None:
+    def __init__(self, mesh: TexturedMesh, alpha: F32) -> None:
         self._mesh = mesh
         self._texels = Texels(mesh, alpha)
         self._pixels = Scratch(np.uint8)

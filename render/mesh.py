@@ -21,7 +21,7 @@ MAX_COORDINATE_PIXELS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class TexturedMesh:
     """Triangles and the place of their vertices on the reference grid.
 
     triangles : (t, 3) int32, vertex indices; later triangles are drawn over earlier ones.
@@ -71,7 +71,7 @@ class Box(NamedTuple):
         return image[self.y0 : self.y1, self.x0 : self.x1]
 
 
-def back_first(snapped: F64, mesh: Mesh) -> Int:
+def back_first(snapped: F64, mesh: TexturedMesh) -> Int:
     """Order (t,) in which triangles of snapped vertices are drawn: those turned over from the grid come first.
 
     Where a turned face folds over itself, what is seen from behind lies behind what is seen from the front.
@@ -163,7 +163,7 @@ class Rasteriser:
         return self._numbers[:total]
 
 
-def texture_gradients(snapped: F64, mesh: Mesh) -> F64:
+def texture_gradients(snapped: F64, mesh: TexturedMesh) -> F64:
     """The affine map from pixels to texture pixels of each triangle.
 
     Parameters

@@ -15,6 +15,7 @@ PAGES = (
     "docs/glossary.md",
     "docs/README.md",
 )
+PROGRAM = ("aam", "analogy", "app", "common", "guise", "render")
 ROW = re.compile(r"^\| `([\w/]+)/` \| .* \| (.*) \|$", re.M)
 
 
@@ -51,12 +52,18 @@ def test_paths_on_the_page_exist(page: str) -> None:
     ] == []
 
 
+def test_a_public_class_has_a_name_of_its_own() -> None:
+    sources = [p for part in PROGRAM for p in (ROOT / part).rglob("*.py")]
+    homes: dict[str, list[str]] = {}
+    for path in sources:
+        for name in re.findall(r"^class ([A-Z]\w*)", path.read_text(encoding="utf-8"), re.M):
+            homes.setdefault(name, []).append(path.relative_to(ROOT).as_posix())
+    assert len(homes) > 300
+    assert {name: paths for name, paths in homes.items() if len(paths) > 1} == {}
+
+
 def test_types_in_the_glossary_exist() -> None:
-    sources = [
-        p
-        for part in ("aam", "analogy", "app", "common", "guise", "render")
-        for p in (ROOT / part).rglob("*.py")
-    ]
+    sources = [p for part in PROGRAM for p in (ROOT / part).rglob("*.py")]
     known = {
         name
         for path in sources

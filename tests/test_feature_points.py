@@ -23,7 +23,7 @@ from guise.analogy.feature_points import (
 from guise.analogy.formats.files import read_mesh
 from guise.analogy.mesh import Mesh
 from guise.analogy.triangulation import intersect_lines
-from guise.analogy.views import View, ViewedMesh
+from guise.analogy.views import OrthographicView, ViewedMesh
 from guise.common.arrays import F64, Int
 
 HEADS = Path(__file__).parents[1] / "sample_videos" / "heads"
@@ -219,7 +219,9 @@ def test_one_wrong_line_of_sight_changes_little_and_is_told() -> None:
 
 
 def test_a_pixel_and_its_line_of_sight_agree() -> None:
-    view = View(Rotation.random(random_state=5).as_matrix(), np.array([1.0, 2, 3]), 2.0, 101).rotated(20, -10)
+    view = OrthographicView(
+        Rotation.random(random_state=5).as_matrix(), np.array([1.0, 2, 3]), 2.0, 101
+    ).rotated(20, -10)
     places = np.random.default_rng(0).normal(size=(6, 3))
     assert_allclose(view.unproject(view.project(places)[:, :2]), places @ view.axes[:2].T)
     assert_allclose(view.project(view.centre[None])[0], [50, 50, 0])
@@ -228,7 +230,7 @@ def test_a_pixel_and_its_line_of_sight_agree() -> None:
 
 
 def test_turning_a_view_shows_the_side_that_it_says() -> None:
-    view = View(np.eye(3), np.zeros(3), 1.0, 11)
+    view = OrthographicView(np.eye(3), np.zeros(3), 1.0, 11)
     assert view.rotated(30, 0).axes[2][0] < 0  # towards a viewer at the picture's left
     assert view.rotated(0, 30).axes[2][1] > 0  # and above
 

@@ -14,7 +14,7 @@ from guise.app.cli.main import main
 from guise.app.measure.attack import AttackRequest, attack, roll_degrees, turned_face
 from guise.app.measure.attackers import Evidence, Guesses, Head, attacks, guessed, luck
 from guise.app.measure.table import rank_rows, similarity_rows, worst_sentence
-from guise.app.measure.views import face_only, head_pixels, outline_only, views
+from guise.app.measure.views import embedders, face_only, head_pixels, outline_only
 from guise.app.media import open_input
 
 PEOPLE, DIMENSION = 20, 24
@@ -112,7 +112,7 @@ def picture() -> tuple[np.ndarray, np.ndarray]:
 
 def test_views_see_only_what_they_say(picture: tuple[np.ndarray, np.ndarray]) -> None:
     rgb, points = picture
-    by_name = {view.name: view.embed for view in views([])}
+    by_name = {view.name: view.embed for view in embedders([])}
     noise = np.random.default_rng(0).integers(0, 256, rgb.shape).astype(np.uint8)
     inside = outline_only(np.zeros_like(rgb), points).any(2)
     other_face, other_head = rgb.copy(), noise.copy()

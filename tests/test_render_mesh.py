@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from guise.render.mesh import SUBPIXELS, Box, Mesh, Rasteriser, bounding_box, snap, texture_gradients
+from guise.render.mesh import SUBPIXELS, Box, Rasteriser, TexturedMesh, bounding_box, snap, texture_gradients
 
 WIDTH, HEIGHT = 13, 11
 
@@ -70,7 +70,7 @@ def test_neighbours_leave_no_hole_and_share_no_pixel(snapped_to: int) -> None:
 def test_gradients_take_each_corner_to_its_texture_pixel() -> None:
     rng = np.random.default_rng(1)
     uv = rng.uniform(0, 30, (12, 2)).astype(np.float32)
-    mesh = Mesh(Delaunay(uv).simplices, uv, 31, 31)
+    mesh = TexturedMesh(Delaunay(uv).simplices, uv, 31, 31)
     vertices = rng.uniform(-20, 90, (12, 2))
     snapped = snap(vertices, 12)
     a, b, c, d, e, f = texture_gradients(snapped, mesh)
@@ -83,7 +83,7 @@ def test_gradients_take_each_corner_to_its_texture_pixel() -> None:
 
 def test_gradients_of_a_triangle_without_area_are_zero() -> None:
     uv = np.array([[0, 0], [4, 0], [0, 4]], np.float32)
-    mesh = Mesh(np.array([[0, 1, 2]]), uv, 9, 9)
+    mesh = TexturedMesh(np.array([[0, 1, 2]]), uv, 9, 9)
     assert not texture_gradients(snap(np.ones((3, 2)), 3), mesh).any()
 
 
@@ -108,7 +108,7 @@ def test_box_beside_the_picture_is_empty() -> None:
 
 def test_mesh_keeps_read_only_copies() -> None:
     uv = np.array([[0, 0], [4, 0], [0, 4]], np.float32)
-    mesh = Mesh(np.array([[0, 1, 2]]), uv, 9, 9)
+    mesh = TexturedMesh(np.array([[0, 1, 2]]), uv, 9, 9)
     uv[:] = 3
     assert mesh.uv[1, 0] == 4
     with pytest.raises(ValueError, match="read-only"):

@@ -25,7 +25,7 @@ from studio_browser import (  # noqa: F401
 from guise.aam.landmarks.detector import FaceDetector
 from guise.app.media import MediaError
 from guise.app.studio.deidentify_editor import timeline
-from guise.app.studio.deidentify_jobs import Choices, preview, read_tracks, render, review, split
+from guise.app.studio.deidentify_jobs import DeidentifyChoices, preview, read_tracks, render, review, split
 from guise.app.studio.jobs import with_user_names
 from guise.app.studio.store import StudioError
 from guise.common.progress import silent
@@ -296,7 +296,7 @@ def test_a_track_is_split_and_its_parts_get_what_is_chosen_for_each(
 ) -> None:
     folder, source = tmp_path / "review", Path(work["source"])
     shutil.copytree(work["found"], folder)
-    choices = split(folder, work["output"], Choices(**work["choices"]), 1, 12)
+    choices = split(folder, work["output"], DeidentifyChoices(**work["choices"]), 1, 12)
     assert choices.actions == {"1": "swap", "2": "swap"}
     assert choices.people == {"1": 1, "2": 2}
     choices = split(folder, work["output"], choices, 2, 20)

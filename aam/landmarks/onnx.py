@@ -23,7 +23,7 @@ from guise.common.arrays import F64, U8
 
 
 @dataclass(frozen=True)
-class LandmarkerLimits:
+class OnnxLimits:
     """Thresholds of landmarkers with a card."""
 
     min_visible_share: float = 0.5  # of the points inside the picture, below which a face is lost
@@ -35,7 +35,7 @@ class LandmarkerLimits:
     max_refine_passes: int = 3
 
 
-LIMITS = LandmarkerLimits()
+LIMITS = OnnxLimits()
 
 
 class OnnxLandmarker:

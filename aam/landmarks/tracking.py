@@ -144,7 +144,7 @@ class FaceTracker:
 
 
 @dataclass(eq=False)
-class Track:
+class ActiveTrack:
     """A face that is being tracked.
 
     Parameters
@@ -200,7 +200,7 @@ class MultiFaceTracker:
         self._limits = limits
         self._face_in_box = face_in_box
         self._lookback_bytes = lookback_bytes
-        self._tracks: list[Track] = []
+        self._tracks: list[ActiveTrack] = []
         self._next = 0
         self._frames_since_detection = limits.detection_frames
         self._recent: deque[U8] = deque()
@@ -256,10 +256,10 @@ class MultiFaceTracker:
 
     # -- from one frame to the next ------------------------------------------------------------------------------
 
-    def _on_demand(self, track: Track, rgb: U8) -> Face | None:
+    def _on_demand(self, track: ActiveTrack, rgb: U8) -> Face | None:
         return None if track.missed_frames else self._refined(rgb, track.face, track.before)
 
-    def _by_boxes(self, track: Track, rgb: U8, found: RolledBoxes) -> Face | None:
+    def _by_boxes(self, track: ActiveTrack, rgb: U8, found: RolledBoxes) -> Face | None:
         shares = [iou(track.box, box) for box in found.boxes]
         nearest = int(np.argmax(shares)) if shares else -1
         detected = nearest >= 0 and shares[nearest] > self._limits.min_match_iou
@@ -285,7 +285,7 @@ class MultiFaceTracker:
     def _refined(self, rgb: U8, previous: Face, before: Face | None = None) -> Face | None:
         return _refined(self._landmarker, rgb, previous, self._limits.min_confidence, before)
 
-    def _separate(self) -> list[Track]:
+    def _separate(self) -> list[ActiveTrack]:
         """Of two faces that have come to the same place the one that moved less stays; returns the others."""
         kept: list[F32] = []
         merged = []
@@ -313,7 +313,7 @@ class MultiFaceTracker:
         self._tracks = [track for track in self._tracks if not self._is_over(track, by_boxes)]
         return dict(sorted(present.items()))
 
-    def _is_over(self, track: Track, by_boxes: bool) -> bool:
+    def _is_over(self, track: ActiveTrack, by_boxes: bool) -> bool:
         if track.missed_frames > self._limits.max_missed_frames:
             return True
         confidence = 0.0 if track.current is None else track.current.confidence
@@ -354,8 +354,8 @@ class MultiFaceTracker:
             if track.contradictions == self._limits.max_contradictions:
                 self._tracks.remove(track)
 
-    def _start(self, face: Face) -> Track:
-        track = Track(self._next, face, face.box, face)
+    def _start(self, face: Face) -> ActiveTrack:
+        track = ActiveTrack(self._next, face, face.box, face)
         self._next += 1
         self._tracks.append(track)
         return track
@@ -370,10 +370,10 @@ class MultiFaceTracker:
             self._recent.popleft()
 
 
-def _matched(faces: list[Face], tracks: list[Track], min_iou: float) -> dict[int, Track]:
+def _matched(faces: list[Face], tracks: list[ActiveTrack], min_iou: float) -> dict[int, ActiveTrack]:
     """Which track each face continues, by the face's index; best matches first, each track once."""
     pairs = [(iou(face.box, track.box), index, track) for index, face in enumerate(faces) for track in tracks]
-    matched: dict[int, Track] = {}
+    matched: dict[int, ActiveTrack] = {}
     for share, index, track in sorted(pairs, key=lambda pair: -pair[0]):
         if share > min_iou and index not in matched and track not in matched.values():
             matched[index] = track

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from guise.app.photos.image import AnalogyOptions
 
 
-class MethodName(StrEnum):
+class PhotoMethodName(StrEnum):
     """How an expression is transferred."""
 
     tents = "tents"
@@ -33,7 +33,7 @@ class MouthName(StrEnum):
 NEUTRAL = "A photo of a person, neutral."
 Target = Annotated[Path, typer.Argument(metavar="T", help="A photo of another person, neutral.")]
 Method = Annotated[
-    MethodName,
+    PhotoMethodName,
     typer.Option(
         help="Vertex tents on the luminance, or the methods they are compared with: ratio images, geometry only."
     ),
@@ -66,7 +66,7 @@ def image(
     landmarks_s1: LandmarksS1 = None,
     landmarks_t: LandmarksT = None,
     landmarker: LandmarkerSpec = None,
-    method: Method = MethodName.tents,
+    method: Method = PhotoMethodName.tents,
     strength: Strength = 1.0,
     mouth: Mouth = MouthName.fill,
     montage: Annotated[
@@ -112,7 +112,7 @@ def animate(
     landmarks_s: LandmarksS = None,
     landmarks_t: LandmarksT = None,
     landmarker: LandmarkerSpec = None,
-    method: Method = MethodName.tents,
+    method: Method = PhotoMethodName.tents,
     strength: Strength = 1.0,
     mouth: Mouth = MouthName.fill,
     encoder: Encoder = "libx264",
@@ -149,7 +149,7 @@ def _split_photos(photos: list[Path]) -> tuple[Path | None, Path, Path]:
 
 
 def _options(
-    method: MethodName, strength: float, mouth: MouthName, landmarker: str | None, force: bool
+    method: PhotoMethodName, strength: float, mouth: MouthName, landmarker: str | None, force: bool
 ) -> AnalogyOptions:
     from guise.app.photos.image import AnalogyOptions
 

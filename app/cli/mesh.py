@@ -21,7 +21,7 @@ mesh = typer.Typer(help="Transfer expressions between 3-D heads (.obj, .ply, .gl
 mesh.callback(invoke_without_command=True)(help_without_command)
 
 
-class MethodName(StrEnum):
+class MeshMethodName(StrEnum):
     """How an expression is transferred."""
 
     tents = "tents"
@@ -44,7 +44,7 @@ Target = Annotated[
     typer.Option(metavar="TARGET", help="The head that receives them, at rest; any topology, size and pose."),
 ]
 Method = Annotated[
-    MethodName,
+    MeshMethodName,
     typer.Option(help="Vertex tents, or the methods they are compared with: deformation gradients, cloning."),
 ]
 Matching = Annotated[
@@ -87,7 +87,7 @@ def transfer(
             "beside it.",
         ),
     ] = None,
-    method: Method = MethodName.tents,
+    method: Method = MeshMethodName.tents,
     correspondence: Matching = CorrespondenceName.dense,
     landmarks: Landmarks = None,
     keep_rigid: KeepRigid = False,
@@ -120,7 +120,7 @@ def rig(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="RIG.glb", help="The target with those morph targets.")
     ],
-    method: Method = MethodName.tents,
+    method: Method = MeshMethodName.tents,
     correspondence: Matching = CorrespondenceName.dense,
     landmarks: Landmarks = None,
     keep_rigid: KeepRigid = False,
@@ -162,7 +162,7 @@ def sequence(
             help="A folder for one file per frame, in the format of TARGET, or one animated .glb.",
         ),
     ],
-    method: Method = MethodName.tents,
+    method: Method = MeshMethodName.tents,
     correspondence: Matching = CorrespondenceName.dense,
     landmarks: Landmarks = None,
     keep_rigid: KeepRigid = False,
@@ -304,7 +304,7 @@ def preview(
 
 
 def _options(
-    method: MethodName, matching: CorrespondenceName, landmarks: tuple[str, str] | None, keep_rigid: bool
+    method: MeshMethodName, matching: CorrespondenceName, landmarks: tuple[str, str] | None, keep_rigid: bool
 ) -> TransferOptions:
     from guise.app.meshes.pair import TransferOptions
 

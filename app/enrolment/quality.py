@@ -31,7 +31,7 @@ from guise.common.arrays import F32, F64
 
 
 @dataclass(frozen=True)
-class QualityLimits:
+class ClipQualityLimits:
     """Beyond which a clip is not as it should be.  Gaps of the lips are in inter-ocular distances."""
 
     max_shut_gap: float = 0.04  # of the lips in the frames in which they are nearest
@@ -48,7 +48,7 @@ class QualityLimits:
     least_frames: int = 30  # of a clip of which it is told; photos are never in a row
 
 
-LIMITS = QualityLimits()
+LIMITS = ClipQualityLimits()
 EXTREME_PERCENT = 3  # of frames, that count as the extremes
 USUAL_LIDS = 0.7  # quantile of the opening of the lids that is usual
 

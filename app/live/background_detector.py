@@ -26,7 +26,7 @@ from guise.common.closing import Closing
 
 
 @dataclass(frozen=True)
-class DetectionLimits:
+class BackgroundLimits:
     """What the background detector finds and keeps."""
 
     picture_height_pixels: int = 240  # of the downscaled frame
@@ -43,7 +43,7 @@ class DetectionLimits:
     min_change: float = 5.0  # grey levels, of a change
 
 
-LIMITS = DetectionLimits()
+LIMITS = BackgroundLimits()
 
 
 @dataclass(frozen=True, eq=False)

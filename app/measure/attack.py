@@ -23,7 +23,7 @@ from guise.app.measure.faces import MIN_CONFIDENCE, MIN_MATCH_IOU, MeasureError,
 from guise.app.measure.figures import plain
 from guise.app.measure.pair import VideoTiming, require_alike
 from guise.app.measure.privacy import Scores, template
-from guise.app.measure.views import Region, View, views
+from guise.app.measure.views import Embedder, Region, embedders
 from guise.app.media import frames_at
 from guise.app.people.recogniser import Recogniser, five_points
 from guise.common.arrays import F32, U8
@@ -203,7 +203,7 @@ class _Attack:
 
     def __init__(self, request: AttackRequest, progress: Progress, say: Say) -> None:
         self._request, self._progress, self._say = request, progress, NoteLog(say)
-        self._views = views([Recogniser(card) for card in request.recognisers])
+        self._views = embedders([Recogniser(card) for card in request.recognisers])
         self._landmarker = open_landmarker(request.landmarker)
         self._pairs = {name: _files(request, files) for name, files in _people(request.originals).items()}
         self._outputs = {original: outputs for files in self._pairs.values() for original, outputs in files}
@@ -345,7 +345,7 @@ class _Attack:
 
 
 def _figures(
-    view: View, evidence: Sequence[Evidence], guesses: Mapping[tuple[Attacker, By], Guesses],
+    view: Embedder, evidence: Sequence[Evidence], guesses: Mapping[tuple[Attacker, By], Guesses],
     after: list[tuple[_Seen, _Seen]], controls: Mapping[int, list[_Seen]],
 ) -> ViewFigures:  # fmt: skip
     templates = np.stack([template(one.known) for one in evidence])
@@ -371,7 +371,10 @@ def _figures(
 
 
 def _tilted(
-    view: View, templates: NDArray[Any], after: list[tuple[_Seen, _Seen]], controls: Mapping[int, list[_Seen]]
+    view: Embedder,
+    templates: NDArray[Any],
+    after: list[tuple[_Seen, _Seen]],
+    controls: Mapping[int, list[_Seen]],
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Scores of tilted faces with their own person, and with all others turned alike."""
     own, others = [np.zeros(0)], [np.zeros(0)]
@@ -386,7 +389,7 @@ def _tilted(
     return np.concatenate(own), np.concatenate(others)
 
 
-def _worst(every: Mapping[View, Mapping[tuple[Attacker, By], Guesses]]) -> Worst:
+def _worst(every: Mapping[Embedder, Mapping[tuple[Attacker, By], Guesses]]) -> Worst:
     """The most successful attacker of some views."""
     flat = {(view, *key): one for view, guesses in every.items() for key, one in guesses.items()}
     view, attacker, by = max(flat, key=lambda key: flat[key].rank_one)

@@ -35,7 +35,7 @@ HEAD_BLUR_PIXELS = 1.0
 
 
 @dataclass(frozen=True)
-class View:
+class Embedder:
     """How faces become embeddings.
 
     name : shown in reports.   region : what tells the people apart in it.
@@ -47,14 +47,17 @@ class View:
     embed: Callable[[U8, NDArray[Any]], F32 | None]
 
 
-def views(recognisers: Sequence[Recogniser]) -> list[View]:
+def embedders(recognisers: Sequence[Recogniser]) -> list[Embedder]:
     """The built-in views, and three for each recogniser."""
-    found = [View("built-in, face", "face", _signature), View("built-in, outline", "outline", head_pixels)]
+    found = [
+        Embedder("built-in, face", "face", _signature),
+        Embedder("built-in, outline", "outline", head_pixels),
+    ]
     for one in recognisers:
         found += [
-            View(f"{one.name}, crop", "face", one),
-            View(f"{one.name}, face", "face", partial(_face_by, one)),
-            View(f"{one.name}, outline", "outline", partial(_outline_by, one)),
+            Embedder(f"{one.name}, crop", "face", one),
+            Embedder(f"{one.name}, face", "face", partial(_face_by, one)),
+            Embedder(f"{one.name}, outline", "outline", partial(_outline_by, one)),
         ]
     return found
 

@@ -35,7 +35,7 @@ from guise.common.arrays import F32, I32, U8
 
 
 @dataclass(frozen=True)
-class DetectionLimits:
+class CandidateLimits:
     """Thresholds of what is tracked as a face and what is kept as a bystander's.
 
     Scores are the detector's, likenesses the landmarker's logits of how much a box looks like a face; a confirmed
@@ -75,7 +75,7 @@ class DetectionLimits:
     sudden_frames: int = 5  # of the frames before
 
 
-LIMITS = DetectionLimits()
+LIMITS = CandidateLimits()
 TRACKING = TrackingLimits(
     min_confidence=0.15,
     min_start_confidence=0.5,

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from guise.app.deidentify.report.page import COUNTS, HEADLINES
 from guise.app.studio.deidentify_editor import ACTIONS, COVERS, REGIONS, SOUNDS, TrackEditor
-from guise.app.studio.deidentify_jobs import REPORTS, Choices, download_name, render, review
+from guise.app.studio.deidentify_jobs import REPORTS, DeidentifyChoices, download_name, render, review
 from guise.app.studio.site import Studio, choice_row, heading, page
 from guise.app.studio.store import JobRow, Upload
 from guise.app.studio.videos import (
@@ -74,14 +74,14 @@ def _for_all(studio: Studio, videos: VideoList) -> None:
     with ui.card().classes("w-full"):
         heading("The same choices for all").classes(remove="mt-4")
         faces = choice_row("Faces", FACES, "swap")
-        cover = choice_row("Covers", COVERS, Choices({}, {}).cover)
-        audio = choice_row("Sound", SOUNDS, Choices({}, {}).audio)
-        region = choice_row("Replaced", REGIONS, Choices({}, {}).region)
+        cover = choice_row("Covers", COVERS, DeidentifyChoices({}, {}).cover)
+        audio = choice_row("Sound", SOUNDS, DeidentifyChoices({}, {}).audio)
+        region = choice_row("Replaced", REGIONS, DeidentifyChoices({}, {}).region)
 
         def start() -> None:
             for job in ready:
                 folder = studio.store.folder_of(job.id)
-                choices = Choices.load(folder)
+                choices = DeidentifyChoices.load(folder)
                 choices.cover, choices.audio, choices.region = cover.value, audio.value, region.value
                 if faces.value == "cover":
                     choices.actions = dict.fromkeys(choices.actions, "cover")
@@ -92,7 +92,7 @@ def _for_all(studio: Studio, videos: VideoList) -> None:
         ui.button(f"Render {len(ready)} that are ready", icon="movie", on_click=start)
 
 
-def _render(studio: Studio, job: JobRow, choices: Choices) -> None:
+def _render(studio: Studio, job: JobRow, choices: DeidentifyChoices) -> None:
     start_rendering(studio, WORK, job, choices, output=job.result["output"])
 
 
@@ -109,7 +109,7 @@ class _ReviewPage(VideoPage):
         ):
             TrackEditor(self.studio, self.job, self._render).build()
 
-    def _render(self, choices: Choices) -> None:
+    def _render(self, choices: DeidentifyChoices) -> None:
         _render(self.studio, self.job, choices)
         self.results.refresh()
 
@@ -125,7 +125,7 @@ class _ReviewPage(VideoPage):
             video.style("max-height: 70vh").props('aria-label="The rendered video"')
             with ui.column().classes("grow basis-60"):
                 _counts(job.result["counts"])
-                ui.label(_chosen(Choices(**job.about["choices"]))).classes("opacity-70")
+                ui.label(_chosen(DeidentifyChoices(**job.about["choices"]))).classes("opacity-70")
                 for problem in job.result["problems"]:
                     ui.label(problem)
         with ui.row():
@@ -148,7 +148,7 @@ def _counts(counts: dict[str, int]) -> None:
     ui.table(columns=columns, rows=rows).props("flat dense hide-bottom").classes("w-full")
 
 
-def _chosen(choices: Choices) -> str:
+def _chosen(choices: DeidentifyChoices) -> str:
     done = list(choices.actions.values())
     faces = ", ".join(f"{done.count(action)} to {action}" for action in ACTIONS if action in done)
     return (

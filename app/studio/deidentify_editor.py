@@ -14,7 +14,7 @@ from guise.app.deidentify.report.quality import track_quality
 from guise.app.deidentify.report.report import clock
 from guise.app.deidentify.report.sheet import ACTION_COLOURS
 from guise.app.deidentify.report.timeline import confidence_svg
-from guise.app.studio.deidentify_jobs import Choices, preview, read_tracks, split, thumbnail
+from guise.app.studio.deidentify_jobs import DeidentifyChoices, preview, read_tracks, split, thumbnail
 from guise.app.studio.dialogs import confirm, submitted
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row
@@ -40,7 +40,7 @@ class TrackEditor:
     job : the review.   render : called with the choices when the user starts the rendering.
     """
 
-    def __init__(self, studio: Studio, job: JobRow, render: Callable[[Choices], None]) -> None:
+    def __init__(self, studio: Studio, job: JobRow, render: Callable[[DeidentifyChoices], None]) -> None:
         self._studio, self._job, self._render = studio, job, render
         self._folder = studio.store.folder_of(job.id)
         value = read_tracks(self._folder)
@@ -65,9 +65,9 @@ class TrackEditor:
         self._exposed()
         ui.button("Render", icon="movie", on_click=lambda: self._render(self._choices))
 
-    def _load(self) -> Choices:
+    def _load(self) -> DeidentifyChoices:
         """The saved choices, or the proposed ones; a donor who no longer exists becomes any."""
-        choices = Choices.load(self._folder)
+        choices = DeidentifyChoices.load(self._folder)
         choices.donors = {k: spec if spec in self._faces else "" for k, spec in choices.donors.items()}
         return choices
 

@@ -40,7 +40,7 @@ REPORTS = (f"{STEM}.report.html", f"{STEM}.report.json")
 
 
 @dataclass
-class Choices:
+class DeidentifyChoices:
     """The user's choices for a clip.
 
     Parameters
@@ -60,13 +60,13 @@ class Choices:
     names: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def proposed(cls, tracks: list[dict[str, Any]]) -> Choices:
+    def proposed(cls, tracks: list[dict[str, Any]]) -> DeidentifyChoices:
         """The choices that Guise proposes.   tracks : from the file TRACKS."""
         actions = {str(track["track"]): track["action"] for track in tracks}
         return cls(actions, {str(track["person"]): track["donor"] for track in tracks})
 
     @classmethod
-    def load(cls, folder: Path) -> Choices:
+    def load(cls, folder: Path) -> DeidentifyChoices:
         """The choices that were saved in a review's folder, or the proposed ones."""
         path = folder / CHOICES
         if path.exists():
@@ -118,11 +118,12 @@ def review(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
 def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Render a reviewed clip.
 
-    about : source and name as for the review; found, its folder; output, its file name; choices, see `Choices`.
+    about : source and name as for the review; found, its folder; output, its file name; choices, see
+        `DeidentifyChoices`.
     Returns outcome, sentence, counts and problems of the report, and which tracks are not swapped well.
     """
     source, output, before = Path(about["source"]), folder / about["output"], Path(about["found"])
-    choices = Choices(**about["choices"])
+    choices = DeidentifyChoices(**about["choices"])
     if not before.exists():
         raise StudioError(f"the review of {about['name']} was deleted: upload the video again")
     shutil.copytree(_work(before / output.name), _work(output))
@@ -149,7 +150,7 @@ def doubts(tracks: Sequence[Track]) -> list[str]:
     ]
 
 
-def split(folder: Path, output: str, choices: Choices, track: int, frame: int) -> Choices:
+def split(folder: Path, output: str, choices: DeidentifyChoices, track: int, frame: int) -> DeidentifyChoices:
     """Split a track in a review's folder, so that a part of it begins with a frame; the choices for the parts."""
     before = read_tracks(folder)
     row = next(row for row in before["tracks"] if row["track"] == track)
@@ -173,7 +174,9 @@ def _holds(row: dict[str, Any], part: dict[str, Any]) -> bool:
     return _origin(row) == _origin(part) and row["frames"][0] <= part["frames"][0] <= row["frames"][1]
 
 
-def _carried(choices: Choices, old: list[dict[str, Any]], new: list[dict[str, Any]]) -> Choices:
+def _carried(
+    choices: DeidentifyChoices, old: list[dict[str, Any]], new: list[dict[str, Any]]
+) -> DeidentifyChoices:
     """The choices for tracks of which one was split; a new part is a person of its own."""
     whole = {row["track"]: next(one for one in old if _holds(one, row)) for row in new}
     begins = {row["track"] for row in new if row["frames"][0] == whole[row["track"]]["frames"][0]}
@@ -189,7 +192,7 @@ def _carried(choices: Choices, old: list[dict[str, Any]], new: list[dict[str, An
 
 
 def preview(
-    source: Path, found: Path, choices: Choices, output: str, frame: int, width: int
+    source: Path, found: Path, choices: DeidentifyChoices, output: str, frame: int, width: int
 ) -> tuple[U8, U8]:
     """A frame before and after, RGB (h, w, 3).   found : folder of the review.   width : pixels, at most."""
     trial, tracks = found / "preview.work", found / "preview.tracks.json"
@@ -221,7 +224,7 @@ def _work(output: Path) -> Path:
     return output.with_name(output.name + ".work")
 
 
-def _edited(review: Path, choices: Choices) -> str:
+def _edited(review: Path, choices: DeidentifyChoices) -> str:
     """The track file's text with the user's choices."""
     value = read_tracks(review)
     for track in value["tracks"]:

@@ -20,7 +20,7 @@ SCREEN = 720  # screen units on each side
 
 
 @dataclass(frozen=True)
-class ViewLimits:
+class LandmarkViewLimits:
     """Sizes of the view."""
 
     pick_radius_units: float = 36  # screen units around a pointer within which a point is picked
@@ -29,7 +29,7 @@ class ViewLimits:
     face_margin: float = 1.5  # side of the view relative to the face's
 
 
-LIMITS = ViewLimits()
+LIMITS = LandmarkViewLimits()
 _BACKGROUND = (32, 32, 32)
 _LINES = tuple([*group, group[0]] for group in CLOSED_LINES) + tuple(list(group) for group in OPEN_LINES)
 

@@ -14,7 +14,7 @@ from nicegui import ui
 from guise.app.studio.portraits import Portraits
 from guise.app.studio.site import Studio, choice_row, page
 from guise.app.studio.store import JobRow, StudioError, Upload
-from guise.app.studio.swap_jobs import REPORT, Choices, find, preview, render
+from guise.app.studio.swap_jobs import REPORT, SwapChoices, find, preview, render
 from guise.app.studio.videos import (
     PREVIEW_WIDTH_PIXELS,
     SAMPLE,
@@ -74,7 +74,7 @@ class _SwapPage(VideoPage):
         if able and not self._faces:
             self._faces[able[0]] = self._proposed()
         if able and self.job.about["name"] == SAMPLE and not self.made:
-            start_rendering(self.studio, WORK, self.job, Choices(dict(self._faces)))
+            start_rendering(self.studio, WORK, self.job, SwapChoices(dict(self._faces)))
         with ui.element("div").classes("w-full grid gap-4"):
             for one in people:
                 self._person(one)
@@ -113,8 +113,8 @@ class _SwapPage(VideoPage):
         self._faces = faces | ({number: spec} if spec else {})
         await self._frame.update()
 
-    def _chosen(self) -> Choices:
-        return Choices(dict(sorted(self._faces.items())), self._others.value, self._mode.value)
+    def _chosen(self) -> SwapChoices:
+        return SwapChoices(dict(sorted(self._faces.items())), self._others.value, self._mode.value)
 
     # -- the whole video -------------------------------------------------------------------------------------------
 

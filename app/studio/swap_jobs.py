@@ -36,7 +36,7 @@ PEOPLE, SCAN, REPORT, STEM = "people.npz", "scan.json", "report.json", "out"
 
 
 @dataclass
-class Choices:
+class SwapChoices:
     """The user's choices: faces by the numbers of people, as text; what happens to the others.
 
     mode : "puppet" animates the face's own head with the expressions of the first person who gets one.
@@ -83,7 +83,7 @@ def find(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, A
 def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str, Any]:
     """Swap a clip.
 
-    about : source and name as for the finding; found, its folder; choices, see `Choices`.
+    about : source and name as for the finding; found, its folder; choices, see `SwapChoices`.
     Returns the output's file name, and the report of `swap_people` or `puppet_file`.
     """
     source, before = Path(about["source"]), Path(about["found"])
@@ -91,7 +91,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
         raise StudioError(f"what was found in {about['name']} was deleted: choose the video again")
     settings = SwapSettings(encode=EncodeOptions(), progress=progress)
     output = folder / (STEM + suffix_for(source, settings.encode.encoder))
-    choices, known = Choices(**about["choices"]), known_video(before)
+    choices, known = SwapChoices(**about["choices"]), known_video(before)
     report: SwapReport
     if choices.mode == "puppet":
         driver, face = _puppet(choices, known)
@@ -103,7 +103,7 @@ def render(about: dict[str, Any], folder: Path, progress: Progress) -> dict[str,
     return facts
 
 
-def preview(source: Path, found: Path, choices: Choices, frame: int, width: int) -> tuple[U8, U8]:
+def preview(source: Path, found: Path, choices: SwapChoices, frame: int, width: int) -> tuple[U8, U8]:
     """A frame before and after, RGB (h, w, 3).   found : folder of the finding.   width : pixels, at most."""
     frames = Scan.from_json(json.loads((found / SCAN).read_text(encoding="utf-8")))
     some = frames_until(source, frames, frame)
@@ -118,7 +118,7 @@ def preview(source: Path, found: Path, choices: Choices, frame: int, width: int)
     return before, fitted_to(some[-1].rgb(), width)
 
 
-def _puppet(choices: Choices, known: KnownVideo) -> tuple[Identity, Identity]:
+def _puppet(choices: SwapChoices, known: KnownVideo) -> tuple[Identity, Identity]:
     """Who drives, and whose head moves."""
     for number, face in choices.faces.items():
         if int(number) in known.models:

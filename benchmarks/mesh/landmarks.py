@@ -39,7 +39,7 @@ from guise.analogy.feature_points import (
 )
 from guise.analogy.mesh import Mesh
 from guise.analogy.triangulation import frontal_axes, triangulate_face
-from guise.analogy.views import View, ViewedMesh
+from guise.analogy.views import OrthographicView, ViewedMesh
 
 NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"
 MAX_ERROR_EYE_WIDTHS = 0.08  # eye widths
@@ -156,7 +156,9 @@ def draw(path: Path, head: Head, points: FeaturePoints) -> None:
         (RIGHT_EYE, RIGHT_EYE_CORNERS), (LEFT_EYE, LEFT_EYE_CORNERS), (OUTER_LIPS, MOUTH_CORNERS)
     ):  # fmt: skip
         corners[group] = corners[corners_of].mean(0)
-    front = View(frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, PICTURE_PX)
+    front = OrthographicView(
+        frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, PICTURE_PX
+    )
     shown = []
     for yaw, pitch in PICTURE_ANGLES_DEG:
         view = front.rotated(yaw, pitch)

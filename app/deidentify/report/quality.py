@@ -8,7 +8,7 @@ from typing import Literal
 
 
 @dataclass(frozen=True)
-class QualityLimits:
+class TrackQualityLimits:
     """Below which a track is not good, and from which it is poor.  Widths in pixels, shares of the track's time."""
 
     good_width: float = 80.0
@@ -18,7 +18,7 @@ class QualityLimits:
     min_confidence: float = 0.5  # of a certain fit
 
 
-LIMITS = QualityLimits()
+LIMITS = TrackQualityLimits()
 
 
 @dataclass(frozen=True)
