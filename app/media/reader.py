@@ -127,7 +127,7 @@ class VideoReader(Closing):
         except BaseException:
             self.container.close()
             raise
-        self._skip_unwanted_videos()
+        self._leave_out(self.container.streams.video)
         self.time_base = Fraction(self.stream.time_base or Fraction(1, 90000))
         self._recent: deque[int] = deque(maxlen=LIMITS.max_delayed_packets)
         self._last: int | None = None
@@ -138,9 +138,7 @@ class VideoReader(Closing):
 
     def only_video(self) -> None:
         """Read no packets of the other streams."""
-        for stream in self.container.streams:
-            if stream.index != self.stream.index:
-                stream.discard = av.stream.Discard.all
+        self._leave_out(self.container.streams)
 
     def use_one_thread(self) -> None:
         """Decode with one thread: slower, but with the same result each time, even from a damaged file."""
@@ -164,8 +162,9 @@ class VideoReader(Closing):
         self._shape = (first.width, first.height, first.format.name)
         self.container.seek(min(pts, dts), stream=self.stream)
 
-    def _skip_unwanted_videos(self) -> None:
-        for stream in self.container.streams.video:
+    def _leave_out(self, streams: Iterable[av.stream.Stream]) -> None:
+        """Read no packets of streams other than the chosen one."""
+        for stream in streams:
             if stream.index != self.stream.index:
                 stream.discard = av.stream.Discard.all
 
