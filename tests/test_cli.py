@@ -291,6 +291,19 @@ def test_interrupted_in_the_middle_nothing_is_left(people: Path, number: signal.
     assert sorted(people.iterdir()) == before
 
 
+def test_the_callers_handler_of_a_signal_is_given_back(capsys: pytest.CaptureFixture[str]) -> None:
+    def own(number: int, frame: object) -> None:
+        raise AssertionError
+
+    before = signal.signal(signal.SIGTERM, own)
+    try:
+        for command in ("--help", "enroll"):
+            run(capsys, command)
+            assert signal.getsignal(signal.SIGTERM) is own
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def test_an_unwritable_folder(capsys: pytest.CaptureFixture[str], here: Path) -> None:
     if os.geteuid() == 0:
         pytest.skip("everything is writable for root")

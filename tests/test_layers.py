@@ -171,6 +171,15 @@ def test_no_module_imports_itself_by_a_detour() -> None:
     assert len(order) > 200
 
 
+def test_no_training_module_imports_itself_by_a_detour() -> None:
+    graph = {
+        f"training.{path.stem}": {found.rpartition(".")[0] for found, _ in imports(path)}
+        for path in (ROOT / "training").glob("*.py")
+    }
+    order = [name for name in TopologicalSorter(graph).static_order() if name in graph]
+    assert len(order) == len(graph) > 40
+
+
 @pytest.mark.parametrize("library", sorted(OWNERS))
 def test_every_owned_library_is_used(library: str) -> None:
     users = [path for path in modules() if any(name.split(".")[0] == library for name, _ in imports(path))]

@@ -141,11 +141,14 @@ def test_who_returns_is_covered_until_the_face_was_confident_for_a_while(
 
 
 def hidden_from(picture: U8, shape: F64, share: float) -> tuple[U8, slice, slice]:
-    """A picture with a board in front of a face (81, 2) from a share of its height down; rows and columns above."""
+    """A picture with a board in front of a face (81, 2) from a share of its height down; rows and columns above.
+
+    The board is pale: one of the hair's colour that touches the hair is taken for a lock of it (`_hair_coloured`).
+    """
     rows, columns = box(shape)
     top = rows.start + round(share * (rows.stop - rows.start))
     hidden = picture.copy()
-    hidden[top:, columns] = (90, 60, 50)
+    hidden[top:, columns] = (200, 200, 190)
     return hidden, slice(rows.start, top), columns
 
 
@@ -158,10 +161,13 @@ def test_a_face_that_is_hidden_is_covered(face: LiveFaces, talk: list[U8], truth
     assert changed[rows, columns].mean() > 0.99
 
 
-def test_a_face_behind_a_board_is_swapped_around_it(face: LiveFaces, talk: list[U8], truth: F64) -> None:
+@pytest.mark.parametrize("share", [0.45, 0.5, 0.6])
+def test_a_face_behind_a_board_is_swapped_around_it(
+    face: LiveFaces, talk: list[U8], truth: F64, share: float
+) -> None:
     play = Player(face)
     play(talk[0])
-    hidden, rows, columns = hidden_from(talk[1], truth[1], 0.5)
+    hidden, rows, columns = hidden_from(talk[1], truth[1], share)
     for _ in range(OCCLUSION.pause_frames + 1):
         result, changed, _ = play(hidden)
         assert result.outcome == "swapped"

@@ -27,8 +27,8 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.parsing import CELLS, HEAD_FRAMING
 from training import occluders
-from training.augment import HEADS, Props, Sample, plain, sample
-from training.canvas import SIZE, Canvas, class_maps, possible_maps
+from training.augment import HEADS, Props, plain, sample
+from training.canvas import SIZE, Canvas, Sample, class_maps, possible_maps
 from training.clutter import clutter
 from training.data import Labelled
 from training.hair import dye

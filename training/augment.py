@@ -14,8 +14,8 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import MIRROR
 from guise.aam.parsing import CELLS, FACE_FRAMING, HEAD_FRAMING, Framing
-from guise.common.arrays import F32, F64, U8, Bool
-from training.canvas import SIZE, Canvas, blend, class_maps, possible_maps
+from guise.common.arrays import F32, F64, U8
+from training.canvas import SIZE, Canvas, Sample, blend, class_maps, possible_maps
 from training.data import Labelled
 from training.drawn_glasses import glasses
 from training.exposure import camera, light
@@ -63,29 +63,6 @@ class Props:
 
     backgrounds: U8
     hands: Sequence[Cutout] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """A crop with its ground truth, in pixels of the crop.
-
-    Parameters
-    ----------
-    crop : (128, 128, 3) uint8
-    points, seen : (81, 2) float32, (81,) bool
-    iris, iris_seen : (2, 3) float32 centre and radius, (2,) bool
-    maps : (classes, 64, 64) float32
-        Share of each class in a cell if `exact`, otherwise 1 for the classes that a cell may show.
-    exact : bool
-    """
-
-    crop: Picture
-    points: F32
-    seen: Bool
-    iris: F32
-    iris_seen: Bool
-    maps: F32
-    exact: bool
 
 
 def sample(

@@ -7,7 +7,7 @@ exact.  Pixels, x right, y down, pixel centres at integers; images RGB uint8.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,9 +28,6 @@ from training.parsing_labels import (
     SKIN,
 )
 
-if TYPE_CHECKING:
-    from training.augment import Sample
-
 SIZE = 128  # pixels, the side of the network's input
 LABELS_PER_SIDE = 192  # that are averaged to the maps
 MIN_IRIS_SHARE = 0.25  # that must be seen for an iris to count
@@ -38,9 +35,32 @@ MIN_IRIS_SHARE = 0.25  # that must be seen for an iris to count
 Picture = U8
 
 
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A crop with its ground truth, in pixels of the crop.
+
+    Parameters
+    ----------
+    crop : (128, 128, 3) uint8
+    points, seen : (81, 2) float32, (81,) bool
+    iris, iris_seen : (2, 3) float32 centre and radius, (2,) bool
+    maps : (classes, 64, 64) float32
+        Share of each class in a cell if `exact`, otherwise 1 for the classes that a cell may show.
+    exact : bool
+    """
+
+    crop: Picture
+    points: F32
+    seen: Bool
+    iris: F32
+    iris_seen: Bool
+    maps: F32
+    exact: bool
+
+
 @dataclass(eq=False)
 class Canvas:
-    """The state of a sample; see `augment.Sample` for shapes and units."""
+    """The state of a sample; see `Sample` for shapes and units."""
 
     crop: Picture
     points: F32
@@ -70,8 +90,6 @@ class Canvas:
 
     def finish(self) -> Sample:
         """The finished sample."""
-        from training.augment import Sample
-
         inside = (self.points > -0.5).all(1) & (self.points < SIZE - 0.5).all(1)
         return Sample(
             self.crop,

@@ -6,7 +6,8 @@ import numpy as np
 
 from guise.aam.parsing import FACE_FRAMING, Framing
 from guise.common.arrays import F32, U8, Int
-from training.augment import Props, Sample, plain
+from training.augment import Props, plain
+from training.canvas import Sample
 from training.data import Pictures
 
 

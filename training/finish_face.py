@@ -35,7 +35,8 @@ from torch import Tensor, nn
 
 from guise.aam.landmarks import interocular
 from guise.common.arrays import F64, U8
-from training.augment import SIZE, Props, Sample, negative, sample
+from training.augment import Props, negative, sample
+from training.canvas import SIZE, Sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, load_parts, load_real

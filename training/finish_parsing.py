@@ -24,7 +24,8 @@ import torch
 from torch import Tensor, nn
 
 from guise.aam.parsing import FACE_FRAMING, Framing
-from training.augment import Props, Sample
+from training.augment import Props
+from training.canvas import Sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, load_parts, load_real

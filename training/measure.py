@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks import LEFT_EYE, RIGHT_EYE, interocular
 from guise.common.arrays import F32, F64, U8
-from training.augment import Sample
+from training.canvas import Sample
 from training.parsing_labels import CLASSES, OCCLUDER
 
 AGREEMENT_EVERY = 5  # crops of those at hand are compared fused and not

@@ -23,7 +23,7 @@ from guise.aam.landmarks import interocular
 from guise.aam.landmarks.builtin import CROP, cut
 from guise.aam.landmarks.crops import upright_square
 from guise.common.arrays import F32, F64, U8
-from training.augment import Sample
+from training.canvas import Sample
 from training.crops import plain_samples
 from training.data import Pictures, load_parts, load_real
 from training.definitions import read_alignment

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
-from training.augment import ALONE, FOLLOWED, HEADS, SIZE, Props, Sample, Strength, negative, sample
+from training.augment import ALONE, FOLLOWED, HEADS, Props, Strength, negative, sample
+from training.canvas import SIZE, Sample
 from training.crops import plain_samples
 from training.cutouts import make_props
 from training.data import Pictures, by_hands, join, load_part, load_real, part_files

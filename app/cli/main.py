@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 _ENVIRONMENT = {
@@ -31,14 +31,26 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     for name, value in _ENVIRONMENT.items():
         os.environ.setdefault(name, value)
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _terminate)
-    code = _run(arguments)
-    from guise.common.failures import INTERRUPTED
+    with _terminated_like_interrupted():
+        code = _run(arguments)
+        from guise.common.failures import INTERRUPTED
 
-    if argv is None and code == INTERRUPTED:
-        _end(code)
+        if argv is None and code == INTERRUPTED:
+            _end(code)
     return code
+
+
+@contextlib.contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """SIGTERM raises KeyboardInterrupt in the main thread; afterwards the caller's handler is back."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
 def _run(arguments: list[str]) -> int:
