@@ -5,7 +5,10 @@ compositor sees them: GL rasterisers snap to that grid anyway, and on a known gr
 arithmetic, so that GL and its twin agree pixel by pixel even where the mesh folds over itself.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,6 +45,26 @@ class TexturedMesh:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
+    @cached_property
+    def grid(self) -> GridTriangles:
+        """What of the triangles' places on the grid every frame needs."""
+        return GridTriangles(self.uv.astype(np.float64), self.triangles)
+
+
+class GridTriangles:
+    """Triangles (t, 3) on the reference grid, at points uv (v, 2) in texture pixels.
+
+    first, second : (2, t) the sides from their first corners to the others.
+    corner : (2, t) their first corners.
+    turned : (t,) whether their area is negative.
+    """
+
+    def __init__(self, uv: F64, triangles: I32) -> None:
+        corners = uv[triangles]
+        self.corner = np.ascontiguousarray(corners[:, 0].T)
+        self.first, self.second = (np.ascontiguousarray((corners[:, k] - corners[:, 0]).T) for k in (1, 2))
+        self.turned = _areas(uv, triangles) < 0
+
 
 class Box(NamedTuple):
     """Pixels x0 <= x < x1, y0 <= y < y1."""
@@ -76,13 +99,13 @@ def back_first(snapped: F64, mesh: TexturedMesh) -> Int:
 
     Where a turned face folds over itself, what is seen from behind lies behind what is seen from the front.
     """
-    turned = (_areas(snapped, mesh.triangles) < 0) != (_areas(mesh.uv.astype(np.float64), mesh.triangles) < 0)
-    return np.argsort(~turned, kind="stable")
+    turned = (_areas(snapped, mesh.triangles) < 0) != mesh.grid.turned
+    return (~turned).argsort(kind="stable")
 
 
 def _areas(points: F64, triangles: NDArray[np.integer]) -> F64:
     """Twice the signed areas (t,)."""
-    (ax, ay), (bx, by), (cx, cy) = (points[triangles[:, k]].T for k in range(3))
+    (ax, bx, cx), (ay, by, cy) = points[triangles].T
     return np.asarray((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
@@ -105,7 +128,7 @@ def snap(vertices: Floating, count: int) -> F64:
     points = np.asarray(vertices, np.float64)
     if points.shape != (count, 2):
         raise RendererError(f"vertices must be ({count}, 2), got {points.shape}")
-    if not (np.abs(points) <= MAX_COORDINATE_PIXELS).all():  # false for nan too
+    if not np.maximum.reduce(np.abs(points), None) <= MAX_COORDINATE_PIXELS:  # true for nan too
         raise RendererError(
             f"vertices must be finite and within {MAX_COORDINATE_PIXELS} pixels of the rectangle"
         )
@@ -114,9 +137,9 @@ def snap(vertices: Floating, count: int) -> F64:
 
 def bounding_box(snapped: F64, width: int, height: int) -> Box:
     """The pixels of a width x height image that a mesh of snapped vertices can cover."""
-    low = np.ceil(snapped.min(0) / SUBPIXELS)
-    high = np.floor(snapped.max(0) / SUBPIXELS) + 1
-    return Box(max(0, int(low[0])), max(0, int(low[1])), min(width, int(high[0])), min(height, int(high[1])))
+    low = np.maximum(np.ceil(np.minimum.reduce(snapped) / SUBPIXELS), 0)
+    high = np.minimum(np.floor(np.maximum.reduce(snapped) / SUBPIXELS) + 1, (width, height))
+    return Box(int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
 def outline_box(snapped: F64) -> Box:
@@ -149,12 +172,9 @@ class Rasteriser:
         order = np.arange(len(self._triangles)) if order is None else order
         triangle, row, left, right = spans(snapped, self._triangles[order], width, height)
         length = right - left
-        ends = np.cumsum(length)
-        pixels = np.repeat(row * width + left - (ends - length), length)
+        pixels = (row * width + left - (length.cumsum() - length)).repeat(length)
         pixels += self._count_to(len(pixels))
-        ids.reshape(-1)[pixels] = np.repeat(
-            order[triangle].astype(ids.dtype), length
-        )  # the last of equals stays
+        ids.reshape(-1)[pixels] = order.astype(ids.dtype)[triangle].repeat(length)  # the last of equals stays
 
     def _count_to(self, total: int) -> Int:
         """0 .. total - 1, kept between frames: fresh memory of this size costs more than the sum."""
@@ -175,43 +195,45 @@ def texture_gradients(snapped: F64, mesh: TexturedMesh) -> F64:
     (6, t) float64: rows a, b, c, d, e, f with u = a x + b y + c and v = d x + e y + f; zero for triangles
     without area, which cover no pixel.
     """
-    corners = snapped[mesh.triangles] / SUBPIXELS  # (t, 3, 2)
-    uv = mesh.uv.astype(np.float64)[mesh.triangles]
-    origin, uv0 = corners[:, 0], uv[:, 0]
-    (dx1, dy1), (dx2, dy2) = (corners[:, 1] - origin).T, (corners[:, 2] - origin).T
-    first, second = (uv[:, 1] - uv0).T, (uv[:, 2] - uv0).T  # (2, t) each
+    (x, x1, x2), (y, y1, y2) = (snapped[mesh.triangles] / SUBPIXELS).T
+    dx1, dy1, dx2, dy2 = x1 - x, y1 - y, x2 - x, y2 - y
     area = dx1 * dy2 - dx2 * dy1
-    inverse = np.divide(1.0, area, out=np.zeros_like(area), where=area != 0)
-    along_x = (first * dy2 - second * dy1) * inverse
-    along_y = (second * dx1 - first * dx2) * inverse
-    constant = (uv0.T - along_x * origin[:, 0] - along_y * origin[:, 1]) * (area != 0)
-    return np.stack([along_x, along_y, constant], axis=1).reshape(6, -1)
+    some = area != 0
+    inverse = some / (area + ~some)
+    grid, made = mesh.grid, np.empty((2, 3, len(area)))
+    along_x, along_y = made[:, 0], made[:, 1]
+    along_x[:] = (grid.first * dy2 - grid.second * dy1) * inverse
+    along_y[:] = (grid.second * dx1 - grid.first * dx2) * inverse
+    made[:, 2] = (grid.corner - along_x * x - along_y * y) * some
+    return made.reshape(6, -1)
 
 
 def spans(snapped: F64, triangles: NDArray[np.integer], width: int, height: int) -> tuple[Int, Int, Int, Int]:
     """Runs of covered pixels (triangle, row, left, right), right exclusive, in drawing order."""
     corners = snapped[triangles]
-    order = np.argsort(corners[:, :, 1], axis=1)
-    top, middle, bottom = np.take_along_axis(corners, order[:, :, None], axis=1).transpose(1, 0, 2)
+    downwards = corners[:, :, 1].argsort(1).T
+    top, middle, bottom = corners[np.arange(len(corners)), downwards]
     triangle, row = _rows(top[:, 1], bottom[:, 1], height)
     y = row.astype(np.float64) * SUBPIXELS
     below_middle = y >= middle[:, 1].take(triangle)
     long_edge = _crossing(top, bottom, triangle, y)
     upper, lower = np.concatenate([top, middle]), np.concatenate([middle, bottom])
     short_edge = _crossing(upper, lower, triangle + len(triangles) * below_middle, y)
-    left = np.clip(np.minimum(long_edge, short_edge), 0, width).astype(np.intp)
-    right = np.clip(np.maximum(long_edge, short_edge), 0, width).astype(np.intp)
-    return triangle, row, left, right
+    left, right = np.minimum(long_edge, short_edge), np.maximum(long_edge, short_edge)
+    return triangle, row, _within(left, width), _within(right, width)
 
 
 def _rows(top: F64, bottom: F64, height: int) -> tuple[Int, Int]:
     """Every (triangle, row) with the row's centre in top <= y < bottom."""
-    first = np.clip(np.ceil(top / SUBPIXELS), 0, height).astype(np.intp)
-    last = np.clip(np.ceil(bottom / SUBPIXELS), 0, height).astype(np.intp)
+    first, last = _within(np.ceil(top / SUBPIXELS), height), _within(np.ceil(bottom / SUBPIXELS), height)
     count = last - first
-    ends = np.cumsum(count)
-    triangle = np.repeat(np.arange(len(count)), count)
-    return triangle, np.arange(len(triangle)) + np.repeat(first - (ends - count), count)
+    triangle = np.arange(len(count)).repeat(count)
+    return triangle, np.arange(len(triangle)) + (first - (count.cumsum() - count)).repeat(count)
+
+
+def _within(places: F64, size: int) -> Int:
+    """Whole places clipped to an axis of a size."""
+    return np.minimum(np.maximum(places, 0), size).astype(np.intp)
 
 
 def _crossing(start: F64, end: F64, edge: Int, y: F64) -> F64:
@@ -222,7 +244,7 @@ def _crossing(start: F64, end: F64, edge: Int, y: F64) -> F64:
     """
     (dx, dy), (x0, y0) = (end - start).T, start.T
     numerator = (x0 * dy - y0 * dx).take(edge) + y * dx.take(edge)
-    denominator = np.where(dy == 0, 1.0, dy) * SUBPIXELS
+    denominator = (dy + (dy == 0)) * SUBPIXELS
     return np.asarray(np.ceil(numerator / denominator.take(edge)))
 
 
