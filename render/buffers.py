@@ -68,7 +68,7 @@ def check_alpha(alpha: F32) -> None:
     """Raise RendererError unless alpha is (th, tw) float in [0, 1]."""
     if alpha.ndim != 2 or alpha.dtype.kind != "f" or alpha.size == 0:
         raise RendererError(f"alpha must be (th, tw) float, got {alpha.shape} {alpha.dtype}")
-    if not (alpha.min() >= 0 and alpha.max() <= 1):  # false for nan too
+    if not (np.minimum.reduce(alpha, None) >= 0 and np.maximum.reduce(alpha, None) <= 1):  # true for nan too
         raise RendererError("alpha must lie in [0, 1]")
 
 

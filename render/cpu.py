@@ -47,11 +47,10 @@ class CpuCompositor(Closing):
         # (a, d), (b, e) and (c, f) of every triangle, zeros behind them: both of a pair are looked up as one number.
         self._maps = np.zeros((3, entries, 2), np.float32)
         self._ids = Scratch(self._id_type)
-        self._pairs = [Scratch(np.float64) for _ in range(2)]
+        # each of these holds two pictures
+        self._pairs, self._bytes = Scratch(np.float64), Scratch(np.uint8)
+        self._triples, self._words = Scratch(np.uint8), Scratch(np.uint16)
         self._warped = Scratch(np.uint8)
-        self._bytes = [Scratch(np.uint8) for _ in range(2)]
-        self._triples = [Scratch(np.uint8) for _ in range(2)]
-        self._words = [Scratch(np.uint16) for _ in range(2)]
 
     def set_alpha(self, alpha: F32) -> None:
         """Take another (th, tw) alpha."""
@@ -120,7 +119,7 @@ class CpuCompositor(Closing):
     def _texture_places(self, ids: NDArray[Any], x: F32, y: F32) -> F32:
         """(h, w, 2) texture pixels of pixels of triangles (h, w) in columns x (2 w,), each twice, and rows y (h, 1)."""
         along_x, along_y, constant = self._maps.view(np.float64)[..., 0]
-        places, terms = (scratch.view(*ids.shape) for scratch in self._pairs)
+        places, terms = self._pairs.view(2, *ids.shape)
         place, term = places.view(np.float32), terms.view(np.float32)  # (h, 2 w): u, v, u, v ..
         _look_up(along_x, ids, places)
         place *= x
@@ -133,8 +132,7 @@ class CpuCompositor(Closing):
 
     def _share(self, warped: U8, ids: NDArray[Any], opacity: float) -> U8:
         """The face's share of each pixel in 255ths; 0 where no triangle is."""
-        alpha: U8 = self._bytes[0].view(*ids.shape)
-        covered: U8 = self._bytes[1].view(*ids.shape)
+        alpha, covered = self._bytes.view(2, *ids.shape)
         cv2.extractChannel(warped, 3, dst=alpha)
         np.not_equal(ids, self._background, out=covered.view(np.bool_))
         alpha *= covered
@@ -152,8 +150,8 @@ class CpuCompositor(Closing):
 
     def _blend(self, warped: U8, alpha: U8, target: U8) -> None:
         """target := (colour * alpha + target * (255 - alpha)) / 255, rounded to nearest."""
-        colour, share = (scratch.view(*alpha.shape, 3) for scratch in self._triples)
-        total, term = (scratch.view(*alpha.shape, 3) for scratch in self._words)
+        colour, share = self._triples.view(2, *alpha.shape, 3)
+        total, term = self._words.view(2, *alpha.shape, 3)
         cv2.cvtColor(warped, cv2.COLOR_RGBA2RGB, dst=colour)
         cv2.cvtColor(alpha, cv2.COLOR_GRAY2RGB, dst=share)
         np.multiply(colour, share, out=total, dtype=np.uint16)
