@@ -178,14 +178,14 @@ class MeshSampler:
 
     def positions(self, shape: Floating) -> F32:
         """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
-        plane = (
-            np.ascontiguousarray(shape, np.float32).view(np.complex64).ravel()
-        )  # x + i y: one gather for both
+        # x + i y: one gather for both
+        plane = np.ascontiguousarray(shape, np.float32).view(np.complex64)[:, 0]
         terms = plane.take(self.vertices)
         terms *= self.weights
         terms[0] += terms[1]
         terms[0] += terms[2]
-        return np.asarray(terms[0].view(np.float32).reshape(-1, 2))
+        places: F32 = terms[0].view(np.float32).reshape(-1, 2)
+        return places
 
     def sample(self, image: U8 | F32, shape: Floating) -> F32:
         """Bilinear samples of an image (h, w) or (h, w, c) under the shape: (n,) or (n, c) float32."""

@@ -120,7 +120,8 @@ class CpuCompositor(Closing):
         """(h, w, 2) texture pixels of pixels of triangles (h, w) in columns x (2 w,), each twice, and rows y (h, 1)."""
         along_x, along_y, constant = self._maps.view(np.float64)[..., 0]
         places, terms = self._pairs.view(2, *ids.shape)
-        place, term = places.view(np.float32), terms.view(np.float32)  # (h, 2 w): u, v, u, v ..
+        place: F32 = places.view(np.float32)  # (h, 2 w): u, v, u, v ..
+        term = terms.view(np.float32)
         _look_up(along_x, ids, places)
         place *= x
         _look_up(along_y, ids, terms)
@@ -132,6 +133,7 @@ class CpuCompositor(Closing):
 
     def _share(self, warped: U8, ids: NDArray[Any], opacity: float) -> U8:
         """The face's share of each pixel in 255ths; 0 where no triangle is."""
+        alpha: U8
         alpha, covered = self._bytes.view(2, *ids.shape)
         cv2.extractChannel(warped, 3, dst=alpha)
         np.not_equal(ids, self._background, out=covered.view(np.bool_))

@@ -100,7 +100,7 @@ def back_first(snapped: F64, mesh: TexturedMesh) -> Int:
     Where a turned face folds over itself, what is seen from behind lies behind what is seen from the front.
     """
     turned = (_areas(snapped, mesh.triangles) < 0) != mesh.grid.turned
-    return (~turned).argsort(kind="stable")
+    return np.asarray((~turned).argsort(kind="stable"))
 
 
 def _areas(points: F64, triangles: NDArray[np.integer]) -> F64:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,11 @@ from guise.aam.landmarks.rolls import TURNED, UPRIGHT, detect_at_rolls, turn_of,
 from guise.aam.landmarks.schemes import interocular
 from guise.aam.onnx_model import ShippedNetwork
 from guise.common.arrays import F32, F64, U8
+from guise.common.small import mean
 
 DATA = Path(__file__).parents[1] / "data"
 SIZE = 128  # pixels, the side of the crop that the network sees
+_CORNERS: F64 = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,8 @@ class Calibration:
     def confidence(self, sigma: NDArray[Any], eyes: float, logit: float) -> float:
         """Probability for standard deviations (81,) pixels, inter-ocular distance in pixels and face logit."""
         bias, spread, looks = self.face
-        z = bias + spread * np.log(max(float(np.mean(sigma)) / eyes, 1e-6)) + looks * np.clip(logit, -8, 8)
-        return float(1 / (1 + np.exp(-np.clip(z, -60, 60))))
+        z = bias + spread * np.log(max(float(mean(sigma)) / eyes, 1e-6)) + looks * min(max(logit, -8.0), 8.0)
+        return float(1 / (1 + np.exp(-min(max(float(z), -60.0), 60.0))))
 
     def of_points(self, sigma: NDArray[Any], eyes: float) -> F32:
         """Probability (81,) that each point is nearer to its place than 5 % of the inter-ocular distance."""
@@ -105,6 +107,19 @@ class Prediction:
     points: F64
     sigma: F64
     logit: float
+
+    @cached_property
+    def eyes(self) -> float:
+        """The inter-ocular distance, pixels."""
+        return float(interocular(self.points))
+
+    @cached_property
+    def is_usable(self) -> bool:
+        """Whether the points are finite and some pixels apart."""
+        if not np.isfinite(self.points).all():
+            return False
+        size = np.maximum.reduce(self.points) - np.minimum.reduce(self.points)
+        return bool(np.minimum.reduce(size) > 2) and self.eyes > 1
 
 
 class BuiltinLandmarker:
@@ -176,7 +191,7 @@ class BuiltinLandmarker:
     def look_in_box(self, rgb: U8, box: NDArray[Any], turn: float = 0.0) -> tuple[Face | None, float]:
         """Both `points_in_box` and `likeness`, which begin with the same pass."""
         first = self._first(rgb, box, turn)
-        if not _usable(first.points) or not self._is_hopeful(first):
+        if not first.is_usable or not self._is_hopeful(first):
             return None, first.logit
         return self._judged(rgb, self._pass(rgb, *upright_square(first.points))), first.logit
 
@@ -208,17 +223,13 @@ class BuiltinLandmarker:
         )
 
     def _judged(self, rgb: U8, found: Prediction) -> Face | None:
-        if (
-            not _usable(found.points)
-            or visible_share(found.points, *rgb.shape[1::-1]) < LIMITS.min_visible_share
-        ):
+        if not found.is_usable or visible_share(found.points, *rgb.shape[1::-1]) < LIMITS.min_visible_share:
             return None
         confidence = self._confidence(found)
         if confidence < LIMITS.min_confidence:
             return None
-        eyes = float(interocular(found.points))
         points = found.points if self._correction is None else self._correction(found.points)
-        return Face.around(points, confidence, self._calibration.of_points(found.sigma, eyes))
+        return Face.around(points, confidence, self._calibration.of_points(found.sigma, found.eyes))
 
     def _is_hopeful(self, first: Prediction) -> bool:
         return (
@@ -226,7 +237,7 @@ class BuiltinLandmarker:
         )
 
     def _confidence(self, found: Prediction) -> float:
-        return self._calibration.confidence(found.sigma, float(interocular(found.points)), found.logit)
+        return self._calibration.confidence(found.sigma, found.eyes, found.logit)
 
 
 def cut(rgb: U8, centre: F64, side: float, turn: float) -> tuple[U8, F64]:
@@ -248,22 +259,20 @@ def cut(rgb: U8, centre: F64, side: float, turn: float) -> tuple[U8, F64]:
 
 def _shrunk(rgb: U8, inverse: F64, factor: int) -> tuple[U8, F64]:
     """The part of the picture that a crop needs, averaged over blocks of `factor` pixels, and the map into it."""
-    corners = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
-    reached = corners @ inverse[:, :2].T + inverse[:, 2]
+    reached = _CORNERS @ inverse[:, :2].T + inverse[:, 2]
     limit = np.array(rgb.shape[1::-1])
-    low = np.clip(np.floor(reached.min(0)) - factor, 0, np.maximum(limit - factor, 0)).astype(int)
-    high = np.clip(np.ceil(reached.max(0)) + factor, low + 1, limit).astype(int)
+    low = np.maximum(np.floor(np.minimum.reduce(reached)) - factor, 0)
+    low = np.minimum(low, np.maximum(limit - factor, 0)).astype(int)
+    high = np.maximum(np.ceil(np.maximum.reduce(reached)) + factor, low + 1)
+    high = np.minimum(high, limit).astype(int)
     blocks = np.maximum((high - low) // factor, 1)
     high = np.minimum(low + blocks * factor, limit)
     part = rgb[low[1] : high[1], low[0] : high[0]]
     small = cv2.resize(part, (int(blocks[0]), int(blocks[1])), interpolation=cv2.INTER_AREA)
-    scale = blocks / (high - low)
-    linear = inverse[:, :2] * scale[:, None]
-    return np.asarray(small, np.uint8), np.column_stack([linear, (inverse[:, 2] - low + 0.5) * scale - 0.5])
-
-
-def _usable(points: F64) -> bool:
-    return bool(np.isfinite(points).all() and np.ptp(points, axis=0).min() > 2 and interocular(points) > 1)
+    scale, local = blocks / (high - low), np.empty((2, 3))
+    local[:, :2] = inverse[:, :2] * scale[:, None]
+    local[:, 2] = (inverse[:, 2] - low + 0.5) * scale - 0.5
+    return np.asarray(small, np.uint8), local
 
 
 def distinct(faces: list[Face]) -> list[Face]:

@@ -15,12 +15,14 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_TEMPLE, NOSE_TIP, RIGHT_EYE, RIGHT_TEMPLE
 from guise.common.arrays import F32, F64
+from guise.common.small import lengths, mean
 
 DATA = Path(__file__).parents[1] / "data" / "point_correction.npz"
 MAX_FEATURE = 3.0  # standard deviations
 # The turn from which the points are corrected in full; the less a head is turned the less, and from the front not at
 # all: there the places of features and the light are learnt with the points as they are found.
 FULL_TURN = 0.45
+_POWERS = np.arange(1, 4)
 
 
 class PointCorrection:
@@ -49,11 +51,11 @@ class PointCorrection:
 
 def made_upright(shapes: F64) -> tuple[F32, F64]:
     """Shapes (m, 162) without place, size and roll, and matrices (m, 2, 2) that take differences of them back."""
-    eyes = shapes[:, LEFT_EYE].mean(1) - shapes[:, RIGHT_EYE].mean(1)
-    along = eyes / np.linalg.norm(eyes, axis=1, keepdims=True)
-    level = np.stack([along, np.stack([-along[:, 1], along[:, 0]], axis=1)], axis=1)
-    away = shapes - shapes.mean(1, keepdims=True)
-    size = np.sqrt(np.square(away).sum(2).mean(1))[:, None, None]
+    eyes = mean(shapes[:, LEFT_EYE], 1) - mean(shapes[:, RIGHT_EYE], 1)
+    x, y = (eyes / lengths(eyes)[:, None]).T
+    level = np.array([[x, y], [-y, x]]).transpose(2, 0, 1)
+    away = shapes - mean(shapes, 1)[:, None]
+    size = np.sqrt(mean(np.add.reduce(np.square(away), 2), 1))[:, None, None]
     upright = away @ level.swapaxes(1, 2) / size
     return np.asarray(upright.reshape(len(shapes), -1), np.float32), level * size
 
@@ -66,12 +68,15 @@ def turn_of(upright: F32) -> F32:
 
 def features(upright: F32, centre: F32, axes: F32, scale: F32) -> F32:
     """(m, 1 + 3 k + 3) what the regression sees of upright shapes (m, 162)."""
-    parts = np.clip((upright - centre) @ axes, -MAX_FEATURE, MAX_FEATURE)
-    powers = turn_of(upright)[:, None] ** np.arange(1, 4) / scale
-    products = parts[:, :, None] * np.insert(powers[:, :2], 0, 1, axis=1)[:, None]
-    return np.column_stack([np.ones(len(upright)), products.reshape(len(upright), -1), powers]).astype(
-        np.float32
-    )
+    parts = np.minimum(np.maximum((upright - centre) @ axes, -MAX_FEATURE), MAX_FEATURE)
+    powers = np.empty((len(upright), 4))  # from the zeroth on
+    powers[:, 0] = 1
+    powers[:, 1:] = turn_of(upright)[:, None] ** _POWERS / scale
+    products = parts[:, :, None] * powers[:, None, :3]
+    seen = np.empty((len(upright), 1 + 3 * parts.shape[1] + 3), np.float32)
+    seen[:, 0], seen[:, -3:] = 1, powers[:, 1:]
+    seen[:, 1:-3] = products.reshape(len(upright), -1)
+    return seen
 
 
 @cache

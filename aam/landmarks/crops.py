@@ -24,8 +24,8 @@ def upright_square(points: F64) -> tuple[F64, float, float]:
     turn = roll(points)
     back = _rotation(turn)
     level = points @ back
-    low, high = level.min(0), level.max(0)
-    return back @ ((low + high) / 2), float((high - low).max()), turn
+    low, high = np.minimum.reduce(level), np.maximum.reduce(level)
+    return back @ ((low + high) / 2), float(np.maximum.reduce(high - low)), turn
 
 
 def crop_to_picture(centre: F64, side: float, turn: float, size: tuple[int, int]) -> F64:
@@ -34,9 +34,10 @@ def crop_to_picture(centre: F64, side: float, turn: float, size: tuple[int, int]
     centre, side : of the square that the crop covers, pixels of the picture.   size : width and height of the crop.
     """
     side = max(side, MIN_SIDE_PIXELS)
-    linear = _rotation(turn) @ np.diag([side / size[0], side / size[1]])
-    middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
-    return np.column_stack([linear, centre - linear @ middle])
+    made, middle = np.empty((2, 3)), np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
+    linear = _rotation(turn) * (side / size[0], side / size[1])
+    made[:, :2], made[:, 2] = linear, centre - linear @ middle
+    return made
 
 
 def _rotation(turn: float) -> F64:

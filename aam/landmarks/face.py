@@ -148,7 +148,7 @@ class BoxFit:
 
 def tight_box(points: NDArray[Any]) -> F32:
     """Smallest box (4,) ``x0 y0 x1 y1`` that holds points (n, 2), pixels."""
-    return np.concatenate([points.min(axis=0), points.max(axis=0)]).astype(np.float32)
+    return np.concatenate([np.minimum.reduce(points), np.maximum.reduce(points)]).astype(np.float32)
 
 
 def iou(a: NDArray[Any], b: NDArray[Any]) -> float:

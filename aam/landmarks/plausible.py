@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from guise.aam.landmarks.schemes import interocular, mean_geometry
 from guise.aam.similarity import align_complex
+from guise.common.small import lengths, mean
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,9 @@ def shape_confidence(points: NDArray[Any]) -> float:
 
 def visible_share(points: NDArray[Any], width: int, height: int) -> float:
     """Share of the points that lie inside a picture of that size."""
-    inside = (points >= -0.5).all(axis=-1) & (points[:, 0] <= width - 0.5) & (points[:, 1] <= height - 0.5)
-    return float(inside.mean())
+    x, y = points.T
+    inside = (x >= -0.5) & (y >= -0.5) & (x <= width - 0.5) & (y <= height - 0.5)
+    return float(mean(inside))
 
 
 def is_plausible_motion(previous: NDArray[Any], current: NDArray[Any]) -> bool:
@@ -71,7 +73,7 @@ def is_plausible_motion(previous: NDArray[Any], current: NDArray[Any]) -> bool:
         and 1 / LIMITS.max_growth < after / before < LIMITS.max_growth
     ):
         return False
-    moved = np.linalg.norm(current.mean(axis=0) - previous.mean(axis=0)) / before
+    moved = lengths(mean(current, 0) - mean(previous, 0)) / before
     return bool(moved < LIMITS.max_motion) and bend(previous, current) < LIMITS.max_bend
 
 
@@ -80,7 +82,7 @@ def bend(previous: NDArray[Any], current: NDArray[Any]) -> float:
     source = previous[:, 0].astype(np.float64) + 1j * previous[:, 1]
     target = current[:, 0].astype(np.float64) + 1j * current[:, 1]
     scale, shift = align_complex(target, source)
-    return float(np.sqrt(np.mean(np.abs(scale * target + shift - source) ** 2)) / interocular(previous))
+    return float(np.sqrt(mean(np.abs(scale * target + shift - source) ** 2)) / interocular(previous))
 
 
 def settled_confidence(shift: float) -> float:

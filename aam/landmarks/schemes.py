@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from guise.aam.landmarks.face import LandmarkError
 from guise.aam.similarity import Complex, align_complex
 from guise.common.arrays import F32, F64, Int
+from guise.common.small import lengths
 
 Group = Int
 
@@ -155,9 +156,8 @@ def interocular(points: NDArray[Any]) -> NDArray[Any]:
     >>> float(interocular(points))
     5.0
     """
-    points = np.asarray(points)
     right, left = OUTER_EYE_CORNERS
-    return np.asarray(np.linalg.norm(points[..., left, :] - points[..., right, :], axis=-1))
+    return np.asarray(lengths(points[..., left, :] - points[..., right, :]))
 
 
 def mirror(points: NDArray[Any], width: int) -> NDArray[Any]:
