@@ -34,7 +34,6 @@ PAIRS = (
 )
 COMPARED_FRAMES = 20
 TEMPLATE = np.array([[38.29, 51.70], [73.53, 51.50], [56.03, 71.74], [41.55, 92.37], [70.73, 92.20]])
-SHEET_FRAMES, SHEET_HEIGHT = 6, 420
 
 
 class Recogniser:
@@ -110,20 +109,6 @@ def swapped(
     return kept, outcomes
 
 
-def contact_sheet(judged: list[Judged], path: Path) -> None:
-    """Originals above swapped frames, cut around the head."""
-    columns = []
-    for one in judged[:: max(1, len(judged) // SHEET_FRAMES)][:SHEET_FRAMES]:
-        centre, reach = one.shape.mean(0), 0.85 * np.ptp(one.shape[:, 1])
-        x0, y0 = np.maximum(np.floor(centre - reach).astype(int), 0)
-        x1, y1 = np.ceil(centre + reach).astype(int)
-        cut = [np.ascontiguousarray(p[y0:y1, x0:x1]) for p in (one.original, one.swapped)]
-        size = (SHEET_HEIGHT, SHEET_HEIGHT)
-        columns.append(np.vstack([cv2.resize(p, size, interpolation=cv2.INTER_AREA) for p in cut]))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), np.hstack(columns)[..., ::-1])
-
-
 @dataclass(frozen=True)
 class PairResult:
     """Mean similarities of a pair, and the references without a swap."""
@@ -135,9 +120,7 @@ class PairResult:
     outcomes: dict[str, int]
 
 
-def judge(
-    clip: Clip, donor_clip: Clip, people: dict[str, Identity], recognise: Recogniser, sheet: Path | None
-) -> PairResult:
+def judge(clip: Clip, donor_clip: Clip, people: dict[str, Identity], recognise: Recogniser) -> PairResult:
     """Swap one pair and compare."""
     every = spread(len(clip.points), 2 * COMPARED_FRAMES)
     own = person(clip, set(every[1::2]), recognise)
@@ -145,8 +128,6 @@ def judge(
     judged, outcomes = swapped(clip, people[clip.name], people[donor_clip.name], set(every[::2]))
     after = np.array([recognise(j.swapped, j.shape) for j in judged])
     before = np.array([recognise(j.original, j.shape) for j in judged])
-    if sheet is not None:
-        contact_sheet(judged, sheet)
     values = (after @ own, after @ theirs, before @ own, before @ theirs)
     return PairResult(*(float(v.mean()) for v in values), outcomes)
 
@@ -162,8 +143,7 @@ def measure(options: argparse.Namespace) -> Report:
         people[name] = common.enrolled(clip)
     results = []
     for video, donor in pairs:
-        sheet = options.sheets / f"{video}_from_{donor}.png" if options.sheets else None
-        results.append(judge(clips[video], clips[donor], people, recognise, sheet))
+        results.append(judge(clips[video], clips[donor], people, recognise))
         common.say(f"{video} <- {donor}: {results[-1]}")
     return summary(pairs, results)
 
@@ -191,6 +171,4 @@ def summary(pairs: tuple[tuple[str, str], ...], results: list[PairResult]) -> Re
 
 
 if __name__ == "__main__":
-    parser = common.arguments(__doc__)
-    parser.add_argument("--sheets", type=Path, help="folder for contact sheets")
-    common.run(measure, parser)
+    common.run(measure, common.arguments(__doc__))

@@ -3,7 +3,7 @@
 Errors are distances to the true points in % of the eye width, the distance between the true outer eye corners.  The
 heads come from two sources that define the outer ends of the brows, and a little the inner ones and the chin,
 differently; `--shifts` prints how each source's points lie to those of the landmarker, of which
-`guise.analogy.feature_points.DEFINITIONS` is made.  `--pictures` draws what was found, also where no truth is known.
+`guise.analogy.feature_points.DEFINITIONS` is made.
 """
 
 from __future__ import annotations
@@ -12,23 +12,13 @@ import argparse
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.mesh.marked_heads import Head, heads
-from guise.aam.landmarks.schemes import (
-    LEFT_EYE,
-    LEFT_EYE_CORNERS,
-    MOUTH_CORNERS,
-    OUTER_LIPS,
-    RIGHT_EYE,
-    RIGHT_EYE_CORNERS,
-)
 from guise.aam.similarity import Failed
 from guise.analogy.face_views import find_face_views, landmarker
 from guise.analogy.feature_points import (
@@ -38,14 +28,11 @@ from guise.analogy.feature_points import (
     find_feature_points,
 )
 from guise.analogy.mesh import Mesh
-from guise.analogy.triangulation import frontal_axes, triangulate_face
-from guise.analogy.views import OrthographicView, ViewedMesh
+from guise.analogy.triangulation import triangulate_face
 
 NAME, TITLE = "mesh.landmarks", "Feature points of head meshes"
 MAX_ERROR_EYE_WIDTHS = 0.08  # eye widths
 OUTER_EYE_POINTS = [FEATURE_POINT_NAMES.index("eye_right_outer"), FEATURE_POINT_NAMES.index("eye_left_outer")]
-PICTURE_ANGLES_DEG = ((0, 0), (-55, 0), (0, -30))  # degrees, of the pictures
-PICTURE_PX = 360  # pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +81,6 @@ def measure(options: argparse.Namespace) -> Report:
         rolled.append(detect_points(*randomly_posed(head, number)))
         rows.append(row(head, upright[-1], rolled[-1]))
         common.say(" ".join(map(common.shown, rows[-1])))
-        if options.pictures and isinstance(upright[-1].points, FeaturePoints):
-            draw(options.pictures / f"{head.name.replace(' ', '_')}.png", head, upright[-1].points)
     columns = (
         "head", "faces", "points known", "within 8 %", "mean error, %", "worst", "s",
         "turned: within 8 %", "mean error, %", "s",
@@ -148,34 +133,10 @@ def mean_and_deviation(ways: F64) -> str:
     return f"{', '.join(f'{x:.1f}' for x in ways.mean(0))} ± {np.sqrt(ways.var(0).sum()):.1f}"
 
 
-def draw(path: Path, head: Head, points: FeaturePoints) -> None:
-    """The head from three sides, true points green, found ones red."""
-    solid, corners = ViewedMesh.of(head.mesh), np.zeros((81, 3))
-    corners[LANDMARK_INDICES] = points.positions
-    for group, corners_of in (
-        (RIGHT_EYE, RIGHT_EYE_CORNERS), (LEFT_EYE, LEFT_EYE_CORNERS), (OUTER_LIPS, MOUTH_CORNERS)
-    ):  # fmt: skip
-        corners[group] = corners[corners_of].mean(0)
-    front = OrthographicView(
-        frontal_axes(corners), points.positions.mean(0), 1.2 * points.eye_width, PICTURE_PX
-    )
-    shown = []
-    for yaw, pitch in PICTURE_ANGLES_DEG:
-        view = front.rotated(yaw, pitch)
-        picture = np.ascontiguousarray(solid.render(view)[0])
-        for places, colour, size in ((head.truth, (0, 255, 0), 3), (points.positions, (255, 0, 0), 2)):
-            for x, y, _ in view.project(places[np.isfinite(places[:, 0])]):
-                cv2.circle(picture, (round(x), round(y)), size, colour, -1)
-        shown.append(picture)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), np.concatenate(shown, axis=1)[:, :, ::-1])
-
-
 def parser() -> argparse.ArgumentParser:
     """The options."""
     made = common.arguments(__doc__)
     made.add_argument("--shifts", action="store_true", help="print the sources' definitions instead")
-    made.add_argument("--pictures", type=Path, help="folder for pictures of the points")
     return made
 
 

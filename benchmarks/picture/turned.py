@@ -6,8 +6,7 @@ truth may differ from the source, by more than a pixel, in a swap that is coded 
 swap tracks, against the truth as in `tracker_scenes`.  Similarity to the donor, enrolled nearly from the front, is that
 of embeddings of mobilefacenet at true points; the ideal swap's, too, falls as the head turns.  Of a face that doesn't
 move, curves of mouth and lids are measured in the swap, the ideal one and the source: their standard deviation while
-the head turns, over the range of the same curves in speech.  The cost of following the turn is that of drawing the
-same frames with and without what `View` tells, in turn, the fastest of several passes for each frame.
+the head turns, over the range of the same curves in speech.
 """
 
 from __future__ import annotations
@@ -15,9 +14,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
-import time
 from collections import deque
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,12 +36,8 @@ from guise.aam.appearance import openness
 from guise.aam.landmarks import FaceTracker, interocular, open_landmarker
 from guise.aam.landmarks.schemes import JAW, NOSE_TIP
 from guise.aam.model import Identity
-from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker
+from guise.aam.solid_shape import SolidTracker
 from guise.app.media import open_input
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.silhouette import View
-from guise.common.arrays import F32
 from training.point_correction import on_line
 
 NAME, TITLE = "picture.turned", "Picture: turned heads"
@@ -57,7 +50,6 @@ RIM_PIXELS = 1
 CHANGED_GREY_LEVELS = 24
 EVERY_FRAME = 2
 CURVES = ("mouth", "lids")
-COST_PASSES = 10
 SPEECH_QUANTILES = (0.02, 0.98)  # whose distance is the range of a curve
 Row = tuple[Any, ...]
 
@@ -222,43 +214,6 @@ def unrest(video: Path, speech: Path, yaw: F64) -> F64:
     return np.asarray(np.nanstd(still[turned], axis=0) / (high - low))
 
 
-class FrontalEngine(Engine):
-    """An engine that draws every head as if it were seen from the front."""
-
-    def view(self, shape: F64, solid: SolidFit) -> View | None:
-        """Nothing is known of how the head is seen."""
-
-    def _turn(self, texture: F32, pose: HeadPose) -> None:
-        """Nothing changes as the head turns."""
-
-
-def cost(scene: Path, options: argparse.Namespace) -> list[Row]:
-    """By how far the head is turned, milliseconds a frame from true points to the drawn face, with what follows turns
-    and without."""
-    source, target = (Identity.load(model(options, who)) for who in pair_of(scene.name))
-    shapes = np.load(scene / "source.npz")["landmarks"].astype(np.float64)
-    yaw = np.abs(true_angles(scene / "source.npz")[:, 0])
-    plain = EngineOptions(occluders="none")  # a parsing in every few frames would hide the difference
-    drawn = np.full((COST_PASSES, len(shapes), 2), np.inf)
-    for times in drawn:
-        with ExitStack() as open_:
-            engines = [
-                open_.enter_context(kind(source, target, None, plain)) for kind in (Engine, FrontalEngine)
-            ]
-            media = [open_.enter_context(open_input(scene / "source.mp4")) for _ in engines]
-            for number, frames in enumerate(zip(*media, strict=True)):
-                for which in (0, 1) if number % 2 else (1, 0):
-                    begun = time.perf_counter()
-                    engines[which].draw(frames[which], shapes[number])
-                    times[number, which] = 1000 * (time.perf_counter() - begun)
-    best = drawn.min(0)
-    rows = []
-    for low, high in TURNS_DEGREES:
-        full, frontal = best[(yaw >= low) & (yaw < high)].mean(0)
-        rows.append((f"{low}-{high}", float(full), float(frontal), float(full - frontal)))
-    return rows
-
-
 @dataclass
 class Found:
     """What was found so far: rows of the tables, and by scene what the criteria are of."""
@@ -270,7 +225,6 @@ class Found:
     not_swapped: list[float] = field(default_factory=list)
     tracks: list[tuple[F64, F64]] = field(default_factory=list)
     jaws: list[float] = field(default_factory=list)
-    cost: list[Row] = field(default_factory=list)
 
     def add(self, scene: Path, recognise: Recogniser, options: argparse.Namespace) -> None:
         """Swap a scene and measure it."""
@@ -283,8 +237,6 @@ class Found:
         donor = common.synthetic_clip(options.shared, pair_of(scene.name)[1])
         for what, shown in (("swapped", video), ("ideal", truth)):
             self.similar.append((scene.name, what, *similarity(scene, shown, donor, recognise)))
-        if not self.cost:
-            self.cost = cost(scene, options)
         if scene.name.startswith("still"):
             yaw = self.tracks[-1][1]
             videos = {"swapped": video, "ideal": truth, "source": source}
@@ -318,10 +270,6 @@ class Found:
                 "similarity to the donor at 45 degrees over that from the front",
                 float(half.mean() / front.mean()), ">=", 0.80,
             ),
-            *(
-                Criterion(f"cost of following a turn, {degrees} degrees", added, "<=", 1.0, "ms a frame")
-                for degrees, *_, added in self.cost
-            ),
         ]  # fmt: skip
         if self.at_rest:
             worst = 100 * float(max(self.at_rest[0][1:]))
@@ -348,11 +296,6 @@ class Found:
                 "A face at rest: standard deviation over the range in speech",
                 ("video", *CURVES),
                 self.at_rest,
-            ),
-            Table(
-                "Drawing a frame, ms",
-                ("yaw, degrees", "as it is", "as if from the front", "added"),
-                self.cost,
             ),
         ]
 
