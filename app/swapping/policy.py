@@ -4,10 +4,12 @@ It fails closed: in doubt a face is covered.  The rules are the same in files, i
 are in seconds, so that they do not depend on the frame rate.
 
 - A face is swapped where its confidence is at least `min_confidence` and was so for `near_seconds`.  Where the future
-  is known, which is everywhere but at a camera and for a single person in a file, it must be so for as long afterwards,
-  too, and a swap of less than `min_swap_seconds` is a cover instead.
+  is known, which is everywhere but at a camera, it must be so for as long afterwards, too, and a swap of less than
+  `min_swap_seconds` is a cover instead.  A single person in a file is swapped wherever they are tracked: the user has
+  said that it is they, and the future is not known, as frames are drawn as they are tracked.
 - Otherwise it is covered.  Only for a single person in a file the last face is first held for `bridge_seconds`; what
-  follows is covered, unless the user asked to hold it for `hold_seconds`, or to leave it.
+  follows is covered, unless the user asked to hold it for `hold_seconds`, or to leave it.  `guise.Swapper` covers
+  nothing: its caller is told what was lost.
 - A cover hides the head about the face's box and about those of the last `near_seconds` (of the next, too, where they
   are known), as boxes jitter where a hand hides.  As a head turns too far for a swap, the cover comes in over it.
 - Where the face is not seen, the region lies where it was seen last, or on the line between two sights, and grows by
@@ -16,7 +18,7 @@ are in seconds, so that they do not depend on the frame rate.
   of which every frame is searched, nothing is covered any more; at a camera, whose search lags behind, the whole
   picture is, until somebody who is known is found.  Where the future is known, as much is covered before a first sight.
 - A face that nobody follows, such as a bystander's, is covered where it is detected and for `unseen_seconds` after it
-  (before it, too, where the future is known); one that rests at its place is covered there only once.
+  (before it, too, where the future is known); one that rests is covered where it was detected last.
 - What an audit of the result finds is covered for `near_seconds` before and after it.
 
 Boxes ``x0 y0 x1 y1`` of the 68 iBUG points, pixels as shown, x right, y down; turns in radians, clockwise.
