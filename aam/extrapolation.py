@@ -108,8 +108,8 @@ class Extrapolator:
         made += self._base
         if self._most is not None:
             amounts = self._amounts @ away
-            excess = amounts - np.clip(amounts, -self._most, self._most)
-            beyond = np.flatnonzero(excess)
+            excess = amounts - np.minimum(np.maximum(amounts, -self._most), self._most)
+            beyond = excess.nonzero()[0]
             if len(beyond):
                 made -= self._shown[:, 0] * (self._bases[1][:, beyond] @ excess[beyond])
         return np.asarray(made, np.float32)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from guise.common.arrays import F64
+from guise.common.small import mean
 
 
 def beyond_hull(places: F64, points: F64) -> tuple[F64, F64]:
@@ -16,8 +17,8 @@ def beyond_hull(places: F64, points: F64) -> tuple[F64, F64]:
     hull = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
     along = np.concatenate([hull[1:], hull[:1]]) - hull
     out = along[:, ::-1] * (1, -1)
-    out *= np.sign(((hull - hull.mean(0)) * out).sum())
+    out *= np.sign(np.add.reduce((hull - mean(hull, 0)) * out, None))
     out /= np.maximum(np.hypot(along[:, :1], along[:, 1:]), 1e-9)
-    beyond = places @ out.T - (hull * out).sum(1)
+    beyond = places @ out.T - np.add.reduce(hull * out, 1)
     farthest = beyond.argmax(1)
     return beyond[np.arange(len(places)), farthest], out[farthest]

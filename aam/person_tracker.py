@@ -26,6 +26,7 @@ from guise.aam.solid_shape import SolidPrior
 from guise.aam.tracker import Fit, Tracker
 from guise.common.arrays import F64, U8
 from guise.common.errors import GuiseError
+from guise.common.small import mean
 
 FaceFinder = BoxDetector | Landmarker
 
@@ -225,8 +226,10 @@ class PersonTracker:
             self.lost_frames += 1
             self._carried_frames = 0
             return
-        restarted = self._last is None or self.lost_frames > 0
-        self._velocity = np.zeros(2) if restarted else fit.shape.mean(0) - np.asarray(self._last).mean(0)
+        if self._last is None or self.lost_frames > 0:
+            self._velocity = np.zeros(2)
+        else:
+            self._velocity = mean(fit.shape, 0) - mean(self._last, 0)
         self._last, self.lost_frames, self._by_landmarks = fit.shape, 0, by_landmarks
         self._carried_frames = self._carried_frames + 1 if fit.carried else 0
         self._recognised |= not fit.carried
@@ -249,10 +252,9 @@ def _surroundings(luma: U8, shape: F64) -> tuple[int, int, U8]:
     height, width = luma.shape
     if not np.isfinite(reach):
         return 0, 0, np.zeros((0, 0, 3), np.uint8)
-    x0, y0 = (int(np.clip(np.floor(c - reach), 0, n)) for c, n in zip(centre, (width, height), strict=True))
-    x1, y1 = (
-        int(np.clip(np.ceil(c + reach) + 1, 0, n)) for c, n in zip(centre, (width, height), strict=True)
-    )
+    low = np.minimum(np.maximum(np.floor(centre - reach), 0), (width, height))
+    high = np.minimum(np.maximum(np.ceil(centre + reach) + 1, 0), (width, height))
+    (x0, y0), (x1, y1) = low.astype(int).tolist(), high.astype(int).tolist()
     part = luma[y0:y1, x0:x1]
     return x0, y0, np.broadcast_to(part[..., None], (*part.shape, 3))
 

@@ -95,7 +95,8 @@ class Relief:
 def _within(places: F64, points: F64) -> F64:
     """Places (k, 2) that lie far beyond the convex hull of points (n, 2), moved to near it."""
     beyond, out = beyond_hull(places, points)
-    excess = (beyond - BEYOND_HULL * np.ptp(points[:, 1])).clip(0)
+    height = np.maximum.reduce(points[:, 1]) - np.minimum.reduce(points[:, 1])
+    excess = np.maximum(beyond - BEYOND_HULL * height, 0)
     return np.asarray(places - excess[:, None] * out)
 
 

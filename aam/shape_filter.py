@@ -59,8 +59,8 @@ class ShapeFilter:
         self._mean_step = (self._mean_step + step) / 2
         moved = (
             self._gain
-            @ (self._mean_step**2).sum(1)
-            / max(float(((shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER]) ** 2).sum()), 1e-6)
+            @ np.add.reduce(self._mean_step**2, 1)
+            / max(float(np.add.reduce((shape[LEFT_EYE_OUTER] - shape[RIGHT_EYE_OUTER]) ** 2)), 1e-6)
         )
         share = (moved / (1 + moved))[:, None]
         self._last = self._last + share * step

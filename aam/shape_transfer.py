@@ -36,6 +36,7 @@ from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed, align
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
+from guise.common.small import mean
 
 FEATURES = np.concatenate([BROWS, NOSE, EYES, LIPS])  # whose places are learned
 DATA = Path(__file__).parent / "data" / "placement.npz"
@@ -100,7 +101,8 @@ class ShapeTransfer:
         if self._learned:
             made[FEATURES] += self._reference.resolution * placement()(self._inputs(seen, own, target))
         opening = _gaps(seen, UPPER_LIDS, LOWER_LIDS) / _divisor(_gaps(own, UPPER_LIDS, LOWER_LIDS))
-        lids = np.clip(opening, 0, MAX_LID_RATIO)[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
+        opening = np.minimum(np.maximum(opening, 0), MAX_LID_RATIO)
+        lids = opening[:, None] * (target[LOWER_LIDS] - target[UPPER_LIDS])
         _open(made, UPPER_LIDS, LOWER_LIDS, lids)
         _open(made, UPPER_INNER_LIP, LOWER_INNER_LIP, _lip_gaps(seen, own, target))
         _draw_in(made, seen, INSIDE_FACE_WIDTHS * self._reference.resolution)
@@ -119,7 +121,7 @@ class ShapeTransfer:
 
     def _inputs(self, seen: F64, own: F64, target: F64) -> F64:
         movement = seen - own
-        return np.asarray(np.stack([movement - movement.mean(0), target - own]) / self._reference.resolution)
+        return np.array([movement - mean(movement, 0), target - own]) / self._reference.resolution
 
     def _seen(self, shape: F64, pose: HeadPose) -> tuple[F64, F64, F64]:
         """(81, 2) on the grid: the tracked shape; source and target at rest as they are turned, anywhere."""
@@ -142,7 +144,8 @@ class Placement:
 
     def __call__(self, inputs: F64) -> F64:
         """(features, 2) in face widths for inputs (2, 81, 2) of `ShapeTransfer`; more than usual counts as usual."""
-        values = np.clip((inputs.ravel() - self._centre) / self._scale, -MAX_INPUT, MAX_INPUT)
+        values = (inputs.ravel() - self._centre) / self._scale
+        values = np.minimum(np.maximum(values, -MAX_INPUT), MAX_INPUT)
         for number, (weight, bias) in enumerate(self._layers):
             if number:
                 values = values / (1 + np.exp(-values))
@@ -161,8 +164,8 @@ def _lip_gaps(seen: F64, own: F64, target: F64) -> F64:
 
     That difference fades as the source's lips close, so that they touch when the source's do.
     """
-    gaps, usual, other = (s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP] for s in (seen, own, target))
-    opening = np.clip(gaps[:, 1] / _divisor(usual[:, 1]), 0, 1)
+    gaps, usual, other = [s[LOWER_INNER_LIP] - s[UPPER_INNER_LIP] for s in (seen, own, target)]
+    opening = np.minimum(np.maximum(gaps[:, 1] / _divisor(usual[:, 1]), 0), 1)
     return np.asarray(gaps + opening[:, None] * (other - usual))
 
 
@@ -170,7 +173,7 @@ def _draw_in(made: F64, seen: F64, inside: float) -> None:
     """Move brows and eyes that stick out of the head (81, 2), which is turned then, to inside its silhouette."""
     features = made[BROWS_AND_EYES]
     beyond, out = beyond_hull(features, seen)
-    made[BROWS_AND_EYES] = features - (beyond + inside).clip(0)[:, None] * out
+    made[BROWS_AND_EYES] = features - np.maximum(beyond + inside, 0)[:, None] * out
 
 
 def laid_over(face: F64, other: F64) -> F64:

@@ -15,6 +15,7 @@ import numpy as np
 from guise.aam.appearance import Components
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, Bool, Floating, Int
+from guise.common.small import mean
 
 
 @dataclass(frozen=True)
@@ -103,5 +104,5 @@ class TextureMatcher:
 
 def normalised(values: F32) -> F32:
     """Values (n,) with zero mean and unit standard deviation."""
-    centred = values - values.mean()
+    centred = values - mean(values)
     return np.asarray(centred / (np.sqrt(centred @ centred / len(centred)) + 1e-3), np.float32)

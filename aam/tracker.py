@@ -20,6 +20,7 @@ from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.aam.similarity import Failed, PlanarSimilarity
 from guise.aam.texture_match import TextureMatcher, normalised
 from guise.common.arrays import F32, F64, U8, Bool, Floating, Int
+from guise.common.small import mean
 
 FEATURE_RESOLUTION = 48  # feature grid pixels across the face
 POSE_ENTRIES = 4  # leading entries of a correction: scale, rotation, x, y
@@ -105,7 +106,7 @@ def cut(luma: U8, shape: F64, reference: ReferenceFrame) -> Crop | Failed:
     """The working crop of a picture (h, w) around a shape (81, 2) in its pixels."""
     grid_pixel = reference.to_shape(shape).scale  # picture pixels
     ratio = LIMITS.crop_face_pixels / max(grid_pixel * reference.resolution, 1e-6)
-    centre = shape.mean(0)
+    centre = mean(shape, 0)
     half = LIMITS.crop_reach_face_widths * LIMITS.crop_face_pixels / ratio
     if not (np.isfinite(half) and half < LIMITS.max_crop_picture_sides * max(luma.shape)):
         return Failed("the face is larger than the picture")
@@ -141,7 +142,7 @@ class Quality:
     good: float
     bad: float
 
-    @property
+    @cached_property
     def threshold(self) -> float:
         """Residual above which the face counts as lost."""
         return float(self.good**0.35 * max(self.bad, self.good) ** 0.65)
@@ -154,9 +155,8 @@ class Quality:
         0.5
         """
         spread = max(float(np.log(max(self.bad, 1.02 * self.good) / self.good)) / 6, 0.02)
-        return float(
-            1 / (1 + np.exp(np.clip((np.log(max(residual, 1e-6) / self.threshold)) / spread, -50, 50)))
-        )
+        away = float(np.log(max(residual, 1e-6) / self.threshold)) / spread
+        return float(1 / (1 + np.exp(min(max(away, -50.0), 50.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,4 +324,4 @@ class ShapeSpace:
 
 def _clipped(parameters: F64) -> F64:
     most = LIMITS.max_parameter_deviations
-    return np.clip(parameters, -most, most)
+    return np.minimum(np.maximum(parameters, -most), most)

@@ -107,9 +107,9 @@ class SideViews:
 
     def at(self, yaw: float) -> F32:
         """(n,) factors at a yaw; beyond the outermost views they are theirs."""
-        after = int(np.clip(np.searchsorted(self.yaws, yaw), 1, len(self.yaws) - 1))
+        after = min(max(int(self.yaws.searchsorted(yaw)), 1), len(self.yaws) - 1)
         before, beyond = self.yaws[after - 1 : after + 1]
-        share = float(np.clip((yaw - before) / (beyond - before), 0, 1))
+        share = min(max(float((yaw - before) / (beyond - before)), 0.0), 1.0)
         factors = cv2.addWeighted(self.factors[after - 1], 1 - share, self.factors[after], share, 0)
         return np.asarray(factors, np.float32).ravel()
 
