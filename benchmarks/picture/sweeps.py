@@ -27,7 +27,6 @@ SCENES = (
 FRAMES = 60
 TURN_DEGREES = 58.0
 GAZE_SHARE, MAX_GAZE_DEGREES = 0.4, 18.0  # by which eyes stay behind
-FACE_PIXELS = 195
 CRF = "16"
 
 
