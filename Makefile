@@ -19,6 +19,9 @@ GL := $(VENV)/.gl
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint bench docs clean
 
+# What is compiled is kept, whatever the environment says: tests start the program many times.
+test: export PYTHONDONTWRITEBYTECODE =
+
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 

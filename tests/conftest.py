@@ -4,23 +4,31 @@ The files with the fewest tests run first: theirs are the long ones, of whole pr
 keep a single core busy.
 """
 
+import gc
 import os
+import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 
-import numpy as np
 import pytest
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the program; read when NumPy is imported
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["GUISE_TEST_RUN"] = tempfile.mkdtemp(prefix="guise-tests-")  # of all workers, see once.py
+os.environ["GUISE_PEOPLE"] = tempfile.mkdtemp(dir=os.environ["GUISE_TEST_RUN"])  # never the user's own
+
+import numpy as np
 from hypothesis import settings
 from made_up import SAMPLES
 
 from guise.aam.model import Identity
 
-os.environ["GUISE_PEOPLE"] = tempfile.mkdtemp(prefix="people")  # never the user's own
-
+gc.disable()  # until all tests are collected
 settings.register_profile("default", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
@@ -30,6 +38,11 @@ def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background
         signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "egl: needs an EGL context (GUISE_REQUIRE_EGL=1: fail without one)")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        shutil.rmtree(os.environ["GUISE_TEST_RUN"], ignore_errors=True)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -43,6 +56,19 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if os.environ.get("GUISE_REQUIRE_EGL") == "1":
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
+
+
+def pytest_collection_finish() -> None:
+    """What has been collected stays to the end: no garbage collection need look through it again."""
+    gc.freeze()
+    gc.enable()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
+    """A browser is open from one test module to the next, but not beside tests that need none."""
+    if "studio_browser" in sys.modules and "browser" not in getattr(nextitem, "fixturenames", ()):
+        sys.modules["studio_browser"].close_browser()
 
 
 @cache
@@ -64,13 +90,9 @@ def no_thread_left() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def p01() -> Identity:
     """The first sample person, enrolled on a few frames of the first clip with a small tracker."""
-    from guise.aam.tracker_training import TrackerOptions
-    from guise.aam.training import TrainingOptions
-    from guise.app.enrolment.enrol import enrol
-    from guise.app.enrolment.landmark_source import LandmarkSource
+    from models import enrolled
 
-    options = TrainingOptions(frames=40, resolution=96, tracker=TrackerOptions(stages=3, copies=10, folds=2))
-    return enrol([SAMPLES / "p01" / "talk.mp4"], LandmarkSource(), name="p01", options=options)
+    return Identity.load(enrolled("p01", 96))
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,7 @@
 """The studio in a process of its own and a Chromium browser, for tests.
 
-`from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` is a new browser
-context that was opened at the printed address; its test fails when the browser logs an error or requests anything
+`from studio_browser import browser, page, studio_server  # noqa: F401` in a test module; `page` was opened at
+the printed address without a cookie; its test fails when the browser logs an error or requests anything
 from another host.  GUISE_TEST_SCREEN="390x844 dark" is the screen of visitors whose test chooses none.  Where there is
 no Chromium the tests are skipped, or fail if GUISE_REQUIRE_BROWSER=1.
 """
@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, cached_property
@@ -32,6 +32,8 @@ SCREEN = os.environ.get("GUISE_TEST_SCREEN", "")
 TIMEOUT_MS = 60_000  # after which a browser action has failed
 LIMIT = 50  # MB, largest upload to the servers in tests
 CAMERA = SAMPLES / "p01" / "talk.mp4"
+_HELD = ExitStack()  # the browser and what drives it
+_OPEN: list[Any] = []  # the browser, if it is open
 
 
 @dataclass
@@ -106,22 +108,43 @@ def studio_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StudioSe
         yield server
 
 
-@pytest.fixture(scope="module")  # ended with it: while Playwright runs there is an event loop in this thread
-def browser() -> Iterator[Any]:
-    """Chromium without a window, whose camera loops the first sample person's clip."""
-    chromium = _require_chromium()
-    from playwright.sync_api import sync_playwright
+@pytest.fixture(scope="module")
+def browser() -> Any:
+    """Chromium without a window, whose camera loops the first sample person's clip.
 
-    arguments = [
+    It stays open for the next test module that needs it; conftest.py closes it before the first test that does not,
+    as there is an event loop in this thread while Playwright runs.
+    """
+    chromium = _require_chromium()
+    if not _OPEN:
+        from playwright.sync_api import sync_playwright
+
+        chrome_maker = _HELD.enter_context(sync_playwright()).chromium
+        chrome = chrome_maker.launch(executable_path=chromium, args=browser_arguments(_camera()))
+        _HELD.callback(chrome.close)
+        _OPEN.append(chrome)
+    return _OPEN[0]
+
+
+def close_browser() -> None:
+    """End the browser, if there is one."""
+    _OPEN.clear()
+    _HELD.close()
+
+
+def browser_arguments(camera: Path) -> list[str]:
+    """What Chromium is started with; all pages of the studio are of one process, which has its scripts compiled.
+
+    camera : the film that stands in for the camera.
+    """
+    return [
         "--no-sandbox",
+        "--process-per-site",
+        "--renderer-process-limit=1",
         "--use-fake-device-for-media-stream",
         "--use-fake-ui-for-media-stream",
-        f"--use-file-for-fake-video-capture={_camera()}",
+        f"--use-file-for-fake-video-capture={camera}",
     ]
-    with sync_playwright() as playwright:
-        chrome = playwright.chromium.launch(executable_path=chromium, args=arguments)
-        yield chrome
-        chrome.close()
 
 
 @pytest.fixture
@@ -133,11 +156,12 @@ def page(studio_server: StudioServer, browser: Any) -> Iterator[Any]:
 
 @contextmanager
 def visit(browser: Any, server: StudioServer, path: str = "/people", **context: Any) -> Iterator[Any]:
-    """A page of a browser context of its own; errors and requests to other hosts fail the test at its end.
+    """A page of a browser context without cookies; errors and requests to other hosts fail the test at its end.
 
     A test that causes errors on purpose clears `page.complaints`.
     """
-    visitor = browser.new_context(**(_screen() | context))
+    options = _screen() | context
+    visitor = _context(browser, server, options)
     page = visitor.new_page()
     page.set_default_timeout(TIMEOUT_MS)
     complaints: list[str] = []
@@ -149,8 +173,33 @@ def visit(browser: Any, server: StudioServer, path: str = "/people", **context: 
         page.goto(server.url(f"{path}?token={server.token}"))
         yield page
     finally:  # a page that a failed test leaves would go on with its stream
-        visitor.close()
+        for left in visitor.pages[1:]:
+            left.close()
+        visitor.clear_cookies()
+        _left(browser).append((options, visitor))
     assert not complaints, "; ".join(complaints)
+
+
+def _context(browser: Any, server: StudioServer, options: dict[str, Any]) -> Any:
+    """A context without cookies that nobody uses; one that was used before has the studio's scripts compiled.
+
+    Its first page is no visitor's: it stays open, and with it the process of the pages.
+    """
+    left = _left(browser)
+    for place, (known, context) in enumerate(left):
+        if known == options:
+            del left[place]
+            return context
+    context = browser.new_context(**options)
+    context.new_page().goto(server.url("/"))
+    return context
+
+
+def _left(browser: Any) -> list[tuple[dict[str, Any], Any]]:
+    """Contexts that visitors have left, with their options."""
+    if not hasattr(browser, "left"):
+        browser.left = []
+    return browser.left  # type: ignore[no-any-return]
 
 
 def _screen() -> dict[str, Any]:

@@ -19,7 +19,7 @@ from made_up import SAMPLES
 
 pytest.importorskip("nicegui")
 pytest.importorskip("playwright")
-from studio_browser import StudioServer, browser, camera_file, studio, visit  # noqa: F401
+from studio_browser import StudioServer, browser, browser_arguments, camera_file, studio, visit  # noqa: F401
 
 from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNER
 from guise.aam.model import Identity
@@ -76,11 +76,7 @@ def chrome(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[A
     with av.open(str(SAMPLES / "p01" / "talk.mp4")) as clip:
         frame = next(islice(clip.decode(video=0), widest(), None))
         camera = camera_file(tmp_path_factory.mktemp("still") / "camera.y4m", [frame], Fraction(10))
-    arguments = [
-        "--no-sandbox", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream",
-        f"--use-file-for-fake-video-capture={camera}",
-    ]  # fmt: skip
-    still = browser.browser_type.launch(executable_path=_executable(), args=arguments)
+    still = browser.browser_type.launch(executable_path=_executable(), args=browser_arguments(camera))
     yield still
     still.close()
 
