@@ -1,5 +1,6 @@
 # make demo   enroll two people from the sample clips and swap one into the other's video
 # make test   run the tests on all cores; PYTEST_ARGS="-k swap --numprocesses=0" chooses otherwise
+# make test-fast  run the tests that are not marked slow, in a minute or two
 # make lint   check formatting, lint, types, and that the generated docs are up to date
 # make bench  run the benchmarks (takes longer)
 # make docs   regenerate docs/cli.md and the pictures
@@ -16,11 +17,13 @@ PY := $(VENV)/bin/python
 READY := $(VENV)/.ready
 GL := $(VENV)/.gl
 
+PARALLEL := --numprocesses=auto --dist=loadfile --no-loadscope-reorder
+
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench docs clean
+.PHONY: help demo test test-fast lint bench docs clean
 
 # What is compiled is kept, whatever the environment says: tests start the program many times.
-test: export PYTHONDONTWRITEBYTECODE =
+test test-fast: export PYTHONDONTWRITEBYTECODE =
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
@@ -30,7 +33,10 @@ demo: $(READY) $(GL)
 	$(VENV)/bin/guise demo -o out/demo --force
 
 test: $(READY) $(GL)
-	$(PY) -m pytest --numprocesses=auto --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	$(PY) -m pytest $(PARALLEL) $(PYTEST_ARGS)
+
+test-fast: $(READY) $(GL)
+	$(PY) -m pytest $(PARALLEL) -m "not slow" $(PYTEST_ARGS)
 
 lint: $(READY)
 	$(PY) -m ruff check .

@@ -1,11 +1,13 @@
 """Tests marked `egl` need a GL context: without one they are skipped, or fail if GUISE_REQUIRE_EGL=1.
 
-The files with the fewest tests run first: theirs are the long ones, of whole programs, and one that came last would
-keep a single core busy.
+Those marked `slow` take more than a blink of processor time; `make test-fast` leaves them out, and each run names the
+tests that should be marked and are not.  The files with most of them run first: one that came last would keep a single
+core busy.
 """
 
 import gc
 import os
+import resource
 import shutil
 import signal
 import sys
@@ -28,6 +30,9 @@ from made_up import SAMPLES
 
 from guise.aam.model import Identity
 
+SLOW_SECONDS = 2.0  # of processor time, on a busy machine as well
+TOOK = "processor seconds"
+
 gc.disable()  # until all tests are collected
 settings.register_profile("default", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, max_examples=50, derandomize=True, print_blob=True)
@@ -37,6 +42,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "default"))
 def pytest_configure(config: pytest.Config) -> None:
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    config.addinivalue_line("markers", "slow: takes more than half a second of processor time")
     config.addinivalue_line("markers", "egl: needs an EGL context (GUISE_REQUIRE_EGL=1: fail without one)")
 
 
@@ -46,8 +52,32 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    tests = Counter(item.path for item in items)
-    items.sort(key=lambda item: (tests[item.path], item.path))
+    slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+    items.sort(key=lambda item: (-slow[item.path], item.path))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Note how long a test took that should not be slow."""
+    before = processor_seconds()
+    yield
+    if item.get_closest_marker("slow") is None and (took := processor_seconds() - before) > SLOW_SECONDS:
+        item.user_properties.append((TOOK, took))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    reports = [report for kind in ("passed", "failed") for report in terminalreporter.stats.get(kind, [])]
+    seconds = {report.nodeid: dict(report.user_properties).get(TOOK, 0.0) for report in reports}
+    if found := sorted((name for name in seconds if seconds[name]), key=lambda name: -seconds[name]):
+        terminalreporter.section("slow tests that are not marked slow")
+        for name in found:
+            terminalreporter.write_line(f"{seconds[name]:.1f} s of processor time: {name}")
+
+
+def processor_seconds() -> float:
+    """Of this process and of those that it has started and that have ended."""
+    spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in spent)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

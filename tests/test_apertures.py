@@ -162,6 +162,7 @@ def drawn(options: EngineOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return before, engine.draw(frame, shape), frame.rgb()
 
 
+@pytest.mark.slow
 def test_eyes_are_the_sources_only_where_that_is_chosen() -> None:
     before, mesh, own = drawn(EngineOptions(eyes="source", renderer="cpu"))
     _, _, other = drawn(EngineOptions(eyes="donor", renderer="cpu"))

@@ -52,6 +52,7 @@ def test_the_version_is_that_of_the_distribution() -> None:
     assert done.stdout == f"guise {guise.__version__}\n"
 
 
+@pytest.mark.slow
 def test_a_swapper_leaves_its_input_as_it_was(frames: list[np.ndarray]) -> None:
     with guise.Swapper(model_file("p06"), source=model_file("p01"), renderer="cpu") as swapper:
         for frame in frames:
@@ -84,6 +85,7 @@ def test_a_swapper_takes_views_and_says_what_is_lost(frames: list[np.ndarray]) -
         ([[0]], "list"),
     ],
 )
+@pytest.mark.slow
 def test_a_frame_of_another_kind_is_one_sentence(frame: object, got: str) -> None:
     with (
         guise.Swapper(model_file("p06"), model_file("p01"), renderer="cpu") as swapper,
@@ -105,6 +107,7 @@ def test_landmarks_of_an_array_an_image_and_a_video(frames: list[np.ndarray], tm
     assert guise.landmarks(np.zeros((90, 120, 3), np.uint8)) == []
 
 
+@pytest.mark.slow
 def test_swap_file_from_paths_and_models_of_different_resolutions(tmp_path: Path) -> None:
     other = guise.enroll(cut("p02", tmp_path / "p02.mp4", 40, clip="talk.mp4"), frames=16, resolution=48)
     assert str(other).startswith("p02: ")

@@ -36,6 +36,7 @@ def cloud(seed: int, m: int = 30, n: int = 12) -> np.ndarray:
 
 
 @given(SEEDS, st.floats(0.3, 1))
+@pytest.mark.slow
 def test_basis_is_orthonormal_and_deviations_fall(seed: int, retain: float) -> None:
     pca = principal_components(cloud(seed), retain)
     assert_allclose(pca.basis.T @ pca.basis, np.eye(pca.modes), atol=1e-5)
@@ -43,6 +44,7 @@ def test_basis_is_orthonormal_and_deviations_fall(seed: int, retain: float) -> N
 
 
 @given(SEEDS, st.floats(0.3, 0.999))
+@pytest.mark.slow
 def test_retained_variance_is_reached_with_as_few_modes_as_possible(seed: int, retain: float) -> None:
     pca = principal_components(cloud(seed), retain)
     assert pca.retained >= retain - 1e-6
@@ -51,6 +53,7 @@ def test_retained_variance_is_reached_with_as_few_modes_as_possible(seed: int, r
 
 
 @given(SEEDS, st.integers(1, 12))
+@pytest.mark.slow
 def test_variance_outside_the_basis_is_what_retained_says(seed: int, modes: int) -> None:
     vectors = cloud(seed)
     pca = principal_components(vectors, modes)
@@ -61,6 +64,7 @@ def test_variance_outside_the_basis_is_what_retained_says(seed: int, modes: int)
 
 
 @given(SEEDS)
+@pytest.mark.slow
 def test_deviations_are_those_of_the_parameters(seed: int) -> None:
     vectors = cloud(seed)
     pca = principal_components(vectors, 5)
@@ -68,6 +72,7 @@ def test_deviations_are_those_of_the_parameters(seed: int) -> None:
 
 
 @given(SEEDS)
+@pytest.mark.slow
 def test_projection_undoes_synthesis(seed: int) -> None:
     pca = principal_components(cloud(seed), 4)
     parameters = np.random.default_rng(seed).normal(size=(3, 4)).astype(np.float32)
@@ -113,6 +118,7 @@ def test_texture_on_the_reference_shape_is_the_picture_itself() -> None:
 
 
 @given(st.floats(-30, 30), st.floats(0.9, 1.2), st.integers(0, 20))
+@pytest.mark.slow
 def test_texture_moves_with_picture_and_shape(angle: float, scale: float, seed: int) -> None:
     """Turn, scale and shift a picture and the shape in it alike: the texture stays."""
     c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
@@ -140,6 +146,7 @@ def test_a_face_outside_the_picture_is_refused() -> None:
 
 
 @given(SEEDS)
+@pytest.mark.slow
 def test_vectors_come_apart_into_shape_and_texture(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = appearance(1)

@@ -65,6 +65,7 @@ def test_a_square_holds_the_pixels_around_a_place_and_black_beyond() -> None:
     assert not corner[:2].any()
 
 
+@pytest.mark.slow
 def test_a_sheet_shows_the_original_above_the_swapped(tmp_path: Path) -> None:
     video = SAMPLES / "p01" / "talk.mp4"
     clip = Clip("p01", video, np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:60].astype(float))

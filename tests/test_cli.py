@@ -172,6 +172,7 @@ def test_values_out_of_range_are_refused(
     ],
 )
 @pytest.mark.parametrize("command", ["swap", "puppet"])
+@pytest.mark.slow
 def test_bad_input_is_one_sentence_and_leaves_nothing(
     capsys: pytest.CaptureFixture[str], people: Path, command: str, arguments: list[str], sentence: str | None
 ) -> None:
@@ -193,6 +194,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     assert (people / "old.mp4").read_bytes() == b"precious"
 
 
+@pytest.mark.slow
 def test_models_of_different_resolution_are_mixed(capsys: pytest.CaptureFixture[str], people: Path) -> None:
     small = ("--resolution", "40", "--frames", "24")
     assert main(["enroll", str(cut("p02", people / "p02.mp4", 60)), "-o", "other.guise", *small, "-q"]) == 0
@@ -215,6 +217,7 @@ def test_a_model_of_another_reference_frame(capsys: pytest.CaptureFixture[str], 
     )
 
 
+@pytest.mark.slow
 def test_swap_says_what_was_done(capsys: pytest.CaptureFixture[str], people: Path) -> None:
     clip = cut("p01", people / "clip.mp4", 10)
     code, out, err = run(capsys, "swap", str(clip), *SWAP)
@@ -225,6 +228,7 @@ def test_swap_says_what_was_done(capsys: pytest.CaptureFixture[str], people: Pat
     assert grade.startswith("quality: ")
 
 
+@pytest.mark.slow
 def test_json_is_one_object_and_quiet_is_silent(capsys: pytest.CaptureFixture[str], people: Path) -> None:
     clip = str(cut("p01", people / "clip.mp4", 6))
     code, out, err = run(capsys, "swap", clip, *SWAP, "--json")
@@ -272,6 +276,7 @@ def test_a_fault_is_one_sentence(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.slow
 def test_interrupted_in_the_middle_nothing_is_left(people: Path, number: signal.Signals) -> None:
     before = sorted(people.iterdir())
     command = [sys.executable, "-m", "guise", "swap", str(SAMPLES / "p01" / "talk.mp4"), *SWAP]

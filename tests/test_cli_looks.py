@@ -89,6 +89,7 @@ def test_doctor_without_gl(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (gl.ok, gl.detail) == (None, "no driver: install libegl1")
 
 
+@pytest.mark.slow
 def test_bench_times_every_stage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clip, model = cut("p01", tmp_path / "clip.mp4", 32), str(model_file("p01"))
     assert main(["bench", str(clip), "--source", model, "--identity", "mei", "--frames", "20", "--json"]) == 0

@@ -75,6 +75,7 @@ def test_only_the_command_that_is_run_is_imported(tmp_path: Path) -> None:
     assert loaded.isdisjoint({"guise.app.cli.live", "guise.app.cli.deidentify", "guise.app.cli.analogy"})
 
 
+@pytest.mark.slow
 def test_swapping_imports_nothing_of_enrolment(tmp_path: Path) -> None:
     clip = cut("p01", tmp_path / "clip.mp4", 4)
     arguments = [

@@ -68,6 +68,7 @@ def found(
 
 
 @pytest.mark.parametrize("degrees", [0, 45, 90, 135, 180, 225, 270, 315])
+@pytest.mark.slow
 def test_a_face_that_nothing_was_done_to_is_found_at_any_roll(degrees: int) -> None:
     rgb, box = still(degrees)
     assert max(iou(one.box, box) for one in found(rgb, [])) > 0.4
@@ -75,6 +76,7 @@ def test_a_face_that_nothing_was_done_to_is_found_at_any_roll(degrees: int) -> N
 
 @pytest.mark.parametrize("degrees", [0, 60, 180, 285])
 @pytest.mark.parametrize("style", ["solid", "mosaic", "blur"])
+@pytest.mark.slow
 def test_a_face_under_a_cover_is_not_found(degrees: int, style: CoverStyle) -> None:
     rgb, box = still(degrees)
     assert not found(rgb, [treated(box, COVERED, np.radians(degrees))], style)

@@ -30,7 +30,10 @@ from guise.app.deidentify.run import cluster  # noqa: E402
 from guise.app.deidentify.run.cluster import DaskEngine, attempt_there, versions  # noqa: E402
 
 TESTS = Path(__file__).parent
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning"),
+    pytest.mark.slow,
+]
 
 
 def start(*arguments: str) -> subprocess.Popen[bytes]:

@@ -27,6 +27,8 @@ from guise.app.deidentify.run.registry import open_engine
 from guise.app.deidentify.stages.jobs import Job
 from guise.app.media import MediaError
 
+pytestmark = pytest.mark.slow
+
 TESTS = Path(__file__).parent
 
 

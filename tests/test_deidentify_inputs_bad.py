@@ -21,6 +21,8 @@ from guise.app.deidentify.run import engines
 from guise.app.deidentify.stages.jobs import Job
 from guise.app.media import open_input
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 6
 FAST = {"preset": "ultrafast", "qp": "10"}
 TURNED = (0, 65536, 0, -65536, 0, 0, 0, 0, 1 << 30)  # shown a quarter turn from how it is stored

@@ -33,6 +33,8 @@ from guise.app.media import EncodeOptions, Frame, MediaError, segments
 from guise.app.media.reader import ProblemLog
 from guise.app.swapping.donors import open_donor
 
+pytestmark = pytest.mark.slow
+
 LOSSLESS = DeidentifyOptions(encode=EncodeOptions(lossless=True, preset="ultrafast"))
 QUICK = DeidentifyOptions(encode=EncodeOptions(preset="ultrafast"))
 FRAMES = 24  # a person is enrolled from no fewer than 24

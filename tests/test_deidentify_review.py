@@ -49,6 +49,7 @@ def test_unedited_tracks_are_as_before(tmp_path: Path) -> None:
 
 
 @given(st.text(st.characters(exclude_categories=())), st.text())
+@pytest.mark.slow
 def test_any_name_survives(tmp_path_factory: pytest.TempPathFactory, name: str, person: str) -> None:
     """File names that are no Unicode among them."""
     path = tmp_path_factory.mktemp("names") / "t.json"
@@ -215,6 +216,7 @@ def some(number: int) -> tuple[Track, ...]:
 
 
 @pytest.mark.parametrize("number", [0, 1, 17, 100, 5000])
+@pytest.mark.slow
 def test_the_sheet_stays_within_its_size(number: int) -> None:
     height, width = contact_sheet({}, some(number), SECONDS).shape[:2]
     assert height <= 11_000
@@ -261,6 +263,7 @@ def test_long_words_are_cut_off_at_the_end_of_their_line() -> None:
     assert not changed[56:].any()
 
 
+@pytest.mark.slow
 def test_of_too_many_tracks_the_longest_are_shown() -> None:
     tracks = some(LAYOUT.max_cards + 3)
     shown = contact_sheet({1: [RED], 2: [RED], 3: [RED]}, tracks, SECONDS)

@@ -87,6 +87,7 @@ def samples(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
+@pytest.mark.slow
 def test_python_on_the_page_runs(page: Path, samples: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(samples)
     names: dict[str, Any] = {"__name__": "docs"}  # the blocks of a page follow each other
@@ -179,6 +180,7 @@ def test_a_wrong_hint_is_found(hint: str) -> None:
     assert wrong_hints(hint)
 
 
+@pytest.mark.slow
 def test_hints_name_our_own_distribution_and_extras_that_exist() -> None:
     files = {path for pattern in OURS for path in ROOT.glob(pattern) if path.suffix in READ_BY_PEOPLE}
     assert len(files) > 400

@@ -293,6 +293,7 @@ def test_the_key_files_seed_chooses(key: KeyFile, tmp_path: Path) -> None:
     assert key.assign({1: None}, "auto", salt="a") == assign([1], "auto", seed=key.seed, salt="a")
 
 
+@pytest.mark.slow
 def test_writers_do_not_lose_each_others_people(key: KeyFile) -> None:
     code = (
         "import sys; from pathlib import Path; from guise.app.swapping.donors import KeyFile, open_donor;"

@@ -100,6 +100,7 @@ def _swapped(source: Identity, options: EngineOptions) -> tuple[NDArray[np.int_]
         return frame.rgb() - before, mesh
 
 
+@pytest.mark.slow
 def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
     _, plain = _swapped(p01, EngineOptions(renderer="cpu"))
     _, disguised = _swapped(p01, EngineOptions(renderer="cpu", disguise=True))
@@ -109,6 +110,7 @@ def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
 
 
 @pytest.mark.parametrize("disguise", [False, True])
+@pytest.mark.slow
 def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, disguise: bool) -> None:
     mask = p01.appearance.mask.copy()
     mask[: int(p01.reference.points[BROW_TOPS, 1].mean())] = False  # as if a fringe hung down to the brows
@@ -140,6 +142,7 @@ def added_to(yaw: float) -> tuple[F64, View]:
 
 
 @pytest.mark.parametrize("yaw", [-45.0, 45.0])
+@pytest.mark.slow
 def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: float) -> None:
     added, view = added_to(yaw)
     far, near = sorted((np.linalg.norm(added[part], axis=1) for part in (JAW[2:6], JAW[11:15])), key=np.mean)

@@ -21,6 +21,8 @@ from guise.app.swapping.donors import open_donor
 from guise.app.swapping.engine import Engine
 from guise.app.swapping.options import EngineOptions
 
+pytestmark = pytest.mark.slow
+
 CLIP = SAMPLES / "p01" / "talk2.mp4"
 WARM_UP, FRAMES = 20, 60
 SETTLED = 10  # frames after which all buffers are there

@@ -36,6 +36,7 @@ def outcomes(yaws: list[float], options: EngineOptions, monkeypatch: pytest.Monk
     return made
 
 
+@pytest.mark.slow
 def test_a_profile_is_not_swapped_until_it_turns_back_far_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     turns = [0.0, 40, 73, 79, 84, 73, 73, 60, 20]
     options = EngineOptions(renderer="cpu", hold_frames=1)

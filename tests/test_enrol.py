@@ -38,6 +38,7 @@ def test_landmarks_beside_a_clip_are_found(tmp_path: Path, name: str) -> None:
     assert landmark_file(tmp_path / "clip.mp4") == tmp_path / name
 
 
+@pytest.mark.slow
 def test_the_report_and_the_file_agree(tmp_path: Path, clip: Path) -> None:
     landmarks(tmp_path / "clip.landmarks.npz", 30)
     said: list[str] = []
@@ -55,6 +56,7 @@ def test_the_report_and_the_file_agree(tmp_path: Path, clip: Path) -> None:
     assert 0 < report.held_out_error < 5
 
 
+@pytest.mark.slow
 def test_landmarks_beside_a_clip_without_a_face_are_found_anew_and_named_ones_refused(
     tmp_path: Path, clip: Path
 ) -> None:
@@ -67,6 +69,7 @@ def test_landmarks_beside_a_clip_without_a_face_are_found_anew_and_named_ones_re
         enrol_file([clip], tmp_path / "b.guise", LandmarkSource([nobody]), name="B", options=SMALL)
 
 
+@pytest.mark.slow
 def test_two_clips_train_one_model(tmp_path: Path, clip: Path) -> None:
     second = cut("p01", tmp_path / "more.mp4", 20)
     files = [landmarks(tmp_path / "l1.npz", 30), tmp_path / "l2.npz"]
@@ -87,6 +90,7 @@ def test_landmarks_of_another_length(tmp_path: Path, clip: Path) -> None:
     assert not (tmp_path / "a.guise").exists()
 
 
+@pytest.mark.slow
 def test_a_clip_without_landmarks_gets_them_from_the_built_in_landmarker(tmp_path: Path, clip: Path) -> None:
     report = enrol_file([clip], tmp_path / "a.guise", LandmarkSource(), name="A", options=SMALL)
     assert report.frames > 20
@@ -126,6 +130,7 @@ def test_an_existing_model_is_refused_before_the_work(tmp_path: Path) -> None:
     assert (tmp_path / "a.guise").read_bytes() == b"precious"
 
 
+@pytest.mark.slow
 def test_a_failed_save_leaves_nothing(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     landmarks(tmp_path / "clip.npz", 30)
     before = sorted(tmp_path.iterdir())
@@ -146,6 +151,7 @@ def test_modes_go_before_the_retained_variance() -> None:
     assert describe_options() == describe_options(frames=None)
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path, clip: Path, capsys: pytest.CaptureFixture[str]) -> None:
     landmarks(tmp_path / "clip.json.npz", 30)
     output = tmp_path / "anna.guise"

@@ -43,6 +43,7 @@ def short_driver(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempP
 
 
 @pytest.mark.usefixtures("short_driver")
+@pytest.mark.slow
 def test_a_photo_becomes_a_model_and_says_so(photo: Path, tmp_path: Path) -> None:
     said: list[str] = []
     report = enrol_photos([photo], tmp_path / "ann.guise", name="Ann", options=SMALL, say=said.append)

@@ -9,6 +9,8 @@ import pytest
 from clips import cut
 from made_up import SAMPLES
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 HEADS = SAMPLES / "heads"
 MOST_LINES = 15

@@ -71,6 +71,7 @@ def off(answer: FeaturePoints, places: F64) -> F64:
 
 
 @pytest.mark.parametrize("name", ["mean", "other"])
+@pytest.mark.slow
 def test_points_are_where_they_are_known_to_be(name: str) -> None:
     errors = off(points(name), truth(name))
     assert np.count_nonzero(errors < 0.08) >= 18
@@ -86,6 +87,7 @@ def test_points_lie_on_the_surface_and_have_their_nearest_vertices() -> None:
 
 
 @pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.slow
 def test_points_go_with_a_head_that_is_turned_scaled_and_moved(seed: int) -> None:
     turn = Rotation.random(random_state=seed).as_matrix() * 250.0
     moved = head("mean").with_vertices(head("mean").vertices @ turn.T + (3000, -4000, 10))
@@ -105,6 +107,7 @@ def test_left_and_right_change_places_in_a_mirror() -> None:
 
 
 @pytest.mark.parametrize("damage", ["inside out", "half of the faces inside out", "holes", "noise", "mask"])
+@pytest.mark.slow
 def test_a_damaged_head_is_still_one(damage: str) -> None:
     mesh, rng = head("mean"), np.random.default_rng(0)
     triangles, middle = mesh.faces, mesh.vertices[mesh.faces].mean(1)

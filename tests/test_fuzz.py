@@ -15,6 +15,7 @@ FILES = 12  # of each kind
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", fuzz.READERS)
+@pytest.mark.slow
 def test_a_damaged_file_is_read_or_refused_in_a_sentence(tmp_path: Path, name: str) -> None:
     sample = fuzz.valid(name, tmp_path)
     found = [fuzz.outcome(name, sample, seed, tmp_path) for seed in range(FILES)]

@@ -25,6 +25,7 @@ def p01() -> Identity:
     return Identity.load(model_file("p01"))
 
 
+@pytest.mark.slow
 def test_a_face_over_itself_is_graded_best(p01: Identity) -> None:
     own, other = graded(p01, p01), graded(p01, open_donor("p05"))
     assert own.shape == 0
@@ -33,6 +34,7 @@ def test_a_face_over_itself_is_graded_best(p01: Identity) -> None:
     assert other.shape > 0.005
 
 
+@pytest.mark.slow
 def test_a_blurred_frame_and_a_sharp_face_are_told(p01: Identity) -> None:
     rest = p01.rest_frame
     blurred = np.asarray(cv2.GaussianBlur(rest.picture, (0, 0), 4.0), np.uint8)

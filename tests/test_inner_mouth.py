@@ -40,6 +40,7 @@ def _teeth(picture: F32) -> int:
     return int((picture > SKIN + 15).sum())
 
 
+@pytest.mark.slow
 def test_between_shut_lips_nothing_is_painted(identity: Identity) -> None:
     painted = _painted(identity, _opened(identity, 0.0))
     np.testing.assert_allclose(painted[identity.reference.mask], SKIN, atol=0.05)

@@ -90,6 +90,7 @@ def _called(node: ast.Call) -> str:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.slow
 def test_no_module_writes_landmark_indices_as_numbers(package: str) -> None:
     paths = (path for path in sorted((ROOT / package).rglob("*.py")) if path != OWNER)
     assert [
@@ -99,6 +100,7 @@ def test_no_module_writes_landmark_indices_as_numbers(package: str) -> None:
     ] == []
 
 
+@pytest.mark.slow
 def test_no_test_writes_groups_of_landmarks_as_numbers() -> None:
     """Single numbers are often frames there."""
     found = {

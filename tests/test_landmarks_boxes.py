@@ -34,6 +34,7 @@ def hits(detector: BoxDetector, image: np.ndarray, points: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize("clip", CLIPS)
+@pytest.mark.slow
 def test_lbp_finds_the_faces_of_the_sample_clips(clip: str) -> None:
     detector = LbpDetector()
     assert np.mean([hits(detector, *frame) for frame in sampled(clip, 20)]) >= 0.95
@@ -41,6 +42,7 @@ def test_lbp_finds_the_faces_of_the_sample_clips(clip: str) -> None:
 
 @needs_yunet
 @pytest.mark.parametrize("clip", CLIPS[::2])
+@pytest.mark.slow
 def test_yunet_finds_the_faces_of_the_sample_clips(clip: str) -> None:
     detector = YunetDetector(YUNET)
     assert np.mean([hits(detector, *frame) for frame in sampled(clip, 40)]) >= 0.95
@@ -58,6 +60,7 @@ def test_lbp_finds_a_face_of_40_pixels_when_asked() -> None:
 
 
 @pytest.mark.parametrize("spec", ["lbp", pytest.param(f"yunet:{YUNET}", marks=needs_yunet)])
+@pytest.mark.slow
 def test_boxes_do_not_depend_on_the_size_of_the_picture(spec: str) -> None:
     detector = open_detector(spec)
     image, points = sampled("p01/talk", 100)[0]
@@ -68,6 +71,7 @@ def test_boxes_do_not_depend_on_the_size_of_the_picture(spec: str) -> None:
 
 
 @pytest.mark.parametrize("spec", ["lbp", pytest.param(f"yunet:{YUNET}", marks=needs_yunet)])
+@pytest.mark.slow
 def test_two_faces_come_largest_first_with_scores(spec: str) -> None:
     detector = open_detector(spec)
     image, _ = sampled("p01/talk", 100)[0]

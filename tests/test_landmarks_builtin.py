@@ -50,6 +50,7 @@ def turned(picture: np.ndarray, points: np.ndarray, degrees: float, scale: float
 
 
 @pytest.mark.parametrize("person", PEOPLE)
+@pytest.mark.slow
 def test_a_sample_person_is_found(person: str) -> None:
     for picture, truth in frames(person):
         faces = landmarker().detect(picture)
@@ -102,6 +103,7 @@ def test_every_face_of_a_group_is_found() -> None:
     assert areas == sorted(areas, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_hundred_faces_are_all_found() -> None:
     small = cv2.resize(frames("p02")[0][0][60:400, 150:490], (110, 110), interpolation=cv2.INTER_AREA)
     faces = landmarker().detect(np.ascontiguousarray(np.tile(small, (10, 10, 1))))

@@ -123,6 +123,7 @@ def test_every_face_of_every_frame_with_its_track_and_time(
     assert face["box"] == [*points.min(axis=0), *points.max(axis=0)]
 
 
+@pytest.mark.slow
 def test_smoothing_is_reported_and_reduces_jitter(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -303,6 +304,7 @@ class Truth:
 
 
 @pytest.mark.parametrize("output", ["out.json", "out.npz", "points"])
+@pytest.mark.slow
 def test_pictures_are_not_kept(
     here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, output: str
 ) -> None:
@@ -481,6 +483,7 @@ def test_a_column_is_free_after_the_last_frame_of_its_track() -> None:
 
 
 @pytest.mark.skipif(not PFLD.is_file(), reason="needs a landmark model")
+@pytest.mark.slow
 def test_a_written_file_enrols_the_person(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "card.toml").write_text(
         f'model = "{PFLD}"\nscheme = "ibug68"\n[input]\nsize = [112, 112]\n[crop]\nenlarge = 1.1\n'

@@ -78,6 +78,7 @@ def test_the_model_is_small() -> None:
 
 
 @pytest.mark.parametrize("clip", CLIPS)
+@pytest.mark.slow
 def test_the_faces_of_the_sample_clips_are_found_and_nothing_else(detector: FaceDetector, clip: str) -> None:
     frames = sampled(clip, 25)
     overlaps = [best(detector, *frame) for frame in frames]
@@ -87,6 +88,7 @@ def test_the_faces_of_the_sample_clips_are_found_and_nothing_else(detector: Face
 
 
 @pytest.mark.parametrize("side", [24, 40, 80, 200, 500, 1000])
+@pytest.mark.slow
 def test_faces_of_all_sizes(detector: FaceDetector, side: float) -> None:
     image, points = scaled(*sampled("p02/talk", 100)[1], side)
     assert best(detector, image, points) > 0.6
@@ -94,6 +96,7 @@ def test_faces_of_all_sizes(detector: FaceDetector, side: float) -> None:
 
 @pytest.mark.parametrize("degrees", [-30, -15, 15, 30])
 @pytest.mark.parametrize("clip", ["p01/talk", "p06/talk"])
+@pytest.mark.slow
 def test_turned_heads(detector: FaceDetector, clip: str, degrees: float) -> None:
     image, points = turned(*sampled(clip, 100)[0], degrees)
     assert best(detector, image, points) > 0.5
@@ -107,6 +110,7 @@ def test_a_face_cut_by_the_edge_has_its_whole_box(detector: FaceDetector) -> Non
 
 
 @pytest.mark.parametrize("share", [0.15, 0.3])
+@pytest.mark.slow
 def test_dark_pictures(detector: FaceDetector, share: float) -> None:
     image, points = sampled("p06/talk", 100)[0]
     assert best(detector, (image * share).astype(np.uint8), points) > 0.5
@@ -120,6 +124,7 @@ def test_grey_pictures_give_nearly_the_same_boxes(detector: FaceDetector) -> Non
     np.testing.assert_array_equal(detector.detect(grey), detector.detect(same))
 
 
+@pytest.mark.slow
 def test_many_faces_come_largest_first_with_scores(detector: FaceDetector) -> None:
     canvas = np.full((720, 1280, 3), 96, np.uint8)
     truths, x = [], 20
@@ -146,6 +151,7 @@ def test_many_faces_come_largest_first_with_scores(detector: FaceDetector) -> No
 @pytest.mark.parametrize(
     "change", [np.asarray, np.flipud, np.transpose], ids=["as it is", "flipped", "turned"]
 )
+@pytest.mark.slow
 def test_a_box_where_there_is_no_face_does_not_become_one(
     detector: FaceDetector, picture: str, change: Callable[[np.ndarray], np.ndarray]
 ) -> None:

@@ -441,6 +441,7 @@ def inner_error(points: np.ndarray, truth: np.ndarray) -> float:
 @needs_pfld
 @pytest.mark.parametrize("person", ["p01", "p02", "p06"])
 @pytest.mark.parametrize("detector", ["lbp", pytest.param("yunet", marks=needs_yunet)])
+@pytest.mark.slow
 def test_pfld_on_the_sample_clips(tmp_path: Path, person: str, detector: str) -> None:
     indices = [0, 40, 80, 120]
     truth = load_annotations(SAMPLES / person / "talk.npz").points

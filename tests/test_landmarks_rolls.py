@@ -241,6 +241,7 @@ def test_a_rolled_face_is_kept_beside_an_upright_one() -> None:
     assert error(face.points, truth) < 0.08
 
 
+@pytest.mark.slow
 def test_a_face_that_rolls_over_is_one_tracklet_with_its_turns() -> None:
     frames = [Frame.from_rgb(rgb, index=index) for index, (rgb, _) in enumerate(rolling())]
     found = detect_faces(frames)

@@ -44,6 +44,7 @@ def holds_what_is_seen(boxes: np.ndarray, points: np.ndarray, width: int) -> boo
 @pytest.mark.parametrize("hidden", HIDDEN_SHARES)
 @pytest.mark.parametrize("is_left", [True, False])
 @pytest.mark.parametrize("person", ["p01", "p02"])
+@pytest.mark.slow
 def test_a_cut_face_is_found_beside_its_mirror_image(person: str, is_left: bool, hidden: float) -> None:
     frames, points = cut(person, is_left, hidden)
     found = detect_at_sides(FaceDetector(), frames[0])
@@ -62,6 +63,7 @@ def test_a_picture_of_nothing_has_none(shape: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("is_left", [True, False])
+@pytest.mark.slow
 def test_a_cut_face_of_a_segment_is_held_in_every_frame(is_left: bool) -> None:
     frames, points = cut("p01", is_left, 0.7)
     found = detect_faces([Frame.from_rgb(rgb, index=i) for i, rgb in enumerate(frames)])

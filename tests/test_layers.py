@@ -136,6 +136,7 @@ def module_graph() -> dict[str, set[str]]:
     return graph
 
 
+@pytest.mark.slow
 def test_rooms_import_only_what_is_below_them() -> None:
     assert [wrong for path in modules() for wrong in wrong_imports(path)] == []
 
@@ -153,6 +154,7 @@ def test_every_folder_of_the_app_is_a_room() -> None:
     assert len([room for room in ROOMS if room.startswith("app.")]) <= MOST_ROOMS_IN_APP
 
 
+@pytest.mark.slow
 def test_arrows_between_rooms_of_the_app_are_few() -> None:
     arrows = {
         (room_of(user), room_of(used))

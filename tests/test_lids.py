@@ -122,6 +122,7 @@ def test_shut_eyes_and_missing_ones_have_no_margins() -> None:
 
 @pytest.mark.parametrize("method", ["tents", "gradients", "cloning"])
 @pytest.mark.parametrize(("steps", "gap"), [(5, 1.0), (7, 1.5)])
+@pytest.mark.slow
 def test_lids_meet_on_other_meshes_and_larger_and_smaller_eyes(
     steps: int, gap: float, method: Method
 ) -> None:
@@ -149,6 +150,7 @@ def creased(mesh: Mesh, height: float, depth: float = 0.15) -> Mesh:
 
 
 @pytest.mark.parametrize("height", [0.3, 0.55])
+@pytest.mark.slow
 def test_creases_of_upper_lids_are_found_where_they_are(height: float) -> None:
     mesh = creased(face(20, 1.0)[0], height)
     for eye, middle in zip(find_lids(mesh, FACE_POINTS), EYES, strict=True):
@@ -164,6 +166,7 @@ def test_smooth_lids_have_no_crease() -> None:
         assert eye.crease is None
 
 
+@pytest.mark.slow
 def test_creases_guide_the_match_where_they_are_the_same_fold() -> None:
     plain = face(20, 1.0)[0]
     meshes = plain, creased(plain, 0.3), creased(plain, 0.4), creased(plain, 0.75)

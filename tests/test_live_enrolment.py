@@ -82,6 +82,7 @@ def enrolled(landmarker: Landmarker) -> Enrolled:
     return statuses, enrolling.train(lambda stage, share: progress.append((stage, share))), progress
 
 
+@pytest.mark.slow
 def test_the_ring_fills_in_the_time_asked_for_and_says_what_to_do(
     enrolled: Enrolled,
 ) -> None:
@@ -128,6 +129,7 @@ def error(person: Identity, talk2: tuple[list[Picture], Picture]) -> float:
     return float(np.mean(missed))
 
 
+@pytest.mark.slow
 def test_the_model_tracks_another_clip_as_one_enrolled_from_the_file_does(
     enrolled: Enrolled, talk2: tuple[list[Picture], Picture], tmp_path: Path
 ) -> None:
@@ -160,11 +162,13 @@ def test_the_model_can_be_saved_and_its_neutral_mouth_is_shut(
     )
 
 
+@pytest.mark.slow
 def test_time_is_that_of_the_frames(landmarker: Landmarker) -> None:
     slow = OnScreenEnrolment("Anna", 4.0, landmarker, SMALL)
     assert feed(slow, clip("p01", 60)[::2], every=2)[-1].ring == pytest.approx(58 / FPS / 4)
 
 
+@pytest.mark.slow
 def test_lost_frames_do_not_fill_the_ring(enrolling: OnScreenEnrolment) -> None:
     before = feed(enrolling, clip("p01", 10))[-1].ring
     after = feed(enrolling, clip("p01", 11)[-1:], start=10 + 10 * FPS)[-1].ring
@@ -209,6 +213,7 @@ WRONG: list[tuple[str, Callable[[Picture], Picture]]] = [
 
 
 @pytest.mark.parametrize(("sentence", "change"), WRONG, ids=[sentence for sentence, _ in WRONG])
+@pytest.mark.slow
 def test_what_is_wrong_is_said_and_the_ring_waits(
     enrolling: OnScreenEnrolment, sentence: str, change: Callable[[Picture], Picture]
 ) -> None:
@@ -244,6 +249,7 @@ def test_a_head_turned_too_far_is_a_complaint() -> None:
     assert said == {-45: "Turn back a little", -20: "", 0: "", 20: "", 45: "Turn back a little"}
 
 
+@pytest.mark.slow
 def test_a_complaint_stays_to_be_read_and_goes(enrolling: OnScreenEnrolment) -> None:
     empty = np.full_like(clip("p01", 1)[0], 90)
     statuses = feed(enrolling, [empty, *clip("p01", 30)])
@@ -251,6 +257,7 @@ def test_a_complaint_stays_to_be_read_and_goes(enrolling: OnScreenEnrolment) -> 
     assert complains == [at < LIMITS.complaint_seconds * FPS for at in range(31)]
 
 
+@pytest.mark.slow
 def test_somebody_else_may_come_after_a_long_absence(enrolling: OnScreenEnrolment) -> None:
     feed(enrolling, clip("p01", 30))
     empty = [np.full_like(clip("p01", 1)[0], 90)]
@@ -261,6 +268,7 @@ def test_somebody_else_may_come_after_a_long_absence(enrolling: OnScreenEnrolmen
         enrolling.train()
 
 
+@pytest.mark.slow
 def test_what_is_done_stays_done(landmarker: Landmarker) -> None:
     enrolling = OnScreenEnrolment("Anna", 0.5, landmarker, SMALL)
     assert feed(enrolling, clip("p01", 20))[-1].done
@@ -282,6 +290,7 @@ def test_too_few_frames(enrolling: OnScreenEnrolment) -> None:
     )
 
 
+@pytest.mark.slow
 def test_training_is_cancelled_at_once(enrolling: OnScreenEnrolment) -> None:
     feed(enrolling, clip("p01", 60))
     shares: list[float] = []
@@ -307,6 +316,7 @@ def features() -> FrameFeatures:
     return found
 
 
+@pytest.mark.slow
 def test_the_album_stays_small_and_keeps_what_differs(features: FrameFeatures) -> None:
     """Most frames alike, a few that differ, early and late: each of these is kept."""
     rng = np.random.default_rng(0)

@@ -102,6 +102,7 @@ def test_the_person_is_swapped_from_the_first_picture_and_the_background_stays(
         assert changed[box(truth[number])].mean() > 0.7
 
 
+@pytest.mark.slow
 def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
     face: LiveFaces, talk: list[U8], truth: F64
 ) -> None:
@@ -124,6 +125,7 @@ def test_when_the_person_leaves_a_growing_region_is_covered_then_all(
     assert areas[-1] > 0.99
 
 
+@pytest.mark.slow
 def test_who_returns_is_covered_until_the_face_was_confident_for_a_while(
     face: LiveFaces, talk: list[U8], truth: F64
 ) -> None:
@@ -175,6 +177,7 @@ def test_a_face_behind_a_board_is_swapped_around_it(
     assert changed[rows.stop + 20 : rows.stop + 40, columns].mean() < 0.1
 
 
+@pytest.mark.slow
 def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
     face: LiveFaces, talk: list[U8], visitor: list[U8]
 ) -> None:
@@ -195,6 +198,7 @@ def test_somebody_else_is_covered_beside_the_swap_and_for_a_while_after(
     )
 
 
+@pytest.mark.slow
 def test_somebody_else_alone_is_never_shown(face: LiveFaces, talk: list[U8]) -> None:
     play = Player(face)
     play(talk[0])
@@ -226,6 +230,7 @@ def test_uncovered_shows_what_cannot_be_swapped_and_nothing_else(face: LiveFaces
     assert play(empty(1), SOLID)[1].any()
 
 
+@pytest.mark.slow
 def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[U8]) -> None:
     puppet = replace(SOLID, mode="puppet")
     shown = []
@@ -244,12 +249,14 @@ def test_a_puppet_shows_nothing_of_the_picture(p01: Identity, talk: list[U8]) ->
 
 
 @pytest.mark.parametrize("changes", [{"identity": 1, "mode": "puppet"}, {"identity": 1}])
+@pytest.mark.slow
 def test_the_chosen_face_takes_effect_at_once_and_back(
     face: LiveFaces, talk: list[U8], changes: dict[str, object]
 ) -> None:
     assert_effect(face, talk, replace(SOLID, mode=changes.get("mode", "swap")), replace(SOLID, **changes))
 
 
+@pytest.mark.slow
 def test_alpha_takes_effect_at_once_and_back(face: LiveFaces, talk: list[U8]) -> None:
     assert_effect(face, talk, replace(SOLID, identity=1, alpha=0.0), replace(SOLID, identity=1, alpha=1.0))
 

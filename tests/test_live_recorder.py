@@ -98,6 +98,7 @@ def made(path: Path, at: list[int], sound: bool = True) -> Path:
 
 @pytest.mark.usefixtures("no_thread_left")
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@pytest.mark.slow
 def test_a_file_is_recorded_whole_with_its_times_and_sound(tmp_path: Path, suffix: str) -> None:
     clip, out = cut("p01", tmp_path / "in.mp4", 25), tmp_path / f"out{suffix}"
     capture = FileCapture(clip, paced=False)

@@ -28,6 +28,8 @@ from guise.app.people import kept
 from guise.app.swapping.donors import open_donor
 from guise.common.threads import one_thread
 
+pytestmark = pytest.mark.slow
+
 CLIP = SAMPLES / "p01" / "talk.mp4"
 
 

@@ -16,6 +16,8 @@ from guise.app.swapping.donors import open_donor
 from guise.common.arrays import U8
 from guise.common.threads import one_thread
 
+pytestmark = pytest.mark.slow
+
 SOLID = LiveSettings(style="solid")
 FPS, FRAMES = 30, 12
 FACE = (slice(140, 340), slice(240, 400))  # rows and columns of a face in a sample clip

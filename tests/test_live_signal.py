@@ -35,6 +35,7 @@ def wait_for_pictures(part: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.slow
 def test_a_run_ended_by_a_signal_says_what_it_has_written(number: signal.Signals, tmp_path: Path) -> None:
     with live(tmp_path) as process:
         wait_for_pictures(tmp_path / "out.mp4.part")

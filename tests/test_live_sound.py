@@ -126,6 +126,7 @@ def length_of(path: Path) -> float:
 
 
 @pytest.mark.parametrize("fast", [-0.001, 0.001])
+@pytest.mark.slow
 def test_sound_stays_with_the_pictures_however_fast_the_device_is(tmp_path: Path, fast: float) -> None:
     """A minute, in which the device alone would run away by 60 ms."""
     clock = Clock()

@@ -170,6 +170,7 @@ PICTURES = {
 
 
 @pytest.mark.parametrize(("format", "orientation"), PICTURES.values(), ids=PICTURES)
+@pytest.mark.slow
 def test_the_screen_shows_the_frames_own_rgb(
     display: str, talk: Frame, format: str, orientation: Orientation
 ) -> None:

@@ -96,6 +96,7 @@ def measured(folder: Path) -> dict[str, object]:
     return content
 
 
+@pytest.mark.slow
 def test_an_equal_output_is_the_same_person_with_the_same_expression(measured: dict) -> None:
     equal = measured["outputs"][0]
     private, useful, files = equal["privacy"], equal["utility"], equal["files"]
@@ -158,6 +159,7 @@ def test_without_a_recogniser_only_utility_is_measured_and_it_says_so(folder: Pa
     assert len(load_annotations(truth)) == FRAMES
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_done_with_each_face(folder: Path, tmp_path: Path) -> None:
     report = tmp_path / "covered.report.json"
     rows = {"frame": [*range(10)], "done": [0] * 5 + [1] * 5, "confidence": [0.9] * 10}
@@ -180,6 +182,7 @@ def test_the_report_says_what_was_done_with_each_face(folder: Path, tmp_path: Pa
     assert math.isnan(told.privacy.verification)
 
 
+@pytest.mark.slow
 def test_the_command_writes_json_and_plot(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -232,6 +235,7 @@ def sentence(folder: Path, *arguments: object, capsys: pytest.CaptureFixture[str
     ],
     ids=["length", "size", "rate"],
 )
+@pytest.mark.slow
 def test_an_output_of_other_frames_is_refused(
     folder: Path, tmp_path: Path, change: dict, expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -260,6 +264,7 @@ def test_a_video_without_a_face_is_refused(tmp_path: Path, capsys: pytest.Captur
         (["-o", "card.toml"], "card.toml exists"),
     ],
 )
+@pytest.mark.slow
 def test_mistakes_are_one_sentence(
     folder: Path, options: list[str], expected: str, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

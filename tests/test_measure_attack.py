@@ -158,6 +158,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_people_are_found_in_a_copy_and_not_by_covered_faces(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,6 +176,7 @@ def test_people_are_found_in_a_copy_and_not_by_covered_faces(
     assert len(rank_rows(copied)) == len(similarity_rows(copied)) == 5
 
 
+@pytest.mark.slow
 def test_the_command_writes_and_prints_the_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["measure", str(folder / "people"), str(folder / "copied"), "--attack", "--json"]
     assert main([*words, "-o", str(folder / "attack.json")]) == 0

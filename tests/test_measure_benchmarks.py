@@ -59,6 +59,7 @@ def test_criteria_are_over_real_clips_with_the_same_weight() -> None:
     assert p99.measured == pytest.approx(0.4)
 
 
+@pytest.mark.slow
 def test_takes_are_the_beginning_and_the_second_half_of_a_clip(tmp_path: Path) -> None:
     clip = RealClip("p01", SAMPLES / "p01" / "talk2.mp4", np.zeros((20, 81, 2)))
     attack.write_takes(clip, tmp_path, "p01", 0.0)

@@ -138,6 +138,7 @@ def test_a_model_that_differs_from_its_card_is_refused(
 
 @pytest.mark.skipif(not MODEL.is_file(), reason="the MobileFaceNet model is not there")
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real clips are not there")
+@pytest.mark.slow
 def test_the_documented_card_tells_people_apart(tmp_path: Path) -> None:
     from guise.app.measure.privacy import template
     from guise.app.media import open_input

@@ -172,6 +172,7 @@ def test_every_audio_packet_is_copied_byte_for_byte(tmp_path: Path, suffix: str)
     assert before == after
 
 
+@pytest.mark.slow
 def test_real_audio_with_an_edit_list_is_copied_with_its_times(tmp_path: Path) -> None:
     run(SAMPLE, tmp_path / "out.mp4")
     assert packets(SAMPLE, "audio") == packets(tmp_path / "out.mp4", "audio")
@@ -233,6 +234,7 @@ def test_colour_tags_and_sample_aspect_ratio_are_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["libx264", "libx265", "ffv1", "libvpx-vp9"])
 @pytest.mark.parametrize("fmt", ["yuv420p", "yuvj420p", "yuv422p", "yuv444p", "gray"])
+@pytest.mark.slow
 def test_lossless_is_bit_identical_outside_the_written_rectangle(tmp_path: Path, fmt: str, name: str) -> None:
     if name == "libvpx-vp9" and fmt == "gray":
         pytest.skip("VP9 has no grey pictures")
@@ -369,6 +371,7 @@ def test_frames_of_another_size_can_be_written(tmp_path: Path) -> None:
 # -- decoding ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_changing_a_frame_does_not_change_later_ones() -> None:
     with open_input(SAMPLE) as clean, open_input(SAMPLE) as painted:
         for before, after in zip(clean, painted, strict=True):
@@ -384,6 +387,7 @@ def test_a_view_of_a_frame_outlives_it() -> None:
             np.testing.assert_array_equal(view, frame.luma)
 
 
+@pytest.mark.slow
 def test_a_source_can_be_read_twice_and_keeps_its_audio_for_the_sink(tmp_path: Path) -> None:
     with open_input(SAMPLE) as source:
         first = [frame.pts for frame in source]

@@ -105,6 +105,7 @@ def peak(sound: Sound, rate: int, low: float, high: float) -> float:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@pytest.mark.slow
 def test_pitch_and_formants_are_lowered_and_nothing_else(tmp_path: Path, suffix: str) -> None:
     clip = make_film(tmp_path / f"in{suffix}", voice(6, 44100), 44100)
     (old, rate, start), (new, new_rate, new_start) = hear(clip), hear(masked(clip))
@@ -119,6 +120,7 @@ def test_pitch_and_formants_are_lowered_and_nothing_else(tmp_path: Path, suffix:
     assert alike > 0.95
 
 
+@pytest.mark.slow
 def test_it_stays_in_step_for_minutes(tmp_path: Path) -> None:
     clip = make_film(tmp_path / "in.mp4", voice(120, 16000), 16000)
     (old, rate, _), (new, _, _) = hear(clip), hear(masked(clip))
@@ -172,6 +174,7 @@ def test_a_gap_in_the_sound_stays_where_it_is(tmp_path: Path) -> None:
         ("pcm_u8", 44100, "stereo", ".mkv", ".mp4", "aac"),
     ],
 )  # fmt: skip
+@pytest.mark.slow
 def test_codec_rate_and_channels(
     tmp_path: Path, codec: str, rate: int, layout: str, inner: str, outer: str, result: str
 ) -> None:

@@ -79,6 +79,7 @@ def look(path: Path) -> tuple[object, ...]:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+@pytest.mark.slow
 def test_pieces_make_the_video_that_one_encoding_makes(tmp_path: Path, suffix: str) -> None:
     times = np.cumsum(np.random.default_rng(0).integers(1, 3000, 70)).tolist()
     clip = make_clip(
@@ -116,6 +117,7 @@ def test_rotation_tags_aspect_and_interlacing_are_those_of_one_encoding(tmp_path
     assert look(tmp_path / "out.mp4")[4] is True
 
 
+@pytest.mark.slow
 def test_real_footage_with_sound_and_an_edit_list(tmp_path: Path) -> None:
     clip = SAMPLE.with_name("talk.mp4")
     assert put_together(clip, tmp_path / "out.mp4", FAST, length=50) == 2
@@ -124,6 +126,7 @@ def test_real_footage_with_sound_and_an_edit_list(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoder", ["libx264", "libx265", "ffv1", "libvpx-vp9"])
+@pytest.mark.slow
 def test_a_piece_decodes_to_its_frames(tmp_path: Path, encoder: str) -> None:
     clip = make_clip(
         tmp_path / "in.mp4", steady(45), options=GOP, size=(64, 32),
@@ -142,6 +145,7 @@ def test_a_piece_decodes_to_its_frames(tmp_path: Path, encoder: str) -> None:
 @pytest.mark.parametrize(
     ("suffix", "encoder"), [(".mp4", "libx264"), (".mkv", "libx264"), (".mp4", "libx265")]
 )
+@pytest.mark.slow
 def test_the_bytes_are_the_same_each_time(tmp_path: Path, suffix: str, encoder: str) -> None:
     clip = make_clip(tmp_path / "in.mp4", steady(75), size=(160, 120), options=GOP, sound=1)
     options = EncodeOptions(encoder=encoder)
@@ -236,6 +240,7 @@ for _ in range(100):
 """
 
 
+@pytest.mark.slow
 def test_a_piece_need_not_be_read_to_its_end(tmp_path: Path) -> None:
     (part,) = make_pieces(SAMPLE, tmp_path, FAST, 1000)
     subprocess.run([sys.executable, "-c", ABANDON, part], check=True, timeout=60)

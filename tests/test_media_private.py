@@ -92,6 +92,7 @@ def make(way: str, clip: Path, out: Path, *, private: bool) -> None:
 @pytest.mark.parametrize(
     ("inner", "outer"), [(".mp4", ".mp4"), (".mov", ".mov"), (".mkv", ".mkv"), (".mp4", ".mkv")]
 )
+@pytest.mark.slow
 def test_nothing_identifying_is_left(tmp_path: Path, inner: str, outer: str, way: str) -> None:
     clip, out = rich_clip(tmp_path / f"in{inner}"), tmp_path / f"out{outer}"
     assert clip.read_bytes().count(SECRET.encode()) > 10 + len(UNEVEN)

@@ -156,6 +156,7 @@ def long_clip(path: Path, count: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
     def touch(frame: Frame) -> None:
         roi = frame.align_roi(10, 10, 100, 100)
@@ -174,6 +175,7 @@ def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not (SHARED / "data/real/room_s18.mp4").exists(), reason="needs the shared 720p clip")
+@pytest.mark.slow
 def test_a_720p_clip_with_audio_passes_through(tmp_path: Path) -> None:
     clip = SHARED / "data/real/room_s18.mp4"
     with (

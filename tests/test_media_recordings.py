@@ -26,6 +26,7 @@ def record(path: Path, times: list[int]) -> Path:
 
 
 @pytest.mark.parametrize("step", [33, 100])
+@pytest.mark.slow
 def test_the_rate_is_that_of_the_frames_not_of_the_clock(tmp_path: Path, step: int) -> None:
     times = [step * i + i % 3 for i in range(90)]
     with open_input(record(tmp_path / "recording.webm", times)) as source:

@@ -52,6 +52,7 @@ def steady(count: int, step: int = 512) -> range:
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".ts"])
 @pytest.mark.parametrize("options", [GOP, OPEN], ids=["closed", "open"])
+@pytest.mark.slow
 def test_windows_equal_slices_of_a_whole_pass(tmp_path: Path, suffix: str, options: dict[str, str]) -> None:
     clock = {".mkv": THOUSANDTHS, ".ts": Fraction(1, 90000)}.get(suffix, Fraction(1, 15360))
     step = int(clock.denominator // 30)
@@ -88,6 +89,7 @@ def test_variable_rate_and_late_start(tmp_path: Path) -> None:
     [("ffv1", ".mkv", "yuv422p"), ("libx265", ".mp4", "yuv420p10le"), ("mpeg4", ".avi", "yuv420p"),
      ("libvpx-vp9", ".webm", "yuv420p"), ("mjpeg", ".avi", "yuvj420p")],
 )  # fmt: skip
+@pytest.mark.slow
 def test_other_codecs(tmp_path: Path, encoder: str, suffix: str, fmt: str) -> None:
     options = {"g": "10", "x265-params": "log-level=none:keyint=10:scenecut=0"}
     clock = THOUSANDTHS if suffix in (".mkv", ".webm") else Fraction(1, 30)
@@ -204,6 +206,7 @@ def test_a_scan_survives_json(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["franck.mp4", "gesture_bird.mkv", "grid_bbaf2n.mpg", "phone_s29.mp4"])
+@pytest.mark.slow
 def test_real_clips(name: str) -> None:
     path = SHARED / "data/real" / name
     if not path.exists():

@@ -166,6 +166,7 @@ def shapes(source: F64) -> dict[str, F64]:
     }
 
 
+@pytest.mark.slow
 def test_an_avatar_with_posed_arms_gets_52_shapes(tmp_path: Path) -> None:
     made, bind, start = avatar()
     (tmp_path / "avatar.glb").write_bytes(made.data())

@@ -34,6 +34,8 @@ from guise.analogy.formats.files import MeshFile, read_frames, read_mesh, read_r
 from guise.analogy.formats.gltf_container import GL_ARRAY_BUFFER, GltfContainer
 from guise.app.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 
 def test_help_of_the_groups_is_no_mistake(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run(capsys)

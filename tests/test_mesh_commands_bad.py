@@ -23,6 +23,8 @@ from mesh_work import (  # noqa: F401
 
 from guise.aam.similarity import Failed
 
+pytestmark = pytest.mark.slow
+
 
 def boxes(_: list[str]) -> list[str]:
     """A cube: a mesh without a face on it."""

@@ -12,6 +12,8 @@ from mesh_work import HEAD, OTHER, SMILE, changed, coarse, here, others, points,
 
 from guise.analogy.feature_points import FEATURE_POINT_NAMES
 
+pytestmark = pytest.mark.slow
+
 
 def test_register_writes_the_fitted_template_and_where_each_vertex_is_on_it(
     here: Path, points: tuple[str, str], capsys: pytest.CaptureFixture[str]

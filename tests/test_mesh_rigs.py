@@ -226,6 +226,7 @@ def test_what_animates_old_targets_is_dropped(tmp_path: Path) -> None:
     assert all("weights" not in node for node in made["nodes"])
 
 
+@pytest.mark.slow
 def test_a_document_with_anything_in_it_is_a_sentence_or_a_mesh(tmp_path: Path) -> None:
     """Every value of the JSON in turn is another."""
     path, whole = tmp_path / "made.gltf", animated()

@@ -249,6 +249,7 @@ def drawn(source: Identity, options: EngineOptions) -> tuple[U8, U8, F64]:
 
 
 @pytest.mark.parametrize("renderer", ["cpu", pytest.param("gl", marks=pytest.mark.egl)])
+@pytest.mark.slow
 def test_the_pixels_of_an_object_come_back_unchanged(p01: Identity, renderer: str) -> None:
     before, after, shape = drawn(p01, EngineOptions(renderer=renderer))  # type: ignore[arg-type]
     x, y = square(shape)
@@ -266,12 +267,14 @@ def test_the_pixels_of_an_object_come_back_unchanged(p01: Identity, renderer: st
 
 
 @pytest.mark.egl
+@pytest.mark.slow
 def test_both_renderers_draw_an_occlusion_alike(p01: Identity) -> None:
     on_cpu, on_gl = (drawn(p01, EngineOptions(renderer=r))[1].astype(int) for r in ("cpu", "gl"))
     assert np.abs(on_cpu - on_gl).max() <= 4
 
 
 @pytest.mark.parametrize("changes", [{"light": "paper"}, {"disguise": True}, {"occluders": "none"}])
+@pytest.mark.slow
 def test_without_occluders_everything_is_covered(p01: Identity, changes: dict[str, object]) -> None:
     options = replace(EngineOptions(renderer="cpu"), **changes)  # type: ignore[arg-type]
     before, after, shape = drawn(p01, options)
@@ -286,6 +289,7 @@ def test_in_a_disguise_an_object_may_stay_in_front(p01: Identity) -> None:
     assert_array_equal(after[y + 20 : y + 30, x - 12 : x + 12], before[y + 20 : y + 30, x - 12 : x + 12])
 
 
+@pytest.mark.slow
 def test_the_colours_of_an_object_do_not_reach_the_drawn_face(p01: Identity) -> None:
     options = EngineOptions(renderer="cpu", light="paper", disguise=True, occluders="objects")
     pictures, shapes = frames_with_an_object()

@@ -122,6 +122,7 @@ def copy_of_tree(to: Path) -> Path:
     return to
 
 
+@pytest.mark.slow
 def test_every_file_of_the_packages_is_in_the_wheel(contents: set[str]) -> None:
     ours = {
         (Path("guise", place) / path.relative_to(ROOT / folder)).as_posix()
@@ -155,6 +156,7 @@ def test_the_readme_says_how_large_the_wheel_is(wheel: Path) -> None:
 
 
 @pytest.mark.timeout(300)
+@pytest.mark.slow
 def test_the_demo_runs_from_the_wheel_and_makes_what_it_names(project: tuple[Path, dict[str, str]]) -> None:
     folder, environment = project
     command = [folder / "env" / "bin" / "guise", "demo", "-o", "out"]
@@ -226,6 +228,7 @@ def test_the_api_works_beside_a_foreign_app_and_render(enrolled: tuple[Path, dic
     assert done.stdout.splitlines()[-1] == "fine"
 
 
+@pytest.mark.slow
 def test_every_third_party_import_is_declared() -> None:
     declared = {requirement(d) for d in PROJECT["project"]["dependencies"]}
     for name, extra in PROJECT["project"]["optional-dependencies"].items():

@@ -33,6 +33,7 @@ def truth(person: str, count: int = 30) -> np.ndarray:
 
 
 @pytest.mark.parametrize("person", ["p01", "p02", "p06"])
+@pytest.mark.slow
 def test_a_person_is_one_tracklet_in_every_frame(person: str) -> None:
     found = detect_faces(some(person))
     assert found.frame.tolist() == list(range(30))
@@ -71,6 +72,7 @@ def test_a_cut_ends_a_tracklet_and_begins_another() -> None:
 
 
 @pytest.mark.parametrize(("width", "until"), [(640, 30), (160, 48)])
+@pytest.mark.slow
 def test_small_faces_are_searched_in_every_frame_while_there_are_any(
     width: int, until: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

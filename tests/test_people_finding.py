@@ -27,6 +27,8 @@ from guise.app.people.finding import (
     save_people,
 )
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 72
 SMALL = TrainingOptions(frames=14, resolution=64, tracker=TrackerOptions(stages=2, copies=4, folds=2))
 

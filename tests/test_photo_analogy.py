@@ -223,6 +223,7 @@ def test_a_source_of_another_size_gives_about_the_same() -> None:
     assert np.abs(made.astype(float) - plain).mean() < 0.1 * np.abs(plain.astype(float) - T).mean()
 
 
+@pytest.mark.slow
 def test_a_large_target_is_computed_on_a_coarser_grid() -> None:
     large = cv2.resize(T, None, fx=6, fy=6, interpolation=cv2.INTER_CUBIC)
     whole = PhotoAnalogy(S, NEUTRAL, large, (OTHER + 0.5) * 6 - 0.5)

@@ -135,6 +135,7 @@ def test_image_puts_the_expression_on_the_face_and_leaves_the_rest(
     assert not list(here.glob("*.part"))
 
 
+@pytest.mark.slow
 def test_without_files_the_landmarks_are_found(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run(capsys, "image", "s.png", "s1.png", "t.png", "-o", "out.webp")
     assert (code, err) == (0, "")
@@ -145,6 +146,7 @@ def test_without_files_the_landmarks_are_found(here: Path, capsys: pytest.Captur
     assert np.abs(found - known).mean() < 3
 
 
+@pytest.mark.slow
 def test_methods_and_strengths_differ(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = {"a": (), "b": ("--method", "ratio"), "c": ("--method", "warp"), "d": ("--mouth", "none")}
     for name, more in {**options, "zero": ("--strength", "0")}.items():
@@ -282,6 +284,7 @@ def test_of_two_faces_the_larger_one_is_taken(here: Path, capsys: pytest.Capture
         (["s.png", "s1.png", "t.png", "-o", "o.png", "--strength", "3"], "Invalid value for '--strength'"),
     ],
 )
+@pytest.mark.slow
 def test_a_mistake_about_images_is_one_sentence(
     here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], sentence: str
 ) -> None:
@@ -357,6 +360,7 @@ def test_the_resting_frame_has_its_mouth_shut() -> None:
 ANIMATE = ("animate", "clip.mp4", "t.png", "-o", "out.mp4")
 
 
+@pytest.mark.slow
 def test_animate_keeps_times_and_sound_and_says_what_it_did(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -372,6 +376,7 @@ def test_animate_keeps_times_and_sound_and_says_what_it_did(
         assert [f.pts * f.time_base for f in new] == [f.pts * f.time_base for f in old]
 
 
+@pytest.mark.slow
 def test_animate_by_a_photo_and_by_a_model(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "p01.guise").symlink_to(model_file("p01"))
     code, out, _ = run(
@@ -402,6 +407,7 @@ def with_box(path: Path, frames: slice, box: tuple[slice, slice] = np.s_[:, :]) 
 
 
 @pytest.mark.parametrize("hidden", ["everything", "mouth"])
+@pytest.mark.slow
 def test_a_lost_or_hidden_face_holds_the_expression_and_is_counted(
     here: Path, capsys: pytest.CaptureFixture[str], hidden: str
 ) -> None:
@@ -417,6 +423,7 @@ def test_a_lost_or_hidden_face_holds_the_expression_and_is_counted(
     assert (pictures[2] != pictures[6]).any()
 
 
+@pytest.mark.slow
 def test_before_the_face_is_seen_the_photo_is_itself(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with_box(here / "late.mp4", slice(0, 2))
     assert run(capsys, "animate", "late.mp4", "t.png", "-o", "out.mkv", "--encoder", "ffv1")[0] == 0
@@ -466,6 +473,7 @@ def test_before_the_face_is_seen_the_photo_is_itself(here: Path, capsys: pytest.
         ),
     ],
 )
+@pytest.mark.slow
 def test_a_mistake_about_clips_is_one_sentence(
     here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], sentence: str
 ) -> None:

@@ -74,6 +74,7 @@ def test_features_hold_no_plane() -> None:
 
 
 @pytest.mark.parametrize("person", ["p01", "p02", "p06"])
+@pytest.mark.slow
 def test_a_person_is_the_same_in_another_clip(person: str) -> None:
     second = enrol(
         [SAMPLES / person / "talk2.mp4"], LandmarkSource(), name="second",
@@ -88,6 +89,7 @@ def test_the_donors_are_all_different() -> None:
     assert similarities.max() < MIN_SAME_PERSON_SIMILARITY
 
 
+@pytest.mark.slow
 def test_the_resolution_of_a_model_does_not_matter() -> None:
     found = LandmarkSource(landmarker=open_landmarker("builtin"))
     small = enrol([SAMPLES / "p01" / "talk2.mp4"], found, name="small", options=OPTIONS)

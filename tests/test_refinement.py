@@ -72,6 +72,7 @@ def gain(shapes: np.ndarray, true: np.ndarray, column: int) -> float:
     return float(np.polyfit(there, here, 1)[0])
 
 
+@pytest.mark.slow
 def test_independent_noise_is_removed() -> None:
     noisy, refined = noisy_and_refined()
     true = talk()[1]
@@ -97,6 +98,7 @@ def test_the_mean_shape_stays() -> None:
     assert np.abs(after - before).max() < 0.004 * FRAME.resolution
 
 
+@pytest.mark.slow
 def test_an_error_that_all_frames_share_stays() -> None:
     luma, shapes = talk()
     shapes, luma = shapes[::2], luma[::2]
@@ -108,6 +110,7 @@ def test_an_error_that_all_frames_share_stays() -> None:
     assert_allclose(left, shift, atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_frame_with_wrong_landmarks_is_left_out() -> None:
     luma, shapes = talk()
     shapes = shapes.copy()
@@ -158,6 +161,7 @@ def tracking_error(person: Identity, luma: list[np.ndarray], true: np.ndarray) -
     return float(error(shapes, true[1:][[isinstance(fit, Fit) for fit in fits]]).mean())
 
 
+@pytest.mark.slow
 def test_a_person_enrolled_on_refined_landmarks_is_tracked_better(
     talk2: tuple[list[np.ndarray], np.ndarray],
 ) -> None:
@@ -165,6 +169,7 @@ def test_a_person_enrolled_on_refined_landmarks_is_tracked_better(
     assert with_it < 0.95 * without
 
 
+@pytest.mark.slow
 def test_landmarks_of_a_file_are_not_refined(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> Refined:
         raise AssertionError("refined")

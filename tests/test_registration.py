@@ -228,6 +228,7 @@ def test_a_correspondence_checks_its_shapes() -> None:
 
 
 @pytest.mark.skipif(not PAIRS.is_dir(), reason="the pairs of heads are not beside the checkout")
+@pytest.mark.slow
 def test_a_real_pair_of_heads() -> None:
     z, head, remesh = (
         np.load(PAIRS / f"{n}.npz") for n in ("pair_P_7678_to_37500", "ict_head_dev", "ict_remesh_7678")
@@ -242,6 +243,7 @@ def test_a_real_pair_of_heads() -> None:
     assert done.quality.folded < 0.001
 
 
+@pytest.mark.slow
 def test_feature_points_that_started_beside_their_places_come_nearer() -> None:
     places = np.concatenate(
         [[(0.0, 0.0), (0.4, 0.3), (-0.4, 0.3)], MARKS[1:]]

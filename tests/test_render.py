@@ -88,6 +88,7 @@ def compare(gl: Compositor, cpu: Compositor, roi: np.ndarray, *rest: object) -> 
 @pytest.mark.egl
 @pytest.mark.parametrize("size", [(320, 320), (480, 600), (97, 81)])
 @pytest.mark.parametrize("frame", [0, 100, 250])
+@pytest.mark.slow
 def test_twins_agree_on_a_face_of_noise(make: Make, size: tuple[int, int], frame: int) -> None:
     mesh = face_mesh()
     inside = compare(
@@ -98,6 +99,7 @@ def test_twins_agree_on_a_face_of_noise(make: Make, size: tuple[int, int], frame
 
 @pytest.mark.egl
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.slow
 def test_twins_agree_on_random_meshes_that_leave_the_rectangle(make: Make, seed: int) -> None:
     rng = np.random.default_rng(seed)
     uv = rng.uniform(0, 99, (40, 2)).astype(np.float32)
@@ -110,6 +112,7 @@ def test_twins_agree_on_random_meshes_that_leave_the_rectangle(make: Make, seed:
 
 @pytest.mark.egl
 @pytest.mark.parametrize("seed", range(12))
+@pytest.mark.slow
 def test_twins_draw_folded_meshes_in_the_same_order(make: Make, seed: int) -> None:
     rng = np.random.default_rng(seed)
     uv = rng.uniform(0, 99, (30, 2)).astype(np.float32)
@@ -135,6 +138,7 @@ def test_later_triangles_cover_earlier_ones(make: Make, renderer: str) -> None:
 
 @pytest.mark.egl
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (7, 1), (4, 1), (1, 4), (63, 64), (65, 129), (700, 900)])
+@pytest.mark.slow
 def test_twins_agree_at_every_size(make: Make, size: tuple[int, int]) -> None:
     mesh = face_mesh()
     vertices = face(30, 700, 900) - (450 - size[1] / 2, 350 - size[0] / 2)  # the face's middle in the middle
@@ -353,6 +357,7 @@ GOOD = {
         ("out", np.zeros((9, 9, 3)), "out must be .* uint8"),
     ],
 )
+@pytest.mark.slow
 def test_bad_arguments_are_refused_in_one_sentence(
     make: Make, renderer: str, name: str, value: object, message: str
 ) -> None:

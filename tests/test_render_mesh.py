@@ -41,6 +41,7 @@ corner = st.tuples(coordinate, coordinate)
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(corner, min_size=3, max_size=7), st.randoms(use_true_random=False))
+@pytest.mark.slow
 def test_every_pixel_holds_the_last_triangle_that_covers_it(
     points: list[tuple[int, int]], random: object
 ) -> None:

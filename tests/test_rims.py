@@ -145,6 +145,7 @@ def test_the_best_ring_is_closed_and_passes_gaps() -> None:
 
 @pytest.mark.usefixtures("worn")
 @pytest.mark.parametrize(("disguise", "kept"), [(False, True), (True, False)])
+@pytest.mark.slow
 def test_rims_stay_in_front_of_the_drawn_face(scene: tuple[U8, F64], disguise: bool, kept: bool) -> None:
     source, target = (Identity.load(model_file(name)) for name in ("p01", "p02"))
     rgb, shape = with_glasses(*scene, (40, 35, 30)), scene[1]

@@ -98,6 +98,7 @@ def test_what_turns_as_far_on_the_source_is_no_fold() -> None:
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3])
+@pytest.mark.slow
 def test_only_what_is_matched_by_surface_is_smoothed(shift: float) -> None:
     """Vertex to vertex nothing slips, and a head gets exactly its own expression."""
     from test_lids import FACE_POINTS, face
@@ -117,6 +118,7 @@ def test_only_what_is_matched_by_surface_is_smoothed(shift: float) -> None:
     assert (off < 1e-6) == (shift == 0)
 
 
+@pytest.mark.slow
 def test_lips_are_smoothed_around_the_corners_of_the_mouth_alone() -> None:
     from test_lids import FACE_POINTS, face
 

@@ -17,6 +17,8 @@ from guise.app.media import open_input
 from guise.app.media.images import read_deep
 from guise.app.media.pictures import save_picture
 
+pytestmark = pytest.mark.slow
+
 HEADS = SAMPLES / "heads"
 LONG = 120_000  # milliseconds, on a busy machine
 

@@ -30,6 +30,8 @@ from guise.app.studio.jobs import with_user_names
 from guise.app.studio.store import StudioError
 from guise.common.progress import silent
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 30
 LONG = 120_000  # milliseconds, for a review or a rendering
 

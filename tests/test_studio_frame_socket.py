@@ -305,6 +305,7 @@ def wait(condition: Callable[[], bool]) -> None:
 
 
 @pytest.mark.usefixtures("no_thread_left")
+@pytest.mark.slow
 def test_a_run_swaps_records_and_takes_snapshots(tmp_path: Path, p01: Identity) -> None:
     kept = Kept()
     run = run_of(tmp_path, kept, p01)
@@ -329,6 +330,7 @@ def test_a_run_swaps_records_and_takes_snapshots(tmp_path: Path, p01: Identity) 
 
 
 @pytest.mark.usefixtures("no_thread_left")
+@pytest.mark.slow
 def test_without_a_model_no_picture_is_sent_bare(tmp_path: Path) -> None:
     kept = Kept()
     run = run_of(tmp_path, kept, None)

@@ -58,6 +58,7 @@ def test_a_job_runs_elsewhere_and_its_result_is_kept(tmp_path: Path) -> None:
         assert (jobs.store.folder_of(done.id) / "out.txt").read_text() == "hello"
 
 
+@pytest.mark.slow
 def test_jobs_run_one_after_the_other(tmp_path: Path) -> None:
     flag = tmp_path / "flag"
     with running(tmp_path / "studio") as jobs:
@@ -79,6 +80,7 @@ def test_jobs_run_one_after_the_other(tmp_path: Path) -> None:
         ("crash", "the job ended unexpectedly (exit code 7): start it again"),
     ],
 )
+@pytest.mark.slow
 def test_a_failure_is_one_sentence_and_leaves_no_file(tmp_path: Path, kind: str, sentence: str) -> None:
     with running(tmp_path) as jobs:
         job = ended(jobs, jobs.start(kind, {}))
@@ -93,6 +95,7 @@ def test_a_failure_has_the_users_names_of_the_files(tmp_path: Path) -> None:
     assert job.sentence == "there is no face: use another Party"
 
 
+@pytest.mark.slow
 def test_a_cancelled_job_ends_and_leaves_no_file(tmp_path: Path) -> None:
     with running(tmp_path) as jobs:
         first = jobs.start("wait", {"until": str(tmp_path / "never")})
@@ -108,6 +111,7 @@ def test_a_cancelled_job_ends_and_leaves_no_file(tmp_path: Path) -> None:
         assert jobs.store.job(last).state == "done"
 
 
+@pytest.mark.slow
 def test_files_are_put_in_place_when_a_job_is_done(tmp_path: Path) -> None:
     place = tmp_path / "place"
     with running(tmp_path / "studio", studio_work.leave) as jobs:
@@ -138,6 +142,7 @@ def test_a_job_that_is_cancelled_after_its_work_leaves_nothing(
     assert not place.exists()
 
 
+@pytest.mark.slow
 def test_a_job_that_the_studio_left_runs_again(tmp_path: Path) -> None:
     flag = tmp_path / "flag"
     with running(tmp_path / "studio") as jobs:
@@ -178,6 +183,7 @@ def test_an_unknown_kind_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_thread_left")
+@pytest.mark.slow
 def test_a_job_that_is_removed_while_it_runs_does_not_hold_up_the_next(tmp_path: Path) -> None:
     flag = tmp_path / "flag"
     with running(tmp_path / "studio") as jobs:

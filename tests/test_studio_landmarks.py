@@ -18,6 +18,8 @@ from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
 from guise.app.studio.store import CLIP, Person, Store
 
+pytestmark = pytest.mark.slow
+
 GALLERY = Path(__file__).parents[1] / "app" / "gallery"
 FRAMES = 24
 EYE, JAW, NOSE = 36, 4, 30

@@ -25,6 +25,8 @@ from guise.aam.landmarks.schemes import INNER51, LOWER_LIP_INNER, UPPER_LIP_INNE
 from guise.aam.model import Identity
 from guise.app.studio.store import Store
 
+pytestmark = pytest.mark.slow
+
 TIMEOUT_MS = 60_000
 OF_A_RUN = 7  # threads: capture, work, three outputs, what runs them and the detector
 READ = """(label) => {

@@ -12,7 +12,7 @@ axe = pytest.importorskip("axe_playwright_python.sync_playwright")
 PAGES = ("/", "/live", "/swap", "/people", "/landmarks", "/deidentify", "/analogy")
 LOOKS = (1440, ("light", "dark")), (1024, ("light",)), (390, ("dark",))  # widths and colour schemes
 SERIOUS = ("serious", "critical")
-pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+pytestmark = [pytest.mark.filterwarnings("ignore:unclosed"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

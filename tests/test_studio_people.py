@@ -25,7 +25,7 @@ PROGRAM = (str(Path(__file__).with_name("studio_held.py")),)
 ENROL = 120_000  # milliseconds, on a busy machine
 AMBER = "rgb(245, 158, 11)"
 TRICK = "../../../evil <b>x<.mp4"
-pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+pytestmark = [pytest.mark.filterwarnings("ignore:unclosed"), pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 POLLING = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
 NO_TOKEN = "Access needs a token: open the address that guise studio printed in the terminal."
 WRONG_ORIGIN = "This request comes from another site: use the studio's own pages."
-pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+pytestmark = [pytest.mark.filterwarnings("ignore:unclosed"), pytest.mark.slow]
 
 
 @pytest.fixture

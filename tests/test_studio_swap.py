@@ -12,7 +12,7 @@ from studio_browser import StudioServer, browser, page, studio_server  # noqa: F
 from guise.app.media import open_input
 
 LONG = 120_000  # milliseconds, on a busy machine
-pytestmark = pytest.mark.filterwarnings("ignore:unclosed")
+pytestmark = [pytest.mark.filterwarnings("ignore:unclosed"), pytest.mark.slow]
 
 
 @pytest.fixture

@@ -22,6 +22,8 @@ from guise.app.swapping.report import SwapError, SwapSettings
 from guise.common.threads import one_thread
 from guise.common.version import VERSION
 
+pytestmark = pytest.mark.slow
+
 LOSSLESS = SwapSettings(EngineOptions(renderer="cpu"), EncodeOptions(lossless=True))
 
 

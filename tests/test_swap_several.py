@@ -98,6 +98,7 @@ def changed(before: Path, after: Path, half: tuple[slice, slice]) -> float:
 
 
 @pytest.mark.usefixtures("enrolled")
+@pytest.mark.slow
 def test_each_gets_their_face_and_the_others_what_is_asked(pair: Path, tmp_path: Path) -> None:
     left = swap_people(pair, Casting({"left": "p03"}), tmp_path / "left.mp4", settings=FAST)
     assert {(p.face, p.swapped, p.left) for p in left.people} == {("p03", FRAMES, 0), ("", 0, FRAMES)}
@@ -111,6 +112,7 @@ def test_each_gets_their_face_and_the_others_what_is_asked(pair: Path, tmp_path:
     assert changed(pair, tmp_path / "covered.mp4", RIGHT) > 0.2
 
 
+@pytest.mark.slow
 def test_who_cannot_be_learned_is_covered_and_not_left(
     pair: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,6 +133,7 @@ def test_who_cannot_be_learned_is_covered_and_not_left(
     )
 
 
+@pytest.mark.slow
 def test_two_names_of_one_person_are_refused_and_nothing_is_left(pair: Path, tmp_path: Path) -> None:
     faces = {"left": "p03", "right": "p04", "largest": "p05"}
     with pytest.raises(SwapError, match="and largest are the same person"):
@@ -159,6 +162,7 @@ def test_a_mistake_is_one_sentence(
 
 
 @pytest.mark.usefixtures("enrolled")
+@pytest.mark.slow
 def test_the_command_says_what_everybody_got(
     pair: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -307,6 +307,7 @@ def small(crops: tuple[list[Crop], list[np.ndarray]], seed: int, **options: obje
     )
 
 
+@pytest.mark.slow
 def test_training_is_repeatable(crops: tuple[list[Crop], list[np.ndarray]]) -> None:
     first, again, other = small(crops, 0), small(crops, 0), small(crops, 1)
     for a, b, c in zip(first.stages, again.stages, other.stages, strict=True):
@@ -328,6 +329,7 @@ def test_training_reports_progress_and_obeys_the_options(crops: tuple[list[Crop]
     assert math.isfinite(trained.quality.bad)
 
 
+@pytest.mark.slow
 def test_every_stage_brings_the_shape_nearer(crops: tuple[list[Crop], list[np.ndarray]], talk2: Talk) -> None:
     """On average over frames between those that it was trained on, and over starts in four directions."""
     trained = dataclasses.replace(small(crops, 0), quality=Quality(0.1, 5.0, 5.0))

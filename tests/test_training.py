@@ -86,6 +86,7 @@ def test_neutral_frames_have_a_closed_mouth(shapes: np.ndarray) -> None:
 
 
 @given(st.sets(st.integers(0, 299), min_size=1, max_size=150))
+@pytest.mark.slow
 def test_frames_without_a_face_are_never_chosen(missing: set[int]) -> None:
     shapes = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"].astype(float)
     shapes[list(missing)] = np.nan

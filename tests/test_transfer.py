@@ -98,6 +98,7 @@ def test_several_expressions_at_once_are_what_each_is_alone(transfer: Transfer) 
 
 
 @given(turn=angles, shift=shifts)
+@pytest.mark.slow
 def test_a_rigid_motion_of_the_expression_changes_the_pose_alone(
     transfer: Transfer, turn: tuple[float, ...], shift: tuple[float, ...]
 ) -> None:
