@@ -182,6 +182,27 @@ def test_no_training_module_imports_itself_by_a_detour() -> None:
     assert len(order) == len(graph) > 40
 
 
+def reached(start: set[str], graph: dict[str, set[str]]) -> set[str]:
+    """Modules that are imported under one of these names or, by a detour, by one that is."""
+    found, ahead = set[str](), [name for full in start for name in (full, full.rpartition(".")[0])]
+    while ahead:
+        name = ahead.pop()
+        if name in graph and name not in found:
+            found.add(name)
+            ahead += graph[name]
+    return found
+
+
+def test_every_module_is_reached_from_a_test() -> None:
+    """By an import, or by a command, which the command line finds by its name."""
+    graph = module_graph()
+    start = {name for path in (ROOT / "tests").glob("*.py") for name, _ in imports(path)}
+    commands = {name for name in graph if name.startswith("guise.app.cli.")}
+    packages = {name.rpartition(".")[0] for name in graph}
+    assert sorted(graph.keys() - packages - {"guise.__main__"} - reached(start | commands, graph)) == []
+    assert "guise.app.live.window" not in reached({"guise.aam.model"}, graph)  # what nothing reaches is seen
+
+
 @pytest.mark.parametrize("library", sorted(OWNERS))
 def test_every_owned_library_is_used(library: str) -> None:
     users = [path for path in modules() if any(name.split(".")[0] == library for name, _ in imports(path))]
