@@ -59,8 +59,9 @@ def test_help_groups_the_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert groups["Tools"] == ["demo", "doctor", "bench"]
 
 
-def test_help_imports_no_heavy_library(tmp_path: Path) -> None:
-    loaded = modules_after("from guise.app.cli.main import main; main(['swap', '--help'])", tmp_path)
+@pytest.mark.parametrize("command", ["swap", "deidentify", "live"])
+def test_help_imports_no_heavy_library(command: str, tmp_path: Path) -> None:
+    loaded = modules_after(f"from guise.app.cli.main import main; main(['{command}', '--help'])", tmp_path)
     assert loaded.isdisjoint({"numpy", "cv2", "av", "scipy", "skimage", "onnxruntime", "moderngl"})
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
-from enum import StrEnum
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,18 +13,17 @@ import typer
 
 from guise.app.cli.console import Board, Console
 from guise.app.cli.options import (
-    FACE_HELP,
-    Alpha,
     Crf,
     Encoder,
     Force,
     Json,
     Lossless,
+    Part,
     Preset,
     Quiet,
-    RendererChoice,
-    RendererName,
+    takes,
 )
+from guise.app.deidentify.options import DeidentifyOptions
 
 if TYPE_CHECKING:
     from guise.app.deidentify.report.report import BatchEntry
@@ -33,37 +32,10 @@ if TYPE_CHECKING:
     from guise.common.progress import Progress
 
 WORK = "guise-work"
-
-
-class CoverName(StrEnum):
-    """How a face that is not swapped is covered."""
-
-    solid = "solid"
-    mosaic = "mosaic"
-    blur = "blur"
-
-
-class AudioName(StrEnum):
-    """What happens to the sound."""
-
-    keep = "keep"
-    drop = "drop"
-    mask = "mask"
-    disguise = "disguise"
-
-
-class RegionName(StrEnum):
-    """What a swap replaces."""
-
-    face = "face"
-    head = "head"
-
-
-class AuditName(StrEnum):
-    """Which frames the audit searches."""
-
-    sampled = "sampled"
-    full = "full"
+OPTIONS = (
+    "donor", "gallery", "cover", "region", "alpha", "renderer", "seed", "keyfile", "audio", "keep_metadata", "label",
+    "audit", "detector",
+)  # fmt: skip
 
 
 Inputs = Annotated[
@@ -81,26 +53,6 @@ Output = Annotated[
     ),
 ]
 Recursive = Annotated[bool, typer.Option("--recursive", help="Include the subfolders of folders.")]
-Identity = Annotated[
-    str,
-    typer.Option(
-        "--identity",
-        metavar="auto|same|average:K|mean:K|FACE",
-        help="The faces that are shown: a different fictional one for each; the same, or the same average of K, for "
-        f"all people of all files; a different average of K for each; or one for all: {FACE_HELP}.",
-    ),
-]
-Gallery = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="FACE", help="A face to choose from, instead of all fictional ones; may be repeated."
-    ),
-]
-Cover = Annotated[CoverName, typer.Option(help="How a face that is not swapped is covered.")]
-RegionOption = Annotated[
-    RegionName,
-    typer.Option("--region", help="What a swap replaces: the face, or the head with hair, ears and outline."),
-]
 Review = Annotated[
     bool,
     typer.Option(
@@ -127,75 +79,35 @@ WorkFolder = Annotated[
     Path,
     typer.Option(metavar="DIR", help="Folder for temporary copies of remote files."),
 ]
-Seed = Annotated[int, typer.Option(help="Seed for the choice of donors.")]
-KeyFileOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--keyfile",
-        metavar="FILE",
-        help="Remember people and their donors here, so that a person gets the same donor in other files.",
-    ),
-]
-Audio = Annotated[
-    AudioName, typer.Option(help="Keep the sound, drop it, lower the voices, or disguise them as a whisper.")
-]
-KeepMetadata = Annotated[
-    bool,
-    typer.Option(
-        "--keep-metadata", help="Keep location, device, author, times, comments and other data streams."
-    ),
-]
-LabelOption = Annotated[bool, typer.Option("--label", help="Draw a visible label.")]
-AuditOption = Annotated[
-    AuditName,
-    typer.Option("--audit", help="Search some frames of the original and the output for faces, or all."),
-]
-AuditDetector = Annotated[
-    str | None,
-    typer.Option(
-        "--detector", metavar="lbp|yunet:PATH", help="Face detector of the audit; default: the built-in one."
-    ),
-]
 C2pa = Annotated[
     tuple[Path, Path] | None,
     typer.Option("--c2pa", metavar="CERT KEY", help="Sign the output with a C2PA manifest; PEM files."),
 ]
 
 
+@takes(options=Part(DeidentifyOptions, OPTIONS))
 def deidentify(
     inputs: Inputs,
+    *,
     output: Output = None,
     recursive: Recursive = False,
-    identity: Identity = "auto",
-    gallery: Gallery = None,
-    cover: Cover = CoverName.solid,
-    region: RegionOption = RegionName.face,
-    alpha: Alpha = 0.3,
+    options: DeidentifyOptions,
+    c2pa: C2pa = None,
     review: Review = False,
     tracks: Tracks = None,
     resume: Resume = False,
     engine: EngineName = "local",
     workers: Workers = None,
     work: WorkFolder = Path(WORK),
-    seed: Seed = 0,
-    keyfile: KeyFileOption = None,
-    audio: Audio = AudioName.keep,
-    keep_metadata: KeepMetadata = False,
-    label: LabelOption = False,
-    c2pa: C2pa = None,
-    audit: AuditOption = AuditName.sampled,
-    detector: AuditDetector = None,
     encoder: Encoder = "libx264",
     crf: Crf = None,
     preset: Preset = "veryfast",
     lossless: Lossless = False,
-    renderer: RendererChoice = RendererName.auto,
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> int:
     """Swap or cover every face in videos and images, and report what was done in each frame."""
-    from guise.app.deidentify.options import DeidentifyOptions
     from guise.app.deidentify.run.batch import BatchRun
     from guise.app.deidentify.run.checks import checked
     from guise.app.deidentify.run.inputs import make_plan, require_possible
@@ -205,11 +117,9 @@ def deidentify(
 
     console = Console(quiet=quiet, json=json)
     certificate, key = c2pa or (None, None)
-    options = DeidentifyOptions(
-        identity, tuple(gallery or ()), cover.value, alpha, seed, keyfile, audio.value, keep_metadata, label,
-        certificate, key, EncodeOptions(encoder, crf, preset, lossless), renderer.value, audit.value, detector,
-        region.value,
-    )  # fmt: skip
+    options = replace(
+        options, certificate=certificate, key=key, encode=EncodeOptions(encoder, crf, preset, lossless)
+    )
     plan = make_plan(inputs, output, work, lambda path: suffix_for(path, encoder), recursive=recursive)
     _check_tracks(tracks, review, plan.pairs)
     options = checked(options, [pair.output for pair in plan.pairs])

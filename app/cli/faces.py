@@ -10,7 +10,6 @@ import typer
 
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import (
-    FACE_HELP,
     BoxDetectorSpec,
     Crf,
     Encoder,
@@ -28,6 +27,7 @@ from guise.app.cli.options import (
     Video,
     landmark_source,
 )
+from guise.app.swapping.choices import FACE_HELP
 
 Clips = Annotated[
     list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")

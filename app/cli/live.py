@@ -9,27 +9,21 @@ from typing import Annotated
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.deidentify import CoverName
 from guise.app.cli.options import (
-    FACE_HELP,
-    Alpha,
+    CoverName,
     Encoder,
-    EyesChoice,
     Force,
     Json,
-    LookChoice,
-    LookName,
-    MouthChoice,
-    OwnerName,
+    Part,
     Preset,
     Quiet,
     RecordingCrf,
-    RendererChoice,
-    RendererName,
-    drawn_as,
+    engine_options,
     faces_by_person,
+    takes,
 )
 from guise.app.cli.studio import studio
+from guise.app.swapping.choices import FACE_HELP, LIVE_CHOICES, DrawingChoices
 
 
 class ModeName(StrEnum):
@@ -105,7 +99,9 @@ Readout = Annotated[
 ]
 
 
+@takes(drawing=Part(LIVE_CHOICES, ("look", "alpha", "eyes", "mouth", "renderer")))
 def live(
+    *,
     input: Input = None,
     camera: Camera = 0,
     identity: Identities = None,
@@ -118,16 +114,12 @@ def live(
     loop: Loop = False,
     enroll: Enroll = False,
     mode: Mode = ModeName.swap,
-    alpha: Alpha = 0.6,
     cover: Cover = CoverName.mosaic,
     uncovered: Uncovered = False,
     mirror: Mirror = None,
     side_by_side: SideBySide = False,
     readout: Readout = False,
-    look: LookChoice = LookName.swap,
-    eyes: EyesChoice = OwnerName.donor,
-    mouth: MouthChoice = OwnerName.source,
-    renderer: RendererChoice = RendererName.auto,
+    drawing: DrawingChoices,
     encoder: Encoder = "libx264",
     crf: RecordingCrf = 20,
     preset: Preset = "veryfast",
@@ -140,23 +132,19 @@ def live(
     from guise.app.live.run import LiveOptions, run_live
     from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS
     from guise.app.media import EncodeOptions
-    from guise.app.swapping.options import EngineOptions
 
     if _is_for_studio(output, alone=not (input or identity or source)):
         return studio(quiet=quiet, json=json)
     cast = _cast(map, alone=not (identity or source or enroll or mode is ModeName.puppet))
     console = Console(quiet=quiet, json=json)
     settings = LiveSettings(
-        alpha=alpha, mode=mode.value, mirror=input is None if mirror is None else mirror,
+        alpha=drawing.alpha, mode=mode.value, mirror=input is None if mirror is None else mirror,
         side_by_side=side_by_side, readout=readout, style=cover.value, uncovered=uncovered,
     )  # fmt: skip
     options = LiveOptions(
         input, camera, tuple(identity or ()), source, tuple(output or (() if headless else ("window",))), headless,
         _size(size), fps, loop, enroll, settings,
-        EngineOptions(
-            eyes=eyes.value, mouth=mouth.value, jaw=JAW_MARGIN_FACE_WIDTHS, renderer=renderer.value,
-            **drawn_as(look),
-        ),
+        engine_options(drawing, jaw=JAW_MARGIN_FACE_WIDTHS),
         EncodeOptions(encoder, crf, preset), force, cast=cast,
     )  # fmt: skip
     with Stages(console) as stages:

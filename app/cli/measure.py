@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import FACE_HELP, Force, Json, LandmarkerSpec, Quiet
+from guise.app.cli.options import Force, Json, LandmarkerSpec, Quiet
+from guise.app.swapping.choices import FACE_HELP
 
 if TYPE_CHECKING:
     from guise.app.measure import MeasureRequest

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import Field, dataclass, replace
 from enum import StrEnum
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from types import GenericAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
+from guise.app.swapping.choices import FACE_HELP
+from guise.common.option import Option, options_of
+
 if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
-
-
-class RendererName(StrEnum):
-    """Which renderer draws."""
-
-    auto = "auto"
-    gl = "gl"
-    cpu = "cpu"
+    from guise.app.swapping.choices import DrawingChoices
+    from guise.app.swapping.options import EngineOptions
 
 
 class HwaccelName(StrEnum):
@@ -29,6 +31,14 @@ class HwaccelName(StrEnum):
     vaapi = "vaapi"
     videotoolbox = "videotoolbox"
     d3d11va = "d3d11va"
+
+
+class CoverName(StrEnum):
+    """How a face that is not swapped is covered."""
+
+    solid = "solid"
+    mosaic = "mosaic"
+    blur = "blur"
 
 
 class UnsureName(StrEnum):
@@ -47,20 +57,6 @@ class OthersName(StrEnum):
     fictional = "fictional"
 
 
-class LookName(StrEnum):
-    """How the face is drawn."""
-
-    swap = "swap"
-    paper = "paper"
-
-
-class OwnerName(StrEnum):
-    """Whose eyes or mouth are shown."""
-
-    donor = "donor"
-    source = "source"
-
-
 class LandmarkFormat(StrEnum):
     """Output formats of landmarks."""
 
@@ -74,10 +70,6 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
-FACE_HELP = (
-    "NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, Mei, Walter, Kofi, Elena, Kenji, "
-    "Asha, Omar"
-)
 _IDENTITY = typer.Option(
     "--identity",
     metavar="FACE",
@@ -138,21 +130,6 @@ LandmarkerSpec = Annotated[
         help="Landmarker: builtin (default) or CARD.toml[@DETECTOR].",
     ),
 ]
-Alpha = Annotated[
-    float,
-    typer.Option(
-        min=0.0, max=1.0, help="How much expression beyond the identity's own range is passed on, 0 to 1."
-    ),
-]
-RendererChoice = Annotated[RendererName, typer.Option("--renderer", help="Which renderer draws the face.")]
-LookChoice = Annotated[
-    LookName,
-    typer.Option(
-        "--look",
-        help="How the face is drawn: swap, as well as Guise can; or paper, by the papers' plain formulas, for "
-        "comparison, and over hands, too.",
-    ),
-]
 Rest = Annotated[
     float | None,
     typer.Option(
@@ -160,28 +137,6 @@ Rest = Annotated[
         min=0.0,
         metavar="SECONDS",
         help="A time in the first clip at which the face is at rest: mouth shut, brows down; default: a guess.",
-    ),
-]
-Outline = Annotated[
-    float,
-    typer.Option(
-        min=0.0,
-        max=1.0,
-        help="How far the head's jaw line goes to the identity's, with what is near it, 0 to 1; 0 keeps the head's.",
-    ),
-]
-EyesChoice = Annotated[
-    OwnerName,
-    typer.Option(
-        "--eyes",
-        help="Eyeballs between the lids: the identity's (donor) or the person's own with the identity's iris "
-        "colour (source).",
-    ),
-]
-MouthChoice = Annotated[
-    OwnerName,
-    typer.Option(
-        "--mouth", help="Teeth and tongue between the lips: the identity's (donor) or the person's own."
     ),
 ]
 Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]
@@ -239,9 +194,87 @@ BoxDetectorSpec = Annotated[
 ]
 
 
-def drawn_as(look: LookName) -> dict[str, Any]:
-    """The values of `EngineOptions` by which a look is drawn."""
-    return {"light": "paper", "transfer": "paper"} if look is LookName.paper else {}
+def engine_options(choices: DrawingChoices, *, puppet: bool = False, jaw: float = 0.0) -> EngineOptions:
+    """What the engine needs for a user's choices; `puppet`, `jaw` as the command draws."""
+    from guise.app.swapping.options import EngineOptions
+
+    paper = choices.look == "paper"
+    return EngineOptions(
+        alpha=choices.alpha, renderer=choices.renderer, light="paper" if paper else "learned",
+        transfer="paper" if paper or puppet else "full", jaw=jaw, eyes=choices.eyes, mouth=choices.mouth,
+        outline=choices.outline,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Part:
+    """The fields of a dataclass that a command takes as options.
+
+    usual : the dataclass, or one of its instances, whose values then are the defaults.
+    names : of the fields, in order; by default all that are options.
+    """
+
+    usual: Any
+    names: tuple[str, ...] = ()
+
+    def parameters(self) -> Iterator[Parameter]:
+        """Parameters of a command as typer reads them."""
+        for name, (told, field, kind) in self._options().items():
+            default: Any = field.default if isinstance(self.usual, type) else getattr(self.usual, name)
+            if get_origin(kind) is Literal:
+                kind = _names(name, get_args(kind))
+                default = kind(default)
+            elif get_origin(kind) is tuple:
+                kind, default = GenericAlias(list, get_args(kind)[0]) | None, list(default) or None
+            said = typer.Option(
+                told.name or "--" + name.replace("_", "-"), metavar=told.metavar, help=told.help, min=told.least,
+                max=told.most,
+            )  # fmt: skip
+            yield Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, said])
+
+    def taken(self, given: dict[str, Any]) -> Any:
+        """The dataclass with the values of its options, which are taken from those that were given."""
+        values = {}
+        for name, (_, _, kind) in self._options().items():
+            value = given.pop(name)
+            if get_origin(kind) is tuple:
+                value = tuple(value or ())
+            values[name] = value.value if isinstance(value, StrEnum) else value
+        return self.usual(**values) if isinstance(self.usual, type) else replace(self.usual, **values)
+
+    def _options(self) -> dict[str, tuple[Option, Field[Any], Any]]:
+        every = options_of(self.usual if isinstance(self.usual, type) else type(self.usual))
+        return {name: every[name] for name in self.names or every}
+
+
+def _names(title: str, values: Iterable[str]) -> Any:
+    """An enumeration of some names, as typer takes them."""
+    enumeration: Any = StrEnum
+    return enumeration(title.title(), {value: value for value in values})
+
+
+def takes(**parts: Part) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A command whose parameters of these names are dataclasses, each of them made of options."""
+
+    def made(command: Callable[..., Any]) -> Callable[..., Any]:
+        found: list[Parameter] = []
+        hints = get_type_hints(command, include_extras=True)
+        for name, one in signature(command).parameters.items():
+            if name in parts:
+                found += parts[name].parameters()
+            else:
+                found.append(one.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
+
+        @wraps(command)
+        def run(**given: Any) -> Any:
+            filled = {name: part.taken(given) for name, part in parts.items()}
+            return command(**given, **filled)
+
+        run.__signature__ = Signature(found)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in found}
+        return run
+
+    return made
 
 
 def faces_by_person(pairs: list[str] | None) -> dict[str, str]:

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import FACE_HELP, Force, Json, Quiet
+from guise.app.cli.options import Force, Json, Quiet
 from guise.app.cli.video import say_report
+from guise.app.swapping.choices import FACE_HELP
 
 Samples = Annotated[
     Path | None,

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import (
-    Alpha,
     Crf,
     Detector,
     Encoder,
-    EyesChoice,
     FaceMap,
     FaceSpec,
     Force,
@@ -23,54 +21,48 @@ from guise.app.cli.options import (
     Json,
     LandmarkerSpec,
     LandmarkFile,
-    LookChoice,
-    LookName,
     Lossless,
-    MouthChoice,
     NoKeep,
     OneFace,
     OthersChoice,
     OthersName,
-    Outline,
     Output,
-    OwnerName,
+    Part,
     Preset,
     Quiet,
-    RendererChoice,
-    RendererName,
     Rest,
     SourceSpec,
     UnsureName,
     UnsureOption,
     Video,
-    drawn_as,
+    engine_options,
     faces_by_person,
     landmark_source,
+    takes,
 )
+from guise.app.swapping.choices import DrawingChoices
 
 if TYPE_CHECKING:
     from guise.aam.model import Identity
     from guise.app.enrolment.landmark_source import LandmarkSource
+    from guise.app.swapping.options import EngineOptions
     from guise.app.swapping.report import SwapReport, SwapSettings
     from guise.app.swapping.several import Casting, SeveralReport
 
 
+@takes(drawing=Part(DrawingChoices))
 def swap(
     video: Video,
     output: Output,
+    *,
     identity: OneFace = None,
     source: SourceSpec = None,
     map: FaceMap = None,
     others: OthersChoice = OthersName.leave,
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
-    alpha: Alpha = 0.6,
-    look: LookChoice = LookName.swap,
-    eyes: EyesChoice = OwnerName.source,
-    mouth: MouthChoice = OwnerName.source,
-    outline: Outline = 0.0,
+    drawing: DrawingChoices,
     rest: Rest = None,
-    renderer: RendererChoice = RendererName.auto,
     detector: Detector = "builtin",
     unsure: UnsureOption = UnsureName.cover,
     hwaccel: HardwareDecoding = HwaccelName.none,
@@ -89,11 +81,10 @@ def swap(
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
-            console, stages, alpha, drawn_as(look), renderer, detector, encoder, crf, preset, lossless, force
+            console, stages, engine_options(drawing), detector, encoder, crf, preset, lossless, force
         )
         settings = replace(
             settings,
-            options=replace(settings.options, eyes=eyes.value, mouth=mouth.value, outline=outline),
             unsure=unsure.value,
             keep_people=not no_keep,
             rest_seconds=rest,
@@ -149,16 +140,16 @@ def _casting(
     return Casting(faces_by_person(pairs), others.value)
 
 
+@takes(drawing=Part(DrawingChoices, ("look", "alpha", "renderer")))
 def puppet(
     video: Video,
     identity: FaceSpec,
     output: Output,
+    *,
     source: SourceSpec = None,
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
-    alpha: Alpha = 0.6,
-    look: LookChoice = LookName.swap,
-    renderer: RendererChoice = RendererName.auto,
+    drawing: DrawingChoices,
     detector: Detector = "builtin",
     encoder: Encoder = "libx264",
     crf: Crf = None,
@@ -173,11 +164,9 @@ def puppet(
     from guise.app.swapping.puppet import puppet_file
 
     console = Console(quiet=quiet, json=json)
-    drawn = drawn_as(look) | {"transfer": "paper"}
+    options = engine_options(drawing, puppet=True)
     with Stages(console) as stages:
-        settings = _settings(
-            console, stages, alpha, drawn, renderer, detector, encoder, crf, preset, lossless, force
-        )
+        settings = _settings(console, stages, options, detector, encoder, crf, preset, lossless, force)
         settings = replace(settings, keep_people=not no_keep)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
@@ -185,16 +174,14 @@ def puppet(
 
 
 def _settings(
-    console: Console, stages: Stages, alpha: float, drawn: dict[str, Any], renderer: RendererName,
-    detector: str, encoder: str, crf: int | None, preset: str, lossless: bool, force: bool,
+    console: Console, stages: Stages, options: EngineOptions, detector: str, encoder: str, crf: int | None,
+    preset: str, lossless: bool, force: bool,
 ) -> SwapSettings:  # fmt: skip
     from guise.app.media import EncodeOptions
-    from guise.app.swapping.options import EngineOptions
     from guise.app.swapping.report import SwapSettings
 
     return SwapSettings(
-        EngineOptions(alpha=alpha, renderer=renderer.value, **drawn),
-        EncodeOptions(encoder, crf, preset, lossless),
+        options, EncodeOptions(encoder, crf, preset, lossless),
         detector=detector, force=force, progress=stages, say=console.note,
     )  # fmt: skip
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from guise.app.media import EncodeOptions
-from guise.app.swapping.cover import CoverStyle
+from guise.app.swapping.choices import FACE_HELP
 from guise.common.errors import GuiseError
-from guise.render.compositor import Renderer
+from guise.common.option import option
 
+if TYPE_CHECKING:
+    from guise.app.media import EncodeOptions
+
+Cover = Literal["solid", "mosaic", "blur"]
 Audio = Literal["keep", "drop", "mask", "disguise"]
 Region = Literal["face", "head"]
 AuditExtent = Literal["sampled", "full"]
@@ -20,46 +23,69 @@ class DeidentifyError(GuiseError):
     """A de-identification that is not possible; one sentence."""
 
 
+def _encoding() -> EncodeOptions:
+    from guise.app.media import EncodeOptions
+
+    return EncodeOptions()
+
+
 @dataclass(frozen=True)
 class DeidentifyOptions:
     """How a file is de-identified; stored in the manifest, so that a resumed run is the same run.
 
     Parameters
     ----------
-    donor : "auto", "same", "average:K", "mean:K", or NAME.guise; see `guise.app.swapping.donors.assign`.
-    gallery : the user's own donors, NAME.guise files, instead of those that ship with the package.
-    cover : how a face that is not swapped is covered.
+    donor : see `guise.app.swapping.donors.assign`; gallery : model files, or specs of fictional faces.
     alpha : share in [0, 1] of what the texture shows of the expression outside the donor's own space that is let
         through; all of it brings moustaches and frames of glasses with it.
-    seed : of the choice of donors.
-    keyfile : where people and their donors are remembered, or None.
-    audio : other than "keep" changes the sound.
-    keep_metadata : keep the input's metadata, chapters, data streams and attachments.
-    label : draw a visible label.
     certificate, key : PEM files for a signed C2PA manifest, or None.
     encode : encoder, crf, preset, lossless.
-    renderer : which renderer draws.
-    audit : "sampled" searches some frames of the original and the result for faces, "full" all.
-    region : what a swap replaces: the face, or the head with hair, ears and outline.
-    detector : of the audit, as `guise.aam.landmarks.open_detector` takes it; None for the built-in one.
+    detector : as `guise.aam.landmarks.open_detector` takes it; None for the built-in one.
     """
 
-    donor: str = "auto"
-    gallery: tuple[Path, ...] = ()
-    cover: CoverStyle = "solid"
-    alpha: float = 0.3
-    seed: int = 0
-    keyfile: Path | None = None
-    audio: Audio = "keep"
-    keep_metadata: bool = False
-    label: bool = False
+    donor: str = option(
+        "auto",
+        "The faces that are shown: a different fictional one for each; the same, or the same average of K, for all "
+        f"people of all files; a different average of K for each; or one for all: {FACE_HELP}.",
+        name="--identity",
+        metavar="auto|same|average:K|mean:K|FACE",
+    )
+    gallery: tuple[Path, ...] = option(
+        (), "A face to choose from, instead of all fictional ones; may be repeated.", metavar="FACE"
+    )
+    cover: Cover = option("solid", "How a face that is not swapped is covered.")
+    alpha: float = option(
+        0.3,
+        "How much expression beyond the identity's own range is passed on, 0 to 1.",
+        least=0.0,
+        most=1.0,
+    )
+    seed: int = option(0, "Seed for the choice of donors.")
+    keyfile: Path | None = option(
+        None,
+        "Remember people and their donors here, so that a person gets the same donor in other files.",
+        metavar="FILE",
+    )
+    audio: Audio = option("keep", "Keep the sound, drop it, lower the voices, or disguise them as a whisper.")
+    keep_metadata: bool = option(
+        False, "Keep location, device, author, times, comments and other data streams."
+    )
+    label: bool = option(False, "Draw a visible label.")
     certificate: Path | None = None
     key: Path | None = None
-    encode: EncodeOptions = field(default_factory=EncodeOptions)
-    renderer: Renderer = "auto"
-    audit: AuditExtent = "sampled"
-    detector: str | None = None
-    region: Region = "face"
+    encode: EncodeOptions = field(default_factory=_encoding)
+    renderer: Literal["auto", "gl", "cpu"] = option("auto", "Which renderer draws the face.")
+    audit: AuditExtent = option(
+        "sampled", "Search some frames of the original and the output for faces, or all."
+    )
+    detector: str | None = option(
+        None,
+        "Face detector of the audit; default: the built-in one.",
+        metavar="lbp|yunet:PATH",
+    )
+    region: Region = option(
+        "face", "What a swap replaces: the face, or the head with hair, ears and outline."
+    )
 
     def as_json(self) -> dict[str, Any]:
         """The options as JSON holds them."""
@@ -68,6 +94,8 @@ class DeidentifyOptions:
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> DeidentifyOptions:
         """The options that `as_json` gave."""
+        from guise.app.media import EncodeOptions
+
         paths = {k: values[k] and Path(values[k]) for k in ("keyfile", "certificate", "key")}
         return cls(
             **values | paths
