@@ -143,23 +143,23 @@ class BrowFollower:
         self._sampler = MeshSampler.build(reference, np.concatenate([grid.reshape(-1, 2) for grid in grids]))
         luma = reference.scatter(appearance.neutral_texture @ LUMA)
         self._at_rest = [seen[_MARGIN:-_MARGIN] for seen in self._bands(luma, reference.points)]
-        self.reset()
 
-    def reset(self) -> None:
-        """Begin with the next face."""
-        self._shifts: F64 | None = None  # of right and left brow, face widths, down
+    def shifts(self, luma: U8, shape: F64, before: F64 | None) -> F64:
+        """(2,) by how much right and left brow lie lower than the points of a shape (81, 2), face widths.
 
-    def corrected(self, luma: U8, shape: F64) -> F64:
-        """A tracked shape (81, 2) in a picture (h, w), with the brows where the picture shows them."""
+        before : as they were found in the frame before, of a face that is not a new one.
+        """
         bands = zip(self._bands(luma, shape), self._at_rest, strict=True)
         found = np.array([_shift(seen, at_rest) for seen, at_rest in bands])
-        if self._shifts is None:
-            self._shifts = found
-        else:
-            step = found - self._shifts
-            self._shifts = self._shifts + step * step**2 / (step**2 + LIMITS.jitter**2)
+        if before is None:
+            return found
+        step = found - before
+        return np.asarray(before + step * step**2 / (step**2 + LIMITS.jitter**2))
+
+    def moved(self, shape: F64, shifts: F64) -> F64:
+        """A shape (81, 2) with its brows lower by shifts (2,)."""
         made = shape.copy()
-        made[BROW_PAIR] += self._shifts[:, None, None] * _down(self._reference, shape)
+        made[BROW_PAIR] += shifts[:, None, None] * _down(self._reference, shape)
         return made
 
     def _bands(self, luma: U8 | F32, shape: F64) -> tuple[F32, F32]:

@@ -68,6 +68,7 @@ class Extrapolator:
                 f"the two models have different reference frames ({source.reference.resolution} and "
                 f"{target.reference.resolution} pixels across the face); enroll both with the same --resolution"
             )
+        self.reference = source.reference
         ys, yt = source.components.basis, target.components.basis
         self._amounts = yt.T @ ys
         self._most = None if max_deviations is None else max_deviations * target.components.deviations

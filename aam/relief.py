@@ -16,11 +16,10 @@ import numpy as np
 
 from guise.aam.hull import beyond_hull
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.aam.solid_shape import normals
+from guise.aam.solid_shape import STRAIGHT as STRAIGHT
+from guise.aam.solid_shape import SolidPrior, normals
 from guise.common.arrays import F32, F64, I32
 
-STRAIGHT: F64 = np.zeros(2)  # what is seen of depth from the front
-STRAIGHT.setflags(write=False)
 BEYOND_HULL = 0.01  # of the face's height, by which a place may lie beyond the hull of the points
 DATA = Path(__file__).parent / "data" / "relief.npz"
 
@@ -85,6 +84,20 @@ class Relief:
         """
         places = self._on_flat @ points + self.depth[len(points) :, None] * across
         return np.concatenate([points, _within(places, points) if across.any() else places])
+
+    @cached_property
+    def front_last(self) -> I32:
+        """The triangles (t, 3) as they are drawn: what lies farther forward on a face is in front.
+
+        So the nose hides the far cheek of a turned head, and the cheek what lies behind the silhouette.
+        """
+        depth = self.solid(SolidPrior.shipped().mean)[self.triangles, 2].mean(1)
+        return np.ascontiguousarray(self.triangles[np.argsort(-depth, kind="stable")])
+
+    @cached_property
+    def frontal_cosines(self) -> F64:
+        """(81 + k,) cosines between the camera's direction and the normals of a mean face that looks straight at it."""
+        return np.asarray(-self.normals(SolidPrior.shipped().mean)[:, 2])
 
     def at(self, places: F64) -> F32:
         """(n,) depth at places (n, 2), face widths."""

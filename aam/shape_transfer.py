@@ -2,7 +2,7 @@
 
 At rest and in 3-D the donor's face is laid over the source's, by the similarity that brings all points nearest.  Then
 it is drawn to the outline of the head, less and less inwards, so that no second chin shows; by a share, the jaw line
-keeps the donor's form, if the frame is to follow it (`app/swapping/outline.py`).  How the two differ is seen as the
+keeps the donor's form, if the frame is to follow it (`app/drawing/passes/place.py`).  How the two differ is seen as the
 head is turned in the frame, and added to the source's tracked points, so that every point goes as far as the source's;
 a small network corrects the features' places.  Lids move by ratio, so that shut eyes are shut whatever the size of
 either person's eyes; inner lips that touch touch.  Grid pixels, x right, y down.

@@ -16,7 +16,7 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import EYES_AND_LIPS, RIGID_WEIGHTS
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.common.arrays import F64, I32
+from guise.common.arrays import F32, F64, I32
 from guise.common.small import lengths, mean, ramp
 
 DATA = Path(__file__).parent / "data" / "solid_shape.npz"
@@ -44,6 +44,8 @@ class SolidLimits:
 
 
 LIMITS = SolidLimits()
+STRAIGHT: F64 = np.zeros(2)  # what is seen of depth from the front
+STRAIGHT.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,6 +267,40 @@ def depth_across(pose: HeadPose, enrolled: F64) -> F64:
     enrolled : (2,) the same of a head in that place that is turned as it was enrolled.
     """
     return np.asarray(turned_share(pose) * (pose.linear[2] - enrolled))
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """How a face is seen.
+
+    Parameters
+    ----------
+    across : (2,) pixels of the picture by which what lies one face width farther back is seen elsewhere.
+    facing : (81 + k,) share in [0, 1] of what is seen of a face from the front that is seen at the relief's points.
+    at_rest : (81, 2) the face's shape at rest as it is seen, grid pixels, anywhere; None if that isn't known.
+    """
+
+    across: F64
+    facing: F32
+    at_rest: F64 | None = None
+
+    @classmethod
+    def of(
+        cls, normals: F64, whole: F64, pose: HeadPose, enrolled: F64 = STRAIGHT, at_rest: F64 | None = None
+    ) -> Sight:
+        """The sight of a face with normals (81 + k, 3) at its relief's points, in a pose.
+
+        whole : (81 + k,) cosines between the camera's direction and the normals, from which on all of a place is seen.
+        enrolled : (2,) pixels, `across` of a head in that place that is turned as its texture was enrolled.
+        """
+        cosines = (1 - turned_share(pose)) - normals @ pose.rotation[2]  # nothing is hidden of a frontal head
+        facing = np.minimum(np.maximum(cosines / whole, 0), 1).astype(np.float32)
+        return cls(depth_across(pose, enrolled), facing, at_rest)
+
+    @property
+    def turned(self) -> bool:
+        """Whether anything of the face is hidden."""
+        return bool(np.minimum.reduce(self.facing) < 1)
 
 
 def pulled(points: F64, fit: SolidFit) -> F64:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -19,9 +20,9 @@ import numpy as np
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Report, Table
 from guise.aam.model import Identity
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import SWAP
 from guise.app.media import Frame, open_input
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
 from guise.common.threads import one_thread
 from guise.render.compositor import Renderer
 
@@ -44,14 +45,14 @@ def in_runs(video: Path) -> Iterator[Frame]:
 def times(clip: Clip, source: Identity, donor: Identity, renderer: Renderer) -> tuple[F64, str]:
     """Milliseconds of every frame that was swapped, and who drew."""
     taken = []
-    with one_thread(), Engine(source, donor, common.detector(), EngineOptions(renderer=renderer)) as engine:
+    with one_thread(), Engine(source, donor, common.detector(), replace(SWAP, renderer=renderer)) as engine:
         for frame in in_runs(clip.video):
             start = time.perf_counter()
             result = engine.swap(frame)
             seconds = time.perf_counter() - start
             if result.outcome == "swapped":
                 taken.append(1e3 * seconds)
-        return np.array(taken[WARM_UP_FRAMES:]), engine.painter.renderer
+        return np.array(taken[WARM_UP_FRAMES:]), engine.renderer
 
 
 def measure(options: argparse.Namespace) -> Report:

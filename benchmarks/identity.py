@@ -20,7 +20,7 @@ from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, MOUTH_CORNERS, NOSE_TIP, RIGHT_EYE
 from guise.aam.model import Identity
 from guise.aam.similarity import Similarity, align
-from guise.app.swapping.engine import Engine
+from guise.app.drawing.engine import Engine
 from guise.common.arrays import F32
 
 # (video, donor): across sex, skin, age and light; chosen before the first figure was seen, and kept.

@@ -19,10 +19,10 @@ from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from guise.aam.appearance import sample_texture
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.passes.blend import FEATHER_FACE_WIDTHS
+from guise.app.drawing.passes.cover import shown_mask
 from guise.app.media import Frame
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.painter import FEATHER_FACE_WIDTHS
-from guise.app.swapping.place import shown_mask
 from guise.render import feather, make_compositor
 from guise.render.compositor import Compositor
 

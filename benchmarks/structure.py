@@ -29,7 +29,7 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -361,13 +361,11 @@ def _is_ours(value: object) -> bool:
 def engine_makers(person: Identity, donor: Identity) -> list[Callable[[], Any]]:
     """What makes an engine that shows the donor on the person, for a swap and for a disguise."""
     from guise.aam.landmarks import open_landmarker
-    from guise.app.swapping.engine import Engine
-    from guise.app.swapping.options import EngineOptions
+    from guise.app.drawing.engine import Engine
+    from guise.app.drawing.look import DISGUISE, SWAP
 
-    finder = open_landmarker("builtin")
-    swap = EngineOptions(renderer="cpu")
-    disguise = EngineOptions(renderer="cpu", disguise=True, jaw=0.05, forehead=0.28)
-    return [lambda look=look: Engine(person, donor, finder, look) for look in (swap, disguise)]
+    finder, looks = open_landmarker("builtin"), [replace(look, renderer="cpu") for look in (SWAP, DISGUISE)]
+    return [lambda look=look: Engine(person, donor, finder, look) for look in looks]
 
 
 def donor_visits(person: Identity, donor: Identity) -> list[Visits]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,11 +23,11 @@ from benchmarks.landmarks.clips import real_clips
 from benchmarks.landmarks.metrics import Bools
 from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.schemes import INNER51
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import SWAP
 from guise.app.enrolment.enrol import enrol
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import open_input
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.session import SwapSession
 from guise.common.errors import GuiseError
 
@@ -63,10 +64,10 @@ def outcomes(video: Path, seen: Bools) -> Counter[str]:
     source = LandmarkSource(landmarker=open_landmarker("builtin"))
     person = enrol([video], source, name=video.stem)
     finder, found = open_landmarker("builtin"), Counter[str]()
-    options = EngineOptions(renderer="cpu")
+    look = replace(SWAP, renderer="cpu")
     with (
         open_input(video) as media,
-        SwapSession(lambda _: Engine(person, person, finder, options), "mosaic") as session,
+        SwapSession(lambda _: Engine(person, person, finder, look), "mosaic") as session,
     ):
         for frame in media:
             outcome = session.follow(frame, 1, session.engine(1).track(frame)).outcome

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -161,13 +162,13 @@ class Swapper(Closing):
     def __init__(
         self, identity: Person, source: Person, *, alpha: float = 0.6, renderer: Renderer = "auto"
     ) -> None:
-        from guise.app.swapping.engine import Engine
-        from guise.app.swapping.options import EngineOptions
+        from guise.app.drawing.engine import Engine
+        from guise.app.drawing.look import SWAP
         from guise.app.swapping.session import SwapSession
 
         shown = _identity(identity)
-        person, options = _source(source, shown), EngineOptions(alpha=alpha, renderer=renderer)
-        self._session = SwapSession(lambda _: Engine(person, shown, open_landmarker("builtin"), options))
+        person, look = _source(source, shown), replace(SWAP, alpha=alpha, renderer=renderer)
+        self._session = SwapSession(lambda _: Engine(person, shown, open_landmarker("builtin"), look))
         self._engine = self._session.engine(1)
         self.outcome: str = "lost"
 
@@ -215,15 +216,15 @@ def swap_file(
     -------
     SwapReport : frames, and how many of them are swapped, held, covered and lost.
     """
+    from guise.app.drawing.look import SWAP
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.media import EncodeOptions
     from guise.app.swapping.file import swap_file as swap
-    from guise.app.swapping.options import EngineOptions
     from guise.app.swapping.report import SwapSettings
 
     shown = _identity(identity)
     settings = SwapSettings(
-        EngineOptions(alpha=alpha, renderer=renderer), EncodeOptions(crf=crf), unsure=unsure, force=overwrite,
+        replace(SWAP, alpha=alpha, renderer=renderer), EncodeOptions(crf=crf), unsure=unsure, force=overwrite,
         progress=progress, say=say,
     )  # fmt: skip
     person = LandmarkSource() if source is None else _source(source, shown)

@@ -110,10 +110,14 @@ def person() -> AppearanceModel:
     return replace(model, neutral=neutral)
 
 
+def corrected(follower: BrowFollower, luma: U8, shape: F64) -> F64:
+    return follower.moved(shape, follower.shifts(luma, shape, None))
+
+
 def risen(luma: U8) -> F64:
     """By how much each brow's points are raised, face widths."""
     shape = SCALE * FRAME.points
-    moved = shape - BrowFollower(person()).corrected(luma, shape)
+    moved = shape - corrected(BrowFollower(person()), luma, shape)
     np.testing.assert_array_equal(np.delete(moved, BROWS, axis=0), 0)
     return np.array([moved[brow, 1].mean() for brow in BROW_PAIR]) / WIDTH
 
@@ -134,8 +138,8 @@ def test_where_no_brow_is_seen_nothing_moves() -> None:
 
 def test_a_jitter_counts_less_than_a_movement() -> None:
     follower, shape = BrowFollower(person()), SCALE * FRAME.points
-    follower.corrected(drawn(), shape)
-    small = (shape - follower.corrected(drawn((0.002, 0.002)), shape))[RIGHT_BROW, 1].mean() / WIDTH
-    large = (shape - follower.corrected(drawn((0.04, 0.04)), shape))[LEFT_BROW, 1].mean() / WIDTH
-    assert small < 0.8 * 0.002
-    assert large > 0.85 * 0.04
+    at_rest = follower.shifts(drawn(), shape, None)
+    after_jitter = follower.shifts(drawn((0.002, 0.002)), shape, at_rest)
+    after_rise = follower.shifts(drawn((0.04, 0.04)), shape, after_jitter)
+    assert (at_rest - after_jitter < 0.8 * 0.002).all()
+    assert (at_rest - after_rise > 0.85 * 0.04).all()

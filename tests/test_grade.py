@@ -8,8 +8,8 @@ import pytest
 from models import model_file
 
 from guise.aam.model import Identity
+from guise.app.drawing.engine import Engine
 from guise.app.swapping.donors import open_donor
-from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import WEIGHTS, Grade, grade
 
 

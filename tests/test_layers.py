@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("aam", "analogy", "app", "common", "guise", "render")
 
 _SCIENCE = {"aam", "analogy", "render", "common"}
-_PARTS = {"app.media", "app.people", "app.enrolment", "app.swapping"}
+_PARTS = {"app.media", "app.people", "app.enrolment", "app.drawing", "app.swapping"}
 _WORK = {"app.live", "app.measure", "app.photos", "app.meshes", "app.landmarks", "app.deidentify"}
 _DEIDENTIFY = {"app.deidentify", "app.deidentify.report", "app.deidentify.run", "app.deidentify.stages"}
 # A room -> the rooms that it may import.  Imports flow downwards (docs/architecture.md).
@@ -24,7 +24,8 @@ ROOMS = {
     "app.media": {"common"},
     "app.people": {"aam", "render", "common", "app.media"},
     "app.enrolment": {"aam", "common", "app.media", "app.people"},
-    "app.swapping": {"aam", "render", "common", "app.media", "app.people", "app.enrolment"},
+    "app.drawing": {"aam", "render", "common", "app.media"},
+    "app.swapping": {"aam", "render", "common", "app.media", "app.people", "app.enrolment", "app.drawing"},
     "app.landmarks": {"aam", "common", "app.media"},
     "app.measure": {"aam", "common", "app.media", "app.people", "app.swapping"},
     "app.photos": {"aam", "analogy", "common", "app.media", "app.enrolment", "app.swapping"},
@@ -37,6 +38,7 @@ ROOMS = {
         "common",
         "app.media",
         "app.people",
+        "app.drawing",
         "app.swapping",
         "app.deidentify",
     },

@@ -11,11 +11,11 @@ from made_up import SAMPLES
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
+from guise.app.drawing.look import SWAP
+from guise.app.drawing.passes.cover import LIMITS as COVER
 from guise.app.live.controls import LiveSettings
 from guise.app.live.face import CastMember, FaceResult, LiveFaces
 from guise.app.media import Frame, open_input
-from guise.app.swapping.occlusion import LIMITS as OCCLUSION
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.policy import LIMITS
 from guise.common.arrays import F64, U8, Bool
 from guise.common.threads import one_thread
@@ -23,6 +23,7 @@ from guise.common.threads import one_thread
 SOLID = LiveSettings(style="solid")
 FPS = 30
 HEIGHT, WIDTH = 480, 640
+BOARD = (60, 90, 160)  # a colour that no hair has
 VISITOR = (slice(60, 240), slice(660, 900))  # rows and columns of a wide picture
 
 
@@ -150,7 +151,7 @@ def hidden_from(picture: U8, shape: F64, share: float) -> tuple[U8, slice, slice
     rows, columns = box(shape)
     top = rows.start + round(share * (rows.stop - rows.start))
     hidden = picture.copy()
-    hidden[top:, columns] = (200, 200, 190)
+    hidden[top:, columns] = BOARD
     return hidden, slice(rows.start, top), columns
 
 
@@ -170,7 +171,7 @@ def test_a_face_behind_a_board_is_swapped_around_it(
     play = Player(face)
     play(talk[0])
     hidden, rows, columns = hidden_from(talk[1], truth[1], share)
-    for _ in range(OCCLUSION.pause_frames + 1):
+    for _ in range(round(COVER.pause_seconds * FPS)):
         result, changed, _ = play(hidden)
         assert result.outcome == "swapped"
     assert changed[rows, columns].mean() > 0.7
@@ -302,5 +303,5 @@ def test_a_puppet_leaves_the_model_of_its_face_as_it_was(
 
 def test_live_only_objects_in_front_of_the_face_are_kept(p01: Identity) -> None:
     """What looks like hair or glasses in front could be the person's own face."""
-    with LiveFaces([CastMember(p01, [p01])], EngineOptions(renderer="cpu")) as face:
-        assert face.options.occluders == "objects"
+    with LiveFaces([CastMember(p01, [p01])], replace(SWAP, renderer="cpu")) as face:
+        assert face.look.in_front == "objects"

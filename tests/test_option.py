@@ -8,18 +8,18 @@ import pytest
 import typer
 
 from guise.app.cli.commands import command_line
-from guise.app.cli.options import Part, engine_options, takes
+from guise.app.cli.options import Part, look_of, takes
 from guise.app.deidentify.options import DeidentifyOptions
+from guise.app.drawing.look import LIVE, PAPER, SWAP
 from guise.app.landmarks.file import LandmarkOptions
 from guise.app.live.controls import LiveSettings
 from guise.app.live.run import LiveOptions
-from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS, SessionConfig
+from guise.app.live.session import SessionConfig
 from guise.app.media import EncodeOptions
 from guise.app.meshes.pair import TransferOptions
 from guise.app.photos.image import AnalogyOptions
 from guise.app.swapping.choices import LIVE_CHOICES, DrawingChoices
 from guise.app.swapping.cover import CoverStyle
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.report import SwapSettings
 from guise.common.option import option, options_of
 from guise.render.compositor import Renderer
@@ -84,12 +84,10 @@ def test_a_command_may_take_some_of_the_fields() -> None:
 
 
 def test_choices_are_what_the_engine_does_by_default() -> None:
-    assert engine_options(DrawingChoices()) == EngineOptions()
-    live = engine_options(LIVE_CHOICES, jaw=JAW_MARGIN_FACE_WIDTHS)
-    assert live == LiveOptions().options == SessionConfig([], None).options
-    paper = engine_options(DrawingChoices(look="paper"))
-    assert (paper.light, paper.transfer) == ("paper", "paper")
-    assert engine_options(DrawingChoices(), puppet=True) == EngineOptions(transfer="paper")
+    assert look_of(DrawingChoices(), SWAP) == SWAP
+    assert look_of(LIVE_CHOICES, LIVE) == LIVE == LiveOptions().look == SessionConfig([], None).look
+    assert look_of(DrawingChoices(look="paper"), SWAP) == PAPER
+    assert look_of(DrawingChoices(look="exact"), LIVE) == replace(PAPER, exact=True)
 
 
 def test_values_are_those_that_the_rooms_know() -> None:
@@ -130,7 +128,7 @@ def test_defaults_written_in_a_command_are_those_of_the_dataclass(
     compared = {
         field: option
         for field, option in shared.items()
-        if option in there and there[option] is not None and option not in ("identity", "mask")
+        if option in there and there[option] is not None and option not in ("identity", "mask", "look")
     }
     assert len(compared) >= 2
     assert {option: there[option] for option in compared.values()} == {

@@ -7,8 +7,7 @@ import pytest
 from guise.aam.landmarks.schemes import JAW, LEFT_MOUTH_CORNER, MIRROR, NOSE_TIP, RIGHT_MOUTH_CORNER
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
-from guise.aam.solid_shape import HeadPose, SolidPrior
-from guise.app.swapping.silhouette import View
+from guise.aam.solid_shape import HeadPose, Sight, SolidPrior
 from guise.render import make_compositor
 
 FRAME = ReferenceFrame.canonical(96)
@@ -77,7 +76,7 @@ def test_the_far_cheek_of_a_turned_head_lies_beyond_the_jaw_line() -> None:
 
 
 def test_a_pose_like_the_one_enrolled_moves_nothing() -> None:
-    pose, normals = head(30), RELIEF.normals(FACE)
-    assert np.abs(View.of(normals, pose, pose.linear[2]).across).max() < 1e-9
-    assert np.abs(View.of(normals, pose).across).max() > 20
-    assert np.abs(View.of(normals, head(5)).across).max() == 0
+    pose, given = head(30), (RELIEF.normals(FACE), RELIEF.frontal_cosines)
+    assert np.abs(Sight.of(*given, pose, pose.linear[2]).across).max() < 1e-9
+    assert np.abs(Sight.of(*given, pose).across).max() > 20
+    assert np.abs(Sight.of(*given, head(5)).across).max() == 0

@@ -4,20 +4,16 @@ import cv2
 import numpy as np
 import pytest
 from made_up import SAMPLES
-from models import model_file
+from worn_rims import lenses, with_rims
 
-from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
-from guise.aam.model import Identity
+from guise.aam import rims
 from guise.aam.parsing import FaceParser
+from guise.aam.rims import LIMITS, RimFinder, RimMemory, best_rings
+from guise.app.drawing.face import parse_frame
 from guise.app.media import Frame, open_input
-from guise.app.swapping import rims
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.occlusion import parse_frame
-from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.rims import Rims, best_rings
 from guise.common.arrays import F64, U8
 
-SIZE_EYES = 0.33, 0.25  # half the width and the height of a lens, distances between the eyes
+DARK = (40, 35, 30)
 
 
 def moved(rgb: U8, shape: F64, degrees: float, scale: float) -> tuple[U8, F64]:
@@ -26,28 +22,6 @@ def moved(rgb: U8, shape: F64, degrees: float, scale: float) -> tuple[U8, F64]:
     to = cv2.getRotationMatrix2D((x, y), degrees, scale)
     picture = cv2.warpAffine(rgb, to, rgb.shape[1::-1], flags=cv2.INTER_AREA)
     return np.asarray(picture, np.uint8), shape @ to[:, :2].T + to[:, 2]
-
-
-def lenses(shape: F64, points: int = 120) -> F64:
-    """(2, n, 2) the lines of the rims of glasses on a face (81, 2)."""
-    right, left = shape[RIGHT_EYE].mean(0), shape[LEFT_EYE].mean(0)
-    along = left - right
-    down = np.array([-along[1], along[0]])
-    turns = np.linspace(0, 2 * np.pi, points, endpoint=False)[:, None]
-    across, up = SIZE_EYES
-    circle = across * np.cos(turns) * along + up * np.sin(turns) * down
-    return np.array([middle + 0.07 * down + circle for middle in (right, left)])
-
-
-def with_glasses(rgb: U8, shape: F64, colour: tuple[int, int, int]) -> U8:
-    """A person who wears thin glasses."""
-    out = rgb.copy()
-    lines = lenses(shape)
-    ends = [lines[0, 0], lines[1, len(lines[1]) // 2]]
-    for line, closed in ((lines[0], True), (lines[1], True), (np.array(ends), False)):
-        corners = np.round(16 * line).astype(np.int32)
-        cv2.polylines(out, [corners], closed, colour, 2, cv2.LINE_AA, shift=4)
-    return out
 
 
 @pytest.fixture(scope="module")
@@ -62,9 +36,29 @@ def worn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rims, "wears_glasses", lambda *_: True)
 
 
-def look(found: Rims, rgb: U8, shape: F64, *, parsed: bool = True) -> None:
-    frame = Frame.from_rgb(rgb)
-    found.see(frame.luma, shape, parse_frame(FaceParser(), frame, shape) if parsed else None)
+class Rims:
+    """A finder with what it remembers."""
+
+    def __init__(self) -> None:
+        self.finder, self.memory, self.now, self.parsed_at = RimFinder(), RimMemory(), 0.0, -np.inf
+
+    def look(
+        self, rgb: U8, shape: F64, *, parsed: bool = True, seconds: float = LIMITS.pause_seconds
+    ) -> None:
+        """See the next frame, so much later."""
+        self.now += seconds
+        frame = Frame.from_rgb(rgb)
+        parsing = parse_frame(FaceParser(), frame, shape) if parsed else None
+        self.finder.see(self.memory, frame.luma, shape, parsing, self.now, self.now - self.parsed_at)
+        if parsed:
+            self.parsed_at = self.now
+
+    @property
+    def seen(self) -> bool:
+        return self.memory.share is not None
+
+    def at(self, places: F64) -> np.ndarray:
+        return self.memory.at(places)
 
 
 def shares(found: Rims, shape: F64) -> tuple[np.ndarray, np.ndarray]:
@@ -79,14 +73,14 @@ def shares(found: Rims, shape: F64) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.usefixtures("worn")
 @pytest.mark.parametrize(
     ("degrees", "scale", "colour"),
-    [(0, 1.0, (40, 35, 30)), (25, 1.0, (40, 35, 30)), (-10, 0.6, (40, 35, 30)), (0, 1.0, (250, 245, 240))],
+    [(0, 1.0, DARK), (25, 1.0, DARK), (-10, 0.6, DARK), (0, 1.0, (250, 245, 240))],
 )
 def test_thin_rims_are_found_whole_and_nothing_else(
     scene: tuple[U8, F64], degrees: float, scale: float, colour: tuple[int, int, int]
 ) -> None:
     rgb, shape = moved(*scene, degrees, scale)
     found = Rims()
-    look(found, with_glasses(rgb, shape, colour), shape)
+    found.look(with_rims(rgb, shape, colour), shape)
     assert found.seen
     along, bare = shares(found, shape)
     assert (along > 0.7).mean() > 0.9
@@ -95,7 +89,7 @@ def test_thin_rims_are_found_whole_and_nothing_else(
 
 def test_who_wears_no_glasses_has_no_rims(scene: tuple[U8, F64]) -> None:
     found = Rims()
-    look(found, *scene)
+    found.look(*scene)
     assert not found.seen
     assert (found.at(scene[1]) == 0).all()
 
@@ -104,14 +98,14 @@ def test_who_wears_no_glasses_has_no_rims(scene: tuple[U8, F64]) -> None:
 def test_rims_move_with_the_head_between_parsed_frames_and_are_forgotten(scene: tuple[U8, F64]) -> None:
     rgb, shape = scene
     found = Rims()
-    look(found, with_glasses(rgb, shape, (40, 35, 30)), shape)
+    found.look(with_rims(rgb, shape, DARK), shape)
     then = found.at(lenses(shape).reshape(-1, 2))
     other, there = moved(rgb, shape, 6, 0.97)
-    look(found, with_glasses(other, there, (40, 35, 30)), there, parsed=False)
+    found.look(with_rims(other, there, DARK), there, parsed=False)
     now = found.at(lenses(there).reshape(-1, 2))
     assert np.abs(now - then).mean() < 0.1
-    found.reset()
-    look(found, rgb, shape, parsed=False)
+    found.memory = RimMemory()
+    found.look(rgb, shape, parsed=False)
     assert not found.seen
 
 
@@ -119,14 +113,14 @@ def test_rims_move_with_the_head_between_parsed_frames_and_are_forgotten(scene: 
 def test_one_frame_without_glasses_does_not_take_them_off(
     scene: tuple[U8, F64], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rgb = with_glasses(*scene, (40, 35, 30))
+    rgb = with_rims(*scene, DARK)
     found = Rims()
-    look(found, rgb, scene[1])
+    found.look(rgb, scene[1])
     monkeypatch.setattr(rims, "wears_glasses", lambda *_: False)
-    look(found, rgb, scene[1])
+    found.look(rgb, scene[1])
     assert found.seen
     for _ in range(4):
-        look(found, rgb, scene[1])
+        found.look(rgb, scene[1])
     assert not found.seen
 
 
@@ -141,18 +135,3 @@ def test_the_best_ring_is_closed_and_passes_gaps() -> None:
     assert (np.delete(rings - truth, np.s_[30:36], axis=1) == 0).all()
     assert np.abs(rings - truth).max() <= 3
     assert (np.abs(np.diff(rings, axis=1, append=rings[:, :1])) <= 2).all()
-
-
-@pytest.mark.usefixtures("worn")
-@pytest.mark.parametrize(("disguise", "kept"), [(False, True), (True, False)])
-@pytest.mark.slow
-def test_rims_stay_in_front_of_the_drawn_face(scene: tuple[U8, F64], disguise: bool, kept: bool) -> None:
-    source, target = (Identity.load(model_file(name)) for name in ("p01", "p02"))
-    rgb, shape = with_glasses(*scene, (40, 35, 30)), scene[1]
-    frame = Frame.from_rgb(rgb)
-    with Engine(source, target, None, EngineOptions(disguise=disguise, renderer="cpu")) as engine:
-        engine.draw(frame, shape)
-    lower = lenses(shape)[:, 15:45].reshape(-1, 2).round().astype(int)
-    before, after = (picture[lower[:, 1], lower[:, 0]].mean() for picture in (rgb, frame.rgb()))
-    bare = scene[0][lower[:, 1], lower[:, 0]].mean()
-    assert (abs(after - before) < 0.25 * (bare - before)) == kept

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawing import turned_head
 from made_up import FRAME, appearance
 from numpy.testing import assert_allclose
 
@@ -19,7 +20,8 @@ from guise.aam.landmarks.schemes import (
     UPPER_INNER_LIP,
     UPPER_LIDS,
 )
-from guise.aam.shape_transfer import MAX_LID_RATIO, ShapeTransfer, laid_over, placement
+from guise.aam.reference import ReferenceFrame
+from guise.aam.shape_transfer import LIMITS, MAX_LID_RATIO, ShapeTransfer, jaw_moves, laid_over, placement
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.common.arrays import F64
 
@@ -170,3 +172,48 @@ def test_an_open_mouth_opens_as_far_and_farther_by_the_difference_of_the_two() -
         made = transfer.apply(wide, pose)
         gaps.append(made[LOWER_INNER_LIP] - made[UPPER_INNER_LIP])
     assert_allclose(gaps[1] - gaps[0], np.tile([0, 4], (3, 1)), atol=0.2)
+
+
+OUTLINE_FRAME = ReferenceFrame.canonical(160)
+OUTLINE_HEAD = OUTLINE_FRAME.points + np.array([120.0, 60.0])
+
+
+def _wider_jaw() -> F64:
+    mesh = OUTLINE_HEAD.copy()
+    mesh[JAW] += 0.1 * (OUTLINE_HEAD[JAW] - OUTLINE_HEAD[JAW].mean(0)) * [1, 0]
+    return mesh
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_the_jaw_at_rest_goes_a_share_of_the_way_and_ears_stay(share: float) -> None:
+    other = _wider_jaw()[JAW]
+    moves = jaw_moves(OUTLINE_HEAD[JAW], other, share)
+    assert np.abs(moves[[0, -1]]).max() == 0
+    assert np.linalg.norm(moves, axis=1).max() <= LIMITS.max_jaw_move * OUTLINE_FRAME.resolution
+    if share == 0:
+        assert not moves.any()
+    else:
+        assert moves[4, 0] < -0.5 * share * (OUTLINE_HEAD[JAW][4, 0] - other[4, 0])
+
+
+def test_by_default_the_outline_is_the_heads_own() -> None:
+    target = OUTLINE_FRAME.align(_wider_jaw())
+    plain, led = (
+        ShapeTransfer(OUTLINE_FRAME.points, target, OUTLINE_FRAME, outline=share) for share in (0.0, 1.0)
+    )
+    np.testing.assert_allclose(plain.solid[JAW], plain.source.rest[JAW], atol=1e-9)
+    width = np.ptp(plain.solid[JAW, 0])
+    assert np.abs(led.solid - plain.solid)[JAW].max() > 0.01 * width
+
+
+def test_brows_and_eyes_stay_within_the_turned_head() -> None:
+    transfer = ShapeTransfer(OUTLINE_FRAME.points, OUTLINE_FRAME.points, OUTLINE_FRAME)
+    transfer.solid[BROWS, 2] -= 0.15  # a forehead that bulges
+    pose = turned_head(50)
+    shape = pose.apply(transfer.source.rest)
+    made = transfer.apply(shape, pose)
+    hull = OUTLINE_FRAME.align(shape)
+    assert made[BROWS_AND_EYES, 0].max() <= hull[:, 0].max() + 0.3
+    assert transfer.apply(turned_head(0).apply(transfer.source.rest), turned_head(0))[BROWS] == pytest.approx(
+        OUTLINE_FRAME.align(turned_head(0).apply(transfer.source.rest))[BROWS], abs=0.5
+    )

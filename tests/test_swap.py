@@ -12,19 +12,17 @@ from models import model_file
 from threadpoolctl import threadpool_info
 
 from guise.aam.model import Identity
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import SWAP
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.media import EncodeOptions, open_input
 from guise.app.media.synthetic import DIGITAL_SOURCE_TYPE
-from guise.app.swapping.engine import Engine
 from guise.app.swapping.file import swap_file
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.report import SwapError, SwapSettings
 from guise.common.threads import one_thread
 from guise.common.version import VERSION
 
-pytestmark = pytest.mark.slow
-
-LOSSLESS = SwapSettings(EngineOptions(renderer="cpu"), EncodeOptions(lossless=True))
+LOSSLESS = SwapSettings(replace(SWAP, renderer="cpu"), EncodeOptions(lossless=True))
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +60,7 @@ def test_tracking_ahead_gives_the_same_bytes_as_frame_by_frame(
     swap_file(clip, p06, tmp_path / "out.mp4", source=p01, settings=LOSSLESS)
     with (
         one_thread(),
-        Engine(p01, p06, LOSSLESS.face_finder(), LOSSLESS.options) as engine,
+        Engine(p01, p06, LOSSLESS.face_finder(), LOSSLESS.look) as engine,
         open_input(clip) as source,
         open_input(tmp_path / "out.mp4") as made,
     ):

@@ -35,7 +35,7 @@ def p06() -> Identity:
 
 def test_at_the_drivers_neutral_the_mesh_is_the_stills_own(p01: Identity, p06: Identity) -> None:
     with Puppet(p01, p06, LbpDetector()) as puppet:
-        at_rest = puppet.extrapolator.apply(p01.appearance.neutral_parameters)
+        at_rest = puppet.plan.texture.extrapolator.apply(p01.appearance.neutral_parameters)
         np.testing.assert_allclose(puppet.mesh(at_rest), uncrossed(p06.rest_frame.shape), atol=1e-6)
 
 
@@ -45,7 +45,7 @@ def test_skull_points_stay_and_the_jaw_moves(p01: Identity, p06: Identity) -> No
     with Puppet(p01, p06, LbpDetector()) as puppet:
         for _ in range(5):
             rho = p01.appearance.neutral_parameters + rng.normal(size=len(deviations)) * deviations
-            mesh = puppet.mesh(puppet.extrapolator.apply(rho.astype(np.float32)))
+            mesh = puppet.mesh(puppet.plan.texture.extrapolator.apply(rho.astype(np.float32)))
             np.testing.assert_allclose(mesh[PINNED_POINTS], p06.rest_frame.shape[PINNED_POINTS], atol=1e-9)
             assert np.abs(mesh[6:11] - p06.rest_frame.shape[6:11]).max() > 0.05
 

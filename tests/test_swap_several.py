@@ -12,15 +12,15 @@ from models import model_file
 from guise.aam.model import Identity
 from guise.aam.recognition import signature
 from guise.app.cli.main import main
+from guise.app.drawing.look import SWAP
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.media import EncodeOptions, open_input
 from guise.app.people.finding import UnknownFaces, VideoPeople, VideoPerson
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.report import SwapError, SwapSettings
 from guise.app.swapping.several import Casting, choose, swap_people
 
 FRAMES = 30
-FAST = SwapSettings(EngineOptions(renderer="cpu"), EncodeOptions(lossless=True))
+FAST = SwapSettings(replace(SWAP, renderer="cpu"), EncodeOptions(lossless=True))
 LEFT, RIGHT = np.s_[:, :240], np.s_[:, 240:]
 
 

@@ -9,8 +9,8 @@ import pytest
 from guise.aam.landmarks.schemes import IBUG68, mean_geometry
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
+from guise.app.drawing.engine import SwapResult
 from guise.app.media import Frame
-from guise.app.swapping.engine import SwapResult
 from guise.app.swapping.policy import COVERED, LEFT, LIMITS, SWAPPED, FaceTreatment
 from guise.app.swapping.session import SwapSession
 from guise.common.arrays import F32, U8, Bool

@@ -9,18 +9,15 @@ import pytest
 from numpy.testing import assert_allclose
 from test_turned_texture import PRIOR
 
-from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.landmarks.schemes import NOSE, NOSE_BASE
 from guise.aam.mask import soft_parts
 from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity, ModelError
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
-from guise.aam.solid_shape import HeadPose, SolidTracker
+from guise.aam.solid_shape import HeadPose
 from guise.aam.view_prior import RESOLUTION, SideViews, mirrored, shipped
 from guise.aam.view_textures import LIMITS, ViewTextures, changing, learn_views
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
 from guise.common.arrays import F64, U8
 
 GRID = ReferenceFrame.canonical(64)
@@ -174,22 +171,3 @@ def test_the_mirror_image_of_a_face_is_expected_to_be_the_mirror_image() -> None
     inner = cv2.erode(reference.mask.astype(np.uint8), np.ones((7, 7), np.uint8))[reference.mask] > 0
     assert np.abs(one).max() > 0.03
     assert np.corrcoef(one[:, inner].ravel(), turned[:, inner].ravel())[0, 1] > 0.97
-
-
-def test_a_turned_head_gets_the_view_and_a_straight_one_does_not(
-    person: Identity, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def texture(yaw: float) -> np.ndarray:
-        with Engine(person, person, None, EngineOptions(renderer="cpu")) as engine:
-            assert engine._shape_transfer is not None
-            shape = pose(yaw + engine._shape_transfer.target.pose.angles[0]).apply(PRIOR.mean)
-            solid = SolidTracker().update(shape)
-            parameters = person.appearance.neutral_parameters
-            return engine.synthesise(parameters, shape, solid)[SHAPE_ENTRIES:].reshape(-1, 3)
-
-    straight, turned = texture(0), texture(35)
-    sides = SideViews.of(person, rest_of(person))
-    monkeypatch.setattr(Engine, "_turn", lambda *_: None)
-    assert_allclose(straight, texture(0), rtol=0.05)
-    ratio = (turned / texture(35)).mean(1)
-    assert np.corrcoef(np.log(ratio), np.log(sides.at(35)))[0, 1] > 0.98

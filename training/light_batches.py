@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from guise.aam.light import LUMA
-from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID
+from guise.app.drawing.passes.light import CELL_FACE_WIDTHS, GRID
 from guise.common.arrays import F32, U8
 from training import swap_data
 from training.swap_data import Cells, Samples

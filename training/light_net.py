@@ -1,12 +1,11 @@
 """The network of the learned light: from what a face and a frame show to the affine map that lights the face.
 
-From sums of texels on a coarse grid it forms ratios of local means of skin: of the frame over the face, as the
-classical local light does (`app/swapping/local_light.py`), at two widths; finer than some width, of the frame over the
-person's own face as enrolled, which is the scene's light without that person's form (the quotient image of Shashua and
-Riklin-Raviv 2001); and two that hold no local mean of the face, so that the smooth pattern of its skin stays.  A small
-network with a view of the whole face says how much of each counts, for brightness and colour apart, and corrects their
-mean smoothly.  The output is an affine map of colours per cell, so that nothing can be painted that the face does not
-have.  RGB 0..255.
+From sums of texels on a coarse grid it forms ratios of local means of skin: of the frame over the face, at two widths;
+finer than some width, of the frame over the person's own face as enrolled, which is the scene's light without that
+person's form (the quotient image of Shashua and Riklin-Raviv 2001); and two that hold no local mean of the face, so
+that the smooth pattern of its skin stays.  A small network with a view of the whole face says how much of each counts,
+for brightness and colour apart, and corrects their mean smoothly.  The output is an affine map of colours per cell, so
+that nothing can be painted that the face does not have.  RGB 0..255.
 """
 
 from __future__ import annotations
@@ -18,9 +17,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from guise.aam.coarse_grid import gaussian_kernel
 from guise.aam.light import LUMA
-from guise.app.swapping.coarse_grid import gaussian_kernel
-from guise.app.swapping.learned_light import BLACK_GREY_LEVELS, CELL_FACE_WIDTHS, GRID
+from guise.app.drawing.passes.light import BLACK_GREY_LEVELS, CELL_FACE_WIDTHS, GRID
 
 RATIOS = 7  # of which the light is a mean
 SEEN_RATIOS = 4  # by the network

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from guise.aam.coarse_grid import gaussian_kernel
 from guise.aam.even_light import symmetric, without_glints
 from guise.aam.mask import skin_mask
 from guise.aam.reference import ReferenceFrame
 from guise.aam.skin_tone import in_tone_of
-from guise.app.swapping.coarse_grid import gaussian_kernel
-from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, part_masks, places
+from guise.app.drawing.passes.light import CELL_FACE_WIDTHS, GRID, part_masks, places
 from guise.common.arrays import F32, F64, U8, Bool, Int
 from training.data import london_people
 from training.placement import Group, mirrored, read_group, transferred

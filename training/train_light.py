@@ -5,8 +5,8 @@
 PARTS holds the groups of `render_swaps.py`; LONDON photographs of real people, all taken in the same light, so that
 their truth is known as well: without them the network takes shading of real skin for another light. Writes
 RUN/light.onnx, light.md (its card) and light.pt. The first groups and some of the photographed people are held back and
-measured: the Lab error of the lit face against the truth, and of both smoothed as `colour`, next to those of the
-classical light and of doing nothing.
+measured: the Lab error of the lit face against the truth, and of both smoothed as `colour`, next to those of doing
+nothing.
 """
 
 from __future__ import annotations
@@ -20,12 +20,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from guise.app.swapping.coarse_grid import gaussian_kernel
-from guise.app.swapping.learned_light import CELL_FACE_WIDTHS, GRID, places
-from guise.app.swapping.local_light import LocalLight
-from guise.common.arrays import F32
+from guise.aam.coarse_grid import gaussian_kernel
+from guise.app.drawing.passes.light import CELL_FACE_WIDTHS, GRID
 from training import swap_data
-from training.light_batches import Batch, Batches, Lights, Portraits, as_tensor
+from training.light_batches import Batch, Batches, Lights, Portraits
 from training.light_net import LightNet, weights
 from training.stored_weights import quarter
 from training.swap_data import Cells, Samples
@@ -90,31 +88,6 @@ class Lit(nn.Module):
         return batch.face * gain + found[:, 3:] * self.surface
 
 
-class Classical:
-    """The classical light on means of cells, taken for texels."""
-
-    def __init__(self, cells: Cells) -> None:
-        reference = cells.reference
-        self._at = np.ravel_multi_index(tuple(np.round(places(reference)).astype(int).T[::-1]), GRID)
-        self._light = LocalLight(reference, np.arange(len(self._at)), reference.mask)
-        self._count = np.bincount(self._at, minlength=GRID[0] * GRID[1])
-
-    def __call__(self, batch: Batch) -> Tensor:
-        """The face in the light of the scene (n, 3, h, w)."""
-        whole = batch.skin + batch.other
-        seen = (whole[:, 3:6] / whole[:, 6:].clamp(min=1e-6)).flatten(2).numpy()
-        faces = batch.face.flatten(2).numpy()
-        return as_tensor(np.array([self._lit(*pair) for pair in zip(faces, seen, strict=True)]))
-
-    def _lit(self, face: F32, seen: F32) -> F32:
-        texels = np.ascontiguousarray(face[:, self._at].T)
-        self._light.reset()
-        self._light.update(texels, np.ascontiguousarray(seen[:, self._at].T), None)
-        made = self._light.apply(texels, np.eye(3), np.zeros(3))
-        sums = [np.bincount(self._at, plane, len(self._count)) for plane in made]
-        return np.asarray(sums / np.maximum(self._count, 1), np.float32).reshape(3, *GRID)
-
-
 def measure(lit: Callable[[Batch], Tensor] | None, batches: Batches, rows: np.ndarray) -> dict[str, float]:
     """Mean errors of the lit face, or of doing nothing; `gain` as in a comparison with doing nothing."""
     return compared(lit, (batches.plain(some) for some in np.array_split(rows, max(1, len(rows) // 48))))
@@ -159,13 +132,8 @@ def train(
         f"{len(samples.group)} samples, {weights(net)} weights; nothing {_said(measure(None, check, rows))}",
         flush=True,
     )
-    others = {
-        "nothing": measure(None, check, rows),
-        "classical light": measure(Classical(cells), check, rows),
-    }
-    print(
-        f"classical {_said(others['classical light'])}; start {_said(measure(lit, check, rows))}", flush=True
-    )
+    others = {"nothing": measure(None, check, rows)}
+    print(f"start {_said(measure(lit, check, rows))}", flush=True)
     optimiser = torch.optim.AdamW(net.parameters(), options.rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.LambdaLR(
         optimiser,

@@ -88,7 +88,7 @@ def enroll(
     from guise.app.enrolment.rest import frame_at
     from guise.app.people.kept import place_for
     from guise.app.photos.enrol_photos import are_photos, enrol_photos
-    from guise.app.swapping.grade import enrolment_grade
+    from guise.app.swapping.file import enrolment_grade
 
     if person is not None and len(videos) > 1:
         raise typer.BadParameter("--person chooses among the people of one clip: give one clip")

@@ -18,8 +18,8 @@ from guise.app.cli.options import (
     Preset,
     Quiet,
     RecordingCrf,
-    engine_options,
     faces_by_person,
+    look_of,
     takes,
 )
 from guise.app.cli.studio import studio
@@ -128,9 +128,9 @@ def live(
     json: Json = False,
 ) -> None:
     """Show another face live: from a camera, a file or a stream, in a window, a call or a file."""
+    from guise.app.drawing.look import LIVE
     from guise.app.live.controls import LiveSettings
     from guise.app.live.run import LiveOptions, run_live
-    from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS
     from guise.app.media import EncodeOptions
 
     if _is_for_studio(output, alone=not (input or identity or source)):
@@ -144,7 +144,7 @@ def live(
     options = LiveOptions(
         input, camera, tuple(identity or ()), source, tuple(output or (() if headless else ("window",))), headless,
         _size(size), fps, loop, enroll, settings,
-        engine_options(drawing, jaw=JAW_MARGIN_FACE_WIDTHS),
+        look_of(drawing, LIVE),
         EncodeOptions(encoder, crf, preset), force, cast=cast,
     )  # fmt: skip
     with Stages(console) as stages:

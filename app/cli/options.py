@@ -17,9 +17,9 @@ from guise.app.swapping.choices import FACE_HELP
 from guise.common.option import Option, options_of
 
 if TYPE_CHECKING:
+    from guise.app.drawing.look import Look
     from guise.app.enrolment.landmark_source import LandmarkSource
     from guise.app.swapping.choices import DrawingChoices
-    from guise.app.swapping.options import EngineOptions
 
 
 class HwaccelName(StrEnum):
@@ -194,14 +194,13 @@ BoxDetectorSpec = Annotated[
 ]
 
 
-def engine_options(choices: DrawingChoices, *, puppet: bool = False, jaw: float = 0.0) -> EngineOptions:
-    """What the engine needs for a user's choices; `puppet`, `jaw` as the command draws."""
-    from guise.app.swapping.options import EngineOptions
+def look_of(choices: DrawingChoices, usual: Look) -> Look:
+    """The look for a user's choices; usual : that of the command."""
+    from guise.app.drawing.look import PAPER
 
-    paper = choices.look == "paper"
-    return EngineOptions(
-        alpha=choices.alpha, renderer=choices.renderer, light="paper" if paper else "learned",
-        transfer="paper" if paper or puppet else "full", jaw=jaw, eyes=choices.eyes, mouth=choices.mouth,
+    look = usual if choices.look == "swap" else replace(PAPER, exact=choices.look == "exact")
+    return replace(
+        look, alpha=choices.alpha, renderer=choices.renderer, eyes=choices.eyes, mouth=choices.mouth,
         outline=choices.outline,
     )  # fmt: skip
 

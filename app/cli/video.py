@@ -35,17 +35,17 @@ from guise.app.cli.options import (
     UnsureName,
     UnsureOption,
     Video,
-    engine_options,
     faces_by_person,
     landmark_source,
+    look_of,
     takes,
 )
 from guise.app.swapping.choices import DrawingChoices
 
 if TYPE_CHECKING:
     from guise.aam.model import Identity
+    from guise.app.drawing.look import Look
     from guise.app.enrolment.landmark_source import LandmarkSource
-    from guise.app.swapping.options import EngineOptions
     from guise.app.swapping.report import SwapReport, SwapSettings
     from guise.app.swapping.several import Casting, SeveralReport
 
@@ -76,12 +76,14 @@ def swap(
     json: Json = False,
 ) -> None:
     """Replace the face of the person in a video by another, or of each of several people."""
+    from guise.app.drawing.look import SWAP
+
     for_one = (source, landmarks, landmarker, rest is not None, detector != "builtin")
     casting = _casting(identity, map, others, for_one, unsure)
     console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         settings = _settings(
-            console, stages, engine_options(drawing), detector, encoder, crf, preset, lossless, force
+            console, stages, look_of(drawing, SWAP), detector, encoder, crf, preset, lossless, force
         )
         settings = replace(
             settings,
@@ -161,12 +163,13 @@ def puppet(
     json: Json = False,
 ) -> None:
     """Animate another head with the expressions of the person in a video."""
+    from guise.app.drawing.look import SWAP
     from guise.app.swapping.puppet import puppet_file
 
     console = Console(quiet=quiet, json=json)
-    options = engine_options(drawing, puppet=True)
+    look = look_of(drawing, SWAP)
     with Stages(console) as stages:
-        settings = _settings(console, stages, options, detector, encoder, crf, preset, lossless, force)
+        settings = _settings(console, stages, look, detector, encoder, crf, preset, lossless, force)
         settings = replace(settings, keep_people=not no_keep)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
@@ -174,14 +177,14 @@ def puppet(
 
 
 def _settings(
-    console: Console, stages: Stages, options: EngineOptions, detector: str, encoder: str, crf: int | None,
+    console: Console, stages: Stages, look: Look, detector: str, encoder: str, crf: int | None,
     preset: str, lossless: bool, force: bool,
 ) -> SwapSettings:  # fmt: skip
     from guise.app.media import EncodeOptions
     from guise.app.swapping.report import SwapSettings
 
     return SwapSettings(
-        options, EncodeOptions(encoder, crf, preset, lossless),
+        look, EncodeOptions(encoder, crf, preset, lossless),
         detector=detector, force=force, progress=stages, say=console.note,
     )  # fmt: skip
 

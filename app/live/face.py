@@ -16,20 +16,19 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Face, iou, open_landmarker, tight_box
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import LIVE, PUPPET, Look
 from guise.app.live.background_detector import BackgroundDetector
 from guise.app.live.controls import LiveSettings
 from guise.app.media import Frame
 from guise.app.media.pictures import letterboxed
 from guise.app.swapping.cover import cover, cover_all
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.policy import LIMITS, FacePlace, FollowedFace, UnfollowedFaces
 from guise.app.swapping.puppet import Puppet
 from guise.app.swapping.session import SwapSession
@@ -74,7 +73,7 @@ class LiveFaces(Closing):
     Parameters
     ----------
     cast : the people, at most MAX_PEOPLE.
-    options : of the engines; alpha is taken from the settings instead.
+    look : of the engines; alpha is taken from the settings instead.
 
     Raises
     ------
@@ -84,12 +83,12 @@ class LiveFaces(Closing):
         When the chosen renderer is not available.
     """
 
-    def __init__(self, cast: Sequence[CastMember], options: EngineOptions = EngineOptions()) -> None:
-        self.options = replace(options, occluders="objects", hold_frames=0)
+    def __init__(self, cast: Sequence[CastMember], look: Look = LIVE) -> None:
+        self.look = replace(look, in_front="objects", hold_seconds=0.0)
         self.detector = BackgroundDetector()
         self._slots = [_Slot(member.person, self.detector) for member in cast[:MAX_PEOPLE]]
         self._choices = [(slot, face) for slot, one in enumerate(cast[:MAX_PEOPLE]) for face in one.faces]
-        self._session = SwapSession(self._open_engine)
+        self._session: SwapSession[Engine] = SwapSession(self._open_engine)
         self._others = UnfollowedFaces()
         self._puppets: dict[int, Puppet] = {}
 
@@ -121,7 +120,7 @@ class LiveFaces(Closing):
             is_trusted = slot.face.is_trusted(frame.seconds, slot.confidence)
             if is_trusted and settings.mode != "off":
                 who = number if len(self._slots) > 1 else settings.identity
-                set_alpha(self._session.engine(who).extrapolator, settings.alpha)
+                self._session.engine(who).alpha = settings.alpha
                 mesh = self._session.swap(frame, who, slot.fit).mesh
                 if mesh is not None:
                     meshes[number] = mesh
@@ -159,7 +158,7 @@ class LiveFaces(Closing):
 
     def _open_engine(self, who: int) -> Engine:
         slot, face = self._choices[who]
-        return Engine(self._slots[slot].person, face, None, self.options)
+        return Engine(self._slots[slot].person, face, None, self.look)
 
     def _boxes_but(self, slot: _Slot, *, certain: bool = False) -> list[F32]:
         """Where the other people's faces are.   certain : only of those who are recognised there."""
@@ -180,10 +179,14 @@ class LiveFaces(Closing):
         if settings.identity not in self._puppets:
             [slot], (_, donor) = self._slots, self._choices[settings.identity]
             self._puppets[settings.identity] = Puppet(
-                slot.person, donor, self.detector, self.options, slot.landmarker
+                slot.person,
+                donor,
+                self.detector,
+                replace(PUPPET, renderer=self.look.renderer),
+                slot.landmarker,
             )
         puppet = self._puppets[settings.identity]
-        set_alpha(puppet.extrapolator, settings.alpha)
+        puppet.alpha = settings.alpha
         self.detector.submit(frame)
         _, picture = puppet.animate(frame)
         fill(frame, picture.rgb())
@@ -253,12 +256,6 @@ class _FreeFaces:
 
 def _is_on(box: F32 | F64, others: Sequence[F32]) -> bool:
     return any(iou(box, other) > LIMITS.min_same_iou for other in others)
-
-
-def set_alpha(extrapolator: Extrapolator, alpha: float) -> None:
-    """Set the share of expression that is let through, where it differs: that costs."""
-    if extrapolator.alpha != alpha:
-        extrapolator.alpha = alpha
 
 
 def fill(frame: Frame, rgb: U8) -> None:

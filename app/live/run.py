@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from guise.aam.model import Identity
+from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
@@ -19,14 +20,13 @@ from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.recorder import Recordings, VideoRecorder, snapshot
-from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS, LiveSession, SessionConfig
+from guise.app.live.session import LiveSession, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
 from guise.app.media import EncodeOptions
 from guise.app.media.input import VideoInput
 from guise.app.people import kept
 from guise.app.swapping.donors import gallery, open_donor, open_face
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.report import SwapSettings
 from guise.app.swapping.source_person import source_person
 from guise.common.errors import OutputError
@@ -52,7 +52,7 @@ class LiveOptions:
     headless : without a window, every frame of a file, as fast as possible.
     size, fps : requested of the camera.   loop : repeat the file.
     enrol : make a new model of the person even if there is one.
-    settings : initial settings.   options : of the engine.   encode, force : of files.
+    settings : initial settings.   look : how faces are drawn.   encode, force : of files.
     """
 
     input: str | None = None
@@ -66,9 +66,7 @@ class LiveOptions:
     loop: bool = False
     enrol: bool = False
     settings: LiveSettings = field(default_factory=LiveSettings)
-    options: EngineOptions = field(
-        default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, eyes="donor")
-    )
+    look: Look = LIVE
     encode: EncodeOptions = field(default_factory=lambda: EncodeOptions(crf=20))
     force: bool = False
     cast: Mapping[str, str] = field(default_factory=dict)
@@ -162,7 +160,7 @@ def run_live(options: LiveOptions, *, progress: Progress, say: Say) -> LiveRepor
         person = None if cast else _person(options, capture, identities[0], progress, say)
         config = SessionConfig(
             identities, person, cast, name=capture.name, keep=lambda made: _keep(capture.name, made, say),
-            options=options.options, recording=lambda: recordings.recording, notice=notices.current,
+            look=options.look, recording=lambda: recordings.recording, notice=notices.current,
         )  # fmt: skip
         requests = _RequestHandler(config, controls, recordings, snapshots, say)
         pipeline = Pipeline(

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from guise.aam.model import Identity
 from guise.aam.training import TrainingError, TrainingOptions
+from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.enrolment import EnrolmentStatus, OnScreenEnrolment
@@ -21,14 +22,10 @@ from guise.app.live.overlay import draw_mesh
 from guise.app.live.stats import PipelineStats
 from guise.app.media import Frame
 from guise.app.swapping.cover import cover_all
-from guise.app.swapping.options import EngineOptions
 from guise.common.errors import Interrupted
 
 Keep = Callable[[Identity], None]
 
-JAW_MARGIN_FACE_WIDTHS = (
-    0.035  # by which the face is drawn beyond the jaw, so that none of the real one shows
-)
 PROBLEM_RING_SHARE = 0.05  # of a new enrolment, up to which the problem with the previous one is shown
 
 
@@ -47,7 +44,7 @@ class SessionConfig:
     cast : instead of both, several people and the face of each; everybody else is covered.
     name : of the person, for a new model.
     keep : called with a new model.
-    options : of the engine.
+    look : how faces are drawn.
     recording : returns whether the user is recording.
     notice : returns a sentence that the user should see now, or "".
     """
@@ -57,9 +54,7 @@ class SessionConfig:
     cast: Sequence[CastMember] = ()
     name: str = "me"
     keep: Keep = forget
-    options: EngineOptions = field(
-        default_factory=lambda: EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS, eyes="donor")
-    )
+    look: Look = LIVE
     recording: Callable[[], bool] = lambda: False
     notice: Callable[[], str] = str
 
@@ -70,7 +65,7 @@ class LiveSession:
     def __init__(self, config: SessionConfig, controls: Controls) -> None:
         self._config, self._controls = config, controls
         cast = config.cast or ([CastMember(config.person, config.identities)] if config.person else [])
-        self._faces = LiveFaces(cast, config.options) if cast else None
+        self._faces = LiveFaces(cast, config.look) if cast else None
         self._enrolment: BackgroundEnrolment | None = None
         self._restart_requested = threading.Event()
 
@@ -108,7 +103,7 @@ class LiveSession:
         if self._enrolment.model is not None:
             self._config.keep(self._enrolment.model)
             member = CastMember(self._enrolment.model, self._config.identities)
-            self._faces = LiveFaces([member], self._config.options)
+            self._faces = LiveFaces([member], self._config.look)
             self._enrolment = None
         original = frame.copy()
         cover_all(frame, settings.style)

@@ -12,7 +12,7 @@ from guise.app.media.pictures import save_picture
 from guise.app.people.montage import montage
 from guise.app.photos.enrol_photos import enrol_photos
 from guise.app.studio.store import preview_of
-from guise.app.swapping.grade import enrolment_grade
+from guise.app.swapping.file import enrolment_grade
 from guise.common.progress import Progress
 
 ENROL_JOB = "enrol"

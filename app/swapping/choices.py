@@ -12,18 +12,18 @@ FACE_HELP = (
     "Asha, Omar"
 )
 
-Look = Literal["swap", "paper"]
+LookName = Literal["swap", "paper", "exact"]
 Owner = Literal["donor", "source"]
 
 
 @dataclass(frozen=True)
 class DrawingChoices:
-    """How a face is drawn, as a user says it; see `EngineOptions` for what it means."""
+    """How a face is drawn, as a user says it; see `guise.app.drawing.look.Look` for what it means."""
 
-    look: Look = option(
+    look: LookName = option(
         "swap",
-        "How the face is drawn: swap, as well as Guise can; or paper, by the papers' plain formulas, for comparison, "
-        "and over hands, too.",
+        "How the face is drawn: swap, as well as Guise can; or for comparison, and over hands, too, paper, by the "
+        "papers' plain formulas, or exact, by the first paper's as they stand.",
     )
     alpha: float = option(
         0.6,

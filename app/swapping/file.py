@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 from guise.aam.model import Identity
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
+from guise.app.drawing.engine import Engine
 from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.cover import CoverStyle
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.grade import grade
+from guise.app.swapping.donors import open_donor
+from guise.app.swapping.grade import TYPICAL_FACE, Grade, grade
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
 from guise.app.swapping.session import SwapSession
 from guise.app.swapping.source_person import source_person
@@ -57,11 +58,11 @@ def swap_file(
             if settings.rest_seconds is not None:
                 person = _at_rest(person, video, settings)
             tally = Tally(settings, media, "swapping")
-            options, finder = settings.engine_options(float(media.frame_rate)), settings.face_finder()
+            look, finder = settings.drawn_look(), settings.face_finder()
             style: CoverStyle | None = "mosaic" if settings.unsure == "cover" else None
             with (
                 one_thread(),
-                SwapSession(lambda _: Engine(person, identity, finder, options), style) as session,
+                SwapSession(lambda _: Engine(person, identity, finder, look), style) as session,
             ):
                 engine = session.engine(PERSON)
                 fits: dict[int, Fit | Failed] = {}
@@ -85,3 +86,9 @@ def _at_rest(person: Identity, video: Path, settings: SwapSettings) -> Identity:
     from guise.app.enrolment.rest import at_rest
 
     return at_rest(person, video, float(settings.rest_seconds or 0), settings.face_finder())
+
+
+def enrolment_grade(person: Identity) -> Grade | None:
+    """The grade of a swap of a person whom a video shows with a typical face of the gallery."""
+    with Engine(person, open_donor(TYPICAL_FACE), None) as engine:
+        return grade(engine)

@@ -10,7 +10,7 @@ Lab is OpenCV's float Lab, L 0..100; smooth means a Gaussian with SMOOTH_FACE_WI
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import cv2
 import numpy as np
@@ -18,8 +18,6 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceClass, FaceParser
 from guise.app.media import Frame
-from guise.app.swapping.donors import open_donor
-from guise.app.swapping.engine import Engine
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.quantile import quantile
 from guise.common.tuned import derived, tuned
@@ -118,10 +116,32 @@ _ADVICE = {
 }
 
 
-def grade(engine: Engine) -> Grade | None:
+class Pair(Protocol):
+    """The person in the video, and whose face is shown."""
+
+    @property
+    def person(self) -> Identity: ...
+    @property
+    def donor(self) -> Identity: ...
+
+
+class Trial(Protocol):
+    """What draws a swap: an `guise.app.drawing.engine.Engine`."""
+
+    @property
+    def plan(self) -> Pair: ...
+    def reset(self) -> None:
+        """Begin with a new face."""
+
+    def draw(self, frame: Frame, shape: F64) -> F64:
+        """Swap the face that lies at a shape (81, 2) in a frame, in place."""
+
+
+def grade(engine: Trial) -> Grade | None:
     """The grade of a swap by its engine, which has drawn all that it is to draw; None without skin to look at."""
-    source, rest = engine.source, engine.source.rest_frame
-    engine.painter.reset()
+    person, face = engine.plan.person, engine.plan.donor
+    rest = person.rest_frame
+    engine.reset()
     for _ in range(TRIAL_FRAMES):
         frame = Frame.from_rgb(np.array(rest.picture))
         engine.draw(frame, np.array(rest.shape, np.float64))
@@ -130,7 +150,7 @@ def grade(engine: Engine) -> Grade | None:
     skin = _skin(before, rest.shape - (x0, y0))
     if not skin.any():
         return None
-    shapes = [face.appearance.neutral_shape / face.reference.resolution for face in (source, engine.target)]
+    shapes = [one.appearance.neutral_shape / one.reference.resolution for one in (person, face)]
     was, made = _lab(before), _lab(after)
     away = _smooth(made, rest.shape) - _smooth(was, rest.shape)
     return Grade(
@@ -139,12 +159,6 @@ def grade(engine: Engine) -> Grade | None:
         round(float(np.log2(_energy(made, skin) / _energy(was, skin))), 3),
         round(float(np.abs(shapes[0] - shapes[1]).mean()), 4),
     )
-
-
-def enrolment_grade(person: Identity) -> Grade | None:
-    """The grade of a swap of a person whom a video shows with a typical face of the gallery."""
-    with Engine(person, open_donor(TYPICAL_FACE), None) as engine:
-        return grade(engine)
 
 
 def _surroundings(shape: F64, size: tuple[int, ...]) -> tuple[tuple[int, int], tuple[int, int]]:

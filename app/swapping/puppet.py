@@ -7,7 +7,7 @@ still's own chin never shows beside the moving one.  Pixels, x right, y down.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
-from guise.aam.extrapolation import Extrapolator
 from guise.aam.landmarks import Landmarker
 from guise.aam.landmarks.schemes import (
     FOREHEAD,
@@ -32,18 +31,21 @@ from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.aam.tracker import Fit
+from guise.app.drawing.engine import Outcome
+from guise.app.drawing.face import FaceInFrame, Seen
+from guise.app.drawing.look import PUPPET, Look
+from guise.app.drawing.memory import Memory
+from guise.app.drawing.plan import Plan
 from guise.app.media import Frame, open_input, open_sink
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
-from guise.app.swapping.engine import Outcome
-from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.painter import Painter
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
 from guise.app.swapping.source_person import source_person
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
 from guise.render import make_compositor
+from guise.render.compositor import Renderer
 
 if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
@@ -77,7 +79,7 @@ class Puppet(Closing):
     source : Identity of the driver.
     target : Identity whose still moves.
     finder, landmarker : find and follow the driver's face, see `PersonTracker`.
-    options : EngineOptions.
+    look : Look.
     """
 
     def __init__(
@@ -85,25 +87,23 @@ class Puppet(Closing):
         source: Identity,
         target: Identity,
         finder: FaceFinder | None,
-        options: EngineOptions = EngineOptions(),
+        look: Look = PUPPET,
         landmarker: Landmarker | None = None,
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
-        self.extrapolator = Extrapolator(source.appearance, target.appearance, options.alpha)
-        self.estimator = ParameterEstimator(source.appearance)
+        self.plan = Plan.of(source, target, look)
+        self.memory = Memory()
         self.tracker = PersonTracker(source.tracker, finder, landmarker=landmarker, rest=source.rest_frame)
         self._still = fitted(target.rest_frame)
-        own = ParameterEstimator(target.appearance)
-        self.painter = Painter(target, target, own, options)
         self._pose = PoseRemover(target.reference)
         self._neutral = source.appearance.neutral_parameters
         self._unturned = self._pose.from_parameters(source.appearance)
-        self._rest = self._shape(self.extrapolator.apply(source.appearance.neutral_parameters))
+        self._rest = self._shape(self.plan.texture.extrapolator.apply(source.appearance.neutral_parameters))
         fit = align_planar(target.appearance.neutral_shape, self._still.shape, RIGID_WEIGHTS)
         self._linear, self.zoom = fit.linear, fit.scale
-        self._surroundings = Surroundings(self._still, options)
+        self._surroundings = Surroundings(self._still, look.renderer)
         self._appearance = np.array(target.appearance.neutral, np.float32)  # a copy: it moves
-        self._fit_palette(target, own)
+        self._see_still(target)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -115,9 +115,10 @@ class Puppet(Closing):
         """The still with the expression of the driver's frame; the last one when the driver is lost."""
         fit = self.tracker.update(frame.luma)
         if isinstance(fit, Fit):
-            texels = frame.sample_rgb(self.estimator.sampler.positions(fit.shape))
-            expression = self._unturned @ (self.estimator(fit.shape, texels) - self._neutral)
-            seen = self.extrapolator.apply(self._neutral + expression)
+            texture = self.plan.texture
+            texels = frame.sample_rgb(texture.estimator.sampler.positions(fit.shape))
+            expression = self._unturned @ (texture.estimator(fit.shape, texels) - self._neutral)
+            seen = texture.extrapolator.apply(self._neutral + expression)
             self._appearance += np.float32(LIMITS.new_expression_share) * (seen - self._appearance)
         outcome: Outcome = "swapped" if isinstance(fit, Fit) else "held"
         return outcome, self._drawn()
@@ -128,26 +129,42 @@ class Puppet(Closing):
         moved[PINNED_POINTS] = 0
         return uncrossed(self._still.shape + moved @ self._linear)
 
+    @property
+    def alpha(self) -> float:
+        """Share in [0, 1] of the expression outside the identity's own space; setting it costs."""
+        return self.plan.texture.alpha
+
+    @alpha.setter
+    def alpha(self, value: float) -> None:
+        self.plan.texture.alpha = value
+
     def close(self) -> None:
         """Release the compositors."""
-        self.painter.close()
+        self.plan.blend.close()
         self._surroundings.close()
 
     def _drawn(self) -> Frame:
         mesh = self.mesh(self._appearance)
         made = Frame.from_rgb(self._surroundings.around(mesh))
-        self.painter.blend(made, mesh, self._appearance[SHAPE_ENTRIES:].reshape(-1, 3), self.zoom)
+        self._draw(made, mesh, self._appearance)
         return made
 
+    def _draw(self, frame: Frame, mesh: F64, appearance: F32, seen: Seen | None = None) -> None:
+        face = FaceInFrame(frame, mesh, mesh, mesh=mesh, zoom=self.zoom, seen=seen or Seen())
+        face.canvas.texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
+        for step in (*self.plan.placing, *self.plan.drawing):
+            step(face, self.memory)
+
     def _shape(self, appearance: F32) -> F64:
-        frame = self.painter.reference
+        frame = self.plan.donor.reference
         return appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / frame.shape_weight
 
-    def _fit_palette(self, target: Identity, own: ParameterEstimator) -> None:
-        """Fit the palette to the light of the still."""
-        scratch = Frame.from_rgb(self._still.picture)
-        texels = scratch.sample_rgb(own.sampler.positions(self._still.shape))
-        self.painter.paint(scratch, self._still.shape, target.appearance.neutral, texels)
+    def _see_still(self, target: Identity) -> None:
+        """Measure the light of the still, and how sharp it is, on a copy."""
+        still, own = Frame.from_rgb(self._still.picture), ParameterEstimator(target.appearance)
+        places = own.sampler.positions(self._still.shape)
+        rgb = still.sample_rgb(places)
+        self._draw(still, self._still.shape, target.appearance.neutral, Seen(places, rgb, rgb))
 
 
 class PoseRemover:
@@ -208,10 +225,10 @@ class Surroundings:
     Parameters
     ----------
     still : picture and landmarks.
-    options : for the renderer.
+    renderer : "auto", "gl" or "cpu".
     """
 
-    def __init__(self, still: RestFrame, options: EngineOptions) -> None:
+    def __init__(self, still: RestFrame, renderer: Renderer) -> None:
         from scipy.spatial import Delaunay
 
         self._picture = still.picture
@@ -224,7 +241,7 @@ class Surroundings:
         uv = np.clip(points - self._corner, 0, (x1 - x0 - 1, y1 - y0 - 1))
         self._texture = np.ascontiguousarray(still.picture[self._roi])
         self._compositor = make_compositor(
-            options.renderer,
+            renderer,
             Delaunay(points).simplices.astype(np.int32),
             uv.astype(np.float32),
             np.ones(self._texture.shape[:2], np.float32),
@@ -296,7 +313,9 @@ def puppet_file(
         ) as sink:
             person = source_person(media, source, identity, settings)
             tally = Tally(settings, media, "moving")
-            with one_thread(), Puppet(person, identity, settings.face_finder(), settings.options) as puppet:
+            asked = settings.look
+            look = replace(PUPPET, alpha=asked.alpha, renderer=asked.renderer, exact=asked.kind == "paper")
+            with one_thread(), Puppet(person, identity, settings.face_finder(), look) as puppet:
 
                 def make(frame: Frame) -> Frame:
                     outcome, picture = puppet.animate(frame)
@@ -305,5 +324,5 @@ def puppet_file(
 
                 stats = replace_frames(media, sink, make, progress=tally.progress)
                 tally.require_some(person.name)
-                tally.faces, tally.renderer = puppet.tracker.most_faces, puppet.painter.renderer
+                tally.faces, tally.renderer = puppet.tracker.most_faces, puppet.plan.blend.renderer
         return tally.report(output, stats, sink.first_packet)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from guise.aam.landmarks import open_detector, open_landmarker
 from guise.aam.person_tracker import FaceFinder
+from guise.app.drawing.look import SWAP, Look
+from guise.app.drawing.passes.place import OUTLINE_WARP
 from guise.app.media import EncodeOptions, MediaInput, ProcessStats
 from guise.app.media.hardware import HardwareDecoder
-from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.outline import LIMITS as OUTLINE
-from guise.app.swapping.policy import LIMITS, Unsure, frames_within
+from guise.app.swapping.policy import LIMITS, Unsure
 from guise.common.errors import GuiseError
 from guise.common.progress import Progress, Say, mute, silent
 
@@ -27,7 +27,7 @@ class SwapSettings:
 
     Parameters
     ----------
-    options : how the engine draws.
+    look : how faces are drawn.
     encode : encoder, crf, preset, lossless.
     hwaccel : the device that decodes the video, "auto" for one that works, or "none" for the processor.
     detector : "builtin", the landmarker, or "lbp" or "yunet:MODEL.onnx", which find boxes: what finds the face at the
@@ -42,7 +42,7 @@ class SwapSettings:
     say : called with notes for the user.
     """
 
-    options: EngineOptions = EngineOptions()
+    look: Look = SWAP
     encode: EncodeOptions = field(default_factory=EncodeOptions)
     hwaccel: HardwareDecoder = "none"
     detector: str = "builtin"
@@ -54,10 +54,10 @@ class SwapSettings:
     progress: Progress = silent
     say: Say = mute
 
-    def engine_options(self, rate: float) -> EngineOptions:
-        """How the engine draws, with the frames for which a lost face is held.   rate : frames a second."""
+    def drawn_look(self) -> Look:
+        """How faces are drawn, with the time for which a lost one is held."""
         seconds = LIMITS.hold_seconds if self.unsure == "hold" else LIMITS.bridge_seconds
-        return replace(self.options, hold_frames=frames_within(seconds, rate))
+        return replace(self.look, hold_seconds=seconds)
 
     def face_finder(self) -> FaceFinder:
         """What finds the face."""
@@ -127,7 +127,7 @@ class Tally:
     def __init__(self, settings: SwapSettings, media: MediaInput, stage: str) -> None:
         self._settings, self._media, self._stage = settings, media, stage
         self._total = media.frame_count or 0
-        self._beyond = OUTLINE.outer_reach if settings.options.follows_outline else 0.0
+        self._beyond = OUTLINE_WARP.outer_reach if settings.look.outline > 0 else 0.0
         self._start = time.perf_counter()
         self.counts = {"swapped": 0, "held": 0, "covered": 0, "lost": 0}
         self.faces = 0

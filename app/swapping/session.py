@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -18,13 +18,10 @@ from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.media import Frame
 from guise.app.swapping.cover import CoverStyle, cover
-from guise.app.swapping.engine import Engine
 from guise.app.swapping.policy import COVERED, DONE, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
 from guise.common.arrays import F64
 from guise.common.closing import Closing
 
-OpenEngine = Callable[[int], Engine]
-AfterSwap = Callable[[Engine, "FaceRow"], None]
 ABSENT = Failed("not in this frame")
 
 
@@ -45,7 +42,33 @@ class FaceRow:
     mesh: F64 | None = None
 
 
-class SwapSession(Closing):
+class Swap(Protocol):
+    """What became of a frame of one person, see `guise.app.drawing.engine.SwapResult`."""
+
+    @property
+    def outcome(self) -> Literal["swapped", "held", "lost"]: ...
+    @property
+    def mesh(self) -> F64 | None: ...
+    @property
+    def doubt(self) -> float: ...
+
+
+class Drawer(Protocol):
+    """Draws one face over one person: an `guise.app.drawing.engine.Engine`."""
+
+    @property
+    def renderer(self) -> str: ...
+    def swap_tracked(self, frame: Frame, fit: Fit | Failed) -> Swap:
+        """Draw where the person was tracked, in place."""
+
+    def close(self) -> None:
+        """Release it."""
+
+
+D = TypeVar("D", bound=Drawer)
+
+
+class SwapSession(Closing, Generic[D]):
     """Draws faces on people's heads and covers others, in frames in the order of time; use it by `with`, in one thread.
 
     Parameters
@@ -57,24 +80,24 @@ class SwapSession(Closing):
 
     def __init__(
         self,
-        open_engine: OpenEngine,
+        open_engine: Callable[[int], D],
         style: CoverStyle | None = None,
         detector: ScoredDetector | None = None,
     ) -> None:
         self._open_engine, self._style, self._detector = open_engine, style, detector
-        self._engines: dict[int, Engine] = {}
+        self._engines: dict[int, D] = {}
         self._followed: dict[int, FollowedFace] = {}
         self.renderer = ""  # of the faces that were drawn
 
-    def engine(self, who: int) -> Engine:
+    def engine(self, who: int) -> D:
         """Somebody's engine."""
         if who not in self._engines:
             self._engines[who] = self._open_engine(who)
-            self.renderer = self._engines[who].painter.renderer
+            self.renderer = self._engines[who].renderer
         return self._engines[who]
 
     @property
-    def engines(self) -> Mapping[int, Engine]:
+    def engines(self) -> Mapping[int, D]:
         """The engines of all who were drawn and not released."""
         return self._engines
 
@@ -104,7 +127,7 @@ class SwapSession(Closing):
 
     def treat(
         self, frame: Frame, treatments: Sequence[FaceTreatment], fits: Mapping[int, Fit | Failed],
-        after: AfterSwap | None = None,
+        after: Callable[[D, FaceRow], None] | None = None,
     ) -> list[FaceRow]:  # fmt: skip
         """Do what is planned, in place; a face that cannot be swapped is covered, or left if it may be.
 

@@ -22,13 +22,13 @@ from guise.aam.landmarks import Face, open_landmarker
 from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
 from guise.aam.training import TrainingError, TrainingOptions
+from guise.app.drawing.engine import Engine
 from guise.app.media import Frame, MediaInput, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.people import kept
 from guise.app.people.finding import MIN_ALIKE, VideoPeople, VideoPerson, find_people
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.donors import MODEL_SUFFIX, assign, fictional, open_donor, open_face
-from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
 from guise.app.swapping.policy import (
     COVERED,
@@ -403,7 +403,7 @@ class _Drawing(Closing):
         self, roles: Sequence[_Role], plan: _Plan, style: CoverStyle, settings: SwapSettings
     ) -> None:
         self._roles, self._plan = {role.person.number: role for role in roles}, plan
-        self._options = replace(settings.options, hold_frames=0)
+        self._look = replace(settings.look, hold_seconds=0.0)
         self._landmarker = open_landmarker("builtin")
         self.session = SwapSession(self._open_engine, style)
         self._counts: dict[int, Counter[str]] = defaultdict(Counter)
@@ -447,4 +447,4 @@ class _Drawing(Closing):
         role = self._roles[who]
         assert role.model is not None
         assert role.shown is not None
-        return Engine(role.model, role.shown, self._landmarker, self._options)
+        return Engine(role.model, role.shown, self._landmarker, self._look)

@@ -19,8 +19,8 @@ from guise.aam.parsing import FaceClass, FaceParser
 from guise.aam.similarity import Failed
 from guise.aam.solid_shape import HeadPose, SolidPrior
 from guise.aam.tracker import FaceMatch, Fit, Tracker
+from guise.app.drawing.face import parse_frame
 from guise.app.media import Frame
-from guise.app.swapping.occlusion import parse_frame
 from guise.common.arrays import F32, F64
 from guise.common.tuned import tuned
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -19,11 +19,11 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
 from guise.aam.training import TrainingOptions
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import SWAP
+from guise.app.drawing.plan import Plan, Step
 from guise.app.media import Frame, MediaError, open_input, open_sink, process
-from guise.app.swapping.engine import Engine
 from guise.app.swapping.file import swap_file
-from guise.app.swapping.options import EngineOptions
-from guise.app.swapping.painter import Painter
 from guise.app.swapping.report import SwapReport, SwapSettings
 from guise.common.progress import Progress, Say, mute, silent
 from guise.common.report import Report
@@ -54,18 +54,26 @@ class _Clock:
     """Records times by stage."""
 
     def __init__(self) -> None:
-        self.times: dict[str, list[float]] = defaultdict(list)
+        self._frames: list[dict[str, float]] = []
+        self._frame: dict[str, float] = defaultdict(float)
 
-    def measure(self, stage: str, work: Callable[[], T]) -> T:
-        """The result of `work`, whose time is recorded."""
+    def add(self, stage: str, work: Callable[[], T]) -> T:
+        """The result of `work`, whose time is added to that of a stage of this frame."""
         start = time.perf_counter()
         result = work()
-        self.times[stage].append(1e3 * (time.perf_counter() - start))
+        self._frame[stage] += 1e3 * (time.perf_counter() - start)
         return result
+
+    def end_frame(self, *, kept: bool) -> None:
+        """Begin with the next frame."""
+        if kept:
+            self._frames.append(self._frame)
+        self._frame = defaultdict(float)
 
     def timings(self, renderer: str) -> list[Timing]:
         """Median and 95th percentile of every stage, and of their sum."""
-        times = {stage: np.array(values[WARM_UP_FRAMES:]) for stage, values in self.times.items()}
+        counted = self._frames[WARM_UP_FRAMES:]
+        times = {stage: np.array([frame[stage] for frame in counted]) for stage in counted[0]}
         times["all"] = np.sum(list(times.values()), axis=0)
         return [
             Timing(
@@ -73,17 +81,6 @@ class _Clock:
             )
             for stage, t in times.items()
         ]
-
-
-class _TimedPainter(Painter):
-    """A painter whose drawing is timed separately from the rest of its work."""
-
-    def __init__(self, clock: _Clock, *parts: Any) -> None:
-        super().__init__(*parts)
-        self._clock = clock
-
-    def blend(self, *arguments: Any, **more: Any) -> None:
-        self._clock.measure("warp and blend", lambda: Painter.blend(self, *arguments, **more))
 
 
 def prepare(
@@ -209,11 +206,9 @@ def _measure_one(
     clock, done = _Clock(), 0
     with (
         open_input(clip) as media,
-        Engine(source, target, SwapSettings().face_finder(), EngineOptions(renderer=renderer)) as engine,
+        Engine(source, target, SwapSettings().face_finder(), replace(SWAP, renderer=renderer)) as engine,
     ):
-        engine.painter = _TimedPainter(
-            clock, source, target, engine.estimator, engine.options, engine.occlusion
-        )
+        engine.plan = _timed(engine, clock)
         for frame in media:
             done += _timed_swap(engine, frame, clock)
             if done >= frames + WARM_UP_FRAMES:
@@ -226,21 +221,25 @@ def _measure_one(
     return clock.timings(renderer)
 
 
+def _timed(engine: Engine, clock: _Clock) -> Plan:
+    """The engine's plan with a clock around each pass; a pass is named by its module."""
+
+    def watched(step: Step) -> Step:
+        name = step.__module__.rsplit(".", 1)[-1].replace("_", " ")
+        return lambda face, memory: clock.add(name, lambda: step(face, memory))
+
+    plan = engine.plan
+    seeing, placing, drawing = (
+        tuple(map(watched, steps)) for steps in (plan.seeing, plan.placing, plan.drawing)
+    )
+    return replace(plan, seeing=seeing, placing=placing, drawing=drawing)
+
+
 def _timed_swap(engine: Engine, frame: Frame, clock: _Clock) -> bool:
     """As Engine.swap, with a clock around its parts; False when the person is lost."""
-    tracking = _Clock()
-    fit = tracking.measure("track", lambda: engine.tracker.update(frame.luma))
-    if not isinstance(fit, Fit):
-        return False
-    clock.times["track"] += tracking.times["track"]
-    solid = clock.measure("solid shape", lambda: engine.solid.update(fit.shape))
-    view = engine.view(fit.shape, solid)
-    places = engine.places(fit.shape, view)
-    texels = clock.measure("sample", lambda: frame.sample_rgb(engine.places(fit.shape, view)))
-    clear = clock.measure("occlusion", lambda: engine.clear(frame, fit.shape, places, texels))
-    parameters = clock.measure("parameters", lambda: engine.estimator(fit.shape, clear))
-    appearance = clock.measure("extrapolate", lambda: engine.synthesise(parameters, fit.shape, solid))
-    painting = _Clock()
-    painting.measure("paint", lambda: engine.painter.paint(frame, fit.shape, appearance, texels, view))
-    clock.times["place and palette"].append(painting.times["paint"][0] - clock.times["warp and blend"][-1])
-    return True
+    fit = clock.add("track", lambda: engine.track(frame))
+    is_found = isinstance(fit, Fit)
+    if is_found:
+        engine.swap_tracked(frame, fit)
+    clock.end_frame(kept=is_found)
+    return is_found

@@ -22,12 +22,11 @@ from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.tracker import Fit
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import LIVE
 from guise.app.live.background_detector import BackgroundDetector
 from guise.app.live.capture import FileCapture
 from guise.app.live.output import Output
-from guise.app.live.session import JAW_MARGIN_FACE_WIDTHS
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.trust import TrustJudge
 from guise.common.threads import one_thread
 
@@ -86,7 +85,7 @@ def parts(scene: Scene, frames: int) -> F64:
         BackgroundDetector() as detector,
     ):
         person_tracker, judge = PersonTracker(scene.person.tracker, detector), TrustJudge()
-        with Engine(scene.person, scene.donor, None, EngineOptions(jaw=JAW_MARGIN_FACE_WIDTHS)) as engine:
+        with Engine(scene.person, scene.donor, None, LIVE) as engine:
             marks = [time.perf_counter()]
             for frame in islice(capture, frames):
                 marks.append(time.perf_counter())

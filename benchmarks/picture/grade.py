@@ -25,8 +25,8 @@ from benchmarks.picture import pairs
 from benchmarks.picture.pairs import EXPRESSIONS, PAIRS
 from benchmarks.picture.program import WORK
 from guise.aam.model import Identity
+from guise.app.drawing.engine import Engine
 from guise.app.measure.figures import mean_of
-from guise.app.swapping.engine import Engine
 from guise.app.swapping.grade import grade
 from guise.app.swapping.report import SwapSettings
 from guise.common.arrays import F64
@@ -67,7 +67,7 @@ def of_pair(source: str, donor: str, options: argparse.Namespace) -> dict[str, A
     if not judged.exists():
         pairs.of_pair(source, donor, options)
     people = [Identity.load(options.work / "people" / f"{name}.guise") for name in (source, donor)]
-    with Engine(*people, None, SwapSettings().engine_options()) as engine:
+    with Engine(*people, None, SwapSettings().drawn_look()) as engine:
         found = grade(engine)
     assert found is not None
     return {

@@ -15,8 +15,8 @@ import numpy as np
 from guise.aam.landmarks.schemes import CHIN, JAW
 from guise.aam.model import RestFrame
 from guise.aam.parsing import FaceClass, HeadParser, Parsing
+from guise.app.drawing.face import parse_frame
 from guise.app.media import Frame
-from guise.app.swapping.occlusion import parse_frame
 from guise.common.arrays import F32, F64, U8, Bool
 
 _HEAD = tuple(c for c in FaceClass if c not in (FaceClass.BACKGROUND, FaceClass.OCCLUDER))

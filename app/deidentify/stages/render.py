@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -27,10 +27,10 @@ from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
 from guise.app.deidentify.tracks import Track
+from guise.app.drawing.engine import Engine
+from guise.app.drawing.look import DISGUISE
 from guise.app.media import Frame
 from guise.app.swapping.donors import open_donor
-from guise.app.swapping.engine import Engine
-from guise.app.swapping.options import EngineOptions
 from guise.app.swapping.policy import COVERED, NOBODY, SWAPPED, FaceTreatment, frames_within
 from guise.app.swapping.policy import LIMITS as POLICY
 from guise.app.swapping.session import FaceRow, SwapSession
@@ -42,8 +42,6 @@ from guise.common.closing import Closing
 class RenderLimits:
     """How far a swap reaches beyond the face's outline, and what follows what the audit finds."""
 
-    jaw_face_widths: float = 0.05  # hides the own outline even where a rolled head is found less exactly
-    forehead_face_widths: float = 0.28  # with the region "face": a head brings its own hairline
     audit_grid_step: int = 4  # pixels of the reference grid, of what the audit is told of objects in front
     same_place_iou: float = 0.5  # of two detections of the audit
     max_repeats: int = 3  # of a segment in which the audit found faces
@@ -138,17 +136,12 @@ class SegmentRenderer(Closing):
             self._case.model_of(track.origin),
             open_donor(track.donor),
             None,
-            EngineOptions(
+            replace(
+                DISGUISE,
                 alpha=options.alpha,
                 renderer=options.renderer,
-                jaw=LIMITS.jaw_face_widths,
-                forehead=LIMITS.forehead_face_widths if options.region == "face" else 0.0,
-                hold_frames=0,
-                occluders="objects",
-                disguise=True,
-                # The privacy figures are measured with it: narrower means of light cost some privacy, and so
-                # would the learned light, which knows the person at rest.
-                light="classical",
+                forehead=DISGUISE.forehead if options.region == "face" else 0.0,
+                hold_seconds=0.0,
             ),
         )
 
@@ -171,7 +164,10 @@ def _drawn(track: int, engine: Engine, mesh: F64) -> DrawnFace:
     box, uncovered = np.concatenate([mesh.min(0), mesh.max(0)]), engine.uncovered
     if uncovered is None:
         return DrawnFace(track, box)
-    step, place = LIMITS.audit_grid_step, engine.target.reference.to_grid(mesh)
+    step, place = (
+        LIMITS.audit_grid_step,
+        engine.plan.donor.reference.to_grid(mesh),
+    )
     small = cv2.resize(uncovered, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
     shift = (place.apply(np.zeros((1, 2)))[0] + 0.5) / step - 0.5
     to_grid = np.column_stack([place.linear.T / step, shift])

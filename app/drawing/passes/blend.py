@@ -1,0 +1,116 @@
+"""The lit texture as a picture, warped and blended into the frame's own planes.
+
+Pixels, x right, y down; grid pixels where it says so.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from guise.aam.mask import beyond_mask
+from guise.aam.relief import Relief
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.memory import Memory
+from guise.common.arrays import F32
+from guise.common.closing import Closing
+from guise.render import Compositor, make_compositor
+from guise.render.compositor import Renderer
+
+FEATHER_FACE_WIDTHS = 0.02  # standard deviation of the soft border
+NARROW_FEATHER_FACE_WIDTHS = 0.01  # in a disguise and with the papers' formulas: less of the own rim shows
+
+
+class Blend(Closing):
+    """Draws pictures on the relief's mesh.
+
+    Parameters
+    ----------
+    relief : of the face that is drawn.
+    alpha : (h, w) float32 in [0, 1] of the face on the grid, feathered.
+    renderer : "auto", "gl" or "cpu".
+    """
+
+    def __init__(self, relief: Relief, alpha: F32, renderer: Renderer) -> None:
+        self._relief, self._alpha, self._renderer = relief, alpha, renderer
+        self._compositors: dict[bool, Compositor] = {}
+        self._whole: dict[bool, bool] = {}  # whether each of them draws all of the face
+        reference = relief.reference
+        self._grid = np.zeros(reference.size, np.uint32)
+        self._beside, self._nearest = beyond_mask(reference.mask)
+        self._zeros = np.zeros((3, len(reference.pixels)), np.float32)
+
+    def spread(self, face: FaceInFrame, memory: Memory) -> None:
+        """Find where the drawn face's relief lies in the frame."""
+        face.canvas.mesh = self._relief.seen(face.mesh, face.sight.across)
+
+    def begin(self, face: FaceInFrame, memory: Memory) -> None:
+        """Cut the rectangle out of the frame in which the face lies; none is left of a face beside the picture."""
+        canvas, frame = face.canvas, face.frame
+        x, y, w, h = frame.align_roi(*(canvas.mesh.min(0) - 1), *(canvas.mesh.max(0) + 2))
+        if w < 2 or h < 2:
+            return
+        canvas.corner, canvas.roi = (x, y), frame.read_roi(x, y, w, h)
+        if memory.parsed is not None:
+            parsing, then = memory.parsed
+            face.parsed = parsing.from_place(*((x, y) - (face.head - then).mean(0)))
+
+    def scatter(self, face: FaceInFrame, memory: Memory) -> None:
+        """Lay the lit texture out as a picture of bytes; by whole words, which is fastest."""
+        reference = self._relief.reference
+        bytes_ = cv2.add(face.canvas.planes, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
+        words = cv2.merge([*bytes_, bytes_[0]]).view(np.uint32).ravel()
+        self._grid[reference.mask] = words
+        grid = self._grid.ravel()
+        grid[self._beside] = grid[self._nearest]
+        four = self._grid.view(np.uint8).reshape(*reference.size, 4)
+        face.canvas.picture = np.asarray(cv2.cvtColor(four, cv2.COLOR_BGRA2BGR), np.uint8)
+
+    def composite(self, face: FaceInFrame, memory: Memory) -> None:
+        """Draw the picture on the mesh, where nothing hides the face."""
+        canvas = face.canvas
+        self._set_alpha(canvas.fine, canvas.share, canvas.rims)
+        mesh = canvas.mesh - canvas.corner
+        self._compositor(canvas.fine).composite(canvas.roi, canvas.picture, mesh, out=canvas.roi)
+
+    def write(self, face: FaceInFrame, memory: Memory) -> None:
+        """Put the rectangle back into the frame."""
+        face.frame.write_roi(*face.canvas.corner, face.canvas.roi)
+
+    def close(self) -> None:
+        """Release the compositors."""
+        for compositor in self._compositors.values():
+            compositor.close()
+        self._compositors.clear()
+
+    @property
+    def renderer(self) -> str:
+        """What draws the face, for the user."""
+        return self._compositor(False).description
+
+    def _set_alpha(self, fine: bool, share: F32 | None, rims: F32 | None) -> None:
+        """Draw only what nothing hides."""
+        whole = share is None and rims is None
+        if not (whole and self._whole.get(fine, True)):
+            alpha = self._enlarged(self._alpha if share is None else self._alpha * share, fine)
+            self._compositor(fine).set_alpha(alpha if rims is None else alpha * (1 - rims))
+        self._whole[fine] = whole
+
+    def _compositor(self, fine: bool) -> Compositor:
+        if fine not in self._compositors:
+            factor = 2 if fine else 1
+            uv = (self._relief.points + 0.5) * factor - 0.5
+            self._compositors[fine] = make_compositor(
+                self._renderer,
+                self._relief.front_last,
+                uv.astype(np.float32),
+                self._enlarged(self._alpha, fine),
+            )
+        return self._compositors[fine]
+
+    def _enlarged(self, alpha: F32, fine: bool) -> F32:
+        """An alpha (h, w) at the size of the texture."""
+        if not fine:
+            return alpha
+        h, w = alpha.shape
+        return np.asarray(cv2.resize(alpha, (2 * w, 2 * h), interpolation=cv2.INTER_LINEAR), np.float32)

@@ -1,0 +1,260 @@
+"""Brows: as thick as they are, and never two of them, one above the other.
+
+A mesh stretches brows when lids close or brows rise.  The points of a brow lie along its upper edge, and its hair in
+the triangles between them and the lid, so that a brow would grow with its distance from the lid, by a third in a blink,
+and its lower edge break where triangles meet.  So each place of the texture below a brow's points is read as far below
+as it is drawn, and the skin from the brow's end to the lid takes up the rest.
+
+A brow of the source may reach beyond the drawn face: its tail at the temple, or an arch above the drawn forehead.  So
+before the face is drawn, what the parsing takes for brows becomes skin as it is beside them, unless both brows lie on
+one line: the drawn one, which ends with the face, goes on in the person's own then.  Hair, glasses and things in front
+of a brow stay.
+
+Pixels, x right, y down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guise.aam.appearance import AppearanceModel
+from guise.aam.brows import BrowFollower
+from guise.aam.landmarks.schemes import (
+    LEFT_BROW,
+    LEFT_EYE_INNER,
+    LEFT_EYE_OUTER,
+    LEFT_UPPER_LID,
+    RIGHT_BROW,
+    RIGHT_EYE_INNER,
+    RIGHT_EYE_OUTER,
+    RIGHT_UPPER_LID,
+    Group,
+)
+from guise.aam.parsing import FaceClass, Parsing
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.memory import Memory
+from guise.common.arrays import F32, F64, U8
+from guise.common.interpolation import interpolation
+from guise.common.small import ramp
+
+
+@dataclass(frozen=True)
+class BrowStripLimits:
+    """Lengths in face widths, heights in distances from brow to lid."""
+
+    thickness: float = 0.05  # of a brow, below its points
+    lowest: float = 0.8  # height at which a brow ends at most
+    fade: float = 0.05  # beyond either end of a brow, over which the strip ends
+    stretch: tuple[float, float] = (0.6, 1.8)  # of the distance, more counts as this
+    unchanged: float = 0.02  # of a stretch, that isn't seen
+    least: float = 1.0  # grid pixels from brow to lid
+
+
+@dataclass(frozen=True)
+class BrowCoverLimits:
+    """Lengths in face widths, shares of classes."""
+
+    reach: float = 0.09  # beyond a brow's points, within which it is looked for
+    brow_share: tuple[float, float] = (0.06, 0.25)  # up to which nothing is painted over, from which all is
+    apart: tuple[float, float] = (0.015, 0.03)  # from the drawn brow, up to which one goes on in the other
+    tail: float = 0.1  # by which a drawn brow goes on beyond its last point
+    growth: float = 0.02  # of what is painted over
+    beside: float = 0.05  # standard deviation of the weights of the skin beside
+    least_skin: tuple[float, float] = (0.003, 0.02)  # mean weight, below which nothing is known of it
+    step: float = 0.0125  # between the places at which all of this is found
+
+
+LIMITS, COVER = BrowStripLimits(), BrowCoverLimits()
+IN_FRONT = FaceClass.GLASSES, FaceClass.OCCLUDER
+KINDS = FaceClass.BROWS, FaceClass.SKIN
+
+
+class HeadBrows:
+    """Sets the brows of the head where the frame shows them."""
+
+    def __init__(self, person: AppearanceModel) -> None:
+        self._follower = BrowFollower(person)
+
+    def see(self, face: FaceInFrame, memory: Memory) -> None:
+        """Look at the hair of brows in a frame that was parsed."""
+        if face.parsing is not None:
+            memory.brows.lift.see(face.parsing, face.found)
+
+    def follow(self, face: FaceInFrame, memory: Memory) -> None:
+        """Move their points to their hair as it was seen last, and to where they look alike in this frame."""
+        kept, luma = memory.brows, face.frame.luma
+        lifted = kept.lift(face.found)
+        kept.shifts = self._follower.shifts(luma, lifted, kept.shifts)
+        face.head = self._follower.moved(lifted, kept.shifts)
+
+
+class DrawnBrows:
+    """Keeps the drawn brows as thick as they are at rest, and covers the head's own.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    proportions : (81, 81) weights that take a face's points to those that are drawn.
+    """
+
+    def __init__(self, reference: ReferenceFrame, proportions: F64) -> None:
+        self._width, self._proportions = reference.resolution, proportions
+        self._strips = {factor: _strips(reference, factor) for factor in (1, 2)}
+
+    def keep_thick(self, face: FaceInFrame, memory: Memory) -> None:
+        """Read the brows of the picture as thick as they are at rest."""
+        at_rest = face.sight.at_rest
+        if at_rest is not None:
+            drawn, at_rest = self._proportions @ face.shape, self._proportions @ at_rest
+            for strip in self._strips[1 + face.canvas.fine]:
+                strip.keep(face.canvas.picture, drawn, at_rest)
+
+    def cover_own(self, face: FaceInFrame, memory: Memory) -> None:
+        """Paint over the head's own brows in the frame where they are not the drawn ones."""
+        if face.parsed is not None:
+            canvas = face.canvas
+            head, drawn = face.head - canvas.corner, face.mesh - canvas.corner
+            cover_brows(canvas.roi, head, drawn, face.parsed, face.zoom * self._width)
+
+
+def _strips(reference: ReferenceFrame, factor: int) -> list[_Strip]:
+    """Both brows of a texture, with so many pixels per grid pixel along each axis."""
+    lids = (
+        np.r_[RIGHT_EYE_OUTER, RIGHT_UPPER_LID, RIGHT_EYE_INNER],
+        np.r_[LEFT_EYE_INNER, LEFT_UPPER_LID, LEFT_EYE_OUTER],
+    )
+    return [_Strip(reference, *pair, factor) for pair in zip((RIGHT_BROW, LEFT_BROW), lids, strict=True)]
+
+
+class _Strip:
+    """One of them, with the points of the lid below it from left to right."""
+
+    def __init__(self, reference: ReferenceFrame, brow: Group, lid: Group, factor: int) -> None:
+        points, width = reference.points, reference.resolution
+        fade = LIMITS.fade * width
+        left, right = int(points[brow, 0].min() - fade), int(points[brow, 0].max() + fade + 1)
+        top, bottom = int(points[brow, 1].min()), int(points[lid, 1].max() + 1)
+        self._factor = factor
+        self._place = np.s_[top * factor : bottom * factor, left * factor : right * factor]
+        ys, xs = np.mgrid[top:bottom, left:right]
+        x = xs[0].astype(np.float64)
+        beyond = np.maximum(points[brow, 0].min() - x, x - points[brow, 0].max())
+        self._shown = np.asarray(1 - np.clip(beyond / fade, 0, 1), np.float32)
+        line, lids = (interpolation(x, points[group, 0]) @ points[group, 1] for group in (brow, lid))
+        self._line, self._gap = (np.asarray(values, np.float32) for values in (line, lids - line))
+        self._end = np.minimum(LIMITS.thickness * width / self._gap, LIMITS.lowest)
+        self._heights = np.asarray((ys - self._line) / self._gap, np.float32)
+        inside, ends = np.column_stack([xs.ravel(), ys.ravel()]), np.tile(x, 2)
+        self._inside = MeshSampler.build(reference, inside.astype(np.float64))
+        self._ends = MeshSampler.build(reference, np.column_stack([ends, np.concatenate([line, lids])]))
+        self._columns = np.mgrid[self._place][1].astype(np.float32)
+
+    def keep(self, picture: U8, drawn: F64, at_rest: F64) -> None:
+        columns = len(self._line)
+        at_ends = self._ends.positions(at_rest)[:, 1]
+        gap = np.maximum(at_ends[columns:] - at_ends[:columns], np.float32(LIMITS.least))
+        ends = self._ends.positions(drawn - at_rest)[:, 1]
+        on_line, on_lid = ends[:columns], ends[columns:]
+        stretch = (on_lid - on_line) / gap
+        if np.maximum.reduce(np.abs(stretch)) < LIMITS.unchanged:
+            return
+        moved = self._inside.positions(drawn - at_rest)[:, 1]
+        limited = np.minimum(np.maximum(stretch, LIMITS.stretch[0] - 1), LIMITS.stretch[1] - 1)
+        share = self._shown * limited / (stretch + (stretch == 0))
+        lower = (moved.reshape(self._heights.shape) - on_line) / gap * share  # than on the face at rest
+        read = self._read_at(self._heights + lower, 1 + self._shown * limited)
+        rows = (self._line + self._gap * read + np.float32(0.5)) * self._factor - np.float32(0.5)
+        if self._factor > 1:
+            rows = np.asarray(cv2.resize(rows, self._columns.shape[::-1]), np.float32)
+        picture[self._place] = cv2.remap(
+            picture, self._columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+        )
+
+    def _read_at(self, heights: F32, lid: F32) -> F32:
+        """(h, w) heights at which the texture is read: 0 at the brow's points and 1 at the lid.
+
+        heights : (h, w) at which they are drawn, by the distance at rest.   lid : (w,) likewise, of the lid.
+        """
+        end = np.minimum(self._end, LIMITS.lowest * lid)
+        below = self._end + (heights - end) * ((1 - self._end) / (lid - end))
+        read = np.where(heights < end, heights * (self._end / end), below)
+        inside = (self._heights > 0) & (self._heights < 1)
+        return np.asarray(np.where(inside, read, self._heights), np.float32)
+
+
+def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) -> None:
+    """Paint over the brows of a head (81, 2) in a rectangle (h, w, 3) of a frame, in place.
+
+    drawn : (81, 2), the face that is drawn.   parsing : of the rectangle.   width : of the face, pixels.
+    """
+    for brow, outwards in ((RIGHT_BROW, np.s_[::-1]), (LEFT_BROW, np.s_[:])):
+        share = _share_apart(head[brow][outwards], drawn[brow][outwards], width)
+        if share == 0:
+            continue
+        reach = COVER.reach * width
+        points = head[brow]
+        x0, y0 = np.maximum(np.floor(points.min(0) - reach), 0).astype(int)
+        x1, y1 = np.minimum(np.ceil(points.max(0) + reach), roi.shape[1::-1]).astype(int)
+        step = max(round(COVER.step * width), 1)
+        if min(x1 - x0, y1 - y0) > 2 * step:
+            part = roi[y0:y1, x0:x1]
+            brows, skin = _shares(parsing.from_place(x0, y0), part.shape[:2], step)
+            _cover(part, share * brows, skin, width / step)
+
+
+def _share_apart(own: F64, drawn: F64, width: float) -> np.float32:
+    """Share in [0, 1] by which a brow's points (5, 2), the tail's last, do not lie on the drawn one's line."""
+    tail = drawn[-1] - drawn[-2]
+    tail *= COVER.tail * width / max(math.hypot(*tail), 1e-6)
+    line = np.concatenate([drawn, [drawn[-1] + tail]])
+    away = math.sqrt(np.maximum.reduce(_squared_to_line(own[len(own) // 2 :], line)))
+    return np.float32(ramp(away / width, *COVER.apart))
+
+
+def _squared_to_line(points: F64, line: F64) -> F64:
+    """(p,) squared distances of points (p, 2) from a line through points (n, 2)."""
+    start, along = line[:-1], line[1:] - line[:-1]
+    to = points[:, None] - start
+    share = (to[..., 0] * along[:, 0] + to[..., 1] * along[:, 1]) / np.maximum(
+        along[:, 0] ** 2 + along[:, 1] ** 2, 1e-9
+    )
+    off = to - np.minimum(np.maximum(share, 0), 1)[..., None] * along
+    return np.asarray(np.minimum.reduce(off[..., 0] ** 2 + off[..., 1] ** 2, 1))
+
+
+def _shares(parsing: Parsing, size: tuple[int, ...], step: int) -> tuple[F32, F32]:
+    """(h / step, w / step) shares of brows, and of bare skin, in a rectangle (h, w)."""
+    planes = np.dstack([*(parsing.shares[kind] for kind in KINDS), parsing.share(*IN_FRONT)])
+    ys, xs = np.mgrid[: size[0] : step, : size[1] : step]
+    values = parsing.at(np.column_stack([xs.ravel(), ys.ravel()]), planes).reshape(*xs.shape, -1)
+    first, last = COVER.brow_share
+    brows, skin, front = (np.ascontiguousarray(values[..., k]) for k in range(3))
+    return np.clip((brows - first) / (last - first), 0, 1) * np.clip(1 - 4 * front, 0, 1), skin
+
+
+def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
+    """Paint over brows in a rectangle (h, w, 3), in place.
+
+    brows, skin : shares at places that lie `width` to a face, of what is painted over and of what is bare skin.
+    """
+    if not brows.any():
+        return
+    size, sigma = part.shape[1::-1], COVER.beside * width
+    grown = 2 * max(round(COVER.growth * width), 1) + 1
+    brows = np.asarray(
+        cv2.GaussianBlur(cv2.dilate(brows, np.ones((grown, grown))), (0, 0), grown / 4), np.float32
+    )
+    small = cv2.resize(part, brows.shape[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
+    weight = np.clip(2 * skin - 1, 0, 1) * np.clip(1 - 4 * brows, 0, 1)
+    known = cv2.GaussianBlur(weight, (0, 0), sigma)
+    beside = cv2.GaussianBlur(small * weight[..., None], (0, 0), sigma) / np.maximum(known, 1e-6)[..., None]
+    first, last = COVER.least_skin
+    brows *= np.clip((known - first) / (last - first), 0, 1)
+    share = cv2.resize(brows, size)
+    paint = cv2.resize(np.asarray(np.clip(beside, 0, 255), np.uint8), size)
+    part[:] = cv2.blendLinear(paint, np.ascontiguousarray(part), share, 1 - share)

@@ -1,0 +1,341 @@
+"""What hides the source's face in a frame: hands and other objects, hair, glasses.
+
+The frame is parsed (`guise.aam.parsing`), and what is in front of the face is read where the drawn face's mesh lies.
+There the frame's own pixels stay, and neither light nor expression is measured.  While nothing but hair and glasses is
+in front, or nothing in front moves, and the eyes rest, only some frames are parsed; what was found moves along with the
+face.
+
+Where no part of the person may show, only objects stay in front, and only those that reach in from beyond the face, as
+hands and mugs do: a patch within it that is taken for an object may be skin.  A lock of hair, which is easily taken for
+an object or for background, is told by its colour: that of the rest of the hair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guise.aam.coarse_grid import CoarseGrid
+from guise.aam.landmarks.schemes import (
+    BROW_TOPS,
+    BROWS,
+    LEFT_BROW,
+    LEFT_EYE,
+    NOSE_ROOT,
+    NOSE_TIP,
+    RIGHT_BROW,
+    RIGHT_EYE,
+)
+from guise.aam.mask import soft_parts
+from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.aam.relief import Relief
+from guise.aam.rims import RimFinder
+from guise.app.drawing.face import FaceInFrame, Layers, Seen, parse_frame
+from guise.app.drawing.memory import CoverMemory, Memory
+from guise.app.media import Frame
+from guise.common.arrays import F32, Bool
+from guise.common.decay import Decay
+from guise.common.small import mean
+
+
+@dataclass(frozen=True)
+class OcclusionLimits:
+    """Widths, thresholds and memory.
+
+    Each share is a pair: that of a class up to which the drawn face is whole, and that from which it is gone.
+    """
+
+    cell_face_widths: float = 0.0125
+    object_share: tuple[float, float] = (0.15, 0.45)
+    sure_object_share: tuple[float, float] = (0.35, 0.65)  # where no part of the person may show
+    min_object_face_shares: float = 0.01  # of an object there, and of one beside the face, of the face
+    max_hair_share: float = (
+        0.1  # of such an object: that of a hand or mug is a fiftieth, of hair taken for one a fifth
+    )
+    max_hair_coloured_share: float = 0.5  # of such an object, of what has the hair's colour
+    hair_colour_deviations: float = 2.5  # from the mean of the hair, within which a colour is the hair's
+    least_deviation: float = 2.0  # grey levels
+    min_hair_cells: int = 40  # of the parsing, from which the hair's and the skin's colours are known
+    rim_face_widths: float = 0.03  # of the face, which such an object reaches
+    hair_share: tuple[float, float] = (0.5, 0.85)
+    background_share: tuple[float, float] = (0.5, 0.85)  # beyond the person's own face
+    frame_share: tuple[float, float] = (0.2, 0.5)  # of glasses, beside the eyes
+    lens_share: tuple[float, float] = (0.7, 0.95)  # of glasses, dark ones, before the eyes
+    mirror_face_widths: float = 0.04  # within which glasses must be seen on the other side of the face, too
+    memory: Decay = Decay(0.7, 0.1)  # of hair and glasses; objects come and go
+    pause_seconds: float = 0.1  # between two parsed frames while no object moves over the face
+    still_share: float = 0.2  # change of a share up to which it is still
+    still_face_shares: float = 0.005  # of an object's cells that change more while it is still, of the face
+    eye_change: float = 0.04  # mean change of an eye's texels, of their mean, from which it moves
+    hair_rim_face_widths: float = 0.09  # inside the hull, where the source's hair is kept
+    brow_growth_face_widths: float = 0.05  # around the brows, within which the source's own never show
+    growth_face_widths: float = 0.01  # around brows and eyes, where hair doesn't count
+    min_hidden: float = 0.02  # share from which something is in front
+
+
+LIMITS = OcclusionLimits()
+KINDS = (
+    (FaceClass.OCCLUDER, LIMITS.object_share),
+    (FaceClass.HAIR, LIMITS.hair_share),
+    (FaceClass.GLASSES, LIMITS.frame_share),
+    (FaceClass.GLASSES, LIMITS.lens_share),
+)
+SURE_KINDS = (
+    (FaceClass.OCCLUDER, LIMITS.object_share),
+    (FaceClass.OCCLUDER, LIMITS.sure_object_share),
+    (FaceClass.HAIR, (0.0, 1.0)),
+)
+EYES = RIGHT_EYE, LEFT_EYE
+RIM_MARGIN = 0.05  # face widths above the brows, up to which rims of glasses may reach
+BESIDE = (FaceClass.BACKGROUND, LIMITS.background_share)
+
+
+class Cover:
+    """Finds what is in front of the face; what is worn is smooth in time.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    texels : sampler of the places at which light and expression are measured.
+    only_objects : hair, glasses and whatever lies wholly within the face don't stay in front.
+    beyond : (h, w) share in [0, 1] by which what is drawn lies beyond the person's own face: no background there is
+        drawn over.
+    watches_eyes : whether a frame in which the eyes move is parsed.
+    """
+
+    def __init__(
+        self, reference: ReferenceFrame, texels: MeshSampler, *, only_objects: bool = False,
+        beyond: F32 | None = None, watches_eyes: bool = True,
+    ) -> None:  # fmt: skip
+        self._reference = reference
+        self._only_objects = only_objects
+        self._kinds = SURE_KINDS if only_objects else KINDS
+        self._parser = FaceParser()
+        self._cells = _Cells(reference, beyond)
+        x, y = np.round(texels.positions(reference.points)).astype(int).T
+        in_eyes = (np.flatnonzero(soft_parts(reference, (eye,), 0.0)[y, x] > 0.5) for eye in EYES)
+        self._in_eyes = [some for some in in_eyes if watches_eyes and len(some)]
+        self._rims = None if only_objects else RimFinder()
+        self._rim_places: dict[int, tuple[slice, MeshSampler, F32]] = {}
+
+    def look(self, face: FaceInFrame, memory: Memory) -> None:
+        """Parse the frame if that is due, and tell what of the head it shows."""
+        kept, seen = memory.cover, face.seen
+        eyes = [_even(seen.rgb[eye]) for eye in self._in_eyes]
+        is_due = memory.clock.is_due(kept.due) or _have_moved(eyes, kept.eyes)
+        face.parsing = parse_frame(self._parser, face.frame, face.head) if is_due else None
+        self._find_rims(face, memory)
+        if face.parsing is not None:
+            kept.eyes, layers = eyes, Layers.of(face.parsing, self._kinds)
+            kept.visible = 1 - np.maximum.reduce(layers.at(seen.places), 1)
+            self._set_apart(face.frame, face.parsing, layers, seen)
+            if memory.rims.share is not None:
+                kept.visible *= 1 - memory.rims.at(seen.places)
+        if kept.clear is None or kept.visible is None:
+            kept.clear = seen.rgb
+        else:
+            kept.clear = kept.clear + kept.visible[:, None] * (seen.rgb - kept.clear)
+        seen.clear, seen.visible = kept.clear, kept.visible
+
+    def share(self, face: FaceInFrame, memory: Memory) -> None:
+        """Leave undrawn what is in front of the drawn face."""
+        kept = memory.cover
+        if face.parsing is not None:
+            memory.parsed = face.parsing, face.head
+            kept.uncovered = self._uncovered(face, memory)
+            kept.parsed_at = memory.clock.now
+        face.canvas.cover(kept.uncovered)
+
+    def rims(self, face: FaceInFrame, memory: Memory) -> None:
+        """Leave rims of glasses undrawn, which are thinner than the parsing tells."""
+        if self._rims is None or memory.rims.share is None:
+            return
+        canvas, factor = face.canvas, 1 + face.canvas.fine
+        if factor not in self._rim_places:
+            self._rim_places[factor] = self._places_of_rims(factor)
+        rows, sampler, depth = self._rim_places[factor]
+        h, w = np.multiply(self._reference.size, factor)
+        canvas.rims = np.zeros((h, w), np.float32)
+        places = sampler.positions(face.mesh) + depth * face.sight.across.astype(np.float32)
+        canvas.rims[rows] = memory.rims.at(places).reshape(-1, w)
+
+    def _set_apart(self, frame: Frame, parsing: FaceParsing, layers: Layers, seen: Seen) -> None:
+        """Tell hair from objects, and beyond the person's own face the background, where that matters."""
+        beside = None if self._cells.beyond is None else Layers.of(parsing, (BESIDE,))
+        if self._only_objects:  # a beard has the hair's colour, too, and is seen
+            is_needed = beside is not None or layers.hidden[..., 0].any()
+            hair = _hair_coloured(frame, parsing) if is_needed else np.zeros_like(parsing.shares[0])
+            layers, beside = layers.with_map(hair), beside and beside.without(hair)
+        seen.layers, seen.beside = layers, beside
+
+    def _uncovered(self, face: FaceInFrame, memory: Memory) -> F32 | None:
+        """(h, w) share in [0, 1] of the drawn face that nothing hides, on the reference grid; None is all of it."""
+        kept, seen, cells = memory.cover, face.seen, self._cells
+        places = cells.places(face)
+        assert seen.layers is not None
+        layers = seen.layers.at(places).T
+        since = memory.clock.now - kept.parsed_at
+        if self._only_objects:
+            hidden, is_moving = cells.reaching_in(*layers[1:])
+        else:
+            thing, worn = cells.in_front(*layers)
+            is_moving = cells.is_object(thing) and cells.have_moved(thing, kept.thing)
+            kept.thing, hidden = thing, np.maximum(thing, _steady(kept, worn, since))
+        kept.due = memory.clock.now + (0.0 if is_moving else LIMITS.pause_seconds)
+        if seen.beside is not None and cells.beyond is not None:
+            beside = _steady(kept, seen.beside.at(places)[:, 0] * cells.beyond, since)
+            hidden = np.maximum(hidden, beside)
+        return cells.on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
+
+    def _find_rims(self, face: FaceInFrame, memory: Memory) -> None:
+        if self._rims is not None:
+            clock, since = memory.clock, memory.clock.now - memory.cover.parsed_at
+            self._rims.see(memory.rims, face.frame.luma, face.head, face.parsing, clock.now, since)
+
+    def _places_of_rims(self, factor: int) -> tuple[slice, MeshSampler, F32]:
+        """Rows of a grid with so many pixels per grid pixel where rims may be, a sampler of them and their depths."""
+        points = self._reference.points
+        first, last = points[BROWS, 1].min() - RIM_MARGIN * self._reference.resolution, points[NOSE_TIP, 1]
+        rows = slice(max(int(first), 0) * factor, (int(last) + 1) * factor)
+        ys, xs = np.mgrid[rows, : factor * self._reference.size[1]]
+        places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
+        depth = Relief.shipped(self._reference).at(places)[:, None]
+        return rows, MeshSampler.build(self._reference, places), depth
+
+
+class _Cells:
+    """Places of the drawn face at which it is told what is in front: cells of a coarse grid."""
+
+    def __init__(self, reference: ReferenceFrame, beyond: F32 | None) -> None:
+        self._reference, self._grid = reference, CoarseGrid(reference, LIMITS.cell_face_widths)
+        height, width = self._grid.size
+        cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
+        places = cells * self._grid.cell
+        self._sampler = MeshSampler.build(reference, places.astype(np.float64))
+        self._depth = Relief.shipped(reference).at(places.astype(np.float64))[:, None]
+        x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
+        self.beyond = None if beyond is None else beyond[y, x]
+        around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *EYES), LIMITS.growth_face_widths)
+        self._hair_weight = np.asarray(1 - around[y, x], np.float32)
+        self._face = reference.mask[y, x].reshape(self._grid.size)
+        self._area = int(self._face.sum())
+        reach = 2 * round(LIMITS.rim_face_widths / LIMITS.cell_face_widths) + 1
+        self._rim = self._face & (
+            cv2.erode(np.pad(self._face.astype(np.uint8), 1), np.ones((reach, reach)))[1:-1, 1:-1] == 0
+        )
+        self._frame_weight = np.asarray(1 - soft_parts(reference, EYES, 0.0)[y, x], np.float32)
+        middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
+        self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
+        reach = 2 * round(LIMITS.mirror_face_widths / LIMITS.cell_face_widths) + 1
+        self._reach = np.ones((reach, reach), np.uint8)
+
+    def places(self, face: FaceInFrame) -> F32:
+        """(n, 2) pixels of the frame."""
+        return self._sampler.positions(face.mesh) + self._depth * face.sight.across.astype(np.float32)
+
+    def in_front(self, thing: F32, hair: F32, frame: F32, lens: F32) -> tuple[F32, F32]:
+        """Shares (n,) of the cells that objects hide, and that hair and glasses do."""
+        glasses = self._on_both_sides(np.maximum(frame * self._frame_weight, lens))
+        return thing, np.maximum(hair * self._hair_weight, glasses)
+
+    def have_moved(self, thing: F32, before: F32 | None) -> bool:
+        """Whether things that hide shares (n,) of the cells do not lie over the face as before."""
+        if before is None:
+            return True
+        changed = np.count_nonzero(np.abs(thing - before) > LIMITS.still_share)
+        return bool(changed > LIMITS.still_face_shares * self._area)
+
+    def is_object(self, thing: F32) -> bool:
+        """Whether the share (n,) of the cells that things hide is more than specks beside the face."""
+        seen = thing > LIMITS.min_hidden
+        beside = np.count_nonzero(seen)
+        return bool(beside > LIMITS.min_object_face_shares * self._area) or bool(
+            seen[self._face.ravel()].any()
+        )
+
+    def reaching_in(self, thing: F32, hair: F32, hair_coloured: F32) -> tuple[F32, bool]:
+        """The share (n,) that objects hide which reach over the rim of the face, and are no hair; whether there are."""
+        inside = (thing.reshape(self._grid.size) > LIMITS.min_hidden) & self._face
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8))
+        area = stats[:, cv2.CC_STAT_AREA]
+        large = area > LIMITS.min_object_face_shares * self._area
+        large[0] = False
+        large &= np.bincount(labels.ravel(), hair) < LIMITS.max_hair_share * area
+        large &= np.bincount(labels.ravel(), hair_coloured) < LIMITS.max_hair_coloured_share * area
+        reaching = np.isin(labels, [n for n in np.unique(labels[self._rim]) if large[n]]).ravel()
+        if not reaching.any():
+            return 0 * thing, False
+        return np.where(reaching | ~self._face.ravel(), thing, 0.0), True
+
+    def on_reference(self, cells: F32) -> F32:
+        """Shares (n,) of the cells on the reference grid (h, w)."""
+        height, width = self._reference.size
+        to_cells = np.array([[1 / self._grid.cell, 0, 0], [0, 1 / self._grid.cell, 0]])
+        picture = cv2.warpAffine(
+            cells.reshape(self._grid.size), to_cells, (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
+        )  # fmt: skip
+        return np.asarray(np.minimum(np.maximum(picture, 0), 1), np.float32)
+
+    def _on_both_sides(self, glasses: F32) -> F32:
+        """The share (n,) of the cells without what has no counterpart: an eye in the shade is no glass."""
+        other = cv2.dilate(glasses.reshape(self._grid.size)[:, self._mirrored], self._reach)
+        return np.minimum(glasses, other.ravel())
+
+
+def _steady(kept: CoverMemory, worn: F32, since: float) -> F32:
+    """The share (n,) of the cells that what comes and goes slowly hides, with memory."""
+    if kept.worn is not None:
+        worn = worn + np.float32(LIMITS.memory.over(since)) * (kept.worn - worn)
+    kept.worn = worn
+    return worn
+
+
+def _have_moved(eyes: list[F32], before: list[F32]) -> bool:
+    """Whether eyes look otherwise than before."""
+    pairs = zip(eyes, before, strict=False)
+    return any(mean(np.abs(now - then)) > LIMITS.eye_change for now, then in pairs)
+
+
+def shown_mask(source: Bool, reference: ReferenceFrame) -> Bool:
+    """Where a face is shown on the source's head (h, w): everywhere but over hair at the forehead and at the rim.
+
+    Around the brows it is shown whatever the source's mask says, which takes the tails of dark or raised brows for
+    hair; a fringe is kept in front frame by frame, see `Cover`.  Farther inside, below the brows, the source's mask
+    doesn't count either: what it leaves out there (stubble, shadow, a lock of hair) would show the source's own face.
+    The target needs no mask: its neutral face has skin where hair was.
+    """
+    inside = cv2.distanceTransform(np.pad(reference.mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    below = np.arange(reference.size[0])[:, None] >= reference.points[BROW_TOPS, 1].mean()
+    brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths) > 0.5
+    inner = below & (inside > LIMITS.hair_rim_face_widths * reference.resolution)
+    return np.asarray(reference.mask & (source | inner | brows))
+
+
+def _hair_coloured(frame: Frame, parsing: FaceParsing) -> F32:
+    """(64, 64) 1 in cells next to hair that have its colour rather than that of the skin; 0 if either is unknown."""
+    side = parsing.shares.shape[1]
+    cells = np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(1, -1, 2)
+    colours = frame.sample_rgb(cv2.transform(cells.astype(np.float64), parsing.to_picture)[0])
+    away = []
+    for part in (FaceClass.HAIR, FaceClass.SKIN):
+        sure = colours[parsing.shares[part].ravel() > 0.5]
+        if len(sure) < LIMITS.min_hair_cells:
+            return np.zeros((side, side), np.float32)
+        spread = np.maximum(sure.std(0), LIMITS.least_deviation)
+        away.append(np.abs((colours - sure.mean(0)) / spread).max(1))
+    hair, skin = away
+    alike = (hair < LIMITS.hair_colour_deviations) & (hair < skin)
+    locks = cv2.medianBlur(alike.reshape(side, side).astype(np.uint8), 3)
+    sure_hair = parsing.shares[FaceClass.HAIR] > 0.5
+    _, labels = cv2.connectedComponents(locks | sure_hair.astype(np.uint8))
+    next_to_hair = np.bincount(labels.ravel(), sure_hair.ravel()) >= LIMITS.min_hair_cells
+    return np.asarray(locks * next_to_hair[labels], np.float32)
+
+
+def _even(colours: F32) -> F32:
+    """Colours (n, 3) as shares of their mean brightness."""
+    return np.asarray(colours / np.maximum(mean(colours), np.float32(1)))

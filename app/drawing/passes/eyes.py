@@ -1,0 +1,432 @@
+"""Eyes: the source's own eyeballs and inner mouth through the identity's lids and lips, or eyeballs painted anew; lids.
+
+The frame is sampled between the source's own lids and lips and laid into the texture, so that it moves with the drawn
+mesh: whatever the two faces' proportions, an eye is whole and looks where the source looks.  Its iris takes the
+identity's colours (`irises.py`).  Where a landmarker leaves the lids of a shut eye apart, the parsing sees no eye
+between them.  How much of the outline of an eye it takes for eye differs between people, pictures and glasses; so what
+is seen is compared with the most that was seen of the same eye lately.
+
+The eyeballs of a disguise look where the source looks, and show nothing of the source's eyes.  The identity's own, as
+its texture has them, look where they did when it was enrolled, and are squeezed when lids close.  White, iris and pupil
+are the identity's, with the shade of the upper lid and a reflection.
+
+Pixels, x right, y down; places in an eye are in its widths, see `in_eye`.  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from guise.aam.irises import EYES, Irises, in_eye, white, whole_width
+from guise.aam.landmarks.schemes import (
+    EYE_OUTLINES,
+    INNER_LIPS,
+    LEFT_BROW,
+    LEFT_EYE,
+    RIGHT_BROW,
+    RIGHT_EYE,
+    Group,
+)
+from guise.aam.light import LUMA
+from guise.aam.mask import soft_parts
+from guise.aam.painted_part import PaintedPart
+from guise.aam.parsing import FaceClass, Parsing
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.app.drawing.face import FaceInFrame, ramp
+from guise.app.drawing.memory import GazeMemory, Memory
+from guise.common import small
+from guise.common.arrays import F32, F64, U8
+from guise.common.decay import Decay
+from guise.common.interpolation import interpolation
+
+
+@dataclass(frozen=True)
+class ApertureLimits:
+    """Where and when the source shows."""
+
+    min_share: float = 0.02  # of the source, below which a pixel is left to the identity
+    shut_growth_face_widths: float = 0.08  # of the source's part while it is shut
+    brow_growth_face_widths: float = 0.025  # within which no brow of the source's shows
+    brow_thickness_face_widths: float = 0.05  # below a brow's points
+    brow_share: tuple[float, float] = (0.3, 0.6)  # of a parsed cell, at which none and all is a brow's
+    eye_share: tuple[float, float] = (0.15, 0.4)  # likewise an eye's, of the largest in it,
+    known_eye_share: tuple[float, float] = (0.4, 0.7)  # which is believed from and at such a largest one
+    sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
+    growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
+    lid_growth_face_widths: float = 0.03  # of an eye over which a lid is drawn,
+    lashes_growth_face_widths: float = 0.008  # and at whose margin its lashes lie
+    lid_softening_face_widths: float = (
+        0.015  # of it, standard deviation: it has less texture than what it is made of
+    )
+    lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
+    lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
+    lashes: tuple[float, float] = (0.45, 0.12)  # their darkness, and how wide they are, of the eye's height
+    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so.
+    shut: tuple[float, float] = (0.55, 0.3)
+    drawn_shut: tuple[float, float] = (0.65, 0.4)
+
+
+@dataclass(frozen=True)
+class EyeballLimits:
+    """Eye widths, or radii of the iris where they say so."""
+
+    edge: float = 0.04  # over which an eyeball ends at the lids
+    lashes: tuple[float, float] = (0.6, 0.25)  # their darkness at the upper and the lower lid,
+    lashes_reach: float = 0.05  # and how far out
+    border: tuple[float, float] = (1.1, 0.94)  # radii, at which there is no iris, and all of it
+    lid_shade: float = 0.4  # just below the upper lid,
+    lid_shade_reach: float = 0.06  # and how far down
+    corner_shade: float = 0.15
+    reflection: tuple[float, float, float] = (-0.35, -0.4, 0.13)  # radii: place, and standard deviation
+    reflected: float = 1.3  # of the white
+
+
+@dataclass(frozen=True)
+class LidClosingLimits:
+    """Shares of the area between lids."""
+
+    seen: tuple[float, float] = (0.3, 0.6)  # share of eye in a cell, at which nothing and all of it counts
+    closed: tuple[float, float] = (0.25, 0.6)  # of the usual, at which lids are shut, and as they were found
+    least: float = 0.5  # that is usual of eyes of which the parsing can tell
+    memory: Decay = Decay(0.996, 0.1)  # of the usual
+    min_eye_pixels: float = 14.0  # of an eye's width, below which the parsing sees one now and then only
+    columns: int = 9
+    rows: int = 5
+
+
+LIMITS, EYEBALL, CLOSING = ApertureLimits(), EyeballLimits(), LidClosingLimits()
+# From a corner, two points of a lid and the other corner to columns, and how far down between lids rows lie.
+_ALONG = interpolation(np.linspace(0, 3, CLOSING.columns + 2)[1:-1], np.arange(4.0))
+_DOWN = (np.arange(CLOSING.rows) + 0.5)[:, None, None] / CLOSING.rows
+
+
+class Tint(Protocol):
+    """Gives an eye of the source other colours."""
+
+    def apply(self, picture: F32, places: F32, seen: F32, gaze: GazeMemory, step: float) -> F32:
+        """See `IrisTint.apply`."""
+
+
+Tinting = Callable[
+    [F32, int], Tint
+]  # for (h, w) share by which pixels are within the lids, and the number of the eye
+
+
+class Aperture:
+    """The inside of one landmark group on a texture.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    part : landmark group whose hull is the aperture, soft-edged.
+    factor : pixels of the texture per grid pixel, along each axis.
+    at_rest : the source's shape (81, 2) at rest.
+    only_shut : whether the source is to show only while the aperture is shut: then there are only lashes and lids to
+        see, where the texture's modes leave slivers of the identity's open eye.
+    tint : of an eye whose iris is to be the identity's.
+    """
+
+    def __init__(
+        self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64, *, only_shut: bool = False,
+        tint: Tinting | None = None,
+    ) -> None:  # fmt: skip
+        self._part, self._at_rest = part, at_rest
+        self._shut = ShutShare(part, at_rest) if only_shut else None
+        grow = LIMITS.shut_growth_face_widths if only_shut else LIMITS.growth_face_widths
+        shown = soft_parts(reference, (part,), grow)
+        if only_shut:
+            shown = shown * (
+                1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)
+            )
+            shown = np.maximum(shown, _up_to_brow(reference, part))
+        share = _enlarged(shown, factor)
+        ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
+        self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
+        self._share = share[self._place]
+        rows, columns = np.mgrid[self._place]
+        places = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) / factor - 0.5
+        self._sampler = MeshSampler.build(reference, places)
+        self._tint: Tint | None = None
+        if tint is not None:
+            lids = soft_parts(reference, (part,), LIMITS.growth_face_widths)
+            lids = _enlarged(lids, factor)[self._place]
+            self._tint, self._hidden = tint(lids, int(part is EYES[1])), ShutShare(part, at_rest)
+
+    def fill(self, face: FaceInFrame, memory: Memory, openings: tuple[float, float]) -> None:
+        """Lay what the frame shows of the head there into the picture.
+
+        openings : `eye_openings` of the head.
+        """
+        shown = 1.0 if self._shut is None else self._shut(openings)
+        if shown == 0:
+            return
+        canvas, head, parsing = face.canvas, face.head - face.canvas.corner, face.parsed
+        places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
+        own = cv2.remap(canvas.roi, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        own = cv2.addWeighted(
+            own, 1 + LIMITS.sharpening, cv2.GaussianBlur(own, (3, 3), 0), -LIMITS.sharpening, 0
+        )
+        if self._tint is not None:
+            colour = face.frame.colour
+            eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
+            whole = whole_width(self._part, head, self._at_rest)
+            within = in_eye(places, head[self._part], whole)
+            seen = np.float32(1 - self._hidden(openings)) * _eye_seen(parsing, places)
+            eye = self._tint.apply(np.asarray(eye, np.float32), within, seen, memory.gaze, memory.clock.step)
+            eye = cv2.transform(eye, colour.from_rgb)
+            own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
+        here = np.ascontiguousarray(canvas.picture[self._place])
+        share = self._share * np.float32(shown)
+        if self._shut is not None and parsing is not None:
+            share *= 1 - ramp(_shares(parsing, FaceClass.BROWS, places), LIMITS.brow_share)
+        canvas.picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
+
+
+class Apertures:
+    """Those of a face through which the source shows, and lids that are drawn over what shows nothing of them.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.   at_rest : the source's shape (81, 2) at rest.
+    always, shut : landmark groups in which the source shows always, or while they are shut.
+    tint : of the eyes among the former.
+    lids : eyes over which the identity's own lids are drawn while they are shut.
+    """
+
+    def __init__(
+        self, reference: ReferenceFrame, at_rest: F64, always: Sequence[Group], shut: Sequence[Group],
+        tint: Tinting | None, lids: Sequence[Group],
+    ) -> None:  # fmt: skip
+        def apertures(factor: int) -> list[Aperture]:
+            open_ = [
+                Aperture(reference, p, factor, at_rest, tint=None if p is INNER_LIPS else tint)
+                for p in always
+            ]
+            return open_ + [Aperture(reference, p, factor, at_rest, only_shut=True) for p in shut]
+
+        def drawn(factor: int) -> list[DrawnLid]:
+            return [DrawnLid(reference, eye, factor, at_rest) for eye in lids]
+
+        self._apertures, self._lids = cache(apertures), cache(drawn)
+
+    def draw(self, face: FaceInFrame, memory: Memory) -> None:
+        """Draw them into the picture."""
+        openings, factor = eye_openings(face.head), 1 + face.canvas.fine
+        for aperture in self._apertures(factor):
+            aperture.fill(face, memory, openings)
+        for lid in self._lids(factor):
+            lid.fill(face.canvas.picture, openings)
+
+
+def _eye_seen(parsing: Parsing | None, places: F32) -> F32:
+    """(h, w) share in [0, 1] by which the parsing takes places (h, w, 2) about an eye for eye, not lid."""
+    if parsing is None:
+        return np.ones(places.shape[:2], np.float32)
+    shares = _shares(parsing, FaceClass.EYES, places)
+    most = float(np.maximum.reduce(shares, None))
+    known = np.float32(small.ramp(most, *LIMITS.known_eye_share))
+    return np.asarray(
+        1 - known * (1 - ramp(shares / np.float32(max(most, 1e-6)), LIMITS.eye_share)), np.float32
+    )
+
+
+def _shares(parsing: Parsing, what: FaceClass, places: F32) -> F32:
+    """(h, w) share of a class at places (h, w, 2)."""
+    return parsing.at(places.reshape(-1, 2), parsing.shares[what]).reshape(places.shape[:2])
+
+
+class ShutShare:
+    """How far an eye of the source is shut.
+
+    part : landmark group of the eye.   at_rest : shape (81, 2).
+    limits : openings, of that at rest, from which and at which it counts as shut.
+    """
+
+    def __init__(self, part: Group, at_rest: F64, limits: tuple[float, float] = LIMITS.shut) -> None:
+        self._limits = limits
+        self._openings = [max(one, 1e-6) for one in eye_openings(at_rest)]
+        self._eye = int(part is LEFT_EYE)
+
+    def __call__(self, openings: tuple[float, float]) -> float:
+        """Share in [0, 1] for the `eye_openings` of a shape.
+
+        An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
+        """
+        first, last = self._limits
+        right, left = (now / at_rest for now, at_rest in zip(openings, self._openings, strict=True))
+        least = min(left if self._eye else right, (right + left) / 2)
+        return min(max((first - least) / (first - last), 0.0), 1.0)
+
+
+class DrawnLid:
+    """The identity's own upper lid, drawn down over an eye while the source's is shut.
+
+    For a disguise, which shows nothing of the source: the skin above the eye is mirrored down about the upper margin,
+    with a line of lashes along the lower one.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.   part : landmark group of the eye.   factor : as for `Aperture`.
+    at_rest : the source's shape (81, 2) at rest.
+    """
+
+    def __init__(self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64) -> None:
+        self._shut = ShutShare(part, at_rest, LIMITS.drawn_shut)
+        share, eye = (
+            _enlarged(soft_parts(reference, (part,), growth), factor)
+            for growth in (LIMITS.lid_growth_face_widths, LIMITS.lashes_growth_face_widths)
+        )
+        ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
+        self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
+        self._share = share[self._place]
+        rows, columns = (grid.astype(np.float32) for grid in np.mgrid[self._place])
+        upper = (self._share >= 0.5 * self._share.max(0)).argmax(0) + np.float32(ys[0])
+        inside = eye[self._place] > 0.5
+        whole, last = np.flatnonzero(inside.any(0)), ys[-1] - inside[::-1].argmax(0)
+        lower = np.interp(np.arange(inside.shape[1]), whole, last[whole]).astype(np.float32)
+        into = np.maximum(rows - upper, 0) / np.maximum(lower - upper, 1)
+        reach = LIMITS.lid_reach_face_widths * reference.resolution * factor
+        skin = np.minimum(rows, upper - LIMITS.lid_margin_share * reach)
+        self._from = np.dstack([columns, skin - into * reach]).astype(np.float32)
+        self._sigma = LIMITS.lid_softening_face_widths * reference.resolution * factor
+        lashes = np.exp(-0.5 * ((into - 1) / LIMITS.lashes[1]) ** 2)
+        self._dark = np.asarray(1 - LIMITS.lashes[0] * lashes, np.float32)
+
+    def fill(self, picture: U8, openings: tuple[float, float]) -> None:
+        """Draw the lid into a texture (h, w, 3), brightness first, as far as an eye with `eye_openings` is shut."""
+        shut = self._shut(openings)
+        if shut == 0:
+            return
+        lid = cv2.remap(picture, self._from, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        lid = cv2.GaussianBlur(lid, (0, 0), self._sigma)
+        lid[..., 0] = (lid[..., 0] * self._dark).astype(np.uint8)
+        share = self._share * np.float32(shut)
+        here = np.ascontiguousarray(picture[self._place])
+        picture[self._place] = cv2.blendLinear(lid, here, share, 1 - share)
+
+
+def _up_to_brow(reference: ReferenceFrame, eye: Group) -> F32:
+    """(h, w) 1 from an eye up to the lower edge of the brow above it, soft-edged."""
+    points = reference.points.copy()
+    brow = LEFT_BROW if eye is LEFT_EYE else RIGHT_BROW
+    points[brow, 1] += LIMITS.brow_thickness_face_widths * reference.resolution
+    return soft_parts(replace(reference, points=points), (np.r_[eye, brow],), 0.0)
+
+
+def _enlarged(plane: F32, factor: int) -> F32:
+    h, w = plane.shape[:2]
+    return np.asarray(cv2.resize(plane, (factor * w, factor * h), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def eye_openings(shape: F64) -> tuple[float, float]:
+    """Openings of the right and the left eye of a shape (81, 2)."""
+    return opening(shape[RIGHT_EYE]), opening(shape[LEFT_EYE])
+
+
+def opening(outline: F64) -> float:
+    """Area of an aperture's outline (n, 2), of the square of its length."""
+    area = cv2.contourArea(outline.astype(np.float32))
+    length = math.hypot(*(np.maximum.reduce(outline) - np.minimum.reduce(outline)))
+    return area / max(length, 1e-6) ** 2
+
+
+class LidCloser:
+    """Shuts the lids of the head as the parsing sees them."""
+
+    def see(self, face: FaceInFrame, memory: Memory) -> None:
+        """Look at the eyes of a frame that was parsed."""
+        if face.parsing is None:
+            return
+        lids, points = memory.lids, face.found
+        seen = np.array([_seen(face.parsing, points, *eye) for eye in EYE_OUTLINES])
+        kept = CLOSING.memory.over(memory.clock.now - memory.cover.parsed_at)
+        lids.usual = np.maximum(kept * lids.usual, seen)
+        share = small.ramps(seen / np.maximum(lids.usual, CLOSING.least), *CLOSING.closed)
+        widths = np.array([math.dist(*points[corners]) for corners, _, _ in EYE_OUTLINES])
+        can_tell = (lids.usual > CLOSING.least) & (widths >= CLOSING.min_eye_pixels)
+        lids.open = np.where(can_tell, share, 1.0)
+
+    def close(self, face: FaceInFrame, memory: Memory) -> None:
+        """Put the upper lids as far down as they were seen last."""
+        closed = face.head.copy()
+        for (_, upper, lower), share in zip(EYE_OUTLINES, memory.lids.open, strict=True):
+            closed[upper] = face.head[lower] + share * (face.head[upper] - face.head[lower])
+        face.head = closed
+
+
+def _seen(parsing: Parsing, points: F64, corners: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> float:
+    """Share of the area between lids in which there is an eye."""
+    first, last = points[corners]
+    top, bottom = (_ALONG @ [first, *points[lid], last] for lid in (upper, lower))
+    places = (top + _DOWN * (bottom - top)).reshape(-1, 2)
+    seen = parsing.at(places, parsing.shares[FaceClass.EYES])
+    return float(small.mean(small.ramps(seen, *CLOSING.seen)))
+
+
+class Eyeballs:
+    """Paints both eyes of an identity into its texture.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    irises : of the identity.
+    at_rest, texture : its shape (81, 2) and RGB (n, 3) at rest.
+    """
+
+    def __init__(self, reference: ReferenceFrame, irises: Irises, at_rest: F64, texture: F32) -> None:
+        self._irises, self._at_rest = irises, at_rest
+        self._parts = [PaintedPart.of(reference, group) for group in EYES]
+        inside = (soft_parts(reference, (eye,), 0.0)[reference.mask] > 0.5 for eye in EYES)
+        self._whites = [float(white(texture[eye]) @ LUMA) for eye in inside]
+
+    def paint(self, face: FaceInFrame, memory: Memory) -> None:
+        """Paint them, looking where the source looks."""
+        texture, mesh = face.canvas.texture, face.mesh
+        for group, part, bright, iris in zip(
+            EYES, self._parts, self._whites, memory.gaze.parsed, strict=True
+        ):
+            outline = mesh[group]
+            whole = whole_width(group, mesh, self._at_rest)
+            places, lids = (in_eye(points, outline, whole) for points in (part.places(mesh), outline))
+            colours = self._shares(places - iris.astype(np.float32)) * np.float32(bright)
+            colours *= _shade(places, lids)[:, None]
+            inside = _inside(places, lids)
+            dark = np.where(places[:, 1] < 0, *EYEBALL.lashes) * np.exp(
+                inside.clip(max=0) / EYEBALL.lashes_reach
+            )
+            skin = texture[part.beside] * (1 - dark)[:, None]
+            shown = np.clip(inside / EYEBALL.edge + 0.5, 0, 1)[:, None]
+            part.paint(texture, skin + shown * (colours - skin))
+
+    def _shares(self, from_middle: F32) -> F32:
+        """(n, 3) shares of the white at places (n, 2) from the middle of the iris."""
+        x, y = from_middle.T / np.float32(self._irises.radius)
+        away = np.hypot(x, y)
+        outer, inner = EYEBALL.border
+        share = np.clip((outer - away) / np.float32(outer - inner), 0, 1)
+        seen = 1 + share * (self._irises.at(np.minimum(away, 1)) - 1)
+        left, up, width = EYEBALL.reflection
+        gleam = np.exp(-((x - left) ** 2 + (y - up) ** 2) / (2 * width**2))
+        return np.asarray((seen + gleam * (EYEBALL.reflected - seen)).T, np.float32)
+
+
+def _inside(places: F32, lids: F32) -> F32:
+    """(n,) how far places (n, 2) lie within lids (6, 2), of which the outline is convex; negative outside."""
+    x, y = (np.roll(lids, -1, axis=0) - lids).T[..., None] + np.float32(1e-6)
+    from_x, from_y = places.T[:, None] - lids.T[..., None]
+    return np.asarray(((x * from_y - y * from_x) / np.hypot(x, y)).min(0), np.float32)
+
+
+def _shade(places: F32, outline: F32) -> F32:
+    """(n,) how bright an eyeball with an outline (6, 2) is at places (n, 2)."""
+    x, y = places.T
+    lid = outline[:, 1].min() * np.clip(1 - 4 * x * x, 0, 1)
+    below = np.exp(-np.maximum(y - lid, 0) / EYEBALL.lid_shade_reach)
+    return np.asarray((1 - EYEBALL.lid_shade * below) * (1 - EYEBALL.corner_shade * np.minimum(4 * x * x, 1)))

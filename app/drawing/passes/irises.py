@@ -1,0 +1,236 @@
+"""The identity's irises on the source's own eyeballs.
+
+The source's eyeballs show through the drawn lids, so that the gaze, the light and its reflections are the scene's
+(`eyes.py`).  Where the identity's iris is darker, the source's is scaled, channel by channel, by how the two people's
+irises at rest differ from their own whites, so that neither light counts; a lighter one is painted over it, each ring
+as bright as the same ring of the identity's.  Pixels tell by their colours whether they are iris, but those of one that
+is nearly as light as its white: there all within its radius is painted.  Where irises are, the parsing tells
+(`aam/parsing.py`).  Places in an eye are in its widths, corner to corner, from the middle of its corners, x along them.
+RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guise.aam.irises import EYES, Irises, in_eye, white, whole_width
+from guise.aam.light import LUMA
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.memory import GazeMemory, Memory
+from guise.common.arrays import F32, F64, Floating, Int
+from guise.common.decay import Decay
+
+
+@dataclass(frozen=True)
+class TintLimits:
+    """Lengths are eye widths, or radii of the iris where they say so."""
+
+    # In a frame, near where the parsing found the iris: the disc that is least like white against the ring about it, or
+    # of a light iris what looks most as at rest.
+    many_pixels: int = 500  # of an eye, from which a fourth of them is enough
+    ring: float = 1.5  # radii
+    steps: tuple[float, ...] = (0.04, 0.02, 0.01)
+    first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
+    moved: tuple[float, float] = (2.0, 0.6)  # cost of a distance, and of a light iris's
+    max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
+    memory: Decay = Decay(0.25)  # of a place
+    max_step: float = 0.08  # beyond which it is taken as it is found
+    edge: float = 0.7  # radii, beyond which catch-lights fade
+    # Drawing.
+    border: tuple[float, float] = (1.15, 0.85)  # radii, at which nothing and all of a dark iris is changed,
+    painted_border: tuple[float, float] = (1.2, 0.96)  # and of a light one
+    # How unlike white nothing and all of a pixel is changed, of an iris that becomes darker, and of one that becomes
+    # lighter, where what is no iris would shine; and how far its colour may be from those between white and iris.
+    unlike: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.5), (0.35, 0.85))
+    other_colour: tuple[float, float] = (0.15, 0.3)  # at which all and none of a pixel is changed
+    light: tuple[float, float] = (0.6, 0.66)  # brightness of a light iris: of none below, of all above
+    gain: tuple[float, float] = (0.15, 2.5)  # limits of the factors of one that becomes darker
+    lightening: float = 2.2  # of an iris at most: more, in the shade of lids, looks blind
+    black_share: float = 0.02  # of the white, added before colours are divided
+    catch_light: float = 0.25  # of the white, by which a pixel is brighter than a light iris at least
+    shade: tuple[float, float] = (0.55, 1.1)  # limits of the frame's iris over that at rest
+    shade_eye_widths: float = 0.04  # standard deviation
+
+
+LIMITS = TintLimits()
+# (k, 2) steps about the best place so far, finer and finer.
+MOVES = [
+    step * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
+    for step, (across, down) in zip(LIMITS.steps, (LIMITS.first_steps, (1, 1), (1, 1)), strict=True)
+]
+
+
+class Gaze:
+    """Follows where the source's irises are, from frame to frame.
+
+    source : Irises of the source.   at_rest : (81, 2) the source's shape at rest.
+    """
+
+    def __init__(self, source: Irises, at_rest: F64) -> None:
+        self._places, self._at_rest = source.places, at_rest
+
+    def follow(self, face: FaceInFrame, memory: Memory) -> None:
+        """Look where the parsing of a frame finds the irises."""
+        gaze, kept = memory.gaze, LIMITS.memory.over(memory.clock.step)
+        if not len(gaze.parsed):
+            gaze.parsed, gaze.places = self._places.copy(), self._places.copy()
+        if face.parsing is None:
+            return
+        for place, iris, eye in zip(gaze.parsed, face.parsing.irises[:, :2], EYES, strict=True):
+            found = in_eye(iris, face.head[eye], whole_width(eye, face.head, self._at_rest))
+            place[:] = _steadied(place, found, kept)
+
+
+def _steadied(last: F64, found: Floating, kept: float) -> F64:
+    step = last - found
+    return np.asarray(found + (kept if np.hypot(*step) < LIMITS.max_step else 0) * step)
+
+
+@dataclass(frozen=True, eq=False)
+class IrisChange:
+    """From one person's irises to another's."""
+
+    source: Irises
+    target: Irises
+
+    @property
+    def lightens(self) -> bool:
+        """Whether the target's iris is the lighter one."""
+        return bool(self.target.colour @ LUMA > self.source.colour @ LUMA)
+
+    @property
+    def lightness(self) -> float:
+        """Share in [0, 1] by which the source's iris is too light to be told from its white pixel by pixel."""
+        return float(np.interp(self.source.colour @ LUMA, LIMITS.light, (0, 1)))
+
+
+class IrisTint:
+    """Gives one eye of the source the identity's iris, frame by frame.
+
+    Parameters
+    ----------
+    change : shared by both eyes.
+    lids : (h, w) share in [0, 1] by which pixels are within the lids.
+    eye : 0 for the right one, 1 for the left one.
+    """
+
+    def __init__(self, change: IrisChange, lids: F32, eye: int) -> None:
+        self._lids, inside = lids.ravel(), lids > 0.5
+        thinned = np.zeros_like(inside)
+        thinned[::2, ::2] = True
+        looked_at = inside & (thinned | (inside.sum() < LIMITS.many_pixels))
+        self._inside, self._looked_at = np.flatnonzero(inside), np.flatnonzero(looked_at)
+        self._change, self._eye = change, eye
+        self._lightens, self._lightness = change.lightens, np.float32(change.lightness)
+        self._blur = max(LIMITS.shade_eye_widths * inside.any(0).sum(), 0.5)
+        own, other = (irises.colour + LIMITS.black_share for irises in (change.source, change.target))
+        self._gain = np.clip(other / own, *LIMITS.gain).astype(np.float32)
+        self._dimmed = np.float32(min(1.0, LIMITS.lightening * float(own @ LUMA) / float(other @ LUMA)))
+        self._contrast = 1 - own
+        self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
+
+    def apply(self, picture: F32, places: F32, seen: F32, gaze: GazeMemory, step: float) -> F32:
+        """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by shares (h, w) of eye that is seen there.
+
+        step : seconds since the frame before.
+        """
+        if not len(self._inside) or not seen.any():
+            return picture
+        shown = self._lids * seen.ravel()
+        pixels = picture.reshape(-1, 3)
+        bright = white(pixels[self._inside])
+        colours = (pixels[self._looked_at] / bright).T
+        if self._lightness < 0.5:
+            colours = self._direction @ (1 - colours)
+        found = self._found(colours, places.reshape(-1, 2)[self._looked_at], gaze)
+        gaze.places[self._eye] = _steadied(gaze.places[self._eye], found, LIMITS.memory.over(step))
+        from_middle = places - gaze.places[self._eye].astype(np.float32)
+        x, y = from_middle[..., 0], from_middle[..., 1]
+        away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
+        near = (away.ravel() < max(LIMITS.border[0], LIMITS.painted_border[0])).nonzero()[0]
+        before, there, light = np.ascontiguousarray(pixels[near].T), away.take(near), self._lightness
+        painted = (
+            self._painted(picture, bright, away, near, before) if self._lightens or light > 0 else before
+        )
+        change = light * _within(there, LIMITS.painted_border) * (painted - before)
+        if light < 1:
+            other = painted - before if self._lightens else (self._gain[:, None] - 1) * before
+            alike = self._share(np.asarray(before / bright[:, None], np.float32))
+            share = alike * _within(there, LIMITS.border)
+            change += (1 - light) * share * other
+        changed = pixels.copy()
+        changed[near] = (before + change * shown.take(near)).T
+        return changed.reshape(picture.shape)
+
+    def _found(self, seen: F32, places: F32, gaze: GazeMemory) -> F64:
+        """(2,) where the iris is most likely, by pixels at places (n, 2).
+
+        seen : (n,) how unlike white they are; of a light iris (3, n) their colours, shares of the white.
+        """
+        light = seen.ndim == 2
+        start = gaze.parsed[self._eye]
+        best, (x, y) = start, places.T
+        for moves in MOVES:
+            middles = (best + moves).astype(np.float32)
+            dx, dy = x - middles[:, :1], y - middles[:, 1:]
+            away = np.sqrt(dx * dx + dy * dy) / np.float32(self._change.source.radius)
+            scores = -self._differences(seen, away) if light else _set_off(seen, away)
+            off = middles - start
+            scores -= LIMITS.moved[light] * np.hypot(off[:, 0], off[:, 1])
+            best = best + moves[int(scores.argmax())]
+        return np.asarray(best)
+
+    def _differences(self, seen: F32, away: F32) -> F32:
+        """(k,) mean difference of colours (3, n) from the iris at rest, at distances (k, n) from its middle, radii."""
+        near = away < LIMITS.ring
+        off = seen[:, None] - self._change.source.at(away)
+        unlike = np.minimum(np.add.reduce(np.abs(off), 0), LIMITS.max_difference)
+        return np.asarray(np.add.reduce(unlike * near, 1) / np.maximum(np.add.reduce(near, 1, np.intp), 1))
+
+    def _share(self, shares: F32) -> F32:
+        """(n,) share in [0, 1] by which pixels (3, n), shares of the white, have the colours of the source's iris."""
+        unlike_white = self._direction @ (1 - shares)
+        off = 1 - shares - unlike_white * self._contrast[:, None]
+        none, every = LIMITS.unlike[self._lightens]
+        share = _within(np.sqrt(np.add.reduce(np.square(off), 0)), LIMITS.other_colour[::-1])
+        return share * np.minimum(np.maximum((unlike_white - none) / np.float32(every - none), 0), 1)
+
+    def _painted(self, picture: F32, bright: F32, away: F32, near: Int, pixels: F32) -> F32:
+        """Pixels (3, n) at indices `near` with the other's iris painted ring by ring; shading and catch-lights stay."""
+        source, there, white = self._change.source, away.take(near), bright[:, None]
+        own, other = source.at(there), self._dimmed * self._change.target.at(there)
+        usual = own * white
+        inner = _within(there, (1.0, LIMITS.edge))
+        brighter = pixels - usual
+        gleams = (LUMA @ brighter / (LIMITS.catch_light * (bright @ LUMA)) - 1) * 2
+        gleams = np.minimum(np.maximum(gleams, 0), 1)
+        catch_light = np.maximum(brighter, 0) * (gleams * inner)
+        matt = pixels - catch_light
+        above, below = (
+            picture @ LUMA,
+            source.at(away, np.asarray(LUMA @ (source.profile * bright).T, np.float32)),
+        )
+        above.ravel()[near] = LUMA @ matt
+        seen, at_rest = (cv2.GaussianBlur(p, (0, 0), self._blur).take(near) for p in (above, below))
+        shade = np.minimum(np.maximum(seen / np.maximum(at_rest, 4), LIMITS.shade[0]), LIMITS.shade[1])
+        structure = matt - usual * shade
+        structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
+        return np.asarray(other * white * shade + catch_light + structure, np.float32)
+
+
+def _within(away: F32, border: tuple[float, float]) -> F32:
+    """1 inside a border, at distances (h, w), 0 outside."""
+    outer, inner = border
+    return np.asarray(np.minimum(np.maximum((outer - away) / np.float32(outer - inner), 0), 1))
+
+
+def _set_off(unlike_white: F32, away: F32) -> F32:
+    """(k,) how much less white pixels (n,) are on discs than beside them, by distances (k, n) from their middles."""
+    disc, ring = away < 1, (away >= 1) & (away < LIMITS.ring)
+    within, beside = (
+        some @ unlike_white / np.maximum(np.add.reduce(some, 1, np.intp), 1) for some in (disc, ring)
+    )
+    return np.asarray(within - beside)

@@ -1,0 +1,112 @@
+"""The inside of the mouth of a disguise, painted anew: teeth, tongue and darkness between the drawn lips.
+
+Modes of a texture average what was seen between the lips, and none are shown on a turned head.  Upper teeth stay with
+the nose, lower ones with the chin.  Lengths are those of the nose, which no expression changes.  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guise.aam.landmarks.schemes import CHIN, INNER_LIPS, NOSE_BASE, NOSE_ROOT
+from guise.aam.painted_part import PaintedPart
+from guise.aam.reference import ReferenceFrame
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.memory import Memory
+from guise.common.arrays import F64, Floating
+
+
+@dataclass(frozen=True)
+class InnerMouthLimits:
+    """Lengths of the nose; colours in even light, to which the palette gives that of the scene."""
+
+    dark: tuple[float, float, float] = (30, 14, 13)
+    flesh: tuple[float, float, float] = (105, 52, 48)
+    tooth: tuple[float, float, float] = (184, 178, 166)
+    edge: float = 0.015  # over which the inside begins at the lips
+    teeth: float = (
+        0.06  # down to where the upper ones reach, below the upper lip at rest, with the lower ones behind,
+    )
+    teeth_end: float = 0.02  # over which they end there,
+    arc: float = 0.35  # and how that rises to the sides, of the squared way there
+    lower: float = 0.7  # brightness of the lower ones
+    gaps: tuple[float, ...] = (0.0, 0.17, 0.31, 0.43, 0.54)  # between teeth, from the middle
+    gap: tuple[float, float] = (0.12, 0.012)  # shade and half width
+    below_lip: tuple[float, float] = (0.45, 0.05)  # shade of the teeth there, and how far down
+    parted: float = 0.08  # from which light falls on all of the teeth between lips
+    to_sides: float = 1.8  # shade, of the squared way
+    tongue: tuple[float, float, float] = (
+        0.7,
+        0.22,
+        4.0,
+    )  # share at the lower lip, height, and shade to the sides
+
+
+LIMITS = InnerMouthLimits()
+
+
+class InnerMouth:
+    """Paints it into the texture of an identity.
+
+    rest : the identity's shape (81, 2) at rest.
+    """
+
+    def __init__(self, reference: ReferenceFrame, rest: F64) -> None:
+        self._part = PaintedPart.of(reference, INNER_LIPS)
+        about = _AboutMouth(rest)
+        nose, lip, chin = (float(about(rest[point])[1]) for point in (NOSE_BASE, INNER_LIPS[2], CHIN))
+        self._from_nose, self._to_chin = lip - nose + LIMITS.teeth, chin - lip - LIMITS.teeth
+
+    def paint(self, face: FaceInFrame, memory: Memory) -> None:
+        """Paint it between the drawn lips."""
+        mesh = face.mesh
+        about = _AboutMouth(mesh)
+        lips, ends = about(mesh[INNER_LIPS]), about(mesh[[NOSE_BASE, CHIN]])[:, 1]
+        x, y = about(self._part.places(mesh)).T
+        below, above = y - np.interp(x, *lips[:5].T), np.interp(x, *lips[[0, 7, 6, 5, 4]].T) - y
+        from_upper, from_lower = (
+            y + LIMITS.arc * x * x - end for end in (ends[0] + self._from_nose, ends[1] - self._to_chin)
+        )
+        dark, flesh, tooth = (np.array(colour) for colour in (LIMITS.dark, LIMITS.flesh, LIMITS.tooth))
+        parted = np.clip((below + above) / LIMITS.parted, 0, 1)
+        lit = tooth * (parted * _shade(x, below))[:, None]
+        colours = dark + _tongue(x, above)[:, None] * (flesh - dark)
+        colours += _reached(from_lower)[:, None] * (LIMITS.lower * lit - colours)
+        colours += _reached(-from_upper)[:, None] * (lit - colours)
+        inside = np.clip(np.minimum(below, above) / LIMITS.edge, 0, 1)
+        self._part.paint(face.canvas.texture, colours.astype(np.float32), inside.astype(np.float32))
+
+
+def _reached(beyond: F64) -> F64:
+    """(n,) share in [0, 1] of teeth at places beyond their end."""
+    return np.asarray(np.clip(beyond / LIMITS.teeth_end + 0.5, 0, 1))
+
+
+def _tongue(x: F64, above: F64) -> F64:
+    """(n,) share in [0, 1] of the tongue at places beside the middle and above the lower lip."""
+    share, height, narrow = LIMITS.tongue
+    return np.asarray(share * np.clip(1 - above / height, 0, 1) * np.exp(-narrow * x * x))
+
+
+def _shade(x: F64, below: F64) -> F64:
+    """(n,) how bright teeth are at places beside the middle and below the upper lip."""
+    (lip, reach), (gap, width) = LIMITS.below_lip, LIMITS.gap
+    from_gap = np.abs(np.abs(x)[:, None] - np.array(LIMITS.gaps)).min(1)
+    even = np.exp(-LIMITS.to_sides * x * x) * (1 - lip * np.exp(-np.maximum(below, 0) / reach))
+    return np.asarray(even * (1 - gap * np.exp(-np.square(from_gap / width))))
+
+
+class _AboutMouth:
+    """Places about the middle of a mesh's mouth, x from corner to corner, y down, in lengths of the nose."""
+
+    def __init__(self, mesh: F64) -> None:
+        first, last = mesh[[INNER_LIPS[0], INNER_LIPS[4]]]
+        self._middle = (first + last) / 2
+        x, y = (last - first) / max(float(np.hypot(*(last - first))), 1e-3)
+        length = max(float(np.hypot(*(mesh[NOSE_BASE] - mesh[NOSE_ROOT]))), 1e-3)
+        self._axes = np.array([[x, -y], [y, x]]) / length
+
+    def __call__(self, points: Floating) -> F64:
+        return np.asarray((points - self._middle) @ self._axes)

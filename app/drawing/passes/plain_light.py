@@ -1,0 +1,270 @@
+"""Light without a network: by ratios of wide means of skin, and by the papers' similarity of colours.
+
+The first is a disguise's, in which nothing of the person's features may pass for light.  What the frame shows of the
+source's skin, averaged widely around each place, is divided by what the synthesised face shows there, averaged alike;
+the ratio is that of the two lights and skin tones together.  Brows, lips and folds are differences from the face's own
+mean; they take the colour of the ratio, and its brightness within limits, so that they neither fade nor turn into
+noise.  Eyes and the inside of the mouth keep their own colours, in the brightness that the source's have and the tint
+of the light on whites.
+
+In the second, light over a face is a smooth field (`guise.aam.light`) fitted to skin, with separate levels for the eyes
+and for the inside of the mouth (teeth don't darken with the skin); its slopes keep little colour, and eyes and mouth
+keep the donor's.  The donor's own field is subtracted; what remains (brows, lips, folds) is scaled by the ratio of the
+two fields, as light scales what it falls on, and mapped by a similarity of colours (de la Hunty, Asthana and Goecke
+2010, section 3.2, with the symmetric scale); then the field that the frame shows is added.  RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from guise.aam.coarse_grid import CellReader, CoarseGrid, TexelSums
+from guise.aam.irises import Whites
+from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, RIGHT_EYE
+from guise.aam.light import LUMA, light_ratio, quadratic_fields
+from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.reference import ReferenceFrame
+from guise.aam.similarity import Scale, Similarity, align
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.memory import Memory
+from guise.common.arrays import F32, F64, Bool, Floating, Int
+from guise.common.decay import Decay
+
+QUADRATIC_FIELDS = 6  # leading fields: those of `quadratic_fields`
+
+
+@dataclass(frozen=True)
+class PaperLightLimits:
+    """How the palette is fitted and how far it may go."""
+
+    slope_tint: float = 0.4  # share of colour that the slopes of the light keep
+    memory: Decay = Decay(0.72, 2 / 30)
+    update_seconds: float = 2 / 30  # from one update to the next: light changes slowly
+    light_jump_grey_levels: float = 10.0  # a change of light by more isn't noise and is followed at once
+    rotation_prior: float = 1.0  # pull of the colours' rotation towards the identity
+    contrast: tuple[float, float] = (0.9, 1.5)  # range of the similarity's scale
+    light_ratio: tuple[float, float] = (0.5, 2.0)  # range of the ratio of two lights
+    highlight_slope: float = 0.35  # above the brightest skin, so that teeth and eyes don't glow
+    brightest_skin_quantile: float = 0.98
+    ridge: float = (
+        1e-3  # damping per texel of the quadratic terms; a tenth of it of the levels of eyes and mouth
+    )
+
+
+@dataclass(frozen=True)
+class WideLightLimits:
+    """Widths, ranges and memory of the light of wide means."""
+
+    cell_face_widths: float = 0.025
+    sigma_face_widths: float = 0.2  # of both means: narrow ones follow the person's own features
+    brightness_ratio: tuple[float, float] = (0.15, 4.0)
+    colour_ratio: tuple[float, float] = (0.6, 1.6)  # of a channel, beyond that of brightness
+    detail_gain: tuple[float, float] = (0.5, 1.5)
+    # Of brightness, at eyes and in the mouth: teeth that the frame shows don't light up a tongue.
+    part_ratios: tuple[tuple[float, float], ...] = ((0.35, 1.8), (0.35, 1.1))
+    memory: Decay = Decay(0.5)
+    black_grey_levels: float = 4.0  # added before a ratio is taken
+    min_weight: float = 1e-3  # of a texel
+    min_part_share: float = 0.25  # visible share of eyes or mouth from which their brightness is measured
+
+
+LIMITS, WIDE = PaperLightLimits(), WideLightLimits()
+PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
+
+
+class WideLight:
+    """Light by ratios of wide means, smooth in time.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
+    mask : (h, w) bool, where the face is shown.
+    enrolled : neutral RGB (n, 3) of the frame's person and of the face, in the reference frame's mask pixels.
+    """
+
+    def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32]) -> None:
+        grid = CoarseGrid(reference, WIDE.cell_face_widths)
+        self._texels = texels
+        self._skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask][texels])
+        self._sums = TexelSums(grid.size, grid.places(texels[self._skin]))
+        self._at_pixels = CellReader(grid.places())
+        self._smoother = grid.smoother(WIDE.sigma_face_widths)
+        self._parts = [soft_parts(reference, part, 0.0)[reference.mask] for part in PARTS]
+        self._surface = 1 - np.maximum(*self._parts)
+        self._whites = Whites(reference, enrolled, texels[self._skin])
+        self._part_texels = [np.flatnonzero(part[texels] > 0.5) for part in self._parts]
+
+    def measure(self, face: FaceInFrame, memory: Memory) -> None:
+        """Move towards the ratios of what the frame shows and the face's texture."""
+        if not face.seen:
+            return
+        kept, seen, own_rgb = memory.wide_light, face.seen.rgb, face.canvas.texture[self._texels]
+        visible = np.ones(len(seen), np.float32) if face.seen.visible is None else face.seen.visible
+        own, ratio = self._fitted(own_rgb[self._skin], seen[self._skin], visible[self._skin])
+        share = np.float32(0.0 if kept.own is None else WIDE.memory.over(memory.clock.step))
+        kept.own = own if kept.own is None else kept.own + (1 - share) * (own - kept.own)
+        kept.ratio = ratio if kept.ratio is None else kept.ratio + (1 - share) * (ratio - kept.ratio)
+        for part, at in enumerate(self._part_texels):
+            if len(at) and visible[at].mean() > WIDE.min_part_share:
+                value = _part_ratio(own_rgb[at], seen[at], visible[at], WIDE.part_ratios[part])
+                kept.parts[part] += (1 - share) * (value - kept.parts[part])
+        tint = self._whites.tint(visible[self._skin] @ seen[self._skin])
+        kept.tint = tint if kept.tint is None else tint + share * (kept.tint - tint)
+
+    def apply(self, face: FaceInFrame, memory: Memory) -> None:
+        """Light the face's texture: own R + (texture - own) g, over black, an affine map with coefficients of cells."""
+        kept, canvas, colour = memory.wide_light, face.canvas, face.frame.colour
+        assert kept.own is not None
+        assert kept.ratio is not None
+        assert kept.tint is not None
+        to_stored, offset = colour.from_rgb[:, :3], colour.from_rgb[:, 3]
+        gain = kept.ratio * (_detail_gain(kept.ratio) / _luma(kept.ratio))
+        black = np.float32(WIDE.black_grey_levels) * (1 - gain)
+        gains, lit = self._at_pixels(gain), self._at_pixels(kept.own * (kept.ratio - gain) - black)
+        gains *= self._surface
+        lit *= self._surface
+        tint = kept.tint / (LUMA @ kept.tint)
+        for part, value in zip(self._parts, kept.parts, strict=True):
+            gains += np.multiply.outer(np.float32(value) * tint, part)
+        gains *= canvas.texture.T
+        gains += lit
+        out = to_stored.astype(np.float32) @ gains
+        out += offset.astype(np.float32)[:, None]
+        canvas.planes = out
+        canvas.contrast = float(np.median(_detail_gain(kept.ratio))) * float(to_stored[0].sum())
+
+    def _fitted(self, face: F32, seen: F32, visible: F32) -> tuple[F32, F32]:
+        """The face's local mean over black and the ratio of colours (3, h, w), from the skin's texels (s, 3)."""
+        black = np.float32(WIDE.black_grey_levels)
+        sums = self._sums(np.concatenate([face, seen], axis=1), visible + np.float32(WIDE.min_weight))
+        means = self._smoother.means(sums) + black
+        brightness = np.clip(_luma(means[3:]) / _luma(means[:3]), *WIDE.brightness_ratio)
+        tint = means[3:] / np.maximum(means[:3], 1) * (_luma(means[:3]) / _luma(means[3:]))
+        return means[:3], brightness * np.clip(tint, *WIDE.colour_ratio)
+
+
+class PaperLight:
+    """A similarity of colours and smooth fields, smooth in time.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    texels : (t,) indices into the reference frame's mask pixels, where colours are compared.
+    mask : (h, w) bool, where the face is shown.
+    scale : of the colour similarity; "least-squares" is the paper's.
+    """
+
+    def __init__(
+        self, reference: ReferenceFrame, texels: Int, mask: Bool, scale: Scale = "symmetric"
+    ) -> None:
+        self._scale: Scale = scale
+        field, self._texels = _fields(reference), texels
+        shown = mask[reference.mask][texels]
+        self._shown = np.flatnonzero(shown)
+        self._skin = np.flatnonzero(shown & skin_mask(reference)[reference.mask][texels])
+        self._planes = np.ascontiguousarray(field.T)
+        at = field[texels].astype(np.float64)
+        inner = at[:, QUADRATIC_FIELDS:].max(1) > 0.5
+        self._fitted = np.union1d(self._skin, np.flatnonzero(inner))
+        known = at[self._fitted]
+        ridge = LIMITS.ridge * len(known) * np.diag([0, 0, 0, 1, 1, 1, 0.1, 0.1])
+        self._solve = np.linalg.solve(known.T @ known + ridge, known.T)
+        self._at_shown = at[self._shown]
+
+    def measure(self, face: FaceInFrame, memory: Memory) -> None:
+        """Move towards the mapping from the face's colours to what the frame shows."""
+        kept, clock = memory.paper_light, memory.clock
+        if not face.seen or not clock.is_due(kept.updated + LIMITS.update_seconds):
+            return
+        face_rgb, seen = face.canvas.texture[self._texels], face.seen.rgb
+        own, there = (_with_grey_slopes(self._solve @ rgb[self._fitted]) for rgb in (face_rgb, seen))
+        levels = own[QUADRATIC_FIELDS:]
+        there[QUADRATIC_FIELDS:] = _grey(there[QUADRATIC_FIELDS:]) + levels - _grey(levels)
+        keep = 0.0
+        if kept.own is not None and kept.there is not None:
+            jump = (there[0] - kept.there[0]).mean() / LIMITS.light_jump_grey_levels
+            keep = LIMITS.memory.over(clock.now - kept.updated) * float(np.exp(-(jump**2)))
+            own, there = keep * kept.own + (1 - keep) * own, keep * kept.there + (1 - keep) * there
+        kept.own, kept.there, kept.updated = own, there, clock.now
+        own, there = self._at_shown @ own, self._at_shown @ there
+        gain = _ratio(own.mean(1), there.mean(1))[:, None]
+        found = align(
+            gain * (face_rgb[self._shown] - own), seen[self._shown] - there, scale=self._scale,
+            prior=LIMITS.rotation_prior,
+        )  # fmt: skip
+        if isinstance(found, Similarity):
+            linear = float(np.clip(found.scale, *LIMITS.contrast)) * found.rotation
+            kept.linear = keep * kept.linear + (1 - keep) * linear
+        kept.bright = keep * kept.bright + (1 - keep) * _brightest(seen[self._skin].mean(1))
+
+    def apply(self, face: FaceInFrame, memory: Memory) -> None:
+        """Put the face's texture into the frame's light and colours."""
+        kept, canvas, colour = memory.paper_light, face.canvas, face.frame.colour
+        assert kept.own is not None
+        assert kept.there is not None
+        to_stored, offset = colour.from_rgb[:, :3], colour.from_rgb[:, 3]
+        matrix = to_stored @ kept.linear
+        light = kept.there @ to_stored.T
+        light[0] += offset
+        greys = kept.own.mean(1), kept.there.mean(1)
+        fields = (
+            np.concatenate([(kept.own @ matrix.T).T, light.T, np.stack(greys)]).astype(np.float32)
+            @ self._planes
+        )
+        out = matrix.astype(np.float32) @ canvas.texture.T
+        out -= fields[:3]
+        out *= _ratio(fields[6], fields[7])
+        out += fields[3:6]
+        knee = np.float32(kept.bright * to_stored[0].sum() + offset[0])
+        out[0] -= np.float32(1 - LIMITS.highlight_slope) * np.maximum(out[0] - knee, 0)
+        canvas.planes = np.asarray(out, np.float32)
+        grey = float(kept.linear.sum() / 3) * float(_ratio(kept.own[0].mean(), kept.there[0].mean()))
+        canvas.contrast = grey * float(to_stored[0].sum())
+
+
+def _detail_gain(ratio: F32) -> F32:
+    """(h, w) scale of differences from the local mean."""
+    return np.asarray(np.clip(_luma(ratio), *WIDE.detail_gain))
+
+
+def _luma(planes: F32) -> F32:
+    return np.asarray(np.tensordot(LUMA, planes, 1))
+
+
+def _part_ratio(face: F32, seen: F32, visible: F32, limits: tuple[float, float]) -> float:
+    """Ratio of mean brightness of an eye or mouth, within limits."""
+    there, own = (float(visible @ (rgb @ LUMA)) / float(visible.sum()) for rgb in (seen, face))
+    ratio = (there + WIDE.black_grey_levels) / max(own + WIDE.black_grey_levels, 1)
+    return float(np.clip(ratio, *limits))
+
+
+def _with_grey_slopes(fields: F64) -> F64:
+    """Fields (8, 3) with less colour in their slopes: slopes of colour would give one head two eye colours."""
+    slopes = fields[1:QUADRATIC_FIELDS]
+    fields[1:QUADRATIC_FIELDS] = _grey(slopes) + LIMITS.slope_tint * (slopes - _grey(slopes))
+    return fields
+
+
+def _grey(colours: F64) -> F64:
+    return np.asarray(colours.mean(1, keepdims=True))
+
+
+def _brightest(values: F32) -> float:
+    """The value at `brightest_skin_quantile`."""
+    place = int(LIMITS.brightest_skin_quantile * (len(values) - 1))
+    return float(np.partition(values, place)[place])
+
+
+def _ratio(own: Floating, there: Floating) -> Floating:
+    """Ratio of two grey fields, within range."""
+    return light_ratio(own, there, LIMITS.light_ratio)
+
+
+def _fields(reference: ReferenceFrame) -> F32:
+    """(n, 8): `quadratic_fields`, eyes and inner mouth over the mask pixels."""
+    eyes = soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.0)[reference.mask]
+    mouth = soft_parts(reference, (INNER_LIPS,), 0.0)[reference.mask]
+    return np.column_stack([quadratic_fields(reference), eyes, mouth]).astype(np.float32)

@@ -1,0 +1,257 @@
+"""What makes a drawn face look filmed by the same camera as the picture around it: its sharpness and its grain.
+
+A donor filmed sharper than the picture, or in harder light, looks cut out and pasted on; a small or blurred one looks
+painted.  So the gradients of the frame's skin before drawing are compared with those of the same pixels after it, and
+the fine contrast of the texture is scaled until both are alike, within limits: a texture holds no more detail than its
+donor's clip, and wrinkles are the donor's own.
+
+What a donor's clip does not hold cannot be sharpened out of it: a raised contrast ends in streaks.  So where that is
+not enough the finest band of the frame's brightness is laid into the texture, on skin alone: pores and grain.  Folds,
+moles and edges, by which a person is known, stand out from it and stay out.
+
+A mean of frames has less noise than a frame, and a drawn face without the noise around it looks pasted on.  So the
+noise of the frame's skin before drawing is compared with that of the same pixels after it, and what is missing is added
+to the texture of the frames that follow.
+
+Pixels, x right, y down; grey levels 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_WINGS, RIGHT_BROW
+from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
+from guise.aam.reference import MeshSampler, ReferenceFrame
+from guise.aam.relief import Relief
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
+from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.quantile import quantile
+from guise.common.small import mean
+
+
+@dataclass(frozen=True)
+class SharpnessLimits:
+    """What is measured, how often, and how far contrast is scaled."""
+
+    band_face_widths: float = 0.04  # standard deviation, beyond which a difference is light, not detail
+    feature_share: float = 0.4  # of a lowering, by which eyes, brows and lips follow
+    feature_growth_face_widths: float = 0.02  # around them, where nothing is raised
+    smoothing_pixels: float = 0.7  # standard deviation, before gradients are taken
+    places: int = 800  # on skin
+    min_inside: float = 0.5  # share of the places that must lie in the picture
+    max_excess: float = 4.0  # gradient energy of a place, of the mean, above which it's an edge
+    min_energy: float = 4.0  # of gradients, grey levels squared, below which both are smooth
+    slack_octaves: tuple[float, float] = (-0.1, 0.3)  # of gradient energy, by which the frame may be sharper
+    own_slack_octaves: float = 0.4  # the same, above which the frame's own structure is shown
+    rate: float = 0.35  # share of a difference made up for at each measurement
+    first_seconds: float = (
+        12 / 30
+    )  # of a face, in which every frame is measured and made up for twice as fast
+    every_seconds: float = 4 / 30  # between later measurements
+    gain: tuple[float, float] = (0.35, 1.2)  # least and most
+    unseen_gain: float = 0.03  # from 1, within which nothing is done
+
+
+@dataclass(frozen=True)
+class GrainLimits:
+    """What is measured, how often, and how much is added."""
+
+    finest_sigma_pixels: float = 0.8  # of the Gaussian beyond which nothing counts as grain
+    patch_pixels: int = 9  # sides of the squares whose energy is measured
+    smooth_quantile: float = 0.3  # of the squares' energies: skin without features
+    places: int = 400  # on skin
+    min_inside: float = 0.5  # share of the places that must lie in the picture
+    shown_share: float = 0.3  # of the variance added to a texture that the picture shows in the finest band
+    rate: float = 0.4  # share of a difference made up for at each
+    every_seconds: float = 4 / 30  # between measurements
+    max_grey_levels: float = 4.0  # standard deviation
+    min_grey_levels: float = 0.3  # below which rounding would swallow it
+    tile_slack_pixels: int = 64  # by which the pattern is shifted at random from frame to frame
+
+
+@dataclass(frozen=True)
+class OwnSkinLimits:
+    """What is taken from the frame."""
+
+    band_face_widths: float = 0.012  # standard deviation, below which structure is fine
+    fold_grey_levels: float = 3.0  # standard deviation, of which structure is a fold or an edge and stays out
+    feature_growth_face_widths: float = 0.035  # around eyes, brows, lips and nostrils of either face
+    brow_growth_face_widths: float = 0.09  # around brows, which rise
+    rim_face_widths: float = 0.02  # standard deviation by which it fades at the edge of skin
+    cell_grid_pixels: int = 4  # between which places are interpolated
+
+
+LIMITS, GRAIN, OWN = SharpnessLimits(), GrainLimits(), OwnSkinLimits()
+
+
+class Finish:
+    """Measures sharpness and grain of frames and gives them to pictures; the same frames always get the same grain.
+
+    Parameters
+    ----------
+    reference : ReferenceFrame.
+    mask : (h, w) bool, where the face is drawn.
+    """
+
+    def __init__(self, reference: ReferenceFrame, mask: Bool) -> None:
+        rng = np.random.default_rng(0)
+        order = rng.permutation(np.flatnonzero((skin_mask(reference) & mask)[reference.mask]))
+        self._at_edges, self._at_grain = (
+            reference.sampler[np.sort(order[:n])] for n in (LIMITS.places, GRAIN.places)
+        )
+        height, width = (2 * side + GRAIN.tile_slack_pixels for side in reference.size)
+        self._tile = rng.standard_normal((height, width), np.float32)
+        self._lowered = 1 - np.float32(1 - LIMITS.feature_share) * soft_parts(reference, FEATURE_PARTS, 0.0)
+        self._raised = 1 - soft_parts(reference, FEATURE_PARTS, LIMITS.feature_growth_face_widths)
+        side = round(np.sqrt(6 * (LIMITS.band_face_widths * reference.resolution) ** 2 + 1))
+        self._box = (side | 1, side | 1)  # two such means are nearly a Gaussian
+
+    def sharpen(self, face: FaceInFrame, memory: Memory) -> None:
+        """Scale the picture's fine contrast."""
+        gain, canvas = memory.surface.gain, face.canvas
+        if abs(gain - 1) >= LIMITS.unseen_gain:
+            smooth = cv2.blur(cv2.blur(canvas.picture, self._box), self._box)
+            share = np.float32(gain - 1) * (self._raised if gain > 1 else self._lowered)
+            canvas.picture = np.asarray(cv2.blendLinear(canvas.picture, smooth, 1 + share, -share), np.uint8)
+        canvas.contrast *= gain
+
+    def add_grain(self, face: FaceInFrame, memory: Memory) -> None:
+        """Put the grain of this frame on the picture, brightness first."""
+        deviation = float(np.sqrt(memory.surface.variance))
+        if deviation < GRAIN.min_grey_levels:
+            return
+        picture = face.canvas.picture
+        x, y = np.random.default_rng(face.frame.index).integers(0, GRAIN.tile_slack_pixels, 2)
+        h, w = picture.shape[:2]
+        luma = cv2.extractChannel(picture, 0)
+        tile = self._tile[y : y + h, x : x + w]
+        cv2.addWeighted(luma, 1.0, tile, deviation, 0.0, dst=luma, dtype=cv2.CV_8U)
+        cv2.insertChannel(luma, picture, 0)
+
+    def look(self, face: FaceInFrame, memory: Memory) -> None:
+        """Measure the frame before the face is drawn, if that is due."""
+        kept, now, roi = memory.surface, memory.clock.now, face.canvas.roi
+        kept.edges = kept.grain = None
+        if not face.seen:
+            return
+        if kept.began is None:
+            kept.began = now
+        is_early = now < kept.began + LIMITS.first_seconds - SLACK
+        edges_due = is_early or memory.clock.is_due(kept.sharpness_seen + LIMITS.every_seconds)
+        grain_due = memory.clock.is_due(kept.grain_seen + GRAIN.every_seconds)
+        if edges_due:
+            kept.edges = gradient_energy(roi)
+        if grain_due:
+            kept.grain = grain_energy(roi)
+
+    def compare(self, face: FaceInFrame, memory: Memory) -> None:
+        """Compare what was measured with the same after drawing."""
+        kept, now, canvas = memory.surface, memory.clock.now, face.canvas
+        mesh = face.mesh - canvas.corner
+        if kept.grain is not None:
+            kept.grain_seen = now
+            pair = _beside(kept.grain, grain_energy(canvas.roi), self._at_grain, mesh, GRAIN.min_inside)
+            if pair is not None:
+                there, own = (quantile(energies, GRAIN.smooth_quantile) for energies in pair)
+                missing = (there - own) / GRAIN.shown_share
+                kept.variance = float(
+                    np.clip(kept.variance + GRAIN.rate * missing, 0, GRAIN.max_grey_levels**2)
+                )
+        if kept.edges is not None:
+            kept.sharpness_seen = now
+            pair = _beside(kept.edges, gradient_energy(canvas.roi), self._at_edges, mesh, LIMITS.min_inside)
+            if pair is not None:
+                there, own = (_typical(energies) for energies in pair)
+                _adjust(kept, float(np.log2(there / own)), now)
+
+
+def _adjust(kept: SurfaceMemory, octaves: float, now: float) -> None:
+    """Make up for a difference of gradient energy: all of it as a face begins, then less and less at once."""
+    beyond = octaves - float(np.clip(octaves, *LIMITS.slack_octaves))
+    early = now < (kept.began or 0.0) + LIMITS.first_seconds - SLACK
+    rate = 1.0 if now == kept.began else LIMITS.rate * (2 if early else 1)
+    kept.own_share = float(np.clip(kept.own_share + rate * (octaves - LIMITS.own_slack_octaves), 0, 1))
+    kept.gain = float(np.clip(kept.gain * 2 ** (rate * beyond / 2), *LIMITS.gain))
+
+
+def _beside(seen: F32, drawn: F32, sampler: MeshSampler, mesh: F64, least: float) -> tuple[F32, F32] | None:
+    """What two rectangles (h, w) hold at places on a mesh (81, 2) in their pixels; None if few of them lie inside."""
+    x, y = np.rint(sampler.positions(mesh)).astype(int).T
+    h, w = seen.shape
+    inside = (x >= 0) & (x < w) & (y >= 0) & (y < h)
+    if mean(inside) < least:
+        return None
+    return seen[y[inside], x[inside]], drawn[y[inside], x[inside]]
+
+
+class OwnSkin:
+    """Lays the fine structure of a frame's skin into textures.
+
+    Parameters
+    ----------
+    relief : of the face that is drawn.
+    """
+
+    def __init__(self, relief: Relief) -> None:
+        reference = relief.reference
+        self._width = reference.resolution
+        features = (*FEATURE_PARTS, NOSE_WINGS)
+        skin = cv2.GaussianBlur(
+            skin_mask(reference).astype(np.float32), (0, 0), OWN.rim_face_widths * self._width
+        )
+        self._share = skin * (1 - soft_parts(reference, features, OWN.feature_growth_face_widths))
+        self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), OWN.brow_growth_face_widths)
+        h, w = reference.size
+        self._cells = -(-h // OWN.cell_grid_pixels), -(-w // OWN.cell_grid_pixels)
+        axes = ((np.arange(n) + 0.5) * side / n - 0.5 for n, side in zip(self._cells, (h, w), strict=True))
+        ys, xs = np.meshgrid(*axes, indexing="ij")
+        self._sampler = MeshSampler.build(relief.mesh, np.column_stack([xs.ravel(), ys.ravel()]))
+
+    def add(self, face: FaceInFrame, memory: Memory) -> None:
+        """Lay a share of what the frame shows into the picture, if its own sharpness is not enough."""
+        if memory.surface.own_share > 0:
+            canvas = face.canvas
+            mesh = canvas.mesh - canvas.corner
+            self.lay(canvas.picture, canvas.roi, mesh, face.zoom, memory.surface.own_share)
+
+    def lay(self, picture: U8, roi: U8, mesh: F64, zoom: float, share: float) -> None:
+        """Lay a share of what a rectangle (h, w, 3) shows into a texture (h, w, 3), in place; brightness comes first.
+
+        mesh : (81 + k, 2), where the texture is drawn, in the rectangle's pixels.   zoom : of these per grid pixel.
+        """
+        size = picture.shape[1::-1]
+        luma = cv2.extractChannel(roi, 0).astype(np.float32)
+        sigma = max(OWN.band_face_widths * self._width * zoom, 0.5)
+        luma -= cv2.GaussianBlur(luma, (0, 0), sigma)
+        energy = cv2.GaussianBlur(luma * luma, (0, 0), 2 * sigma)
+        luma *= cv2.exp(energy * (-0.5 / OWN.fold_grey_levels**2))
+        places = cv2.resize(self._sampler.positions(mesh).reshape(*self._cells, 2), size)
+        band = cv2.remap(luma, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        band *= np.float32(share) * cv2.resize(self._share, size)
+        texture = cv2.add(cv2.extractChannel(picture, 0), band, dtype=cv2.CV_8U)
+        cv2.insertChannel(texture, picture, 0)
+
+
+def gradient_energy(picture: U8) -> F32:
+    """(h, w) squared gradient of a picture (h, w, 3), brightness first, grey levels per pixel squared."""
+    luma = cv2.GaussianBlur(cv2.extractChannel(picture, 0), (0, 0), LIMITS.smoothing_pixels)
+    along, down = cv2.spatialGradient(luma)
+    return np.asarray((along.astype(np.float32) ** 2 + down.astype(np.float32) ** 2) / 64, np.float32)
+
+
+def _typical(energies: F32) -> float:
+    """The mean of energies (n,), to which single edges add little."""
+    return float(mean(np.minimum(energies, LIMITS.max_excess * mean(energies)))) + LIMITS.min_energy / 64
+
+
+def grain_energy(picture: U8) -> F32:
+    """(h, w) mean square of the finest band around each pixel of a picture (h, w, 3), brightness first."""
+    luma = cv2.extractChannel(picture, 0).astype(np.float32)
+    luma -= cv2.GaussianBlur(luma, (0, 0), GRAIN.finest_sigma_pixels)
+    side = (GRAIN.patch_pixels, GRAIN.patch_pixels)
+    return np.asarray(cv2.boxFilter(luma * luma, -1, side), np.float32)

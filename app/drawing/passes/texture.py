@@ -1,0 +1,173 @@
+"""The drawn face's texture: how the head is seen, what it expresses, and the donor's appearance for that.
+
+fit -> parameters -> alpha-extrapolation (de la Hunty, Asthana and Goecke, ICPR 2010) -> texture and shape, whose points
+move as far as the head's own.  Pixels, x right, y down; RGB 0..255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.extrapolation import Extrapolator
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
+from guise.aam.parameters import ParameterEstimator
+from guise.aam.reference import POINTS, MeshSampler
+from guise.aam.relief import Relief
+from guise.aam.shape_transfer import ShapeTransfer
+from guise.aam.similarity import align_planar
+from guise.aam.solid_shape import HeadPose, Sight
+from guise.aam.view_prior import SideViews
+from guise.app.drawing.face import FaceInFrame, Fold, Seen
+from guise.app.drawing.memory import Memory
+from guise.common import small
+from guise.common.arrays import F32, F64
+
+
+@dataclass(frozen=True)
+class TextureLimits:
+    """When the texture moves less, and how it is enlarged; pixels of the picture a grid pixel are its zoom."""
+
+    still_degrees: tuple[float, float] = (
+        12.0,
+        28.0,
+    )  # of turn from how either was enrolled: less, and not at all
+    min_detail_zoom: float = 1.15  # above which detail is added
+    max_blur_zoom: float = 0.7  # below which the texture is blurred against aliasing
+    blur_grid_pixels: float = 0.45  # standard deviation, at a zoom of 1
+
+
+LIMITS = TextureLimits()
+
+
+class PlainTexture:
+    """The appearance that the extrapolation gives, and the shape that goes with it, as the papers have it."""
+
+    def __init__(self, extrapolator: Extrapolator, estimator: ParameterEstimator) -> None:
+        self.extrapolator, self.estimator = extrapolator, estimator
+
+    @property
+    def alpha(self) -> float:
+        """Share in [0, 1] of the expression outside the donor's own space that is let through; setting it costs."""
+        return self.extrapolator.alpha
+
+    @alpha.setter
+    def alpha(self, value: float) -> None:
+        if value != self.extrapolator.alpha:
+            self.extrapolator.alpha = value
+
+    def look(self, face: FaceInFrame, memory: Memory) -> None:
+        """See what the frame shows of the head at the texels."""
+        places = self.estimator.sampler.positions(face.head)
+        rgb = face.frame.sample_rgb(places)
+        face.seen = Seen(places, rgb, rgb)
+
+    def measure(self, face: FaceInFrame, memory: Memory) -> None:
+        """Tell what the head expresses."""
+        face.seen.parameters = self.estimator(face.head, face.seen.clear)
+
+    def synthesise(self, face: FaceInFrame, memory: Memory) -> None:
+        """Make the donor's shape and texture for that."""
+        self._make(face, 1.0)
+
+    def _make(self, face: FaceInFrame, share: float) -> None:
+        appearance = self.extrapolator.apply(face.seen.parameters, share)
+        weight = self.extrapolator.reference.shape_weight
+        face.shape = appearance[:SHAPE_ENTRIES].reshape(POINTS, 2).astype(np.float64) / weight
+        face.canvas.texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
+
+
+class Texture(PlainTexture):
+    """The same with the shape fitted into the head, and seen as the head is turned.
+
+    Parameters
+    ----------
+    extrapolator, estimator : of the texture, and of the person's parameters.
+    transfer : of the shape.
+    sides : how the donor looks from the side.
+    relief, whole : of the drawn face, and see `Sight.of`.
+    at_rest : (81, 2) the donor's shape at rest, as it was enrolled.
+    """
+
+    def __init__(
+        self, extrapolator: Extrapolator, estimator: ParameterEstimator, transfer: ShapeTransfer, sides: SideViews,
+        relief: Relief, whole: F64, at_rest: F64,
+    ) -> None:  # fmt: skip
+        super().__init__(extrapolator, estimator)
+        self._transfer, self._sides, self._relief, self._whole = transfer, sides, relief, whole
+        self._normals = relief.normals(transfer.solid)
+        reference = relief.reference
+        ys, xs = np.divmod(reference.pixels[estimator.texels], reference.size[1])
+        self._sampler = MeshSampler.build(relief.mesh, np.column_stack([xs, ys]).astype(np.float64))
+        to_grid = align_planar(at_rest, reference.points, RIGID_WEIGHTS)
+        self._enrolled = np.asarray(transfer.target.pose.linear[2] @ to_grid.linear)  # see `Sight.of`
+
+    def look(self, face: FaceInFrame, memory: Memory) -> None:
+        """See how the head is turned, and what the frame shows of it at the texels."""
+        pose, points = face.pose, self._relief.reference.points
+        enrolled = self._enrolled @ align_planar(points, face.head, RIGID_WEIGHTS).linear
+        at_rest = self._transfer.at_rest(face.head, pose)
+        face.sight = sight = Sight.of(self._normals, self._whole, pose, enrolled, at_rest)
+        if sight.across.any():
+            places = self._sampler.positions(self._relief.seen(face.head, sight.across))
+        else:
+            places = self.estimator.sampler.positions(face.head)
+        rgb = face.frame.sample_rgb(places)
+        face.seen = Seen(places, rgb, rgb)
+
+    def synthesise(self, face: FaceInFrame, memory: Memory) -> None:
+        """Make the donor's texture for what the head expresses, and its shape for where its points are."""
+        pose = face.pose
+        self._make(face, self._share(pose))
+        face.shape = self._transfer.apply(face.head, pose)
+        texture = face.canvas.texture
+        factors = self._sides.at(pose.angles[0] - self._transfer.target.pose.angles[0])
+        cv2.multiply(texture, cv2.merge([factors] * 3).reshape(texture.shape), dst=texture)
+
+    def _share(self, pose: HeadPose) -> float:
+        """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""
+        source, target = self._transfer.source.pose, self._transfer.target.pose
+        turn = max(pose.turn_from(source), pose.turn_from(target))
+        return 1 - small.ramp(turn, *LIMITS.still_degrees)
+
+
+class Enlargement:
+    """The picture as fine as the face is drawn.
+
+    Parameters
+    ----------
+    detail : (2 h, 2 w) grey levels, what the donor's face has beyond the grid.
+    interpolation : of OpenCV; cubic makes up for what the bilinear warp blurs.
+    """
+
+    def __init__(self, detail: F32, interpolation: int) -> None:
+        self._detail, self._interpolation = detail, interpolation
+
+    def choose(self, face: FaceInFrame, memory: Memory) -> None:
+        """Tell whether the face is drawn larger than the grid."""
+        face.canvas.fine = face.zoom > LIMITS.min_detail_zoom
+
+    def enlarge(self, face: FaceInFrame, memory: Memory) -> None:
+        """Enlarge the picture and add detail, or blur it against aliasing."""
+        canvas, picture = face.canvas, face.canvas.picture
+        if face.zoom < LIMITS.max_blur_zoom:
+            sigma = LIMITS.blur_grid_pixels / face.zoom
+            canvas.picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma), np.uint8)
+        elif canvas.fine:
+            large = cv2.resize(picture, self._detail.shape[::-1], interpolation=self._interpolation)
+            luma = cv2.extractChannel(large, 0)
+            detail = self._detail if canvas.fold is None else without_fold(self._detail, canvas.fold)
+            cv2.addWeighted(luma, 1.0, detail, canvas.contrast, 0.0, dst=luma, dtype=cv2.CV_8U)
+            canvas.picture = np.asarray(cv2.insertChannel(luma, large, 0), np.uint8)
+
+
+def without_fold(detail: F32, fold: Fold) -> F32:
+    """Detail (2 h, 2 w) of a picture twice as large as the grid, where that isn't smoothed."""
+    place = tuple(slice(2 * part.start, 2 * part.stop) for part in fold.place)
+    left = detail.copy()
+    part = left[place]
+    part *= 1 - cv2.resize(fold.share, part.shape[::-1])
+    return left

@@ -1,0 +1,271 @@
+"""All that is precomputed for a person, a donor and a look, and the passes that draw one over the other, in order.
+
+A look is nothing but the passes that are listed here for it; none of them knows of looks, or of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import cv2
+import numpy as np
+
+from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
+from guise.aam.irises import EYES
+from guise.aam.landmarks.schemes import INNER_LIPS
+from guise.aam.model import Identity
+from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
+from guise.aam.relief import STRAIGHT, Relief
+from guise.aam.shape_transfer import ShapeTransfer
+from guise.aam.solid_shape import SolidFit
+from guise.aam.view_prior import SideViews
+from guise.app.drawing.donor import Donor
+from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.look import Kind, Look
+from guise.app.drawing.memory import Memory
+from guise.app.drawing.passes.blend import FEATHER_FACE_WIDTHS, NARROW_FEATHER_FACE_WIDTHS, Blend
+from guise.app.drawing.passes.brows import DrawnBrows, HeadBrows
+from guise.app.drawing.passes.cover import Cover, shown_mask
+from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
+from guise.app.drawing.passes.forehead import Hairline, outward, strands
+from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
+from guise.app.drawing.passes.light import LearnedLight
+from guise.app.drawing.passes.mouth import InnerMouth
+from guise.app.drawing.passes.place import Place, RigidPlace, proportions
+from guise.app.drawing.passes.plain_light import PaperLight, WideLight
+from guise.app.drawing.passes.surface import Finish, OwnSkin
+from guise.app.drawing.passes.texture import Enlargement, PlainTexture, Texture
+from guise.app.drawing.passes.turned import Folds, Silhouette, whole_cosines
+from guise.app.drawing.person import TrackedPerson
+from guise.common.arrays import F32, F64
+from guise.render import feather
+
+Step = Callable[
+    [FaceInFrame, Memory], None
+]  # of a pass: it completes the face, draws on its canvas, or remembers
+
+MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How one face is drawn over another.
+
+    Parameters
+    ----------
+    look : Look.   person, donor : Identity, as they are used.
+    texture : makes the donor's texture, with the alpha of the look.
+    blend : holds the compositors.
+    rest : SolidFit of the person at rest; None if the look doesn't ask how heads are turned.
+    seeing : passes that tell what a frame shows.
+    placing : passes that tell how and where the face is drawn.
+    drawing : passes that draw it.
+    """
+
+    look: Look
+    person: Identity
+    donor: Identity
+    texture: PlainTexture
+    blend: Blend
+    rest: SolidFit | None
+    seeing: tuple[Step, ...]
+    placing: tuple[Step, ...]
+    drawing: tuple[Step, ...]
+
+    @classmethod
+    def of(cls, person: Identity, donor: Identity, look: Look) -> Plan:
+        """The plan for a person in the video and the face that is shown.
+
+        Raises
+        ------
+        ReferenceMismatchError
+            When the two don't share a reference frame.
+        RendererError
+            When the chosen renderer isn't available.
+        """
+        return _PLANS[look.kind](TrackedPerson.of(person, donor.reference.resolution), donor, look)
+
+
+def _fitted(person: TrackedPerson, donor: Donor, look: Look) -> tuple[Texture, SolidFit, Relief]:
+    """The texture of a donor who is fitted into the head of a person, the person at rest, and the drawn relief."""
+    own, other = person.identity, donor.identity
+    transfer = ShapeTransfer(
+        person.at_rest, donor.at_rest, own.reference, outline=look.outline,
+        still=(own.knows_rest, other.knows_rest),
+    )  # fmt: skip
+    extrapolator = Extrapolator(
+        own.appearance,
+        other.appearance,
+        look.alpha,
+        max_deviations=MAX_TEXTURE_DEVIATIONS,
+        moving=donor.moving,
+    )
+    relief, sides = Relief.shipped(other.reference), SideViews.of(other, transfer.target.rest)
+    texture = Texture(
+        extrapolator, person.estimator, transfer, sides, relief, whole_cosines(relief), donor.at_rest
+    )
+    return texture, transfer.source, relief
+
+
+def _seeing(
+    texture: Texture, cover: Cover, silhouette: Silhouette, person: TrackedPerson
+) -> tuple[Step, ...]:
+    """What tells where a head's features are in a frame, what is in front of them, and what they express."""
+    brows, lids = HeadBrows(person.identity.appearance), LidCloser()
+    return (
+        brows.follow, texture.look, cover.look, silhouette.hide_texels, texture.measure, brows.see, lids.see,
+        lids.close, texture.synthesise,
+    )  # fmt: skip
+
+
+def _swap(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+    """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
+    donor = Donor.cleaned(identity).beside(person.identity, own_lips=True)
+    reference = identity.reference
+    texture, rest, relief = _fitted(person, donor, look)
+    mask = shown_mask(person.mask, reference)
+    enrolled, texels = (person.texture, donor.texture), person.texels
+    own_eyes = EYES if look.eyes == "source" else ()
+    own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
+    irises = IrisChange(person.irises(), donor.irises()) if own_eyes else None
+    tint = partial(IrisTint, irises) if irises else None
+    cover = Cover(
+        reference,
+        person.estimator.sampler,
+        only_objects=look.in_front == "objects",
+        watches_eyes=bool(own_eyes),
+    )
+    place = Place(reference, np.eye(POINTS), outward(reference, look.jaw, look.forehead))
+    light = LearnedLight(reference, texels, mask, enrolled)
+    silhouette, folds = Silhouette(relief, texels), Folds(relief)
+    surface, own_skin = Finish(reference, mask), OwnSkin(relief)
+    enlargement = Enlargement(donor.identity.detail, cv2.INTER_CUBIC)
+    apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), EYES, tint, ())
+    drawn_brows = DrawnBrows(reference, np.eye(POINTS))
+    alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
+    blend = Blend(relief, alpha, look.renderer)
+    looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
+    seeing = _seeing(texture, cover, silhouette, person)
+    placing = (
+        place.lay, *looks, light.measure, cover.share, *((place.pull_jaw,) if look.outline > 0 else ()),
+        silhouette.share, enlargement.choose, blend.spread, blend.begin,
+    )  # fmt: skip
+    drawing = (
+        cover.rims, folds.find, light.apply, blend.scatter, surface.sharpen, folds.smooth, enlargement.enlarge,
+        drawn_brows.keep_thick, surface.add_grain, surface.look, own_skin.add, apertures.draw,
+        drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write,
+    )  # fmt: skip
+    return Plan(look, person.identity, donor.identity, texture, blend, rest, seeing, placing, drawing)
+
+
+def _disguise(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+    """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
+    donor = Donor.cleaned(identity).beside(person.identity, own_lips=False)
+    reference = identity.reference
+    texture, rest, relief = _fitted(person, donor, look)
+    mask, texels, moved = reference.mask, person.texels, proportions(reference)
+    beyond = outward(reference, look.jaw, look.forehead)
+    hairline = Hairline(reference, donor.texture, look.forehead)
+    forehead = hairline.forehead
+    cover = Cover(
+        reference, person.estimator.sampler, only_objects=look.in_front == "objects", beyond=forehead.added
+    )
+    place = Place(reference, moved, beyond)
+    gaze = Gaze(person.irises(), person.at_rest)
+    eyeballs = Eyeballs(reference, donor.irises(), donor.at_rest, donor.texture)
+    mouth = InnerMouth(reference, donor.at_rest)
+    light = WideLight(reference, texels, mask, (person.texture, donor.texture))
+    silhouette, folds = Silhouette(relief, texels), Folds(relief)
+    surface = Finish(reference, mask)
+    enlargement = Enlargement(forehead.detailed(donor.identity.detail), cv2.INTER_CUBIC)
+    own_lids = Apertures(reference, person.at_rest, (), (), None, EYES)
+    drawn_brows = DrawnBrows(reference, moved)
+    alpha = _feathered(relief, moved @ donor.at_rest + beyond, beyond)
+    blend = Blend(relief, alpha, look.renderer)
+    seeing = _seeing(texture, cover, silhouette, person)
+    placing = (
+        place.lay, gaze.follow, eyeballs.paint, mouth.paint, light.measure, cover.share, enlargement.choose,
+        blend.spread, place.to_hull, blend.begin,
+    )  # fmt: skip
+    drawing = (
+        folds.find, light.apply, blend.scatter, hairline.draw, surface.sharpen, folds.smooth, enlargement.enlarge,
+        drawn_brows.keep_thick, surface.add_grain, surface.look, own_lids.draw, drawn_brows.cover_own,
+        blend.composite, folds.soften_edges, surface.compare, blend.write,
+    )  # fmt: skip
+    return Plan(look, person.identity, donor.identity, texture, blend, rest, seeing, placing, drawing)
+
+
+def _paper(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+    """The papers: the donor's own space and a share beyond it, one similarity of colours, over all that is in front."""
+    reference, donor = identity.reference, Donor(identity)
+    extrapolator = Extrapolator(
+        person.identity.appearance, identity.appearance, look.alpha, anchored=not look.exact,
+        gate=1.0 if look.exact else DEFAULT_GATE,
+    )  # fmt: skip
+    texture = PlainTexture(extrapolator, person.estimator)
+    mask, relief = shown_mask(person.mask, reference), Relief.flat(reference)
+    own_eyes = EYES if look.eyes == "source" else ()
+    own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
+    irises = IrisChange(person.irises(), donor.irises()) if own_eyes else None
+    tint = partial(IrisTint, irises) if irises else None
+    place = RigidPlace(reference)
+    light = PaperLight(reference, person.texels, mask, "least-squares" if look.exact else "symmetric")
+    enlargement = Enlargement(identity.detail, cv2.INTER_LINEAR)
+    apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), (), tint, ())
+    alpha = feather(mask, NARROW_FEATHER_FACE_WIDTHS * reference.resolution)
+    blend = Blend(relief, alpha, look.renderer)
+    looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
+    seeing = texture.look, texture.measure, texture.synthesise
+    placing = place.lay, *looks, light.measure, enlargement.choose, blend.spread, blend.begin
+    drawing = light.apply, blend.scatter, enlargement.enlarge, apertures.draw, blend.composite, blend.write
+    return Plan(look, person.identity, identity, texture, blend, None, seeing, placing, drawing)
+
+
+def _puppet(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+    """The donor's face on their own head in a still, whose light is measured once."""
+    reference, own = identity.reference, TrackedPerson.of(identity, identity.reference.resolution)
+    extrapolator = Extrapolator(person.identity.appearance, identity.appearance, look.alpha)
+    texture = PlainTexture(extrapolator, person.estimator)
+    mask, relief = shown_mask(own.mask, reference), Relief.shipped(reference)
+    light: LearnedLight | PaperLight = LearnedLight(reference, own.texels, mask, (own.texture, own.texture))
+    if look.exact:
+        light = PaperLight(reference, own.texels, mask)
+    surface, enlargement = Finish(reference, mask), Enlargement(identity.detail, cv2.INTER_CUBIC)
+    alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
+    blend = Blend(relief, alpha, look.renderer)
+    placing = light.measure, enlargement.choose, blend.spread, blend.begin
+    drawing = (
+        light.apply, blend.scatter, surface.sharpen, enlargement.enlarge, surface.look, blend.composite,
+        surface.compare, blend.write,
+    )  # fmt: skip
+    return Plan(look, person.identity, identity, texture, blend, None, (), placing, drawing)
+
+
+_PLANS: dict[Kind, Callable[[TrackedPerson, Identity, Look], Plan]] = {
+    "swap": _swap, "live": _swap, "disguise": _disguise, "paper": _paper, "puppet": _puppet,
+}  # fmt: skip
+
+
+def _feathered(relief: Relief, shape: F64, beyond: F64) -> F32:
+    """(h, w) alpha with a border of even softness on a shape (81, 2) as it is drawn, and strands at the hairline.
+
+    A disguise stretches the grid's border, most at the temples: a border of the grid would show much hair there.
+    """
+    reference = relief.reference
+    mesh = relief.seen(shape, STRAIGHT)
+    mesh = mesh - np.floor(mesh.min(0))
+    drawn = np.zeros(np.ceil(mesh.max(0)[::-1]).astype(int) + 1, np.uint8)
+    for triangle in np.round(16 * mesh).astype(np.int32)[reference.triangles]:
+        cv2.fillConvexPoly(drawn, triangle, 1, shift=4)
+    alpha = feather(drawn > 0, NARROW_FEATHER_FACE_WIDTHS * reference.resolution)
+    alpha *= strands(mesh[:POINTS], drawn > 0, beyond, reference.resolution)
+    places = _every_pixel(relief.mesh, reference).positions(mesh)
+    return reference.scatter(remap_points(alpha, places))
+
+
+def _every_pixel(mesh: ReferenceFrame, reference: ReferenceFrame) -> MeshSampler:
+    """Of a reference frame's mask pixels on a relief's mesh."""
+    ys, xs = np.divmod(reference.pixels, reference.size[1])
+    return MeshSampler.build(mesh, np.column_stack([xs, ys]).astype(np.float64))

@@ -1,0 +1,126 @@
+"""A look is a list of passes: what they are, what they know of, and the border of a disguise."""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
+from types import MethodType
+
+import cv2
+import numpy as np
+import pytest
+from drawing import face_at
+from models import model_file
+
+import guise.app.drawing.passes
+from guise.aam.model import Identity
+from guise.aam.reference import MeshSampler
+from guise.aam.relief import STRAIGHT, Relief
+from guise.app.drawing.look import DISGUISE, LOOKS, SWAP, Look
+from guise.app.drawing.memory import Memory
+from guise.app.drawing.passes.forehead import outward
+from guise.app.drawing.passes.place import Place, proportions
+from guise.app.drawing.plan import Plan, Step
+
+PASSES = "guise.app.drawing.passes"
+MODULES = sorted(Path(guise.app.drawing.passes.__file__).parent.glob("[a-z]*.py"))
+
+
+@pytest.fixture(scope="module", params=LOOKS.values(), ids=LOOKS)
+def plan(request: pytest.FixtureRequest) -> Iterator[Plan]:
+    person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
+    made = Plan.of(person, other, replace(request.param, renderer="cpu"))
+    yield made
+    made.blend.close()
+
+
+def steps_of(plan: Plan) -> tuple[Step, ...]:
+    return (*plan.seeing, *plan.placing, *plan.drawing)
+
+
+def test_every_look_has_a_plan_and_it_does_not_change(plan: Plan) -> None:
+    assert plan.look.kind in LOOKS
+    assert plan.drawing
+    for name in ("look", "seeing", "placing", "drawing", "texture"):
+        with pytest.raises(FrozenInstanceError):
+            setattr(plan, name, None)
+
+
+def test_its_steps_are_methods_of_passes_each_once(plan: Plan) -> None:
+    steps = steps_of(plan)
+    for step in steps:
+        assert isinstance(step, MethodType)
+        assert type(step.__self__).__module__.startswith(f"{PASSES}.")
+    assert len(set(steps)) == len(steps)
+
+
+def test_a_face_is_drawn_into_the_frame_and_written_last(plan: Plan) -> None:
+    names = [step.__name__ for step in plan.drawing]
+    assert names[-1] == "write"
+    assert names.index("apply") < names.index("scatter") < names.index("composite") < names.index("write")
+    assert plan.placing[-1].__name__ == "begin"
+
+
+def test_the_outline_of_the_head_moves_only_if_that_is_wanted() -> None:
+    person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
+    for share in (0.0, 0.5):
+        plan = Plan.of(person, other, replace(SWAP, renderer="cpu", outline=share))
+        assert ("pull_jaw" in [step.__name__ for step in plan.placing]) == (share > 0)
+        plan.blend.close()
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.stem)
+def test_a_pass_knows_of_no_look_no_plan_and_no_other_pass(module: Path) -> None:
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    imported |= {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+    drawing = {name for name in imported if name and name.startswith("guise.app.drawing")}
+    assert drawing <= {"guise.app.drawing.face", "guise.app.drawing.memory"}
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    names |= {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
+    names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    assert not {name for name in names if name.lower() in {"disguise", "kind_of_look", "swap", "puppet"}}
+    assert not names & {"look_of", "Look", "LOOKS", "SWAP", "LIVE", "DISGUISE", "PUPPET", "PAPER"}
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.stem)
+def test_a_pass_changes_nothing_of_its_own_as_it_draws(module: Path) -> None:
+    """What lasts is in the memory; a cache of what a pass is made of is filled by other methods."""
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    for method in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        if [arg.arg for arg in method.args.args][:3] != ["self", "face", "memory"]:
+            continue
+        stored = [
+            node
+            for node in ast.walk(method)
+            if isinstance(node, ast.Attribute)
+            and isinstance(node.ctx, ast.Store)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "self"
+        ]
+        assert not stored, f"{module.name}:{method.name}"
+
+
+def border_of(look: Look) -> tuple[np.ndarray, np.ndarray, Identity]:
+    """The alpha (h, w) of a face over itself, and how deep (n,) each pixel of it lies within the drawn hull, pixels."""
+    person = Identity.load(model_file("p01"))
+    plan, reference = Plan.of(person, person, replace(look, renderer="cpu")), person.reference
+    relief = Relief.shipped(reference)
+    face = face_at(reference.points)
+    face.shape = person.appearance.neutral_shape
+    Place(reference, proportions(reference), outward(reference, look.jaw, look.forehead)).lay(face, Memory())
+    ys, xs = np.divmod(reference.pixels, reference.size[1])
+    sampler = MeshSampler.build(relief.mesh, np.column_stack([xs, ys]).astype(np.float64))
+    places = sampler.positions(relief.seen(face.mesh, STRAIGHT))
+    hull = cv2.convexHull(face.mesh.astype(np.float32))
+    depth = np.array([cv2.pointPolygonTest(hull, (float(x), float(y)), True) for x, y in places])
+    plan.blend.close()
+    return plan.blend._alpha, depth, person
+
+
+def test_the_border_of_a_disguise_is_as_soft_everywhere_as_it_is_drawn() -> None:
+    alpha, depth, person = border_of(replace(DISGUISE, jaw=0.1, forehead=0.0))
+    within = person.reference.mask
+    assert alpha[within][depth > 6].min() > 0.95
+    assert np.median(alpha[within][depth < 1]) < 0.05
+    assert (alpha[~within] == 0).all()
