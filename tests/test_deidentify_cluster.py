@@ -128,16 +128,16 @@ def test_several_threads_share_an_engine(address: str, tmp_path: Path) -> None:
     assert [finished(folder) for folder in folders] == [list(range(5))] * 3
 
 
-def test_a_worker_killed_mid_run_loses_nothing(tmp_path: Path) -> None:
-    with scheduler() as address, worker(address) as doomed, worker(address):
-        wait_for_workers(address, 2)
+def test_a_worker_killed_mid_run_loses_nothing(address: str, tmp_path: Path) -> None:
+    with worker(address) as doomed:
+        wait_for_workers(address, 3)
         with DaskEngine(address, act) as engine:
-            runner = threading.Thread(target=lambda: engine.run(jobs(tmp_path, "slow", 12), lambda job: None))
+            runner = threading.Thread(target=lambda: engine.run(jobs(tmp_path, "slow", 18), lambda job: None))
             runner.start()
             wait_until(lambda: any(f.read_text() == str(doomed.pid) for f in tmp_path.glob("*.begun")))
             doomed.send_signal(signal.SIGKILL)
             runner.join()
-    assert finished(tmp_path) == list(range(12))
+    assert finished(tmp_path) == list(range(18))
     assert {int(f.read_text()) for f in tmp_path.glob("*.done")} - {doomed.pid}
 
 

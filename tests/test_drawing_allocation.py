@@ -25,7 +25,7 @@ from guise.app.swapping.donors import open_donor
 pytestmark = pytest.mark.slow
 
 CLIP = SAMPLES / "p01" / "talk2.mp4"
-WARM_UP, FRAMES = 20, 60
+WARM_UP, FRAMES = 12, 44
 SETTLED = 10  # frames after which all buffers are there
 PAGES = """
 import json, resource, sys

@@ -146,6 +146,7 @@ def test_what_is_added_to_a_turned_head_recedes_and_ends_at_its_far_side(yaw: fl
     assert added[HAIRLINE] @ sight.across / np.linalg.norm(sight.across) > 0.1
 
 
+@pytest.mark.slow
 def test_a_higher_forehead_leaves_the_hair_at_the_temples() -> None:
     (added, _), plain = added_to(0.0), FRAME.points[FOREHEAD]
     grown = added[FOREHEAD] + (plain - FRAME.points[NOSE].mean(0)) / FRAME.resolution

@@ -167,6 +167,7 @@ def test_arrows_between_rooms_of_the_app_are_few() -> None:
     assert 20 < len({(a, b) for a, b in arrows if a != b}) <= MOST_ARROWS_IN_APP
 
 
+@pytest.mark.slow
 def test_no_module_imports_itself_by_a_detour() -> None:
     try:
         order = list(TopologicalSorter(module_graph()).static_order())
@@ -195,6 +196,7 @@ def reached(start: set[str], graph: dict[str, set[str]]) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_every_module_is_reached_from_a_test() -> None:
     """By an import, or by a command, which the command line finds by its name."""
     graph = module_graph()

@@ -112,6 +112,7 @@ def test_a_turn_is_asked_for_only_while_that_view_is_missing(
     assert enrolling._prompt(0.8) == sentence
 
 
+@pytest.mark.slow
 def test_the_face_is_where_it_is(enrolled: Enrolled) -> None:
     truth = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"]
     for status, points in zip(enrolled[0], truth[: len(enrolled[0])], strict=True):
@@ -142,6 +143,7 @@ def test_the_model_tracks_another_clip_as_one_enrolled_from_the_file_does(
     assert person.facts["held_out_error"] < 1.3 * whole.facts["held_out_error"]
 
 
+@pytest.mark.slow
 def test_progress_is_reported_to_the_end(enrolled: Enrolled) -> None:
     stages, shares = zip(*enrolled[2], strict=True)
     assert set(stages) == {"training"}
@@ -149,6 +151,7 @@ def test_progress_is_reported_to_the_end(enrolled: Enrolled) -> None:
     assert list(shares) == sorted(shares)
 
 
+@pytest.mark.slow
 def test_the_model_can_be_saved_and_its_neutral_mouth_is_shut(
     enrolled: Enrolled, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -115,6 +115,7 @@ def test_an_equal_output_is_the_same_person_with_the_same_expression(measured: d
     assert [stream["state"] for stream in files["sound"]] == ["identical"]
 
 
+@pytest.mark.slow
 def test_a_covered_output_is_nobody_and_nothing_outside_the_face_changed(measured: dict) -> None:
     covered = measured["outputs"][1]
     private, useful, files = covered["privacy"], covered["utility"], covered["files"]

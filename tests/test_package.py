@@ -134,21 +134,25 @@ def test_every_file_of_the_packages_is_in_the_wheel(contents: set[str]) -> None:
     assert {"guise/aam/data/face81.json", "guise/render/shaders/warp.vert.glsl", "guise/py.typed"} <= ours
 
 
+@pytest.mark.slow
 def test_the_wheel_installs_one_name(contents: set[str]) -> None:
     top = {name.split("/")[0] for name in contents}
     assert {name for name in top if not name.endswith(".dist-info")} == {"guise"}
 
 
+@pytest.mark.slow
 def test_nothing_but_code_data_and_two_sample_people_is_in_the_wheel(contents: set[str]) -> None:
     samples = {name for name in contents if name.startswith("guise/samples/")}
     assert {Path(name).parent.name for name in samples} == {"samples", "p01", "p06"}
     assert not [name for name in contents if re.search(r"/(tests|benchmarks|training)/", name)]
 
 
+@pytest.mark.slow
 def test_the_wheel_is_small(wheel: Path) -> None:
     assert wheel.stat().st_size <= MOST_BYTES
 
 
+@pytest.mark.slow
 def test_the_readme_says_how_large_the_wheel_is(wheel: Path) -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     [told] = re.findall(r"wheel is about (\d+) MB", text)
@@ -187,6 +191,7 @@ def enrolled(project: tuple[Path, dict[str, str]]) -> tuple[Path, dict[str, str]
     return project
 
 
+@pytest.mark.slow
 def test_a_persons_own_face_changes_them_little_and_anothers_more(
     enrolled: tuple[Path, dict[str, str]],
 ) -> None:
@@ -218,6 +223,7 @@ def change(before: Path, after: Path) -> float:
     return float(np.mean(differences))
 
 
+@pytest.mark.slow
 def test_the_api_works_beside_a_foreign_app_and_render(enrolled: tuple[Path, dict[str, str]]) -> None:
     folder, environment = enrolled
     done = subprocess.run(

@@ -83,6 +83,7 @@ def test_independent_noise_is_removed() -> None:
 
 
 @pytest.mark.parametrize("column", [0, 1], ids=["mouth", "lids"])
+@pytest.mark.slow
 def test_speech_and_blinks_keep_their_size(column: int) -> None:
     noisy, refined = noisy_and_refined()
     true = talk()[1]

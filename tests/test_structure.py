@@ -38,10 +38,12 @@ def figures() -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", BUDGETS)
+@pytest.mark.slow
 def test_a_budget_holds(name: str, figures: dict[str, float]) -> None:
     assert 0 <= figures[name] <= BUDGETS[name].held, BUDGETS[name].what
 
 
+@pytest.mark.slow
 def test_the_donor_is_followed(figures: dict[str, float]) -> None:
     assert figures["donor_rooms"] >= 5
     assert figures["donor_returns"] >= 1

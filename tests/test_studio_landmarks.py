@@ -226,7 +226,10 @@ def test_an_empty_place_moves_the_picture_and_not_a_point(desk: Desk) -> None:
     before = desk.dots()
     corner = desk.picture.bounding_box()
     drag(desk, np.array([corner["x"] + 20, corner["y"] + 20]), (0, 50))
-    desk.page.wait_for_timeout(300)
+    for _ in range(50):
+        desk.page.wait_for_timeout(100)
+        if np.abs(desk.dots() - before - (0, 50)).max() < desk.scale():
+            break
     assert desk.dots() - before == pytest.approx(np.tile([0, 50], (81, 1)), abs=desk.scale())
     assert desk.button("Save").is_disabled()
 
