@@ -15,6 +15,7 @@ import tempfile
 import threading
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 
 import pytest
@@ -123,6 +124,16 @@ def p01() -> Identity:
     from models import enrolled
 
     return Identity.load(enrolled("p01", 96))
+
+
+@pytest.fixture
+def quick_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    """People who are learned without options get a tracker trained on less: where it matters only that they are."""
+    from guise.aam.tracker_training import TrackerOptions
+
+    less = {"stages": 2, "copies": 4, "folds": 2}
+    defaults = tuple(less.get(option.name, option.default) for option in fields(TrackerOptions))
+    monkeypatch.setattr(TrackerOptions.__init__, "__defaults__", defaults)
 
 
 @pytest.fixture(scope="session")

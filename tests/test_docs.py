@@ -88,6 +88,7 @@ def samples(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.name)
 @pytest.mark.slow
+@pytest.mark.usefixtures("quick_training")
 def test_python_on_the_page_runs(page: Path, samples: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(samples)
     names: dict[str, Any] = {"__name__": "docs"}  # the blocks of a page follow each other

@@ -149,6 +149,8 @@ def test_several_faces_are_reported_once(tmp_path: Path, p01: Identity, p06: Ide
     ]
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick_training")
 def test_without_a_model_the_person_is_enrolled_first(tmp_path: Path, p06: Identity) -> None:
     clip = cut("p01", tmp_path / "clip.mp4", 40, clip="talk.mp4")
     landmarks = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][:40]
