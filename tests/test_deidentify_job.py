@@ -20,10 +20,11 @@ from made_up import SAMPLES
 from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.schemes import INNER51
 from guise.aam.model import Identity
+from guise.aam.tracker_training import TrackerOptions
 from guise.app.deidentify.options import DeidentifyError, DeidentifyOptions
 from guise.app.deidentify.run import job as module
 from guise.app.deidentify.run.job import deidentify_file
-from guise.app.deidentify.stages import case
+from guise.app.deidentify.stages import case, people
 from guise.app.deidentify.stages.case import KEPT
 from guise.app.deidentify.stages.jobs import Job, perform
 from guise.app.deidentify.stages.render import SegmentRenderer
@@ -37,6 +38,7 @@ pytestmark = pytest.mark.slow
 
 LOSSLESS = DeidentifyOptions(encode=EncodeOptions(lossless=True, preset="ultrafast"))
 QUICK = DeidentifyOptions(encode=EncodeOptions(preset="ultrafast"))
+QUICK_TRACKER = TrackerOptions(stages=2, copies=6, folds=2)
 FRAMES = 24  # a person is enrolled from no fewer than 24
 
 
@@ -82,6 +84,14 @@ def run(source: Path, output: Path, options: DeidentifyOptions = QUICK, **more: 
     return deidentify_file(
         source, output, options, engine, progress=lambda stage, share: None, say=lambda text: None, **more
     )  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_training() -> Iterator[None]:
+    """A person's tracker is trained on less."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(people, "TRAINING", replace(people.TRAINING, tracker=QUICK_TRACKER))
+        yield
 
 
 @pytest.fixture(scope="module")
