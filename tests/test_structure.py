@@ -19,6 +19,7 @@ LOOSE = 0.7
 SIDE = derived(128, "pixels", "the network's input")
 NONE = 0
 NAMES = CHOICES[7]
+EMPTY = np.zeros((0, 5))
 
 @dataclass(frozen=True)
 class Limits:

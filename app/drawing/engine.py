@@ -22,9 +22,12 @@ from guise.app.media import Frame
 from guise.common.arrays import F32, F64
 from guise.common.closing import Closing
 from guise.common.small import ramp
+from guise.common.tuned import tuned
 
-PROFILE_DEGREES = (71.0, 74.0)  # of yaw, below which a swap begins again and above which it ends
-DOUBT_DEGREES = (66.0, 71.0)  # of yaw, over which a cover comes in, if one is wanted
+# of yaw, below which a swap begins again and above which it ends
+PROFILE_DEGREES = tuned((71.0, 74.0), "degrees", "picture.turned")
+# of yaw, over which a cover comes in, if one is wanted
+DOUBT_DEGREES = tuned((66.0, 71.0), "degrees", "picture.turned")
 
 Outcome = Literal["swapped", "held", "lost"]
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from guise.aam.extrapolation import DEFAULT_ALPHA
+from guise.common.tuned import tuned
 from guise.render.compositor import Renderer
 
 Whose = Literal["source", "donor", "painted"]
@@ -44,16 +45,23 @@ class Look:
     jaw: float = 0.0
     forehead: float = 0.0
     exact: bool = False
-    hold_seconds: float = 4 / 30
+    hold_seconds: float = tuned(4 / 30, "seconds", "unswapped")
 
 
 # The face is fitted into the head at rest and moves as far as the head does, in the light of the scene.
 SWAP = Look("swap")
 # The same for a camera, where nobody looks the frames through: nothing of the person's features shows by mistake.
-LIVE = Look("live", eyes="donor", in_front="objects", jaw=0.035)
+LIVE = Look("live", eyes="donor", in_front="objects", jaw=tuned(0.035, "face widths", "live.closed"))
 # Features in other proportions and everything within the outline drawn anew, so that the person is harder to recognise
 # from what remains of the head; no hair and no glasses of theirs but strands at the rim of a higher forehead.
-DISGUISE = Look("disguise", eyes="painted", mouth="painted", in_front="objects", jaw=0.05, forehead=0.28)
+DISGUISE = Look(
+    "disguise",
+    eyes="painted",
+    mouth="painted",
+    in_front="objects",
+    jaw=tuned(0.05, "face widths", "deidentify.identity"),
+    forehead=tuned(0.28, "face widths", "deidentify.identity"),
+)
 # The donor's own head in a still, moved by the expressions of the person.
 PUPPET = Look("puppet", eyes="donor", mouth="donor")
 # The plain formulas of de la Hunty, Asthana and Goecke (ICPR 2010), as a reference.

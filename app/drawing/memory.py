@@ -16,9 +16,11 @@ from guise.aam.solid_shape import Sight
 from guise.app.media import Frame
 from guise.common.arrays import F32, F64
 from guise.common.decay import FRAME_SECONDS
+from guise.common.tuned import derived
 
 LONGEST_STEP = 1.0  # seconds; what lasts longer is another scene
-SLACK = 1e-3  # seconds by which something may be due early
+# by which something may be due early
+SLACK = derived(1e-3, "seconds", "far less than a frame, far more than rounding")
 
 
 @dataclass
@@ -150,7 +152,7 @@ class PaperLightMemory:
     linear: F64 = field(default_factory=lambda: np.eye(3))
     own: F64 | None = None
     there: F64 | None = None
-    bright: float = 255.0
+    bright: float = derived(255.0, "grey levels", "the brightest there is")
     updated: float = -np.inf
 
 

@@ -40,13 +40,14 @@ from guise.app.drawing.passes.texture import Enlargement, PlainTexture, Texture
 from guise.app.drawing.passes.turned import Folds, Silhouette, whole_cosines
 from guise.app.drawing.person import TrackedPerson
 from guise.common.arrays import F32, F64
+from guise.common.tuned import tuned
 from guise.render import feather
 
 Step = Callable[
     [FaceInFrame, Memory], None
 ]  # of a pass: it completes the face, draws on its canvas, or remembers
 
-MAX_TEXTURE_DEVIATIONS = 4.0  # of the target's modes of appearance
+MAX_TEXTURE_DEVIATIONS = tuned(4.0, "deviations", "transfer")  # of the target's modes of appearance
 
 
 @dataclass(frozen=True, eq=False)

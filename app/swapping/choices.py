@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from guise.common.option import option
+from guise.common.tuned import derived
 
 FACE_HELP = (
     "NAME.guise, a name of `guise people list`, or a fictional face: Luca, Amara, Mei, Walter, Kofi, Elena, Kenji, "
@@ -26,7 +27,7 @@ class DrawingChoices:
         "papers' plain formulas, or exact, by the first paper's as they stand.",
     )
     alpha: float = option(
-        0.6,
+        derived(0.6, "share", "DEFAULT_ALPHA of guise.aam.extrapolation, which takes long to import"),
         "How much expression beyond the identity's own range is passed on, 0 to 1.",
         least=0.0,
         most=1.0,

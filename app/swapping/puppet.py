@@ -44,6 +44,7 @@ from guise.app.swapping.source_person import source_person
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
+from guise.common.tuned import derived, tuned
 from guise.render import make_compositor
 from guise.render.compositor import Renderer
 
@@ -55,13 +56,14 @@ if TYPE_CHECKING:
 class PuppetLimits:
     """Sizes and rates of a puppet."""
 
-    max_height_pixels: int = 1080  # of the output
-    new_expression_share: float = 0.6  # that is taken at once; the rest follows
-    surroundings_face_widths: float = 0.55  # around the face, warped along with it
-    surroundings_points: int = 28  # fixed, around the surroundings
+    max_height_pixels: int = derived(1080, "pixels", "the height of full HD")  # of the output
+    new_expression_share: float = tuned(0.6, "share", "transfer")  # that is taken at once; the rest follows
+    # around the face, warped along with it
+    surroundings_face_widths: float = tuned(0.55, "face widths", "transfer")
+    surroundings_points: int = tuned(28, "points", "transfer")  # fixed, around the surroundings
     turn_noise_degrees: float = 1.0  # standard deviation of the measured head turn
-    pinned_weight: float = 0.03  # of the pinned points in the fit of the pose
-    pose_ridge: float = 1e-6
+    pinned_weight: float = tuned(0.03, "ratio", "transfer")  # of the pinned points in the fit of the pose
+    pose_ridge: float = derived(1e-6, "ratio", "far less than a weight, so that the system can be solved")
 
 
 LIMITS = PuppetLimits()

@@ -14,11 +14,13 @@ from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32
 from guise.common.closing import Closing
+from guise.common.tuned import tuned
 from guise.render import Compositor, make_compositor
 from guise.render.compositor import Renderer
 
-FEATHER_FACE_WIDTHS = 0.02  # standard deviation of the soft border
-NARROW_FEATHER_FACE_WIDTHS = 0.01  # in a disguise and with the papers' formulas: less of the own rim shows
+FEATHER_FACE_WIDTHS = tuned(0.02, "face widths", "picture.pairs")  # standard deviation of the soft border
+# in a disguise and with the papers' formulas: less of the own rim shows
+NARROW_FEATHER_FACE_WIDTHS = tuned(0.01, "face widths", "deidentify.identity")
 
 
 class Blend(Closing):

@@ -41,32 +41,41 @@ from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, U8
 from guise.common.interpolation import interpolation
 from guise.common.small import ramp
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class BrowStripLimits:
     """Lengths in face widths, heights in distances from brow to lid."""
 
-    thickness: float = 0.05  # of a brow, below its points
-    lowest: float = 0.8  # height at which a brow ends at most
-    fade: float = 0.05  # beyond either end of a brow, over which the strip ends
-    stretch: tuple[float, float] = (0.6, 1.8)  # of the distance, more counts as this
-    unchanged: float = 0.02  # of a stretch, that isn't seen
-    least: float = 1.0  # grid pixels from brow to lid
+    thickness: float = tuned(0.05, "face widths", "picture.truth")  # of a brow, below its points
+    lowest: float = tuned(0.8, "brow to lid", "picture.truth")  # height at which a brow ends at most
+    # beyond either end of a brow, over which the strip ends
+    fade: float = tuned(0.05, "face widths", "picture.truth")
+    # of the distance, more counts as this
+    stretch: tuple[float, float] = tuned((0.6, 1.8), "ratio", "picture.truth")
+    unchanged: float = tuned(0.02, "ratio", "speed")  # of a stretch, that isn't seen
+    least: float = tuned(1.0, "grid pixels", "picture.truth")  # from brow to lid
 
 
 @dataclass(frozen=True)
 class BrowCoverLimits:
     """Lengths in face widths, shares of classes."""
 
-    reach: float = 0.09  # beyond a brow's points, within which it is looked for
-    brow_share: tuple[float, float] = (0.06, 0.25)  # up to which nothing is painted over, from which all is
-    apart: tuple[float, float] = (0.015, 0.03)  # from the drawn brow, up to which one goes on in the other
-    tail: float = 0.1  # by which a drawn brow goes on beyond its last point
-    growth: float = 0.02  # of what is painted over
-    beside: float = 0.05  # standard deviation of the weights of the skin beside
-    least_skin: tuple[float, float] = (0.003, 0.02)  # mean weight, below which nothing is known of it
-    step: float = 0.0125  # between the places at which all of this is found
+    # beyond a brow's points, within which it is looked for
+    reach: float = tuned(0.09, "face widths", "picture.truth")
+    # up to which nothing is painted over, from which all is
+    brow_share: tuple[float, float] = tuned((0.06, 0.25), "share", "landmarks.parsing")
+    # from the drawn brow, up to which one goes on in the other
+    apart: tuple[float, float] = tuned((0.015, 0.03), "face widths", "picture.truth")
+    # by which a drawn brow goes on beyond its last point
+    tail: float = tuned(0.1, "face widths", "picture.truth")
+    growth: float = tuned(0.02, "face widths", "picture.truth")  # of what is painted over
+    # standard deviation of the weights of the skin beside
+    beside: float = tuned(0.05, "face widths", "picture.truth")
+    # mean weight, below which nothing is known of it
+    least_skin: tuple[float, float] = tuned((0.003, 0.02), "share", "picture.truth")
+    step: float = tuned(0.0125, "face widths", "speed")  # between the places at which all of this is found
 
 
 LIMITS, COVER = BrowStripLimits(), BrowCoverLimits()

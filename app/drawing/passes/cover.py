@@ -39,6 +39,7 @@ from guise.app.media import Frame
 from guise.common.arrays import F32, Bool
 from guise.common.decay import Decay
 from guise.common.small import mean
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
@@ -48,32 +49,48 @@ class OcclusionLimits:
     Each share is a pair: that of a class up to which the drawn face is whole, and that from which it is gone.
     """
 
-    cell_face_widths: float = 0.0125
-    object_share: tuple[float, float] = (0.15, 0.45)
-    sure_object_share: tuple[float, float] = (0.35, 0.65)  # where no part of the person may show
-    min_object_face_shares: float = 0.01  # of an object there, and of one beside the face, of the face
-    max_hair_share: float = (
-        0.1  # of such an object: that of a hand or mug is a fiftieth, of hair taken for one a fifth
-    )
-    max_hair_coloured_share: float = 0.5  # of such an object, of what has the hair's colour
-    hair_colour_deviations: float = 2.5  # from the mean of the hair, within which a colour is the hair's
-    least_deviation: float = 2.0  # grey levels
-    min_hair_cells: int = 40  # of the parsing, from which the hair's and the skin's colours are known
-    rim_face_widths: float = 0.03  # of the face, which such an object reaches
-    hair_share: tuple[float, float] = (0.5, 0.85)
-    background_share: tuple[float, float] = (0.5, 0.85)  # beyond the person's own face
-    frame_share: tuple[float, float] = (0.2, 0.5)  # of glasses, beside the eyes
-    lens_share: tuple[float, float] = (0.7, 0.95)  # of glasses, dark ones, before the eyes
-    mirror_face_widths: float = 0.04  # within which glasses must be seen on the other side of the face, too
-    memory: Decay = Decay(0.7, 0.1)  # of hair and glasses; objects come and go
-    pause_seconds: float = 0.1  # between two parsed frames while no object moves over the face
-    still_share: float = 0.2  # change of a share up to which it is still
-    still_face_shares: float = 0.005  # of an object's cells that change more while it is still, of the face
-    eye_change: float = 0.04  # mean change of an eye's texels, of their mean, from which it moves
-    hair_rim_face_widths: float = 0.09  # inside the hull, where the source's hair is kept
-    brow_growth_face_widths: float = 0.05  # around the brows, within which the source's own never show
-    growth_face_widths: float = 0.01  # around brows and eyes, where hair doesn't count
-    min_hidden: float = 0.02  # share from which something is in front
+    cell_face_widths: float = tuned(0.0125, "face widths", "picture.truth")
+    object_share: tuple[float, float] = tuned((0.15, 0.45), "share", "picture.truth")
+    # where no part of the person may show
+    sure_object_share: tuple[float, float] = tuned((0.35, 0.65), "share", "deidentify.leaks")
+    # of an object there, and of one beside the face, of the face
+    min_object_face_shares: float = tuned(0.01, "share", "picture.truth")
+    # of such an object: of a hand or mug a fiftieth, of hair taken for one a fifth
+    max_hair_share: float = tuned(0.1, "share", "deidentify.leaks")
+    # of such an object, of what has the hair's colour
+    max_hair_coloured_share: float = tuned(0.5, "share", "deidentify.leaks")
+    # from the mean of the hair, within which a colour is the hair's
+    hair_colour_deviations: float = tuned(2.5, "deviations", "deidentify.leaks")
+    least_deviation: float = tuned(2.0, "grey levels", "deidentify.leaks")
+    # of the parsing, from which the hair's and the skin's colours are known
+    min_hair_cells: int = tuned(40, "cells", "deidentify.leaks")
+    # of the face, which such an object reaches
+    rim_face_widths: float = tuned(0.03, "face widths", "deidentify.leaks")
+    hair_share: tuple[float, float] = tuned((0.5, 0.85), "share", "landmarks.parsing")
+    # beyond the person's own face
+    background_share: tuple[float, float] = tuned((0.5, 0.85), "share", "landmarks.parsing")
+    # of glasses, beside the eyes
+    frame_share: tuple[float, float] = tuned((0.2, 0.5), "share", "picture.pairs")
+    # of glasses, dark ones, before the eyes
+    lens_share: tuple[float, float] = tuned((0.7, 0.95), "share", "picture.pairs")
+    # within which glasses must be seen on the other side of the face, too
+    mirror_face_widths: float = tuned(0.04, "face widths", "picture.pairs")
+    # of hair and glasses; objects come and go
+    memory: Decay = tuned(Decay(0.7, 0.1), "share over seconds", "picture.pairs")
+    # between two parsed frames while no object moves over the face
+    pause_seconds: float = tuned(0.1, "seconds", "speed")
+    still_share: float = tuned(0.2, "share", "picture.truth")  # change of a share up to which it is still
+    # of an object's cells that change more while it is still, of the face
+    still_face_shares: float = tuned(0.005, "share", "picture.truth")
+    # mean change of an eye's texels, of their mean, from which it moves
+    eye_change: float = tuned(0.04, "ratio", "picture.truth")
+    # inside the hull, where the source's hair is kept
+    hair_rim_face_widths: float = tuned(0.09, "face widths", "picture.pairs")
+    # around the brows, within which the source's own never show
+    brow_growth_face_widths: float = tuned(0.05, "face widths", "picture.pairs")
+    # around brows and eyes, where hair doesn't count
+    growth_face_widths: float = tuned(0.01, "face widths", "picture.pairs")
+    min_hidden: float = tuned(0.02, "share", "picture.truth")  # share from which something is in front
 
 
 LIMITS = OcclusionLimits()
@@ -89,7 +106,8 @@ SURE_KINDS = (
     (FaceClass.HAIR, (0.0, 1.0)),
 )
 EYES = RIGHT_EYE, LEFT_EYE
-RIM_MARGIN = 0.05  # face widths above the brows, up to which rims of glasses may reach
+# above the brows, up to which rims of glasses may reach
+RIM_MARGIN = tuned(0.05, "face widths", "picture.pairs")
 BESIDE = (FaceClass.BACKGROUND, LIMITS.background_share)
 
 

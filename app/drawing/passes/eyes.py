@@ -45,65 +45,88 @@ from guise.common import small
 from guise.common.arrays import F32, F64, U8
 from guise.common.decay import Decay
 from guise.common.interpolation import interpolation
+from guise.common.tuned import derived, tuned
 
 
 @dataclass(frozen=True)
 class ApertureLimits:
     """Where and when the source shows."""
 
-    min_share: float = 0.02  # of the source, below which a pixel is left to the identity
-    shut_growth_face_widths: float = 0.08  # of the source's part while it is shut
-    brow_growth_face_widths: float = 0.025  # within which no brow of the source's shows
-    brow_thickness_face_widths: float = 0.05  # below a brow's points
-    brow_share: tuple[float, float] = (0.3, 0.6)  # of a parsed cell, at which none and all is a brow's
-    eye_share: tuple[float, float] = (0.15, 0.4)  # likewise an eye's, of the largest in it,
-    known_eye_share: tuple[float, float] = (0.4, 0.7)  # which is believed from and at such a largest one
-    sharpening: float = 0.5  # of what the source shows, which is resampled twice; share of an unsharp mask
-    growth_face_widths: float = 0.01  # of what always shows, so that no sliver of the identity's does
-    lid_growth_face_widths: float = 0.03  # of an eye over which a lid is drawn,
-    lashes_growth_face_widths: float = 0.008  # and at whose margin its lashes lie
-    lid_softening_face_widths: float = (
-        0.015  # of it, standard deviation: it has less texture than what it is made of
-    )
-    lid_reach_face_widths: float = 0.03  # of the skin of which it is made,
-    lid_margin_share: float = 0.3  # and its distance from the margin, where lashes are
-    lashes: tuple[float, float] = (0.45, 0.12)  # their darkness, and how wide they are, of the eye's height
+    # of the source, below which a pixel is left to the identity
+    min_share: float = tuned(0.02, "share", "speed")
+    # of the source's part while it is shut
+    shut_growth_face_widths: float = tuned(0.08, "face widths", "picture.truth")
+    # within which no brow of the source's shows
+    brow_growth_face_widths: float = tuned(0.025, "face widths", "picture.truth")
+    brow_thickness_face_widths: float = tuned(0.05, "face widths", "picture.truth")  # below a brow's points
+    # of a parsed cell, at which none and all is a brow's
+    brow_share: tuple[float, float] = tuned((0.3, 0.6), "share", "landmarks.parsing")
+    # likewise an eye's, of the largest in it,
+    eye_share: tuple[float, float] = tuned((0.15, 0.4), "share", "landmarks.parsing")
+    # which is believed from and at such a largest one
+    known_eye_share: tuple[float, float] = tuned((0.4, 0.7), "share", "landmarks.parsing")
+    # of what the source shows, which is resampled twice; share of an unsharp mask
+    sharpening: float = tuned(0.5, "ratio", "picture.truth")
+    # of what always shows, so that no sliver of the identity's does
+    growth_face_widths: float = tuned(0.01, "face widths", "picture.truth")
+    # of an eye over which a lid is drawn,
+    lid_growth_face_widths: float = tuned(0.03, "face widths", "picture.truth")
+    # and at whose margin its lashes lie
+    lashes_growth_face_widths: float = tuned(0.008, "face widths", "picture.truth")
+    # of it, standard deviation: it has less texture than what it is made of
+    lid_softening_face_widths: float = tuned(0.015, "face widths", "picture.truth")
+    # of the skin of which it is made,
+    lid_reach_face_widths: float = tuned(0.03, "face widths", "picture.truth")
+    # and its distance from the margin, where lashes are
+    lid_margin_share: float = tuned(0.3, "share", "picture.truth")
+    # their darkness, and how wide they are, of the eye's height
+    lashes: tuple[float, float] = tuned((0.45, 0.12), "share", "picture.truth")
     # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so.
-    shut: tuple[float, float] = (0.55, 0.3)
-    drawn_shut: tuple[float, float] = (0.65, 0.4)
+    shut: tuple[float, float] = tuned((0.55, 0.3), "ratio", "picture.truth")
+    drawn_shut: tuple[float, float] = tuned((0.65, 0.4), "ratio", "picture.truth")
 
 
 @dataclass(frozen=True)
 class EyeballLimits:
     """Eye widths, or radii of the iris where they say so."""
 
-    edge: float = 0.04  # over which an eyeball ends at the lids
-    lashes: tuple[float, float] = (0.6, 0.25)  # their darkness at the upper and the lower lid,
-    lashes_reach: float = 0.05  # and how far out
-    border: tuple[float, float] = (1.1, 0.94)  # radii, at which there is no iris, and all of it
-    lid_shade: float = 0.4  # just below the upper lid,
-    lid_shade_reach: float = 0.06  # and how far down
-    corner_shade: float = 0.15
-    reflection: tuple[float, float, float] = (-0.35, -0.4, 0.13)  # radii: place, and standard deviation
-    reflected: float = 1.3  # of the white
+    edge: float = tuned(0.04, "eye widths", "deidentify.expression")  # over which an eyeball ends at the lids
+    # their darkness at the upper and the lower lid,
+    lashes: tuple[float, float] = tuned((0.6, 0.25), "share", "deidentify.expression")
+    lashes_reach: float = tuned(0.05, "eye widths", "deidentify.expression")  # and how far out
+    # at which there is no iris, and all of it
+    border: tuple[float, float] = tuned((1.1, 0.94), "radii", "deidentify.expression")
+    lid_shade: float = tuned(0.4, "share", "deidentify.expression")  # just below the upper lid,
+    lid_shade_reach: float = tuned(0.06, "eye widths", "deidentify.expression")  # and how far down
+    corner_shade: float = tuned(0.15, "share", "deidentify.expression")
+    # place, and standard deviation
+    reflection: tuple[float, float, float] = tuned((-0.35, -0.4, 0.13), "radii", "deidentify.expression")
+    reflected: float = tuned(1.3, "ratio", "deidentify.expression")  # of the white
 
 
 @dataclass(frozen=True)
 class LidClosingLimits:
     """Shares of the area between lids."""
 
-    seen: tuple[float, float] = (0.3, 0.6)  # share of eye in a cell, at which nothing and all of it counts
-    closed: tuple[float, float] = (0.25, 0.6)  # of the usual, at which lids are shut, and as they were found
-    least: float = 0.5  # that is usual of eyes of which the parsing can tell
-    memory: Decay = Decay(0.996, 0.1)  # of the usual
-    min_eye_pixels: float = 14.0  # of an eye's width, below which the parsing sees one now and then only
-    columns: int = 9
-    rows: int = 5
+    # share of eye in a cell, at which nothing and all of it counts
+    seen: tuple[float, float] = tuned((0.3, 0.6), "share", "landmarks.parsing")
+    # of the usual, at which lids are shut, and as they were found
+    closed: tuple[float, float] = tuned((0.25, 0.6), "share", "picture.truth")
+    # that is usual of eyes of which the parsing can tell
+    least: float = tuned(0.5, "share", "landmarks.parsing")
+    memory: Decay = tuned(Decay(0.996, 0.1), "share over seconds", "picture.pairs")  # of the usual
+    # of an eye's width, below which the parsing sees one now and then only
+    min_eye_pixels: float = tuned(14.0, "pixels", "landmarks.parsing")
+    columns: int = tuned(9, "places", "speed")
+    rows: int = tuned(5, "places", "speed")
 
 
 LIMITS, EYEBALL, CLOSING = ApertureLimits(), EyeballLimits(), LidClosingLimits()
 # From a corner, two points of a lid and the other corner to columns, and how far down between lids rows lie.
-_ALONG = interpolation(np.linspace(0, 3, CLOSING.columns + 2)[1:-1], np.arange(4.0))
+_LID_POINTS = derived(4, "points", "both corners of an eye and two between them")
+_ALONG = interpolation(
+    np.linspace(0, _LID_POINTS - 1, CLOSING.columns + 2)[1:-1], np.arange(float(_LID_POINTS))
+)
 _DOWN = (np.arange(CLOSING.rows) + 0.5)[:, None, None] / CLOSING.rows
 
 

@@ -32,32 +32,36 @@ from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.tuned import derived, tuned
 
 
 @dataclass(frozen=True)
 class ForeheadLimits:
     """Face widths."""
 
-    rim: float = 0.055  # within the face's own hairline, where its texture isn't only skin
-    above_brows: float = 0.05  # where skin begins that can be mirrored
-    least: float = 0.03  # height of it
-    softening: float = 0.03  # standard deviation
-    inwards: float = 0.4  # share by which that is read nearer to the middle, off the ends of brows
-    cheek: float = 0.16  # side of the skin whose grain it gets
+    # within the face's own hairline, where its texture isn't only skin
+    rim: float = tuned(0.055, "face widths", "deidentify.identity")
+    # where skin begins that can be mirrored
+    above_brows: float = tuned(0.05, "face widths", "deidentify.identity")
+    least: float = tuned(0.03, "face widths", "deidentify.identity")  # height of it
+    softening: float = tuned(0.03, "face widths", "deidentify.identity")  # standard deviation
+    # share by which that is read nearer to the middle, off the ends of brows
+    inwards: float = tuned(0.4, "share", "deidentify.identity")
+    cheek: float = tuned(0.16, "face widths", "deidentify.identity")  # side of the skin whose grain it gets
     # The shadow of the hair: its share of the light at the hairline, and how far down it fades.
-    shadow: float = 0.3
-    shadow_length: float = 0.06
+    shadow: float = tuned(0.3, "share", "deidentify.identity")
+    shadow_length: float = tuned(0.06, "face widths", "deidentify.identity")
     # Of the strands at the hairline: how far they reach in at the middle, how wide they and tufts of them are, how long
     # they stay alike, and how soft their ends are, as a share of their reach.
-    reach: float = 0.09
-    widths: tuple[float, float] = (0.004, 0.012)
-    length: float = 0.07
-    softness: float = 0.65
-    widening: float = 0.4  # sideways share of what is added
+    reach: float = tuned(0.09, "face widths", "deidentify.identity")
+    widths: tuple[float, float] = tuned((0.004, 0.012), "face widths", "deidentify.identity")
+    length: float = tuned(0.07, "face widths", "deidentify.identity")
+    softness: float = tuned(0.65, "share", "deidentify.identity")
+    widening: float = tuned(0.4, "share", "deidentify.identity")  # sideways share of what is added
 
 
 LIMITS = ForeheadLimits()
-LOBE = 3  # point of the jaw
+LOBE = derived(3, "point", "of the jaw's 17 that which lies at the ear's lobe")
 
 
 @dataclass(frozen=True, eq=False)

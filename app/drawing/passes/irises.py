@@ -22,6 +22,7 @@ from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import GazeMemory, Memory
 from guise.common.arrays import F32, F64, Floating, Int
 from guise.common.decay import Decay
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
@@ -30,29 +31,40 @@ class TintLimits:
 
     # In a frame, near where the parsing found the iris: the disc that is least like white against the ring about it, or
     # of a light iris what looks most as at rest.
-    many_pixels: int = 500  # of an eye, from which a fourth of them is enough
-    ring: float = 1.5  # radii
-    steps: tuple[float, ...] = (0.04, 0.02, 0.01)
+    many_pixels: int = tuned(500, "pixels", "speed")  # of an eye, from which a fourth of them is enough
+    ring: float = tuned(1.5, "radii", "landmarks.parsing")
+    steps: tuple[float, ...] = tuned((0.04, 0.02, 0.01), "eye widths", "landmarks.parsing")
     first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
-    moved: tuple[float, float] = (2.0, 0.6)  # cost of a distance, and of a light iris's
+    # cost of a distance, and of a light iris's
+    moved: tuple[float, float] = tuned((2.0, 0.6), "1/eye widths", "landmarks.parsing")
     max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
-    memory: Decay = Decay(0.25)  # of a place
-    max_step: float = 0.08  # beyond which it is taken as it is found
-    edge: float = 0.7  # radii, beyond which catch-lights fade
+    memory: Decay = tuned(Decay(0.25), "share", "picture.pairs")  # of a place
+    max_step: float = tuned(0.08, "eye widths", "picture.pairs")  # beyond which it is taken as it is found
+    edge: float = tuned(0.7, "radii", "picture.pairs")  # beyond which catch-lights fade
     # Drawing.
-    border: tuple[float, float] = (1.15, 0.85)  # radii, at which nothing and all of a dark iris is changed,
-    painted_border: tuple[float, float] = (1.2, 0.96)  # and of a light one
+    # at which nothing and all of a dark iris is changed,
+    border: tuple[float, float] = tuned((1.15, 0.85), "radii", "picture.pairs")
+    painted_border: tuple[float, float] = tuned((1.2, 0.96), "radii", "picture.pairs")  # and of a light one
     # How unlike white nothing and all of a pixel is changed, of an iris that becomes darker, and of one that becomes
     # lighter, where what is no iris would shine; and how far its colour may be from those between white and iris.
-    unlike: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.5), (0.35, 0.85))
-    other_colour: tuple[float, float] = (0.15, 0.3)  # at which all and none of a pixel is changed
-    light: tuple[float, float] = (0.6, 0.66)  # brightness of a light iris: of none below, of all above
-    gain: tuple[float, float] = (0.15, 2.5)  # limits of the factors of one that becomes darker
-    lightening: float = 2.2  # of an iris at most: more, in the shade of lids, looks blind
-    black_share: float = 0.02  # of the white, added before colours are divided
-    catch_light: float = 0.25  # of the white, by which a pixel is brighter than a light iris at least
-    shade: tuple[float, float] = (0.55, 1.1)  # limits of the frame's iris over that at rest
-    shade_eye_widths: float = 0.04  # standard deviation
+    unlike: tuple[tuple[float, float], tuple[float, float]] = tuned(
+        ((0.0, 0.5), (0.35, 0.85)), "share of the white", "picture.pairs"
+    )
+    # at which all and none of a pixel is changed
+    other_colour: tuple[float, float] = tuned((0.15, 0.3), "share of the white", "picture.pairs")
+    # brightness of a light iris: of none below, of all above
+    light: tuple[float, float] = tuned((0.6, 0.66), "share of the white", "picture.pairs")
+    # limits of the factors of one that becomes darker
+    gain: tuple[float, float] = tuned((0.15, 2.5), "ratio", "picture.pairs")
+    # of an iris at most: more, in the shade of lids, looks blind
+    lightening: float = tuned(2.2, "ratio", "picture.pairs")
+    # added before colours are divided
+    black_share: float = tuned(0.02, "share of the white", "picture.pairs")
+    # by which a pixel is brighter than a light iris at least
+    catch_light: float = tuned(0.25, "share of the white", "picture.pairs")
+    # limits of the frame's iris over that at rest
+    shade: tuple[float, float] = tuned((0.55, 1.1), "ratio", "picture.pairs")
+    shade_eye_widths: float = tuned(0.04, "eye widths", "picture.pairs")  # standard deviation
 
 
 LIMITS = TintLimits()

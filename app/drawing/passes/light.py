@@ -28,60 +28,74 @@ from guise.common.arrays import F32, Bool, Int
 from guise.common.decay import Decay
 from guise.common.quantile import quantile
 from guise.common.small import mean
+from guise.common.tuned import derived, tuned
 
-CELL_FACE_WIDTHS = 1 / 32
-GRID = 41, 35  # height, width in cells; the margin is one cell
-BLACK_GREY_LEVELS = 4.0  # added before a ratio is taken
+CELL_FACE_WIDTHS = derived(1 / 32, "face widths", "the grid that the network reads, training.train_light")
+GRID = derived((41, 35), "cells", "the grid that the network reads: its margin is one cell")  # height, width
+BLACK_GREY_LEVELS = tuned(4.0, "grey levels", "picture.truth")  # added before a ratio is taken
 
 
 @dataclass(frozen=True)
 class LearnedLightLimits:
     """Memory, pace, and the colour of brows."""
 
-    memory: Decay = Decay(0.5)
-    brow_tint: float = 0.6  # share of a brow's colour that is taken from the skin
-    brow_growth_face_widths: float = 0.02
-    min_share: float = 0.01  # of a brow or a part, from which a pixel belongs to it
-    check_seconds: float = 2 / 30  # between two looks whether what the network sees has changed
-    still_seconds: float = 16 / 30  # after which it is asked in any case
-    max_change: float = 0.012  # of logs of a colour's local means, or of the share of skin that is seen
-    min_weight: float = 0.2  # of a cell whose means are compared
-    looks_per_mirrored: int = 8  # of which one is also taken at the mirror image
+    memory: Decay = tuned(Decay(0.5), "share", "picture.truth")
+    # share of a brow's colour that is taken from the skin
+    brow_tint: float = tuned(0.6, "share", "picture.truth")
+    brow_growth_face_widths: float = tuned(0.02, "face widths", "picture.truth")
+    min_share: float = tuned(0.01, "share", "speed")  # of a brow or a part, from which a pixel belongs to it
+    # between two looks whether what the network sees has changed
+    check_seconds: float = tuned(2 / 30, "seconds", "speed")
+    still_seconds: float = tuned(16 / 30, "seconds", "speed")  # after which it is asked in any case
+    # of logs of a colour's local means, or of the share of skin that is seen
+    max_change: float = tuned(0.012, "log", "picture.truth")
+    min_weight: float = tuned(0.2, "share", "picture.truth")  # of a cell whose means are compared
+    looks_per_mirrored: int = tuned(8, "looks", "speed")  # of which one is also taken at the mirror image
     # Of the light that is a mean over a wider neighbourhood: the rest follows the person's own form as well, and less
     # of the donor's is left.  At the edge of a shadow there is none.
-    wide_share: float = 0.2
-    shadow_edge: float = 0.12  # log of light over its mean, by which the share falls by a standard deviation
-    wide_face_widths: float = 0.1
+    wide_share: float = tuned(0.2, "share", "picture.truth")
+    # log of light over its mean, by which the share falls by a standard deviation
+    shadow_edge: float = tuned(0.12, "log", "picture.truth")
+    wide_face_widths: float = tuned(0.1, "face widths", "picture.truth")
 
 
 @dataclass(frozen=True)
 class LightOfFeaturesLimits:
     """Lengths in face widths."""
 
-    raised: float = 0.035  # by which what may be hidden lies above the brows,
-    growth: float = 0.045  # and by which it is larger
-    around: float = 0.06  # by which what may be too bright is larger than eyes and lips
-    tinted: float = 0.03  # by which what may tint the light is larger than brows and eyes
-    beside: float = 0.04  # standard deviation of the weights of what lies beside
-    darkness: tuple[float, float] = (0.08, 0.2)  # logs, of which none and all is taken for a brow
-    gleam: tuple[float, float] = (0.12, 0.3)  # the same for what is brighter around eyes and lips
+    # by which what may be hidden lies above the brows,
+    raised: float = tuned(0.035, "face widths", "picture.truth")
+    growth: float = tuned(0.045, "face widths", "picture.truth")  # and by which it is larger
+    # by which what may be too bright is larger than eyes and lips
+    around: float = tuned(0.06, "face widths", "picture.truth")
+    # by which what may tint the light is larger than brows and eyes
+    tinted: float = tuned(0.03, "face widths", "picture.truth")
+    # standard deviation of the weights of what lies beside
+    beside: float = tuned(0.04, "face widths", "picture.truth")
+    # logs, of which none and all is taken for a brow
+    darkness: tuple[float, float] = tuned((0.08, 0.2), "log", "picture.truth")
+    # the same for what is brighter around eyes and lips
+    gleam: tuple[float, float] = tuned((0.12, 0.3), "log", "picture.truth")
 
 
 @dataclass(frozen=True)
 class BrowHairLimits:
     """Lengths in face widths."""
 
-    growth: float = 0.02  # of the brows
-    beside: tuple[float, float] = (0.03, 0.06)  # from the brows, between which their skin lies
-    darkest: float = 0.05  # quantile of the brows' brightness that is mostly hair
-    hair: float = 0.55  # brightness of hair alone, of that quantile
-    min_share: float = 0.01  # of a brow, from which a pixel belongs to it
-    strength: float = 0.8
-    min_factor: float = 0.2
+    growth: float = tuned(0.02, "face widths", "picture.truth")  # of the brows
+    # from the brows, between which their skin lies
+    beside: tuple[float, float] = tuned((0.03, 0.06), "face widths", "picture.truth")
+    # quantile of the brows' brightness that is mostly hair
+    darkest: float = tuned(0.05, "quantile", "picture.truth")
+    hair: float = tuned(0.55, "ratio", "picture.truth")  # brightness of hair alone, of that quantile
+    min_share: float = tuned(0.01, "share", "speed")  # of a brow, from which a pixel belongs to it
+    strength: float = tuned(0.8, "share", "picture.truth")
+    min_factor: float = tuned(0.2, "ratio", "picture.truth")
 
 
 LIMITS, FEATURES, HAIR = LearnedLightLimits(), LightOfFeaturesLimits(), BrowHairLimits()
-FLOOR = 1e-4  # of the weight of a mean
+# of the weight of a mean
+FLOOR = derived(1e-4, "share", "far less than a texel's weight, and no division by zero")
 INPUTS = "skin", "other", "own", "rest"  # of the network
 PARTS = ((RIGHT_EYE, LEFT_EYE), (INNER_LIPS,))
 

@@ -16,32 +16,38 @@ from guise.aam.reference import ReferenceFrame
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F64, Floating
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class InnerMouthLimits:
     """Lengths of the nose; colours in even light, to which the palette gives that of the scene."""
 
-    dark: tuple[float, float, float] = (30, 14, 13)
-    flesh: tuple[float, float, float] = (105, 52, 48)
-    tooth: tuple[float, float, float] = (184, 178, 166)
-    edge: float = 0.015  # over which the inside begins at the lips
-    teeth: float = (
-        0.06  # down to where the upper ones reach, below the upper lip at rest, with the lower ones behind,
+    dark: tuple[float, float, float] = tuned((30, 14, 13), "RGB", "deidentify.expression")
+    flesh: tuple[float, float, float] = tuned((105, 52, 48), "RGB", "deidentify.expression")
+    tooth: tuple[float, float, float] = tuned((184, 178, 166), "RGB", "deidentify.expression")
+    # over which the inside begins at the lips
+    edge: float = tuned(0.015, "nose lengths", "deidentify.expression")
+    # down to where the upper ones reach, below the upper lip at rest, with the lower ones behind,
+    teeth: float = tuned(0.06, "nose lengths", "deidentify.expression")
+    teeth_end: float = tuned(0.02, "nose lengths", "deidentify.expression")  # over which they end there,
+    # and how that rises to the sides, of the squared way there
+    arc: float = tuned(0.35, "1/nose lengths", "deidentify.expression")
+    lower: float = tuned(0.7, "ratio", "deidentify.expression")  # brightness of the lower ones
+    # between teeth, from the middle
+    gaps: tuple[float, ...] = tuned((0.0, 0.17, 0.31, 0.43, 0.54), "nose lengths", "deidentify.expression")
+    # shade and half width
+    gap: tuple[float, float] = tuned((0.12, 0.012), "share, nose lengths", "deidentify.expression")
+    # shade of the teeth there, and how far down
+    below_lip: tuple[float, float] = tuned((0.45, 0.05), "share, nose lengths", "deidentify.expression")
+    # from which light falls on all of the teeth between lips
+    parted: float = tuned(0.08, "nose lengths", "deidentify.expression")
+    # shade, of the squared way
+    to_sides: float = tuned(1.8, "1/squared nose lengths", "deidentify.expression")
+    # share at the lower lip, height, and shade to the sides
+    tongue: tuple[float, float, float] = tuned(
+        (0.7, 0.22, 4.0), "share, nose lengths, 1/squared nose lengths", "deidentify.expression"
     )
-    teeth_end: float = 0.02  # over which they end there,
-    arc: float = 0.35  # and how that rises to the sides, of the squared way there
-    lower: float = 0.7  # brightness of the lower ones
-    gaps: tuple[float, ...] = (0.0, 0.17, 0.31, 0.43, 0.54)  # between teeth, from the middle
-    gap: tuple[float, float] = (0.12, 0.012)  # shade and half width
-    below_lip: tuple[float, float] = (0.45, 0.05)  # shade of the teeth there, and how far down
-    parted: float = 0.08  # from which light falls on all of the teeth between lips
-    to_sides: float = 1.8  # shade, of the squared way
-    tongue: tuple[float, float, float] = (
-        0.7,
-        0.22,
-        4.0,
-    )  # share at the lower lip, height, and shade to the sides
 
 
 LIMITS = InnerMouthLimits()

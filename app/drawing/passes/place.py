@@ -38,31 +38,39 @@ from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.app.media import Frame
 from guise.common.arrays import F32, F64, U8
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class PlaceLimits:
     """How points follow the outline, and by which a disguise moves the features, as shares of distances in the face."""
 
-    outline_reach: float = 0.11  # face widths, over which the inner points follow the outline
-    outline_share: float = 0.7  # by which the outline follows that of the head
-    eyes_apart: float = 0.13  # of the way from the nose's root to the temple: each eye and its brow
-    brows_raised: float = 0.05  # of the way from the nose's root to the hairline
+    # over which the inner points follow the outline
+    outline_reach: float = tuned(0.11, "face widths", "picture.truth")
+    # by which the outline follows that of the head
+    outline_share: float = tuned(0.7, "share", "picture.truth")
+    # of the way from the nose's root to the temple: each eye and its brow
+    eyes_apart: float = tuned(0.13, "share", "deidentify.identity")
+    # of the way from the nose's root to the hairline
+    brows_raised: float = tuned(0.05, "share", "deidentify.identity")
 
 
 @dataclass(frozen=True)
 class OutlineLimits:
     """How far from the jaw line the frame moves with it; lengths in face widths."""
 
-    outer_reach: float = 0.28  # from the drawn jaw line, beyond which the frame stays
-    inner_reach: float = 0.14  # the same towards the face
-    weight_width: float = 0.06  # standard deviation, over which the jaw's points share a place
-    cell: float = 0.035  # of the coarse grid
-    min_move_pixels: float = 0.3  # of all points, below which nothing is done
+    # from the drawn jaw line, beyond which the frame stays
+    outer_reach: float = tuned(0.28, "face widths", "picture.truth")
+    inner_reach: float = tuned(0.14, "face widths", "picture.truth")  # the same towards the face
+    # standard deviation, over which the jaw's points share a place
+    weight_width: float = tuned(0.06, "face widths", "picture.truth")
+    cell: float = tuned(0.035, "face widths", "speed")  # of the coarse grid
+    # of all points, below which nothing is done
+    min_move_pixels: float = tuned(0.3, "pixels", "picture.truth")
 
 
 LIMITS, OUTLINE_WARP = PlaceLimits(), OutlineLimits()
-POINTS_PER_SEGMENT = 4  # of the jaw line, from which distances are measured
+POINTS_PER_SEGMENT = tuned(4, "points", "picture.truth")  # of the jaw line, from which distances are measured
 
 
 class Place:

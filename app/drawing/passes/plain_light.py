@@ -31,43 +31,56 @@ from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, Bool, Floating, Int
 from guise.common.decay import Decay
+from guise.common.tuned import derived, tuned
 
-QUADRATIC_FIELDS = 6  # leading fields: those of `quadratic_fields`
+QUADRATIC_FIELDS = derived(
+    6, "fields", "1, x, y, x², xy and y²: the leading fields are those of `quadratic_fields`"
+)
 
 
 @dataclass(frozen=True)
 class PaperLightLimits:
     """How the palette is fitted and how far it may go."""
 
-    slope_tint: float = 0.4  # share of colour that the slopes of the light keep
-    memory: Decay = Decay(0.72, 2 / 30)
-    update_seconds: float = 2 / 30  # from one update to the next: light changes slowly
-    light_jump_grey_levels: float = 10.0  # a change of light by more isn't noise and is followed at once
+    slope_tint: float = tuned(0.4, "share", "picture.truth")  # of colour that the slopes of the light keep
+    memory: Decay = tuned(Decay(0.72, 2 / 30), "share over seconds", "picture.truth")
+    # from one update to the next: light changes slowly
+    update_seconds: float = tuned(2 / 30, "seconds", "speed")
+    # a change of light by more isn't noise and is followed at once
+    light_jump_grey_levels: float = tuned(10.0, "grey levels", "picture.truth")
     rotation_prior: float = 1.0  # pull of the colours' rotation towards the identity
-    contrast: tuple[float, float] = (0.9, 1.5)  # range of the similarity's scale
-    light_ratio: tuple[float, float] = (0.5, 2.0)  # range of the ratio of two lights
-    highlight_slope: float = 0.35  # above the brightest skin, so that teeth and eyes don't glow
-    brightest_skin_quantile: float = 0.98
-    ridge: float = (
-        1e-3  # damping per texel of the quadratic terms; a tenth of it of the levels of eyes and mouth
-    )
+    # range of the similarity's scale
+    contrast: tuple[float, float] = tuned((0.9, 1.5), "ratio", "picture.truth")
+    # range of the ratio of two lights
+    light_ratio: tuple[float, float] = tuned((0.5, 2.0), "ratio", "picture.truth")
+    # above the brightest skin, so that teeth and eyes don't glow
+    highlight_slope: float = tuned(0.35, "ratio", "picture.truth")
+    brightest_skin_quantile: float = tuned(0.98, "quantile", "picture.truth")
+    # damping per texel of the quadratic terms; a tenth of it of the levels of eyes and mouth
+    ridge: float = tuned(1e-3, "ratio", "picture.truth")
 
 
 @dataclass(frozen=True)
 class WideLightLimits:
     """Widths, ranges and memory of the light of wide means."""
 
-    cell_face_widths: float = 0.025
-    sigma_face_widths: float = 0.2  # of both means: narrow ones follow the person's own features
-    brightness_ratio: tuple[float, float] = (0.15, 4.0)
-    colour_ratio: tuple[float, float] = (0.6, 1.6)  # of a channel, beyond that of brightness
-    detail_gain: tuple[float, float] = (0.5, 1.5)
+    cell_face_widths: float = tuned(0.025, "face widths", "speed")
+    # of both means: narrow ones follow the person's own features
+    sigma_face_widths: float = tuned(0.2, "face widths", "deidentify.identity")
+    brightness_ratio: tuple[float, float] = tuned((0.15, 4.0), "ratio", "deidentify.identity")
+    # of a channel, beyond that of brightness
+    colour_ratio: tuple[float, float] = tuned((0.6, 1.6), "ratio", "deidentify.identity")
+    detail_gain: tuple[float, float] = tuned((0.5, 1.5), "ratio", "deidentify.identity")
     # Of brightness, at eyes and in the mouth: teeth that the frame shows don't light up a tongue.
-    part_ratios: tuple[tuple[float, float], ...] = ((0.35, 1.8), (0.35, 1.1))
-    memory: Decay = Decay(0.5)
-    black_grey_levels: float = 4.0  # added before a ratio is taken
-    min_weight: float = 1e-3  # of a texel
-    min_part_share: float = 0.25  # visible share of eyes or mouth from which their brightness is measured
+    part_ratios: tuple[tuple[float, float], ...] = tuned(
+        ((0.35, 1.8), (0.35, 1.1)), "ratio", "deidentify.identity"
+    )
+    memory: Decay = tuned(Decay(0.5), "share", "deidentify.identity")
+    # added before a ratio is taken
+    black_grey_levels: float = tuned(4.0, "grey levels", "deidentify.identity")
+    min_weight: float = tuned(1e-3, "share", "deidentify.identity")  # of a texel
+    # visible share of eyes or mouth from which their brightness is measured
+    min_part_share: float = tuned(0.25, "share", "deidentify.identity")
 
 
 LIMITS, WIDE = PaperLightLimits(), WideLightLimits()

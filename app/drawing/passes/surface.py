@@ -32,58 +32,79 @@ from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
 from guise.common.arrays import F32, F64, U8, Bool
 from guise.common.quantile import quantile
 from guise.common.small import mean
+from guise.common.tuned import derived, tuned
 
 
 @dataclass(frozen=True)
 class SharpnessLimits:
     """What is measured, how often, and how far contrast is scaled."""
 
-    band_face_widths: float = 0.04  # standard deviation, beyond which a difference is light, not detail
-    feature_share: float = 0.4  # of a lowering, by which eyes, brows and lips follow
-    feature_growth_face_widths: float = 0.02  # around them, where nothing is raised
-    smoothing_pixels: float = 0.7  # standard deviation, before gradients are taken
-    places: int = 800  # on skin
-    min_inside: float = 0.5  # share of the places that must lie in the picture
-    max_excess: float = 4.0  # gradient energy of a place, of the mean, above which it's an edge
-    min_energy: float = 4.0  # of gradients, grey levels squared, below which both are smooth
-    slack_octaves: tuple[float, float] = (-0.1, 0.3)  # of gradient energy, by which the frame may be sharper
-    own_slack_octaves: float = 0.4  # the same, above which the frame's own structure is shown
-    rate: float = 0.35  # share of a difference made up for at each measurement
-    first_seconds: float = (
-        12 / 30
-    )  # of a face, in which every frame is measured and made up for twice as fast
-    every_seconds: float = 4 / 30  # between later measurements
-    gain: tuple[float, float] = (0.35, 1.2)  # least and most
-    unseen_gain: float = 0.03  # from 1, within which nothing is done
+    # standard deviation, beyond which a difference is light, not detail
+    band_face_widths: float = tuned(0.04, "face widths", "picture.truth")
+    # of a lowering, by which eyes, brows and lips follow
+    feature_share: float = tuned(0.4, "share", "picture.pairs")
+    # around them, where nothing is raised
+    feature_growth_face_widths: float = tuned(0.02, "face widths", "picture.pairs")
+    # standard deviation, before gradients are taken
+    smoothing_pixels: float = tuned(0.7, "pixels", "picture.pairs")
+    places: int = tuned(800, "places", "speed")  # on skin
+    # share of the places that must lie in the picture
+    min_inside: float = tuned(0.5, "share", "picture.pairs")
+    # gradient energy of a place, of the mean, above which it's an edge
+    max_excess: float = tuned(4.0, "ratio", "picture.pairs")
+    # of gradients, grey levels squared, below which both are smooth
+    min_energy: float = tuned(4.0, "squared grey levels", "picture.pairs")
+    # by which the frame may be sharper
+    slack_octaves: tuple[float, float] = tuned((-0.1, 0.3), "octaves of gradient energy", "picture.pairs")
+    # the same, above which the frame's own structure is shown
+    own_slack_octaves: float = tuned(0.4, "octaves of gradient energy", "picture.pairs")
+    rate: float = tuned(0.35, "share", "picture.pairs")  # of a difference made up for at each measurement
+    # of a face, in which every frame is measured and made up for twice as fast
+    first_seconds: float = tuned(12 / 30, "seconds", "picture.pairs")
+    every_seconds: float = tuned(4 / 30, "seconds", "speed")  # between later measurements
+    gain: tuple[float, float] = tuned((0.35, 1.2), "ratio", "picture.truth")  # least and most
+    unseen_gain: float = tuned(0.03, "ratio", "speed")  # from 1, within which nothing is done
 
 
 @dataclass(frozen=True)
 class GrainLimits:
     """What is measured, how often, and how much is added."""
 
-    finest_sigma_pixels: float = 0.8  # of the Gaussian beyond which nothing counts as grain
-    patch_pixels: int = 9  # sides of the squares whose energy is measured
-    smooth_quantile: float = 0.3  # of the squares' energies: skin without features
-    places: int = 400  # on skin
-    min_inside: float = 0.5  # share of the places that must lie in the picture
-    shown_share: float = 0.3  # of the variance added to a texture that the picture shows in the finest band
-    rate: float = 0.4  # share of a difference made up for at each
-    every_seconds: float = 4 / 30  # between measurements
-    max_grey_levels: float = 4.0  # standard deviation
-    min_grey_levels: float = 0.3  # below which rounding would swallow it
-    tile_slack_pixels: int = 64  # by which the pattern is shifted at random from frame to frame
+    # of the Gaussian beyond which nothing counts as grain
+    finest_sigma_pixels: float = tuned(0.8, "pixels", "picture.truth")
+    patch_pixels: int = tuned(9, "pixels", "picture.truth")  # sides of the squares whose energy is measured
+    # of the squares' energies: skin without features
+    smooth_quantile: float = tuned(0.3, "quantile", "picture.truth")
+    places: int = tuned(400, "places", "speed")  # on skin
+    # share of the places that must lie in the picture
+    min_inside: float = tuned(0.5, "share", "picture.truth")
+    # of the variance added to a texture that the picture shows in the finest band
+    shown_share: float = tuned(0.3, "share", "picture.truth")
+    rate: float = tuned(0.4, "share", "picture.truth")  # share of a difference made up for at each
+    every_seconds: float = tuned(4 / 30, "seconds", "speed")  # between measurements
+    max_grey_levels: float = tuned(4.0, "grey levels", "picture.truth")  # standard deviation
+    # below which rounding would swallow it
+    min_grey_levels: float = derived(
+        0.3, "grey levels", "the standard deviation of rounding to whole levels is 0.29"
+    )
+    # by which the pattern is shifted at random from frame to frame
+    tile_slack_pixels: int = tuned(64, "pixels", "picture.truth")
 
 
 @dataclass(frozen=True)
 class OwnSkinLimits:
     """What is taken from the frame."""
 
-    band_face_widths: float = 0.012  # standard deviation, below which structure is fine
-    fold_grey_levels: float = 3.0  # standard deviation, of which structure is a fold or an edge and stays out
-    feature_growth_face_widths: float = 0.035  # around eyes, brows, lips and nostrils of either face
-    brow_growth_face_widths: float = 0.09  # around brows, which rise
-    rim_face_widths: float = 0.02  # standard deviation by which it fades at the edge of skin
-    cell_grid_pixels: int = 4  # between which places are interpolated
+    # standard deviation, below which structure is fine
+    band_face_widths: float = tuned(0.012, "face widths", "picture.pairs")
+    # standard deviation, of which structure is a fold or an edge and stays out
+    fold_grey_levels: float = tuned(3.0, "grey levels", "picture.pairs")
+    # around eyes, brows, lips and nostrils of either face
+    feature_growth_face_widths: float = tuned(0.035, "face widths", "picture.pairs")
+    brow_growth_face_widths: float = tuned(0.09, "face widths", "picture.pairs")  # around brows, which rise
+    # standard deviation by which it fades at the edge of skin
+    rim_face_widths: float = tuned(0.02, "face widths", "picture.pairs")
+    cell_grid_pixels: int = tuned(4, "grid pixels", "speed")  # between which places are interpolated
 
 
 LIMITS, GRAIN, OWN = SharpnessLimits(), GrainLimits(), OwnSkinLimits()

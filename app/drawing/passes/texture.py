@@ -25,19 +25,21 @@ from guise.app.drawing.face import FaceInFrame, Fold, Seen
 from guise.app.drawing.memory import Memory
 from guise.common import small
 from guise.common.arrays import F32, F64
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class TextureLimits:
     """When the texture moves less, and how it is enlarged; pixels of the picture a grid pixel are its zoom."""
 
-    still_degrees: tuple[float, float] = (
-        12.0,
-        28.0,
-    )  # of turn from how either was enrolled: less, and not at all
-    min_detail_zoom: float = 1.15  # above which detail is added
-    max_blur_zoom: float = 0.7  # below which the texture is blurred against aliasing
-    blur_grid_pixels: float = 0.45  # standard deviation, at a zoom of 1
+    # of turn from how either was enrolled: less, and not at all
+    still_degrees: tuple[float, float] = tuned((12.0, 28.0), "degrees", "picture.turned")
+    # above which detail is added
+    min_detail_zoom: float = tuned(1.15, "pixels a grid pixel", "picture.truth")
+    # below which the texture is blurred against aliasing
+    max_blur_zoom: float = tuned(0.7, "pixels a grid pixel", "picture.truth")
+    # standard deviation, at a zoom of 1
+    blur_grid_pixels: float = tuned(0.45, "grid pixels", "picture.truth")
 
 
 LIMITS = TextureLimits()

@@ -21,27 +21,32 @@ from guise.aam.relief import Relief
 from guise.app.drawing.face import FaceInFrame, Fold
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, I32, U8, Bool, Floating, Int
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class SilhouetteLimits:
     """How the face fades; cosines between the camera's direction and the face's normal."""
 
-    whole_cosine: float = 0.18  # from which all of it is,
-    whole_share: float = 0.5  # or this share of what it is from the front
-    cell_face_widths: float = 0.03
-    nose_growth_face_widths: float = 0.03  # around the nose, which hides what lies behind it, not itself
+    whole_cosine: float = tuned(0.18, "cosine", "picture.turned")  # from which all of it is,
+    whole_share: float = tuned(0.5, "share", "picture.turned")  # or this of what it is from the front
+    cell_face_widths: float = tuned(0.03, "face widths", "speed")
+    # around the nose, which hides what lies behind it, not itself
+    nose_growth_face_widths: float = tuned(0.03, "face widths", "picture.turned")
 
 
 @dataclass(frozen=True)
 class FoldLimits:
     """What is squeezed and how it is smoothed."""
 
-    squeezed: tuple[float, float] = (0.35, 0.15)  # widths of a triangle over its own, from which and at which
-    reach_pixels: float = 4.0  # in the picture, were it not squeezed: of what is averaged, and beside
+    # widths of a triangle over its own, from which and at which
+    squeezed: tuple[float, float] = tuned((0.35, 0.15), "ratio", "picture.turned")
+    # in the picture, were it not squeezed: of what is averaged, and beside
+    reach_pixels: float = tuned(4.0, "pixels", "picture.turned")
     edge_blur_pixels: float = 1.0  # of the picture, where one side of a fold ends
-    edge_box_pixels: int = 5  # about the edges, of what is blurred
-    beyond_pixels: float = 3.0  # from an edge to where the face must be seen behind it
+    edge_box_pixels: int = tuned(5, "pixels", "picture.turned")  # about the edges, of what is blurred
+    # from an edge to where the face must be seen behind it
+    beyond_pixels: float = tuned(3.0, "pixels", "picture.turned")
 
 
 LIMITS, FOLD = SilhouetteLimits(), FoldLimits()
