@@ -31,7 +31,7 @@ ROOMS = {
     "app.photos": {"aam", "analogy", "common", "app.media", "app.enrolment", "app.swapping"},
     "app.meshes": {"aam", "analogy", "render", "common", "app.media"},
     "app.live": _SCIENCE - {"analogy"} | _PARTS,
-    "app.deidentify": {"render", "common", "app.media", "app.swapping"},
+    "app.deidentify": {"render", "common", "app.media", "app.drawing", "app.swapping"},
     "app.deidentify.stages": {
         "aam",
         "render",

@@ -10,7 +10,7 @@ import typer
 from guise.app.cli.commands import command_line
 from guise.app.cli.options import Part, look_of, takes
 from guise.app.deidentify.options import DeidentifyOptions
-from guise.app.drawing.look import LIVE, PAPER, SWAP
+from guise.app.drawing.look import LIVE, LIVE_CHOICES, PAPER, SWAP, DrawingChoices
 from guise.app.landmarks.file import LandmarkOptions
 from guise.app.live.controls import LiveSettings
 from guise.app.live.run import LiveOptions
@@ -18,7 +18,6 @@ from guise.app.live.session import SessionConfig
 from guise.app.media import EncodeOptions
 from guise.app.meshes.pair import TransferOptions
 from guise.app.photos.image import AnalogyOptions
-from guise.app.swapping.choices import LIVE_CHOICES, DrawingChoices
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.report import SwapSettings
 from guise.common.option import option, options_of

@@ -27,7 +27,7 @@ from guise.app.cli.options import (
     Video,
     landmark_source,
 )
-from guise.app.swapping.choices import FACE_HELP
+from guise.app.drawing.look import FACE_HELP
 
 Clips = Annotated[
     list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")

@@ -23,7 +23,7 @@ from guise.app.cli.options import (
     takes,
 )
 from guise.app.cli.studio import studio
-from guise.app.swapping.choices import FACE_HELP, LIVE_CHOICES, DrawingChoices
+from guise.app.drawing.look import FACE_HELP, LIVE_CHOICES, DrawingChoices
 
 
 class ModeName(StrEnum):

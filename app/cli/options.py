@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 
 import typer
 
-from guise.app.swapping.choices import FACE_HELP
+from guise.app.drawing.look import FACE_HELP
 from guise.common.option import Option, options_of
 
 if TYPE_CHECKING:
-    from guise.app.drawing.look import Look
+    from guise.app.drawing.look import DrawingChoices, Look
     from guise.app.enrolment.landmark_source import LandmarkSource
-    from guise.app.swapping.choices import DrawingChoices
 
 
 class HwaccelName(StrEnum):

@@ -40,7 +40,7 @@ from guise.app.cli.options import (
     look_of,
     takes,
 )
-from guise.app.swapping.choices import DrawingChoices
+from guise.app.drawing.look import DrawingChoices
 
 if TYPE_CHECKING:
     from guise.aam.model import Identity

@@ -13,6 +13,7 @@ from typing import Any
 from guise.aam.model import Identity
 from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.landmark_source import LandmarkSource
+from guise.app.enrolment.source_person import source_person
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
 from guise.app.live.controls import Controls, LiveSettings
 from guise.app.live.face import MAX_PEOPLE, CastMember
@@ -28,7 +29,6 @@ from guise.app.media.input import VideoInput
 from guise.app.people import kept
 from guise.app.swapping.donors import gallery, open_donor, open_face
 from guise.app.swapping.report import SwapSettings
-from guise.app.swapping.source_person import source_person
 from guise.common.errors import OutputError
 from guise.common.progress import Progress, Say
 from guise.common.threads import one_thread

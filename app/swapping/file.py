@@ -9,6 +9,7 @@ from guise.aam.model import Identity
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
 from guise.app.drawing.engine import Engine
+from guise.app.enrolment.source_person import source_person
 from guise.app.media import Frame, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.cover import CoverStyle
@@ -16,7 +17,6 @@ from guise.app.swapping.donors import open_donor
 from guise.app.swapping.grade import TYPICAL_FACE, Grade, grade
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
 from guise.app.swapping.session import SwapSession
-from guise.app.swapping.source_person import source_person
 from guise.common.memory import one_heap
 from guise.common.threads import one_thread
 

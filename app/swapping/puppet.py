@@ -36,11 +36,11 @@ from guise.app.drawing.face import FaceInFrame, Seen
 from guise.app.drawing.look import PUPPET, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.plan import Plan
+from guise.app.enrolment.source_person import source_person
 from guise.app.media import Frame, open_input, open_sink
 from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
-from guise.app.swapping.source_person import source_person
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread

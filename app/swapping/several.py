@@ -23,6 +23,7 @@ from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
 from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.drawing.engine import Engine
+from guise.app.enrolment.source_person import keep_person
 from guise.app.media import Frame, MediaInput, open_input, open_sink, process
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.people import kept
@@ -45,7 +46,6 @@ from guise.app.swapping.policy import (
 )
 from guise.app.swapping.report import DEFAULTS, SwapError, SwapReport, SwapSettings, Tally
 from guise.app.swapping.session import SwapSession
-from guise.app.swapping.source_person import keep_person
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
 

@@ -21,13 +21,13 @@ from benchmarks.deidentify.leaks import clips
 from benchmarks.live.runs import DONOR
 from guise.aam.model import Identity
 from guise.app.enrolment.landmark_source import LandmarkSource
+from guise.app.enrolment.source_person import source_person
 from guise.app.live.capture import FileCapture
 from guise.app.live.controls import Controls
 from guise.app.live.session import LiveSession, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.report import SwapSettings
-from guise.app.swapping.source_person import source_person
 from guise.common.threads import one_thread
 
 FRAME_INTERVALS = (1, 3)  # every frame, every third

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from guise.aam.model import Identity
 from guise.app.media import MediaInput
 from guise.app.people import kept
-from guise.app.swapping.report import SwapError, SwapSettings
+from guise.common.progress import Progress, Say
+
+
+class Learning(Protocol):
+    """How somebody is learned, as `guise.app.swapping.report.SwapSettings` says it."""
+
+    @property
+    def keep_people(self) -> bool: ...
+    @property
+    def progress(self) -> Progress: ...
+    @property
+    def say(self) -> Say: ...
 
 
 def source_person(
-    media: MediaInput, given: Any, like: Identity, settings: SwapSettings, *, anew: bool = False
+    media: MediaInput, given: Any, like: Identity, settings: Learning, *, anew: bool = False
 ) -> Identity:
     """The model of the person in a video: the given one, or one enrolled from the video at the resolution of `like`.
 
@@ -23,7 +33,9 @@ def source_person(
     if isinstance(given, Identity):
         return given
     if media.kind == "image":
-        raise SwapError(
+        from guise.app.enrolment.enrol import EnrolError
+
+        raise EnrolError(
             f"{media.name} is a single image, which isn't enough to enroll a face from: "
             "give the model of the person in it with --source"
         )
@@ -42,19 +54,19 @@ def source_person(
 
     file = given.files[0] if given.files else landmark_file(media.path)
     points = kept.video_key(file) if file is not None else "found"
-    settings = replace(settings, keep_people=settings.keep_people and given.landmarker is None)
-    return keep_person(media, (resolution, points), f"the person in {media.name}", learn, settings, anew=anew)
+    details = (resolution, points) if given.landmarker is None else None
+    return keep_person(media, details, f"the person in {media.name}", learn, settings, anew=anew)
 
 
 def keep_person(
-    media: MediaInput, details: tuple[object, ...], who: str, learn: Callable[[], Identity], settings: SwapSettings,
+    media: MediaInput, details: tuple[object, ...] | None, who: str, learn: Callable[[], Identity], settings: Learning,
     *, anew: bool = False,
 ) -> Identity:  # fmt: skip
     """The model of a person in a video that an earlier run has kept, or a new one, which is kept if settings say so.
 
-    details : what it depends on besides the video.   who : the person, in words.
+    details : what it depends on besides the video; None if it is not to be kept.   who : the person, in words.
     """
-    key = kept.video_key(media.path, *details) if settings.keep_people else ""
+    key = kept.video_key(media.path, *details) if settings.keep_people and details is not None else ""
     known = kept.cached(key, settings.say) if key and not anew else None
     if known is not None:
         settings.say(f"{who} was enrolled before and is {known.name} of guise people list")
@@ -64,7 +76,7 @@ def keep_person(
     return _kept(key, made, media.name, who, settings) if key else made
 
 
-def _kept(key: str, made: Identity, origin: str, who: str, settings: SwapSettings) -> Identity:
+def _kept(key: str, made: Identity, origin: str, who: str, settings: Learning) -> Identity:
     """The model as it is read again, so that the next run gives the same; as it is where it cannot be kept."""
     try:
         path = kept.keep(key, made, origin)
