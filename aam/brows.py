@@ -124,8 +124,11 @@ def edges_of_hair(parsing: Parsing, points: F64) -> tuple[F64, F64]:
 def _shifts(edges: F64, weights: F64) -> F64:
     """(2, 5) by how much the points of the brows belong lower: a smooth fit to their edges."""
     weighted = _COLUMNS * weights[..., None]
-    right = [one.T @ away for one, away in zip(weighted, edges - _USUAL, strict=True)]
-    fits = np.linalg.solve(_COLUMNS.T @ weighted + _STIFF, np.array(right)[..., None])
+    normal, away = _COLUMNS.T @ weighted + _STIFF, edges - _USUAL
+    fits = [
+        cv2.solve(left, one.T @ off[:, None], flags=cv2.DECOMP_CHOLESKY)[1]
+        for left, one, off in zip(normal, weighted, away, strict=True)
+    ]
     believed = np.array([ramp(share, *LIMITS.believed) for share in mean(weights, 1)])
     return np.asarray((LIMITS.strength * believed)[:, None] * (_POINTS @ fits)[..., 0])
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from guise.aam.landmarks.schemes import EYES_AND_LIPS, RIGID_WEIGHTS
@@ -217,7 +218,8 @@ class SolidPrior:
         diagonal[:size] += 1e-9
         diagonal[size:] += precision + 1e-9
         right[size:] -= precision * (amounts - middle)
-        step = np.linalg.solve(normal, right)
+        solved = cv2.solve(normal, right[:, None], flags=cv2.DECOMP_CHOLESKY)[1]
+        step = np.asarray(solved, np.float64)[:, 0]
         rotation = _turned(step[:3]) @ pose.rotation
         scale = min(max(float(pose.scale + step[3]), 0.5 * pose.scale), 2 * pose.scale)
         return HeadPose(rotation, scale, pose.translation + step[4:6]), amounts + step[6:]
