@@ -56,25 +56,28 @@ LIMITS = IrisLimits()
 
 
 def in_eye(points: Floating, outline: F64, whole: float | None = None) -> F32:
-    """Points (..., 2) of a picture in widths of the eye with an outline (6, 2) there.
+    """Points (n, 2) of a picture in widths of the eye with an outline (6, 2) there.
 
     whole : width in pixels that it would have from the front, by which heights are divided; by default its own.
     """
     first, last = outline[CORNERS[0]], outline[CORNERS[1]]
     (x, y), middle = last - first, (first + last) / 2
-    width = max(math.hypot(x, y), 1e-3)
-    least, most = (width * share for share in LIMITS.turn)
-    height = width if whole is None else min(max(whole, least), most)
+    width, (least, most) = max(math.hypot(x, y), 1e-3), LIMITS.turn
+    height = width if whole is None else min(max(whole, least * width), most * width)
     axes = np.array([[x / width, -y / height], [y / width, x / height]], np.float32) / np.float32(width)
-    away = np.asarray(points, np.float32) - middle.astype(np.float32)
-    return np.asarray((away.reshape(-1, 2) @ axes).reshape(away.shape), np.float32)
+    places: F32 = (np.asarray(points, np.float32) - middle.astype(np.float32)) @ axes
+    return places
 
 
-def whole_width(eye: Group, head: F64, at_rest: F64) -> float:
-    """Width in pixels of an eye of a head (81, 2) if it weren't turned, by the length of its nose; shape at rest."""
-    then = math.dist(at_rest[NOSE_BASE], at_rest[NOSE_ROOT])
+def nose_length(shape: F64) -> float:
+    """From the root of the nose of a shape (81, 2) to its base, pixels."""
+    return math.dist(shape[NOSE_BASE], shape[NOSE_ROOT])
+
+
+def width_to_nose(eye: Group, at_rest: F64) -> float:
+    """Width of an eye that isn't turned over the length of the nose, both of a shape (81, 2) at rest."""
     first, last = (at_rest[eye[corner]] for corner in CORNERS)
-    return math.dist(first, last) * math.dist(head[NOSE_BASE], head[NOSE_ROOT]) / max(then, 1e-3)
+    return math.dist(first, last) / max(nose_length(at_rest), 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +123,9 @@ class Irises:
         profile = self.profile.T if profile is None else profile
         rings = LIMITS.rings / LIMITS.reach * away - np.float32(0.5)
         ring = np.minimum(np.maximum(rings, 0), LIMITS.rings - 1.001)
-        low = ring.astype(np.intp)
-        share = (ring - low).astype(np.float32)
-        return np.asarray(profile[..., low] * (1 - share) + profile[..., low + 1] * share)
+        low, share = ring.astype(np.intp), ring - np.floor(ring)
+        shown: F32 = profile[..., low] * (1 - share) + profile[..., low + 1] * share
+        return shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +193,9 @@ def white(colours: F32) -> F32:
     """(3,) RGB of the white among an eye's pixels (n, 3)."""
     grey = colours @ LUMA
     count = max(1, round(len(grey) * (1 - LIMITS.white_quantile)))
-    brightest = grey.argpartition(-count)[-count:]
-    return np.asarray(np.maximum(mean(colours[brightest], 0), 8), np.float32)
+    brightest = colours[grey.argpartition(-count)[-count:]]
+    found: F32 = np.maximum(mean(brightest, 0), 8)
+    return found
 
 
 class Whites:

@@ -184,7 +184,7 @@ class MeshSampler:
         terms *= self.weights
         terms[0] += terms[1]
         terms[0] += terms[2]
-        places: F32 = terms[0].view(np.float32).reshape(-1, 2)
+        places: F32 = terms[0, :, None].view(np.float32)
         return places
 
     def sample(self, image: U8 | F32, shape: Floating) -> F32:

@@ -7,6 +7,7 @@ brows and the lower nose stay.  Grid pixels; RGB 0..255.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -30,6 +31,7 @@ from guise.aam.model import Identity
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.small import mean
 
 
 @dataclass(frozen=True)
@@ -58,20 +60,21 @@ _AROUND_EYE = np.stack(
     np.meshgrid(np.linspace(-0.3, 0.3, 16), np.linspace(-0.22, 0.22, 12)), axis=-1
 ).reshape(-1, 2)
 _ALONG_NOSE = np.linspace(-0.25, 0.15, 9)[:, None]
+EYE_PAIR = np.stack([RIGHT_EYE, LEFT_EYE])  # (2, 6)
 
 
 def wears_glasses(parsing: FaceParsing, shape: F64) -> bool:
     """Whether there are glasses about both eyes of a face (81, 2); hair and earrings are on one side or elsewhere."""
-    if np.ptp(shape[:, 0]) < LIMITS.min_face_pixels:
+    if np.maximum.reduce(shape[:, 0]) - np.minimum.reduce(shape[:, 0]) < LIMITS.min_face_pixels:
         return False
-    size, glasses = float(interocular(shape)), parsing.share(FaceClass.GLASSES)
-    up = shape[NOSE_ROOT] - shape[NOSE_TIP]
-    up *= size / max(float(np.linalg.norm(up)), 1e-6)
-    bridge = parsing.at(shape[NOSE_ROOT] + _ALONG_NOSE * up, glasses).max()
-    eyes = [
-        parsing.at(shape[eye].mean(0) + size * _AROUND_EYE, glasses).mean() for eye in (RIGHT_EYE, LEFT_EYE)
-    ]
-    return float(min(eyes)) > LIMITS.min_share and float(bridge) > LIMITS.min_bridge_share
+    size, up = float(interocular(shape)), shape[NOSE_ROOT] - shape[NOSE_TIP]
+    up *= size / max(math.hypot(*up), 1e-6)
+    middles = mean(shape[EYE_PAIR], 1)
+    places = np.concatenate([shape[NOSE_ROOT] + _ALONG_NOSE * up, *(middles[:, None] + size * _AROUND_EYE)])
+    glasses = parsing.at(places, parsing.shares[FaceClass.GLASSES])
+    bridge, eyes = glasses[: len(_ALONG_NOSE)], glasses[len(_ALONG_NOSE) :].reshape(2, -1)
+    about_both = np.minimum.reduce(mean(eyes, 1)) > LIMITS.min_share
+    return bool(about_both and np.maximum.reduce(bridge) > LIMITS.min_bridge_share)
 
 
 def without_glasses(identity: Identity) -> Identity:

@@ -15,7 +15,7 @@ def remap_points(image: U8 | F32, points: F32, border: int = cv2.BORDER_REPLICAT
 
     border : of OpenCV, what lies beyond the image; zeros where it is constant.
     """
-    n = len(points)
+    n, _ = points.shape
     if n > _ROW:
         return np.concatenate([remap_points(image, points[i : i + _ROW], border) for i in range(0, n, _ROW)])
     values = cv2.remap(image, points[None], None, cv2.INTER_LINEAR, borderMode=border, borderValue=0)  # type: ignore[call-overload]

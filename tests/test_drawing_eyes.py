@@ -145,11 +145,11 @@ def test_what_the_parsing_takes_for_lid_is_no_eye_unless_it_sees_no_eye_at_all(
 ) -> None:
     lower_half = np.zeros((64, 64), np.float32)
     lower_half[32:] = most
-    places = np.stack(np.meshgrid(np.arange(20, 40), np.arange(20, 80)), -1).astype(np.float32)
+    places = np.stack(np.meshgrid(np.arange(20, 40), np.arange(20, 80)), -1).astype(np.float32).reshape(-1, 2)
     seen = _eye_seen(parsed({FaceClass.EYES: lower_half}), places)
     middle = FRAME.size[0] / 2
-    assert (seen[places[..., 1] > middle + 3] == 1).all()
-    assert seen[places[..., 1] < middle - 3] == pytest.approx(lid)
+    assert (seen[places[:, 1] > middle + 3] == 1).all()
+    assert seen[places[:, 1] < middle - 3] == pytest.approx(lid)
     assert (_eye_seen(None, places) == 1).all()
 
 

@@ -52,8 +52,8 @@ class Tinted:
         self.gaze = GazeMemory(found, found.copy())
 
     def apply(self, picture: F32, seen: F32 | None = None, seconds: float = FRAME_SECONDS) -> F32:
-        shown = np.ones_like(LIDS) if seen is None else seen
-        return self.tint.apply(picture, PLACES, shown, self.gaze, seconds)
+        shown = np.ones(LIDS.size, np.float32) if seen is None else seen.ravel()
+        return self.tint.apply(picture, PLACES.reshape(-1, 2), shown, self.gaze, seconds)
 
 
 def tint(own: F32, other: F32, seen_at: float = 38) -> Tinted:

@@ -6,7 +6,7 @@ from made_up import FRAME
 from models import model_file
 from numpy.testing import assert_allclose
 
-from guise.aam.irises import LIMITS, Irises, Whites, in_eye, whole_width
+from guise.aam.irises import LIMITS, Irises, Whites, in_eye, nose_length, width_to_nose
 from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
@@ -66,7 +66,7 @@ def test_an_iris_of_a_turned_head_stays_round() -> None:
     middle = turned[RIGHT_EYE][[0, 3]].mean(0)
     radius = 0.2 * float(np.linalg.norm(np.diff(SHAPE[RIGHT_EYE][[0, 3]], axis=0)))
     rim = middle + radius * np.array([[0.6, 0.0], [0.0, 1.0]])
-    places = in_eye(rim, turned[RIGHT_EYE], whole_width(RIGHT_EYE, turned, SHAPE))
+    places = in_eye(rim, turned[RIGHT_EYE], width_to_nose(RIGHT_EYE, SHAPE) * nose_length(turned))
     assert np.hypot(*places.T) == pytest.approx(0.2, rel=0.05)
 
 

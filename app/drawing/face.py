@@ -183,7 +183,7 @@ def parse_frame(parser: Parser[Parsed], frame: Frame, shape: F64) -> Parsed:
     to_picture = crop_to_picture(centre, side, turn, (SIZE, SIZE))
     corners = np.array([[0, 0], [SIZE, 0], [0, SIZE], [SIZE, SIZE]]) - 0.5
     reached = corners @ to_picture[:, :2].T + to_picture[:, 2]
-    x0, y0, w, h = frame.align_roi(*(reached.min(0) - 1), *(reached.max(0) + 2))
+    x0, y0, w, h = frame.align_roi(*(np.minimum.reduce(reached) - 1), *(np.maximum.reduce(reached) + 2))
     if w < 2 or h < 2:
         return parser.of_crop(np.zeros((SIZE, SIZE, 3), np.uint8), to_picture)
     crop, _ = cut(frame.rgb_roi(x0, y0, w, h), centre - (x0, y0), side, turn)

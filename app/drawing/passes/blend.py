@@ -14,6 +14,7 @@ from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32
 from guise.common.closing import Closing
+from guise.common.small import mean
 from guise.common.tuned import tuned
 from guise.render import Compositor, make_compositor
 from guise.render.compositor import Renderer
@@ -49,13 +50,14 @@ class Blend(Closing):
     def begin(self, face: FaceInFrame, memory: Memory) -> None:
         """Cut the rectangle out of the frame in which the face lies; none is left of a face beside the picture."""
         canvas, frame = face.canvas, face.frame
-        x, y, w, h = frame.align_roi(*(canvas.mesh.min(0) - 1), *(canvas.mesh.max(0) + 2))
+        low, high = np.minimum.reduce(canvas.mesh), np.maximum.reduce(canvas.mesh)
+        x, y, w, h = frame.align_roi(*(low - 1), *(high + 2))
         if w < 2 or h < 2:
             return
         canvas.corner, canvas.roi = (x, y), frame.read_roi(x, y, w, h)
         if memory.parsed is not None:
             parsing, then = memory.parsed
-            face.parsed = parsing.from_place(*((x, y) - (face.head - then).mean(0)))
+            face.parsed = parsing.from_place(*((x, y) - mean(face.head - then, 0)))
 
     def scatter(self, face: FaceInFrame, memory: Memory) -> None:
         """Lay the lit texture out as a picture of bytes; by whole words, which is fastest."""

@@ -24,7 +24,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from guise.aam.irises import EYES, Irises, in_eye, white, whole_width
+from guise.aam.irises import EYES, Irises, in_eye, nose_length, white, width_to_nose
 from guise.aam.landmarks.schemes import (
     EYE_OUTLINES,
     INNER_LIPS,
@@ -128,6 +128,10 @@ _ALONG = interpolation(
     np.linspace(0, _LID_POINTS - 1, CLOSING.columns + 2)[1:-1], np.arange(float(_LID_POINTS))
 )
 _DOWN = (np.arange(CLOSING.rows) + 0.5)[:, None, None] / CLOSING.rows
+# (2, 2, 4) the upper lids of the right and the left eye, and the lower ones, each from corner to corner.
+_LIDS = np.array(
+    [[[first, *lids[k], last] for (first, last), *lids in EYE_OUTLINES] for k in range(2)], np.intp
+)
 
 
 class Tint(Protocol):
@@ -160,7 +164,7 @@ class Aperture:
         self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64, *, only_shut: bool = False,
         tint: Tinting | None = None,
     ) -> None:  # fmt: skip
-        self._part, self._at_rest = part, at_rest
+        self._part = part
         self._shut = ShutShare(part, at_rest) if only_shut else None
         grow = LIMITS.shut_growth_face_widths if only_shut else LIMITS.growth_face_widths
         shown = soft_parts(reference, (part,), grow)
@@ -181,6 +185,8 @@ class Aperture:
             lids = soft_parts(reference, (part,), LIMITS.growth_face_widths)
             lids = _enlarged(lids, factor)[self._place]
             self._tint, self._hidden = tint(lids, int(part is EYES[1])), ShutShare(part, at_rest)
+            self._width = width_to_nose(part, at_rest)
+            self._zeros = np.zeros((*lids.shape, 3), np.float32)
 
     def fill(self, face: FaceInFrame, memory: Memory, openings: tuple[float, float]) -> None:
         """Lay what the frame shows of the head there into the picture.
@@ -191,24 +197,25 @@ class Aperture:
         if shown == 0:
             return
         canvas, head, parsing = face.canvas, face.head - face.canvas.corner, face.parsed
-        places: F32 = self._sampler.positions(head).reshape(*self._share.shape, 2)
-        own = cv2.remap(canvas.roi, places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
+        places = self._sampler.positions(head)
+        grid = places.reshape(*self._share.shape, 2)
+        own = cv2.remap(canvas.roi, grid, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         own = cv2.addWeighted(
             own, 1 + LIMITS.sharpening, cv2.GaussianBlur(own, (3, 3), 0), -LIMITS.sharpening, 0
         )
         if self._tint is not None:
             colour = face.frame.colour
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
-            whole = whole_width(self._part, head, self._at_rest)
-            within = in_eye(places, head[self._part], whole)
+            within = in_eye(places, head[self._part], self._width * nose_length(head))
             seen = np.float32(1 - self._hidden(openings)) * _eye_seen(parsing, places)
             eye = self._tint.apply(np.asarray(eye, np.float32), within, seen, memory.gaze, memory.clock.step)
             eye = cv2.transform(eye, colour.from_rgb)
-            own = cv2.add(eye, np.zeros_like(eye), dtype=cv2.CV_8U)  # rounds and saturates
+            own = cv2.add(eye, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(canvas.picture[self._place])
         share = self._share * np.float32(shown)
         if self._shut is not None and parsing is not None:
-            share *= 1 - ramp(_shares(parsing, FaceClass.BROWS, places), LIMITS.brow_share)
+            brows = parsing.at(places, parsing.shares[FaceClass.BROWS])
+            share *= 1 - ramp(brows, LIMITS.brow_share).reshape(share.shape)
         canvas.picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
 
 
@@ -249,20 +256,14 @@ class Apertures:
 
 
 def _eye_seen(parsing: Parsing | None, places: F32) -> F32:
-    """(h, w) share in [0, 1] by which the parsing takes places (h, w, 2) about an eye for eye, not lid."""
+    """(n,) share in [0, 1] by which the parsing takes places (n, 2) about an eye for eye, not lid."""
     if parsing is None:
-        return np.ones(places.shape[:2], np.float32)
-    shares = _shares(parsing, FaceClass.EYES, places)
+        return np.ones(len(places), np.float32)
+    shares = parsing.at(places, parsing.shares[FaceClass.EYES])
     most = float(np.maximum.reduce(shares, None))
     known = np.float32(small.ramp(most, *LIMITS.known_eye_share))
-    return np.asarray(
-        1 - known * (1 - ramp(shares / np.float32(max(most, 1e-6)), LIMITS.eye_share)), np.float32
-    )
-
-
-def _shares(parsing: Parsing, what: FaceClass, places: F32) -> F32:
-    """(h, w) share of a class at places (h, w, 2)."""
-    return parsing.at(places.reshape(-1, 2), parsing.shares[what]).reshape(places.shape[:2])
+    seen: F32 = 1 - known * (1 - ramp(shares / np.float32(max(most, 1e-6)), LIMITS.eye_share))
+    return seen
 
 
 class ShutShare:
@@ -283,7 +284,7 @@ class ShutShare:
         An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
         """
         first, last = self._limits
-        right, left = (now / at_rest for now, at_rest in zip(openings, self._openings, strict=True))
+        right, left = [now / at_rest for now, at_rest in zip(openings, self._openings, strict=True)]
         least = min(left if self._eye else right, (right + left) / 2)
         return min(max((first - least) / (first - last), 0.0), 1.0)
 
@@ -368,7 +369,7 @@ class LidCloser:
         if face.parsing is None:
             return
         lids, points = memory.lids, face.found
-        seen = np.array([_seen(face.parsing, points, *eye) for eye in EYE_OUTLINES])
+        seen = _seen(face.parsing, points)
         kept = CLOSING.memory.over(memory.clock.now - memory.cover.parsed_at)
         lids.usual = np.maximum(kept * lids.usual, seen)
         share = small.ramps(seen / np.maximum(lids.usual, CLOSING.least), *CLOSING.closed)
@@ -384,13 +385,13 @@ class LidCloser:
         face.head = closed
 
 
-def _seen(parsing: Parsing, points: F64, corners: np.ndarray, upper: np.ndarray, lower: np.ndarray) -> float:
-    """Share of the area between lids in which there is an eye."""
-    first, last = points[corners]
-    top, bottom = (_ALONG @ [first, *points[lid], last] for lid in (upper, lower))
-    places = (top + _DOWN * (bottom - top)).reshape(-1, 2)
-    seen = parsing.at(places, parsing.shares[FaceClass.EYES])
-    return float(small.mean(small.ramps(seen, *CLOSING.seen)))
+def _seen(parsing: Parsing, points: F64) -> F64:
+    """(2,) share of the area between the lids of the right and the left eye in which there is an eye."""
+    top, bottom = _ALONG @ points[_LIDS]
+    places = top[:, None] + _DOWN * (bottom - top)[:, None]
+    seen = parsing.at(places.reshape(-1, 2), parsing.shares[FaceClass.EYES])
+    shares: F64 = small.mean(small.ramps(seen, *CLOSING.seen).reshape(len(places), -1), 1)
+    return shares
 
 
 class Eyeballs:
@@ -404,20 +405,19 @@ class Eyeballs:
     """
 
     def __init__(self, reference: ReferenceFrame, irises: Irises, at_rest: F64, texture: F32) -> None:
-        self._irises, self._at_rest = irises, at_rest
+        self._irises, self._widths = irises, [width_to_nose(eye, at_rest) for eye in EYES]
         self._parts = [PaintedPart.of(reference, group) for group in EYES]
         inside = (soft_parts(reference, (eye,), 0.0)[reference.mask] > 0.5 for eye in EYES)
         self._whites = [float(white(texture[eye]) @ LUMA) for eye in inside]
 
     def paint(self, face: FaceInFrame, memory: Memory) -> None:
         """Paint them, looking where the source looks."""
-        texture, mesh = face.canvas.texture, face.mesh
-        for group, part, bright, iris in zip(
-            EYES, self._parts, self._whites, memory.gaze.parsed, strict=True
+        texture, mesh, nose = face.canvas.texture, face.mesh, nose_length(face.mesh)
+        for group, part, bright, iris, width in zip(
+            EYES, self._parts, self._whites, memory.gaze.parsed, self._widths, strict=True
         ):
             outline = mesh[group]
-            whole = whole_width(group, mesh, self._at_rest)
-            places, lids = (in_eye(points, outline, whole) for points in (part.places(mesh), outline))
+            places, lids = (in_eye(points, outline, width * nose) for points in (part.places(mesh), outline))
             colours = self._shares(places - iris.astype(np.float32)) * np.float32(bright)
             colours *= _shade(places, lids)[:, None]
             inside = _inside(places, lids)

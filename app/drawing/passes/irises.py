@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from guise.aam.irises import EYES, Irises, in_eye, white, whole_width
+from guise.aam.irises import EYES, Irises, in_eye, nose_length, white, width_to_nose
 from guise.aam.light import LUMA
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.memory import GazeMemory, Memory
@@ -68,6 +68,7 @@ class TintLimits:
 
 
 LIMITS = TintLimits()
+REACH = max(LIMITS.border[0], LIMITS.painted_border[0])  # radii, beyond which nothing is changed
 # (k, 2) steps about the best place so far, finer and finer.
 MOVES = [
     step * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
@@ -82,23 +83,24 @@ class Gaze:
     """
 
     def __init__(self, source: Irises, at_rest: F64) -> None:
-        self._places, self._at_rest = source.places, at_rest
+        self._places, self._widths = source.places, [width_to_nose(eye, at_rest) for eye in EYES]
 
     def follow(self, face: FaceInFrame, memory: Memory) -> None:
         """Look where the parsing of a frame finds the irises."""
         gaze, kept = memory.gaze, LIMITS.memory.over(memory.clock.step)
-        if not len(gaze.parsed):
+        if not gaze.parsed.size:
             gaze.parsed, gaze.places = self._places.copy(), self._places.copy()
         if face.parsing is None:
             return
-        for place, iris, eye in zip(gaze.parsed, face.parsing.irises[:, :2], EYES, strict=True):
-            found = in_eye(iris, face.head[eye], whole_width(eye, face.head, self._at_rest))
-            place[:] = _steadied(place, found, kept)
+        nose, irises = nose_length(face.head), face.parsing.irises[:, :2]
+        for place, iris, eye, width in zip(gaze.parsed, irises, EYES, self._widths, strict=True):
+            place[:] = _steadied(place, in_eye(iris, face.head[eye], width * nose), kept)
 
 
 def _steadied(last: F64, found: Floating, kept: float) -> F64:
     step = last - found
-    return np.asarray(found + (kept if np.hypot(*step) < LIMITS.max_step else 0) * step)
+    place: F64 = found + (kept if np.hypot(*step) < LIMITS.max_step else 0) * step
+    return place
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,24 +147,24 @@ class IrisTint:
         self._direction = self._contrast / max(float(self._contrast @ self._contrast), 1e-3)
 
     def apply(self, picture: F32, places: F32, seen: F32, gaze: GazeMemory, step: float) -> F32:
-        """An eye (h, w, 3) with places (h, w, 2) and the other's iris, by shares (h, w) of eye that is seen there.
+        """An eye (h, w, 3) with places (h w, 2) and the other's iris, by shares (h w,) of eye that is seen there.
 
         step : seconds since the frame before.
         """
-        if not len(self._inside) or not seen.any():
+        if not self._inside.size or np.maximum.reduce(seen) == 0:
             return picture
-        shown = self._lids * seen.ravel()
+        shown = self._lids * seen
         pixels = picture.reshape(-1, 3)
         bright = white(pixels[self._inside])
         colours = (pixels[self._looked_at] / bright).T
         if self._lightness < 0.5:
             colours = self._direction @ (1 - colours)
-        found = self._found(colours, places.reshape(-1, 2)[self._looked_at], gaze)
+        found = self._found(colours, places[self._looked_at], gaze)
         gaze.places[self._eye] = _steadied(gaze.places[self._eye], found, LIMITS.memory.over(step))
         from_middle = places - gaze.places[self._eye].astype(np.float32)
-        x, y = from_middle[..., 0], from_middle[..., 1]
+        x, y = from_middle[:, 0], from_middle[:, 1]
         away = np.sqrt(x * x + y * y) / np.float32(self._change.source.radius)
-        near = (away.ravel() < max(LIMITS.border[0], LIMITS.painted_border[0])).nonzero()[0]
+        near = (away < REACH).nonzero()[0]
         before, there, light = np.ascontiguousarray(pixels[near].T), away.take(near), self._lightness
         painted = (
             self._painted(picture, bright, away, near, before) if self._lightens or light > 0 else before
@@ -184,7 +186,8 @@ class IrisTint:
         """
         light = seen.ndim == 2
         start = gaze.parsed[self._eye]
-        best, (x, y) = start, places.T
+        best: F64 = start
+        x, y = places.T
         for moves in MOVES:
             middles = (best + moves).astype(np.float32)
             dx, dy = x - middles[:, :1], y - middles[:, 1:]
@@ -193,14 +196,15 @@ class IrisTint:
             off = middles - start
             scores -= LIMITS.moved[light] * np.hypot(off[:, 0], off[:, 1])
             best = best + moves[int(scores.argmax())]
-        return np.asarray(best)
+        return best
 
     def _differences(self, seen: F32, away: F32) -> F32:
         """(k,) mean difference of colours (3, n) from the iris at rest, at distances (k, n) from its middle, radii."""
         near = away < LIMITS.ring
         off = seen[:, None] - self._change.source.at(away)
         unlike = np.minimum(np.add.reduce(np.abs(off), 0), LIMITS.max_difference)
-        return np.asarray(np.add.reduce(unlike * near, 1) / np.maximum(np.add.reduce(near, 1, np.intp), 1))
+        mean: F32 = np.add.reduce(unlike * near, 1) / np.maximum(np.add.reduce(near, 1, np.intp), 1)
+        return mean
 
     def _share(self, shares: F32) -> F32:
         """(n,) share in [0, 1] by which pixels (3, n), shares of the white, have the colours of the source's iris."""
@@ -221,12 +225,10 @@ class IrisTint:
         gleams = np.minimum(np.maximum(gleams, 0), 1)
         catch_light = np.maximum(brighter, 0) * (gleams * inner)
         matt = pixels - catch_light
-        above, below = (
-            picture @ LUMA,
-            source.at(away, np.asarray(LUMA @ (source.profile * bright).T, np.float32)),
-        )
+        above, below = picture @ LUMA, source.at(away, LUMA @ (source.profile * bright).T)
         above.ravel()[near] = LUMA @ matt
-        seen, at_rest = (cv2.GaussianBlur(p, (0, 0), self._blur).take(near) for p in (above, below))
+        seen = cv2.GaussianBlur(above, (0, 0), self._blur).take(near)
+        at_rest = cv2.GaussianBlur(below.reshape(above.shape), (0, 0), self._blur).take(near)
         shade = np.minimum(np.maximum(seen / np.maximum(at_rest, 4), LIMITS.shade[0]), LIMITS.shade[1])
         structure = matt - usual * shade
         structure *= np.minimum(1, other / np.maximum(own, LIMITS.black_share))
@@ -236,7 +238,8 @@ class IrisTint:
 def _within(away: F32, border: tuple[float, float]) -> F32:
     """1 inside a border, at distances (h, w), 0 outside."""
     outer, inner = border
-    return np.asarray(np.minimum(np.maximum((outer - away) / np.float32(outer - inner), 0), 1))
+    share: F32 = np.minimum(np.maximum((outer - away) / np.float32(outer - inner), 0), 1)
+    return share
 
 
 def _set_off(unlike_white: F32, away: F32) -> F32:
