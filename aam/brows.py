@@ -197,4 +197,5 @@ def _shift(seen: F32, at_rest: F32) -> float:
 
 def _down(reference: ReferenceFrame, points: F64) -> F64:
     """(2,) pixels, a face width down a face with points (81, 2)."""
-    return np.asarray(reference.resolution * reference.to_shape(points).linear[1])
+    down: F64 = reference.resolution * reference.to_shape(points).linear[1]
+    return down

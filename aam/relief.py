@@ -83,7 +83,7 @@ class Relief:
         across : (2,) pixels by which a point one face width farther away is seen elsewhere.
         """
         places = self._on_flat @ points + self.depth[len(points) :, None] * across
-        return np.concatenate([points, _within(places, points) if across.any() else places])
+        return np.concatenate([points, _within(places, points) if any(across) else places])
 
     @cached_property
     def front_last(self) -> I32:

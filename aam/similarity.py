@@ -202,9 +202,16 @@ class PlanarSimilarity(NamedTuple):
         """Target pixels per source pixel."""
         return float(np.hypot(self.a, self.b))
 
+    @property
+    def inverse(self) -> PlanarSimilarity:
+        """The similarity that takes points back; the scale must not be 0."""
+        turn = 1 / complex(self.a, self.b)
+        return _similarity(turn, complex(self.tx, self.ty), 0)
+
     def apply(self, points: F64) -> F64:
         """Points (n, 2) mapped; shape (n, 2)."""
-        return np.asarray(points @ self.linear + (self.tx, self.ty))
+        mapped: F64 = points @ self.linear + (self.tx, self.ty)
+        return mapped
 
 
 def align_planar(source: F64, target: F64, weights: F64) -> PlanarSimilarity:

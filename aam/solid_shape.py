@@ -312,7 +312,8 @@ def pulled(points: F64, fit: SolidFit) -> F64:
     head turns.
     """
     share = ramp(fit.pose.turn, *PULL_DEGREES) * PULL[:, None]
-    return np.asarray(points + share * (fit.points - points))
+    drawn: F64 = points + share * (fit.points - points)
+    return drawn
 
 
 def facing(solid: F64, rotation: F64) -> F64:
@@ -343,7 +344,8 @@ def _first_pose(solid: F64, points: F64) -> HeadPose:
 
 def _moved(rest: F64, amounts: F64, modes: F64) -> F64:
     """A mean (81, 3) moved by amounts (k,) of modes (k, 81, 3)."""
-    return np.asarray(rest + (amounts @ modes.reshape(-1, rest.size)).reshape(rest.shape))
+    moved: F64 = rest + (amounts @ modes.reshape(-1, rest.size)).reshape(rest.shape)
+    return moved
 
 
 def _turned(vector: F64) -> F64:

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from guise.aam.similarity import (
     Failed,
+    PlanarSimilarity,
     Similarity,
     WeightedPoints,
     align,
@@ -236,6 +237,12 @@ def test_kept_points_are_aligned_either_way_as_any_others(seed: int) -> None:
     points = WeightedPoints(kept, weights)
     assert points.onto(other) == align_planar(kept, other, weights)
     assert points.under(other) == align_planar(other, kept, weights)
+
+
+def test_the_inverse_takes_points_back() -> None:
+    points = np.random.default_rng(4).normal(50, 20, (9, 2))
+    there = PlanarSimilarity(-0.4, 1.3, 20.0, -70.0)
+    assert_allclose(there.inverse.apply(there.apply(points)), points, atol=1e-10)
 
 
 @given(SEEDS, DIMENSIONS)

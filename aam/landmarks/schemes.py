@@ -157,7 +157,8 @@ def interocular(points: NDArray[Any]) -> NDArray[Any]:
     5.0
     """
     right, left = OUTER_EYE_CORNERS
-    return np.asarray(lengths(points[..., left, :] - points[..., right, :]))
+    away: NDArray[Any] = lengths(points[..., left, :] - points[..., right, :])
+    return away
 
 
 def mirror(points: NDArray[Any], width: int) -> NDArray[Any]:

@@ -193,7 +193,7 @@ class _Strip:
         below = self._end + (heights - end) * ((1 - self._end) / (lid - end))
         read = np.where(heights < end, heights * (self._end / end), below)
         inside = (self._heights > 0) & (self._heights < 1)
-        return np.asarray(np.where(inside, read, self._heights), np.float32)
+        return np.where(inside, read, self._heights)
 
 
 def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) -> None:
@@ -233,7 +233,8 @@ def _squared_to_line(points: F64, line: F64) -> F64:
         along[:, 0] ** 2 + along[:, 1] ** 2, 1e-9
     )
     off = to - np.minimum(np.maximum(share, 0), 1)[..., None] * along
-    return np.asarray(np.minimum.reduce(off[..., 0] ** 2 + off[..., 1] ** 2, 1))
+    squared: F64 = np.minimum.reduce(off[..., 0] ** 2 + off[..., 1] ** 2, 1)
+    return squared
 
 
 def _shares(parsing: Parsing, size: tuple[int, ...], step: int) -> tuple[F32, F32]:

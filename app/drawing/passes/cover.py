@@ -206,7 +206,7 @@ class Cover:
         if seen.beside is not None and cells.beyond is not None:
             beside = _steady(kept, seen.beside.at(places)[:, 0] * cells.beyond, since)
             hidden = np.maximum(hidden, beside)
-        return cells.on_reference(1 - hidden) if hidden.max() > LIMITS.min_hidden else None
+        return cells.on_reference(1 - hidden) if np.maximum.reduce(hidden) > LIMITS.min_hidden else None
 
     def _find_rims(self, face: FaceInFrame, memory: Memory) -> None:
         if self._rims is not None:
@@ -271,7 +271,7 @@ class _Cells:
         seen = thing > LIMITS.min_hidden
         beside = np.count_nonzero(seen)
         return bool(beside > LIMITS.min_object_face_shares * self._area) or bool(
-            seen[self._face.ravel()].any()
+            np.logical_or.reduce(seen[self._face.ravel()])
         )
 
     def reaching_in(self, thing: F32, hair: F32, hair_coloured: F32) -> tuple[F32, bool]:

@@ -259,12 +259,13 @@ def _has_changed(skin: F32, before: F32 | None) -> bool:
     if before is None:
         return True
     now, last = skin[6], before[6]
-    if np.abs(now - last).sum() > LIMITS.max_change * last.sum():
+    if np.add.reduce(np.abs(now - last), None) > LIMITS.max_change * np.add.reduce(last, None):
         return True
     cells = np.minimum(now, last) > LIMITS.min_weight
     means = (np.maximum(s[:6, cells] / s[6, cells], 0) + BLACK_GREY_LEVELS for s in (skin, before))
     logs = np.log(np.divide(*means)).reshape(2, -1)  # of the face, of the frame
-    return bool((np.square(logs).sum(1) > LIMITS.max_change**2 * logs.shape[1]).any())
+    squares = np.maximum.reduce(np.add.reduce(np.square(logs), 1))
+    return bool(squares > LIMITS.max_change**2 * logs.shape[1])
 
 
 def _moved(light: FaceLight, aim: FaceLight, share: float) -> FaceLight:
@@ -281,7 +282,9 @@ def _moved(light: FaceLight, aim: FaceLight, share: float) -> FaceLight:
 def _middle(values: F32) -> float:
     """The median of an odd number of values (n,); NumPy's imports numpy.ma."""
     middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
+    ordered = values.copy()
+    ordered.partition(middle)
+    return float(ordered[middle])
 
 
 @lru_cache(maxsize=1)
@@ -332,7 +335,8 @@ class LightOfFeatures:
         )
         light = light + share * (beside - light)
         tints = [colours / brightness_of(colours) for colours in (lit(light, skin), lit(beside, skin))]
-        return np.asarray(light * np.tile((tints[1] / tints[0]) ** self._tinted, (2, 1, 1)), np.float32)
+        change = (tints[1] / tints[0]) ** self._tinted
+        return np.asarray(light * np.concatenate([change, change]), np.float32)
 
     def _beside(self, light: F32, known: F32) -> F32:
         """(6, h, w) means of a map by weights (h, w) of what is known of it."""
@@ -344,7 +348,8 @@ class LightOfFeatures:
 
 def _beyond(values: F32, limits: tuple[float, float]) -> F32:
     """Share in [0, 1] of values that go from the first limit to the last."""
-    return np.asarray(np.clip((values - limits[0]) / (limits[1] - limits[0]), 0, 1), np.float32)
+    share: F32 = np.minimum(np.maximum((values - limits[0]) / (limits[1] - limits[0]), 0), 1)
+    return share
 
 
 def lit(light: F32, colour: F32) -> F32:

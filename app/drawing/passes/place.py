@@ -92,7 +92,7 @@ class Place:
 
         What is added at the outline recedes as a skull does, by as much as it grows.
         """
-        fit = align_planar(self._reference.align(face.head), face.head, RIGID_WEIGHTS)
+        fit = self._reference.to_grid(face.head).inverse
         beyond = self._beyond @ fit.linear + self._back * face.sight.across
         beyond *= face.sight.facing[:POINTS, None]
         face.mesh = self._proportions @ fit.apply(face.shape) + beyond

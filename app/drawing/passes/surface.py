@@ -180,9 +180,8 @@ class Finish:
             if pair is not None:
                 there, own = (quantile(energies, GRAIN.smooth_quantile) for energies in pair)
                 missing = (there - own) / GRAIN.shown_share
-                kept.variance = float(
-                    np.clip(kept.variance + GRAIN.rate * missing, 0, GRAIN.max_grey_levels**2)
-                )
+                variance = kept.variance + GRAIN.rate * missing
+                kept.variance = _within(variance, 0.0, GRAIN.max_grey_levels**2)
         if kept.edges is not None:
             kept.sharpness_seen = now
             pair = _beside(kept.edges, gradient_energy(canvas.roi), self._at_edges, mesh, LIMITS.min_inside)
@@ -193,11 +192,15 @@ class Finish:
 
 def _adjust(kept: SurfaceMemory, octaves: float, now: float) -> None:
     """Make up for a difference of gradient energy: all of it as a face begins, then less and less at once."""
-    beyond = octaves - float(np.clip(octaves, *LIMITS.slack_octaves))
+    beyond = octaves - _within(octaves, *LIMITS.slack_octaves)
     early = now < (kept.began or 0.0) + LIMITS.first_seconds - SLACK
     rate = 1.0 if now == kept.began else LIMITS.rate * (2 if early else 1)
-    kept.own_share = float(np.clip(kept.own_share + rate * (octaves - LIMITS.own_slack_octaves), 0, 1))
-    kept.gain = float(np.clip(kept.gain * 2 ** (rate * beyond / 2), *LIMITS.gain))
+    kept.own_share = _within(kept.own_share + rate * (octaves - LIMITS.own_slack_octaves), 0.0, 1.0)
+    kept.gain = _within(kept.gain * 2 ** (rate * beyond / 2), *LIMITS.gain)
+
+
+def _within(value: float, least: float, most: float) -> float:
+    return min(max(value, least), most)
 
 
 def _beside(seen: F32, drawn: F32, sampler: MeshSampler, mesh: F64, least: float) -> tuple[F32, F32] | None:

@@ -109,11 +109,11 @@ class Texture(PlainTexture):
 
     def look(self, face: FaceInFrame, memory: Memory) -> None:
         """See how the head is turned, and what the frame shows of it at the texels."""
-        pose, points = face.pose, self._relief.reference.points
-        enrolled = self._enrolled @ align_planar(points, face.head, RIGID_WEIGHTS).linear
+        pose = face.pose
+        enrolled = self._enrolled @ self._relief.reference.to_shape(face.head).linear
         at_rest = self._transfer.at_rest(face.head, pose)
         face.sight = sight = Sight.of(self._normals, self._whole, pose, enrolled, at_rest)
-        if sight.across.any():
+        if any(sight.across):
             places = self._sampler.positions(self._relief.seen(face.head, sight.across))
         else:
             places = self.estimator.sampler.positions(face.head)

@@ -129,7 +129,7 @@ class Folds:
 
     def find(self, face: FaceInFrame, memory: Memory) -> None:
         """Find what is squeezed of the drawn face."""
-        if face.sight.across.any():
+        if any(face.sight.across):
             face.canvas.fold = self.at(face.canvas.mesh, face.zoom)
 
     def smooth(self, face: FaceInFrame, memory: Memory) -> None:
