@@ -31,7 +31,7 @@ from guise.aam.parameters import ParameterEstimator
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import ReferenceFrame
 from guise.app.drawing.engine import Engine
-from guise.app.drawing.face import FaceInFrame, Seen
+from guise.app.drawing.face import PAUSE_SECONDS, FaceInFrame, Seen
 from guise.app.drawing.look import DISGUISE, PAPER, SWAP, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes import cover
@@ -43,7 +43,7 @@ from guise.common.decay import FRAME_SECONDS
 BLACK = np.zeros((8, 8, 3), np.uint8)
 BLUE = np.array([30, 60, 200], np.uint8)
 FRAMES = 6  # by which the memory has faded
-PAUSE_FRAMES = round(LIMITS.pause_seconds / FRAME_SECONDS)
+PAUSE_FRAMES = round(PAUSE_SECONDS / FRAME_SECONDS)
 SKIN_COLOUR, HAND_COLOUR = (200, 150, 130), (190, 145, 120)
 HAIR_COLOUR, WALL_COLOUR = (50, 40, 35), (120, 140, 150)
 
@@ -499,7 +499,7 @@ def test_frames_are_parsed_as_often_at_any_frame_rate(
     watch = Watch(p01, watches_eyes=False)
     for _ in range(2 * rate):
         watch(BLACK, shape, seconds=1 / rate)
-    assert 0.8 * 2 / LIMITS.pause_seconds <= len(calls) <= 2 / LIMITS.pause_seconds
+    assert 0.8 * 2 / PAUSE_SECONDS <= len(calls) <= 2 / PAUSE_SECONDS
 
 
 @pytest.mark.parametrize(("look", "kept"), [(SWAP, True), (DISGUISE, False)])

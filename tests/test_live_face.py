@@ -11,8 +11,8 @@ from made_up import SAMPLES
 from guise.aam.landmarks.heads import region
 from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
+from guise.app.drawing.face import PAUSE_SECONDS
 from guise.app.drawing.look import SWAP
-from guise.app.drawing.passes.cover import LIMITS as COVER
 from guise.app.live.controls import LiveSettings
 from guise.app.live.face import CastMember, FaceResult, LiveFaces
 from guise.app.media import Frame, open_input
@@ -171,7 +171,7 @@ def test_a_face_behind_a_board_is_swapped_around_it(
     play = Player(face)
     play(talk[0])
     hidden, rows, columns = hidden_from(talk[1], truth[1], share)
-    for _ in range(round(COVER.pause_seconds * FPS)):
+    for _ in range(round(PAUSE_SECONDS * FPS)):
         result, changed, _ = play(hidden)
         assert result.outcome == "swapped"
     assert changed[rows, columns].mean() > 0.7

@@ -19,7 +19,8 @@ from torch import Tensor, nn
 
 from guise.aam.coarse_grid import gaussian_kernel
 from guise.aam.light import LUMA
-from guise.app.drawing.passes.light import BLACK_GREY_LEVELS, CELL_FACE_WIDTHS, GRID
+from guise.app.drawing.face import BLACK_GREY_LEVELS
+from guise.app.drawing.passes.light import CELL_FACE_WIDTHS, GRID
 
 RATIOS = 7  # of which the light is a mean
 SEEN_RATIOS = 4  # by the network

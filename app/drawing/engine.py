@@ -27,7 +27,7 @@ from guise.common.tuned import tuned
 # of yaw, below which a swap begins again and above which it ends
 PROFILE_DEGREES = tuned((71.0, 74.0), "degrees", "picture.turned")
 # of yaw, over which a cover comes in, if one is wanted
-DOUBT_DEGREES = tuned((66.0, 71.0), "degrees", "picture.turned")
+DOUBT_DEGREES = tuned((66.0, PROFILE_DEGREES[0]), "degrees", "picture.turned")
 
 Outcome = Literal["swapped", "held", "lost"]
 

@@ -19,10 +19,23 @@ from guise.aam.relief import STRAIGHT
 from guise.aam.solid_shape import HeadPose, Sight
 from guise.app.media import Frame
 from guise.common.arrays import F32, F64, U8, Floating
+from guise.common.tuned import tuned
 
 NOWHERE: F64 = np.zeros((0, 2))
 NOTHING: F32 = np.zeros(0, np.float32)
 BLANK: U8 = np.zeros((0, 0, 3), np.uint8)
+
+# What several passes share.
+# By which features are larger than the hulls of their points.
+GROWTH = tuned(0.02, "face widths", "picture.truth")
+BROW_THICKNESS = tuned(0.05, "face widths", "picture.truth")  # below a brow's points
+# About a brow's points, within which all of its hair lies, also while it rises.
+BROW_REACH = tuned(0.09, "face widths", "picture.truth")
+CELL = tuned(0.0125, "face widths", "picture.truth")  # between places at which a parsing is looked at
+# Between two parsed frames while no object moves over the face.
+PAUSE_SECONDS = tuned(0.1, "seconds", "speed")
+MIN_SHARE = tuned(0.02, "share", "picture.truth")  # that is seen at all
+BLACK_GREY_LEVELS = tuned(4.0, "grey levels", "picture.truth")  # added before a ratio is taken
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from guise.common.decay import FRAME_SECONDS
 from guise.common.option import option
 from guise.common.tuned import derived, tuned
 
@@ -49,7 +50,7 @@ class Look:
     jaw: float = 0.0
     forehead: float = 0.0
     exact: bool = False
-    hold_seconds: float = tuned(4 / 30, "seconds", "unswapped")
+    hold_seconds: float = tuned(4 * FRAME_SECONDS, "seconds", "unswapped")
 
 
 # The face is fitted into the head at rest and moves as far as the head does, in the light of the scene.

@@ -44,7 +44,7 @@ from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
-from guise.common.tuned import derived, tuned
+from guise.common.tuned import derived
 from guise.render import make_compositor
 from guise.render.compositor import Renderer
 
@@ -57,12 +57,18 @@ class PuppetLimits:
     """Sizes and rates of a puppet."""
 
     max_height_pixels: int = derived(1080, "pixels", "the height of full HD")  # of the output
-    new_expression_share: float = tuned(0.6, "share", "transfer")  # that is taken at once; the rest follows
+    new_expression_share: float = derived(
+        0.6, "share", "a choice: the paper leaves it open"
+    )  # that is taken at once; the rest follows
     # around the face, warped along with it
-    surroundings_face_widths: float = tuned(0.55, "face widths", "transfer")
-    surroundings_points: int = tuned(28, "points", "transfer")  # fixed, around the surroundings
+    surroundings_face_widths: float = derived(0.55, "face widths", "a choice: the paper leaves it open")
+    surroundings_points: int = derived(
+        28, "points", "a choice: the paper leaves it open"
+    )  # fixed, around the surroundings
     turn_noise_degrees: float = 1.0  # standard deviation of the measured head turn
-    pinned_weight: float = tuned(0.03, "ratio", "transfer")  # of the pinned points in the fit of the pose
+    pinned_weight: float = derived(
+        0.03, "ratio", "a choice: the paper leaves it open"
+    )  # of the pinned points in the fit of the pose
     pose_ridge: float = derived(1e-6, "ratio", "far less than a weight, so that the system can be solved")
 
 

@@ -31,7 +31,7 @@ class TrustLimits:
 
     # mean distance of tracker and landmarker, up to which their mean is taken
     agreement_interocular: float = tuned(0.06, "inter-ocular distances", "deidentify.swapped")
-    # of the visible face, that isn't the person's texture, and the width of the logistic function
+    # of the visible face, that isn't the person's texture (beside objects twice that), and the width of the function
     occluded_share: float = tuned(0.08, "share", "deidentify.leaks")
     occluded_share_width: float = tuned(0.015, "share", "deidentify.leaks")
     # of a place, from which an object hides it; beside objects, where nothing is compared either; from how much is seen
@@ -41,9 +41,8 @@ class TrustLimits:
     min_hidden_share: float = tuned(0.02, "share of the face", "deidentify.leaks")
     hidden_share: float = tuned(0.6, "share of the face", "deidentify.leaks")  # behind objects
     hidden_share_width: float = tuned(0.02, "share of the face", "deidentify.leaks")
-    # As less of the face is compared, it must be more like the person's; shadows and missed fingers may be near.
+    # As less of the face is compared, it must be more like the person's.
     residual_gain_behind_objects: float = tuned(1.3, "ratio", "deidentify.leaks")
-    occluded_share_behind_objects: float = tuned(0.16, "share", "deidentify.leaks")
     # confidence from which nothing in front is searched for
     unquestioned: float = tuned(0.9, "confidence", "deidentify.swapped")
     profile_degrees: float = tuned(
@@ -106,7 +105,7 @@ class TrustJudge:
         if isinstance(match, Failed):
             return 0.0
         own = tracker.quality.confidence(LIMITS.residual_gain_behind_objects * match.residual)
-        unexplained = _unexplained(match, LIMITS.occluded_share_behind_objects)
+        unexplained = _unexplained(match, 2 * LIMITS.occluded_share)
         return min(
             own, unexplained, _falling(float(hidden.mean()), LIMITS.hidden_share, LIMITS.hidden_share_width)
         )

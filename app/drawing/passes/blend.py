@@ -21,7 +21,7 @@ from guise.render.compositor import Renderer
 
 FEATHER_FACE_WIDTHS = tuned(0.02, "face widths", "picture.pairs")  # standard deviation of the soft border
 # in a disguise and with the papers' formulas: less of the own rim shows
-NARROW_FEATHER_FACE_WIDTHS = tuned(0.01, "face widths", "deidentify.identity")
+NARROW_FEATHER_FACE_WIDTHS = FEATHER_FACE_WIDTHS / 2
 
 
 class Blend(Closing):

@@ -36,7 +36,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.face import BROW_REACH, BROW_THICKNESS, CELL, GROWTH, FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, U8
 from guise.common.interpolation import interpolation
@@ -48,10 +48,7 @@ from guise.common.tuned import tuned
 class BrowStripLimits:
     """Lengths in face widths, heights in distances from brow to lid."""
 
-    thickness: float = tuned(0.05, "face widths", "picture.truth")  # of a brow, below its points
     lowest: float = tuned(0.8, "brow to lid", "picture.truth")  # height at which a brow ends at most
-    # beyond either end of a brow, over which the strip ends
-    fade: float = tuned(0.05, "face widths", "picture.truth")
     # of the distance, more counts as this
     stretch: tuple[float, float] = tuned((0.6, 1.8), "ratio", "picture.truth")
     unchanged: float = tuned(0.02, "ratio", "speed")  # of a stretch, that isn't seen
@@ -62,20 +59,16 @@ class BrowStripLimits:
 class BrowCoverLimits:
     """Lengths in face widths, shares of classes."""
 
-    # beyond a brow's points, within which it is looked for
-    reach: float = tuned(0.09, "face widths", "picture.truth")
     # up to which nothing is painted over, from which all is
     brow_share: tuple[float, float] = tuned((0.06, 0.25), "share", "landmarks.parsing")
-    # from the drawn brow, up to which one goes on in the other
-    apart: tuple[float, float] = tuned((0.015, 0.03), "face widths", "picture.truth")
+    # from the drawn brow, up to which one goes on in the other; at twice that it ends
+    apart: float = tuned(0.015, "face widths", "picture.truth")
     # by which a drawn brow goes on beyond its last point
     tail: float = tuned(0.1, "face widths", "picture.truth")
-    growth: float = tuned(0.02, "face widths", "picture.truth")  # of what is painted over
     # standard deviation of the weights of the skin beside
     beside: float = tuned(0.05, "face widths", "picture.truth")
     # mean weight, below which nothing is known of it
     least_skin: tuple[float, float] = tuned((0.003, 0.02), "share", "picture.truth")
-    step: float = tuned(0.0125, "face widths", "speed")  # between the places at which all of this is found
 
 
 LIMITS, COVER = BrowStripLimits(), BrowCoverLimits()
@@ -145,7 +138,7 @@ class _Strip:
 
     def __init__(self, reference: ReferenceFrame, brow: Group, lid: Group, factor: int) -> None:
         points, width = reference.points, reference.resolution
-        fade = LIMITS.fade * width
+        fade = BROW_THICKNESS * width
         left, right = int(points[brow, 0].min() - fade), int(points[brow, 0].max() + fade + 1)
         top, bottom = int(points[brow, 1].min()), int(points[lid, 1].max() + 1)
         self._factor = factor
@@ -156,7 +149,7 @@ class _Strip:
         self._shown = np.asarray(1 - np.clip(beyond / fade, 0, 1), np.float32)
         line, lids = (interpolation(x, points[group, 0]) @ points[group, 1] for group in (brow, lid))
         self._line, self._gap = (np.asarray(values, np.float32) for values in (line, lids - line))
-        self._end = np.minimum(LIMITS.thickness * width / self._gap, LIMITS.lowest)
+        self._end = np.minimum(BROW_THICKNESS * width / self._gap, LIMITS.lowest)
         self._heights = np.asarray((ys - self._line) / self._gap, np.float32)
         inside, ends = np.column_stack([xs.ravel(), ys.ravel()]), np.tile(x, 2)
         self._inside = MeshSampler.build(reference, inside.astype(np.float64))
@@ -205,11 +198,11 @@ def cover_brows(roi: U8, head: F64, drawn: F64, parsing: Parsing, width: float) 
         share = _share_apart(head[brow][outwards], drawn[brow][outwards], width)
         if share == 0:
             continue
-        reach = COVER.reach * width
+        reach = BROW_REACH * width
         points = head[brow]
         x0, y0 = np.maximum(np.floor(points.min(0) - reach), 0).astype(int)
         x1, y1 = np.minimum(np.ceil(points.max(0) + reach), roi.shape[1::-1]).astype(int)
-        step = max(round(COVER.step * width), 1)
+        step = max(round(CELL * width), 1)
         if min(x1 - x0, y1 - y0) > 2 * step:
             part = roi[y0:y1, x0:x1]
             brows, skin = _shares(parsing.from_place(x0, y0), part.shape[:2], step)
@@ -222,7 +215,7 @@ def _share_apart(own: F64, drawn: F64, width: float) -> np.float32:
     tail *= COVER.tail * width / max(math.hypot(*tail), 1e-6)
     line = np.concatenate([drawn, [drawn[-1] + tail]])
     away = math.sqrt(np.maximum.reduce(_squared_to_line(own[len(own) // 2 :], line)))
-    return np.float32(ramp(away / width, *COVER.apart))
+    return np.float32(ramp(away / width, COVER.apart, 2 * COVER.apart))
 
 
 def _squared_to_line(points: F64, line: F64) -> F64:
@@ -255,7 +248,7 @@ def _cover(part: U8, brows: F32, skin: F32, width: float) -> None:
     if not brows.any():
         return
     size, sigma = part.shape[1::-1], COVER.beside * width
-    grown = 2 * max(round(COVER.growth * width), 1) + 1
+    grown = 2 * max(round(GROWTH * width), 1) + 1
     brows = np.asarray(
         cv2.GaussianBlur(cv2.dilate(brows, np.ones((grown, grown))), (0, 0), grown / 4), np.float32
     )

@@ -33,7 +33,16 @@ from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
 from guise.aam.rims import RimFinder
-from guise.app.drawing.face import FaceInFrame, Layers, Seen, parse_frame
+from guise.app.drawing.face import (
+    CELL,
+    GROWTH,
+    MIN_SHARE,
+    PAUSE_SECONDS,
+    FaceInFrame,
+    Layers,
+    Seen,
+    parse_frame,
+)
 from guise.app.drawing.memory import CoverMemory, Memory
 from guise.app.media import Frame
 from guise.common.arrays import F32, Bool
@@ -49,11 +58,10 @@ class OcclusionLimits:
     Each share is a pair: that of a class up to which the drawn face is whole, and that from which it is gone.
     """
 
-    cell_face_widths: float = tuned(0.0125, "face widths", "picture.truth")
     object_share: tuple[float, float] = tuned((0.15, 0.45), "share", "picture.truth")
     # where no part of the person may show
     sure_object_share: tuple[float, float] = tuned((0.35, 0.65), "share", "deidentify.leaks")
-    # of an object there, and of one beside the face, of the face
+    # of an object there, and of one beside the face, of the face; half of it may change while an object is still
     min_object_face_shares: float = tuned(0.01, "share", "picture.truth")
     # of such an object: of a hand or mug a fiftieth, of hair taken for one a fifth
     max_hair_share: float = tuned(0.1, "share", "deidentify.leaks")
@@ -66,9 +74,8 @@ class OcclusionLimits:
     min_hair_cells: int = tuned(40, "cells", "deidentify.leaks")
     # of the face, which such an object reaches
     rim_face_widths: float = tuned(0.03, "face widths", "deidentify.leaks")
+    # and of the background beyond the person's own face
     hair_share: tuple[float, float] = tuned((0.5, 0.85), "share", "landmarks.parsing")
-    # beyond the person's own face
-    background_share: tuple[float, float] = tuned((0.5, 0.85), "share", "landmarks.parsing")
     # of glasses, beside the eyes
     frame_share: tuple[float, float] = tuned((0.2, 0.5), "share", "picture.pairs")
     # of glasses, dark ones, before the eyes
@@ -76,21 +83,14 @@ class OcclusionLimits:
     # within which glasses must be seen on the other side of the face, too
     mirror_face_widths: float = tuned(0.04, "face widths", "picture.pairs")
     # of hair and glasses; objects come and go
-    memory: Decay = tuned(Decay(0.7, 0.1), "share over seconds", "picture.pairs")
-    # between two parsed frames while no object moves over the face
-    pause_seconds: float = tuned(0.1, "seconds", "speed")
+    memory: Decay = tuned(Decay(0.7, PAUSE_SECONDS), "share a pause", "picture.pairs")
     still_share: float = tuned(0.2, "share", "picture.truth")  # change of a share up to which it is still
-    # of an object's cells that change more while it is still, of the face
-    still_face_shares: float = tuned(0.005, "share", "picture.truth")
     # mean change of an eye's texels, of their mean, from which it moves
     eye_change: float = tuned(0.04, "ratio", "picture.truth")
     # inside the hull, where the source's hair is kept
     hair_rim_face_widths: float = tuned(0.09, "face widths", "picture.pairs")
-    # around the brows, within which the source's own never show
+    # around the brows, within which the source's own never show, and rims of glasses may lie above them
     brow_growth_face_widths: float = tuned(0.05, "face widths", "picture.pairs")
-    # around brows and eyes, where hair doesn't count
-    growth_face_widths: float = tuned(0.01, "face widths", "picture.pairs")
-    min_hidden: float = tuned(0.02, "share", "picture.truth")  # share from which something is in front
 
 
 LIMITS = OcclusionLimits()
@@ -106,9 +106,7 @@ SURE_KINDS = (
     (FaceClass.HAIR, (0.0, 1.0)),
 )
 EYES = RIGHT_EYE, LEFT_EYE
-# above the brows, up to which rims of glasses may reach
-RIM_MARGIN = tuned(0.05, "face widths", "picture.pairs")
-BESIDE = (FaceClass.BACKGROUND, LIMITS.background_share)
+BESIDE = (FaceClass.BACKGROUND, LIMITS.hair_share)
 
 
 class Cover:
@@ -202,11 +200,11 @@ class Cover:
             thing, worn = cells.in_front(*layers)
             is_moving = cells.is_object(thing) and cells.have_moved(thing, kept.thing)
             kept.thing, hidden = thing, np.maximum(thing, _steady(kept, worn, since))
-        kept.due = memory.clock.now + (0.0 if is_moving else LIMITS.pause_seconds)
+        kept.due = memory.clock.now + (0.0 if is_moving else PAUSE_SECONDS)
         if seen.beside is not None and cells.beyond is not None:
             beside = _steady(kept, seen.beside.at(places)[:, 0] * cells.beyond, since)
             hidden = np.maximum(hidden, beside)
-        return cells.on_reference(1 - hidden) if np.maximum.reduce(hidden) > LIMITS.min_hidden else None
+        return cells.on_reference(1 - hidden) if np.maximum.reduce(hidden) > MIN_SHARE else None
 
     def _find_rims(self, face: FaceInFrame, memory: Memory) -> None:
         if self._rims is not None:
@@ -216,7 +214,10 @@ class Cover:
     def _places_of_rims(self, factor: int) -> tuple[slice, MeshSampler, F32]:
         """Rows of a grid with so many pixels per grid pixel where rims may be, a sampler of them and their depths."""
         points = self._reference.points
-        first, last = points[BROWS, 1].min() - RIM_MARGIN * self._reference.resolution, points[NOSE_TIP, 1]
+        first, last = (
+            points[BROWS, 1].min() - LIMITS.brow_growth_face_widths * self._reference.resolution,
+            points[NOSE_TIP, 1],
+        )
         rows = slice(max(int(first), 0) * factor, (int(last) + 1) * factor)
         ys, xs = np.mgrid[rows, : factor * self._reference.size[1]]
         places = (np.column_stack([xs.ravel(), ys.ravel()]) + 0.5) / factor - 0.5
@@ -228,7 +229,7 @@ class _Cells:
     """Places of the drawn face at which it is told what is in front: cells of a coarse grid."""
 
     def __init__(self, reference: ReferenceFrame, beyond: F32 | None) -> None:
-        self._reference, self._grid = reference, CoarseGrid(reference, LIMITS.cell_face_widths)
+        self._reference, self._grid = reference, CoarseGrid(reference, CELL)
         height, width = self._grid.size
         cells = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).reshape(-1, 2)
         places = cells * self._grid.cell
@@ -236,18 +237,18 @@ class _Cells:
         self._depth = Relief.shipped(reference).at(places.astype(np.float64))[:, None]
         x, y = np.minimum(np.round(places).astype(int), np.array(reference.size[::-1]) - 1).T
         self.beyond = None if beyond is None else beyond[y, x]
-        around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *EYES), LIMITS.growth_face_widths)
+        around = soft_parts(reference, (RIGHT_BROW, LEFT_BROW, *EYES), GROWTH / 2)
         self._hair_weight = np.asarray(1 - around[y, x], np.float32)
         self._face = reference.mask[y, x].reshape(self._grid.size)
         self._area = int(self._face.sum())
-        reach = 2 * round(LIMITS.rim_face_widths / LIMITS.cell_face_widths) + 1
+        reach = 2 * round(LIMITS.rim_face_widths / CELL) + 1
         self._rim = self._face & (
             cv2.erode(np.pad(self._face.astype(np.uint8), 1), np.ones((reach, reach)))[1:-1, 1:-1] == 0
         )
         self._frame_weight = np.asarray(1 - soft_parts(reference, EYES, 0.0)[y, x], np.float32)
         middle = 2 * reference.points[NOSE_ROOT, 0] / self._grid.cell
         self._mirrored = np.clip(np.round(middle - np.arange(width)).astype(int), 0, width - 1)
-        reach = 2 * round(LIMITS.mirror_face_widths / LIMITS.cell_face_widths) + 1
+        reach = 2 * round(LIMITS.mirror_face_widths / CELL) + 1
         self._reach = np.ones((reach, reach), np.uint8)
 
     def places(self, face: FaceInFrame) -> F32:
@@ -264,11 +265,11 @@ class _Cells:
         if before is None:
             return True
         changed = np.count_nonzero(np.abs(thing - before) > LIMITS.still_share)
-        return bool(changed > LIMITS.still_face_shares * self._area)
+        return bool(changed > LIMITS.min_object_face_shares / 2 * self._area)
 
     def is_object(self, thing: F32) -> bool:
         """Whether the share (n,) of the cells that things hide is more than specks beside the face."""
-        seen = thing > LIMITS.min_hidden
+        seen = thing > MIN_SHARE
         beside = np.count_nonzero(seen)
         return bool(beside > LIMITS.min_object_face_shares * self._area) or bool(
             np.logical_or.reduce(seen[self._face.ravel()])
@@ -276,7 +277,7 @@ class _Cells:
 
     def reaching_in(self, thing: F32, hair: F32, hair_coloured: F32) -> tuple[F32, bool]:
         """The share (n,) that objects hide which reach over the rim of the face, and are no hair; whether there are."""
-        inside = (thing.reshape(self._grid.size) > LIMITS.min_hidden) & self._face
+        inside = (thing.reshape(self._grid.size) > MIN_SHARE) & self._face
         _, labels, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8))
         area = stats[:, cv2.CC_STAT_AREA]
         large = area > LIMITS.min_object_face_shares * self._area

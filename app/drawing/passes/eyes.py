@@ -32,6 +32,7 @@ from guise.aam.landmarks.schemes import (
     LEFT_EYE,
     RIGHT_BROW,
     RIGHT_EYE,
+    RIGHT_UPPER_LID,
     Group,
 )
 from guise.aam.light import LUMA
@@ -39,51 +40,42 @@ from guise.aam.mask import soft_parts
 from guise.aam.painted_part import PaintedPart
 from guise.aam.parsing import FaceClass, Parsing
 from guise.aam.reference import MeshSampler, ReferenceFrame
-from guise.app.drawing.face import FaceInFrame, ramp
+from guise.app.drawing.face import BROW_THICKNESS, GROWTH, MIN_SHARE, PAUSE_SECONDS, FaceInFrame, ramp
 from guise.app.drawing.memory import GazeMemory, Memory
 from guise.common import small
 from guise.common.arrays import F32, F64, U8
 from guise.common.decay import Decay
 from guise.common.interpolation import interpolation
-from guise.common.tuned import derived, tuned
+from guise.common.tuned import tuned
 
 
 @dataclass(frozen=True)
 class ApertureLimits:
     """Where and when the source shows."""
 
-    # of the source, below which a pixel is left to the identity
-    min_share: float = tuned(0.02, "share", "speed")
     # of the source's part while it is shut
     shut_growth_face_widths: float = tuned(0.08, "face widths", "picture.truth")
     # within which no brow of the source's shows
     brow_growth_face_widths: float = tuned(0.025, "face widths", "picture.truth")
-    brow_thickness_face_widths: float = tuned(0.05, "face widths", "picture.truth")  # below a brow's points
-    # of a parsed cell, at which none and all is a brow's
-    brow_share: tuple[float, float] = tuned((0.3, 0.6), "share", "landmarks.parsing")
+    # of a parsed cell, at which none and all is a brow's, or between lids
+    cell_share: tuple[float, float] = tuned((0.3, 0.6), "share", "landmarks.parsing")
     # likewise an eye's, of the largest in it,
     eye_share: tuple[float, float] = tuned((0.15, 0.4), "share", "landmarks.parsing")
     # which is believed from and at such a largest one
     known_eye_share: tuple[float, float] = tuned((0.4, 0.7), "share", "landmarks.parsing")
     # of what the source shows, which is resampled twice; share of an unsharp mask
     sharpening: float = tuned(0.5, "ratio", "picture.truth")
-    # of what always shows, so that no sliver of the identity's does
-    growth_face_widths: float = tuned(0.01, "face widths", "picture.truth")
-    # of an eye over which a lid is drawn,
+    # of an eye over which a lid is drawn, and of the skin of which it is made, which is softened over half of that,
     lid_growth_face_widths: float = tuned(0.03, "face widths", "picture.truth")
     # and at whose margin its lashes lie
     lashes_growth_face_widths: float = tuned(0.008, "face widths", "picture.truth")
-    # of it, standard deviation: it has less texture than what it is made of
-    lid_softening_face_widths: float = tuned(0.015, "face widths", "picture.truth")
-    # of the skin of which it is made,
-    lid_reach_face_widths: float = tuned(0.03, "face widths", "picture.truth")
-    # and its distance from the margin, where lashes are
+    # distance of that skin from the margin, where lashes are
     lid_margin_share: float = tuned(0.3, "share", "picture.truth")
     # their darkness, and how wide they are, of the eye's height
     lashes: tuple[float, float] = tuned((0.45, 0.12), "share", "picture.truth")
-    # Openings, of that at rest, from which and at which lids count as shut, and from and at which they are drawn so.
+    # Openings, of that at rest, from which and at which lids count as shut, and by how much earlier they are drawn so.
     shut: tuple[float, float] = tuned((0.55, 0.3), "ratio", "picture.truth")
-    drawn_shut: tuple[float, float] = tuned((0.65, 0.4), "ratio", "picture.truth")
+    drawn_earlier: float = tuned(0.1, "ratio", "picture.truth")
 
 
 @dataclass(frozen=True)
@@ -108,13 +100,11 @@ class EyeballLimits:
 class LidClosingLimits:
     """Shares of the area between lids."""
 
-    # share of eye in a cell, at which nothing and all of it counts
-    seen: tuple[float, float] = tuned((0.3, 0.6), "share", "landmarks.parsing")
     # of the usual, at which lids are shut, and as they were found
     closed: tuple[float, float] = tuned((0.25, 0.6), "share", "picture.truth")
     # that is usual of eyes of which the parsing can tell
     least: float = tuned(0.5, "share", "landmarks.parsing")
-    memory: Decay = tuned(Decay(0.996, 0.1), "share over seconds", "picture.pairs")  # of the usual
+    memory: Decay = tuned(Decay(0.996, PAUSE_SECONDS), "share a pause", "picture.pairs")  # of the usual
     # of an eye's width, below which the parsing sees one now and then only
     min_eye_pixels: float = tuned(14.0, "pixels", "landmarks.parsing")
     columns: int = tuned(9, "places", "speed")
@@ -123,7 +113,7 @@ class LidClosingLimits:
 
 LIMITS, EYEBALL, CLOSING = ApertureLimits(), EyeballLimits(), LidClosingLimits()
 # From a corner, two points of a lid and the other corner to columns, and how far down between lids rows lie.
-_LID_POINTS = derived(4, "points", "both corners of an eye and two between them")
+_LID_POINTS = 2 + len(RIGHT_UPPER_LID)
 _ALONG = interpolation(
     np.linspace(0, _LID_POINTS - 1, CLOSING.columns + 2)[1:-1], np.arange(float(_LID_POINTS))
 )
@@ -166,7 +156,7 @@ class Aperture:
     ) -> None:  # fmt: skip
         self._part = part
         self._shut = ShutShare(part, at_rest) if only_shut else None
-        grow = LIMITS.shut_growth_face_widths if only_shut else LIMITS.growth_face_widths
+        grow = LIMITS.shut_growth_face_widths if only_shut else GROWTH / 2
         shown = soft_parts(reference, (part,), grow)
         if only_shut:
             shown = shown * (
@@ -174,7 +164,7 @@ class Aperture:
             )
             shown = np.maximum(shown, _up_to_brow(reference, part))
         share = _enlarged(shown, factor)
-        ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
+        ys, xs = (np.flatnonzero((share > MIN_SHARE).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]
         rows, columns = np.mgrid[self._place]
@@ -182,7 +172,7 @@ class Aperture:
         self._sampler = MeshSampler.build(reference, places)
         self._tint: Tint | None = None
         if tint is not None:
-            lids = soft_parts(reference, (part,), LIMITS.growth_face_widths)
+            lids = soft_parts(reference, (part,), GROWTH / 2)
             lids = _enlarged(lids, factor)[self._place]
             self._tint, self._hidden = tint(lids, int(part is EYES[1])), ShutShare(part, at_rest)
             self._width = width_to_nose(part, at_rest)
@@ -215,7 +205,7 @@ class Aperture:
         share = self._share * np.float32(shown)
         if self._shut is not None and parsing is not None:
             brows = parsing.at(places, parsing.shares[FaceClass.BROWS])
-            share *= 1 - ramp(brows, LIMITS.brow_share).reshape(share.shape)
+            share *= 1 - ramp(brows, LIMITS.cell_share).reshape(share.shape)
         canvas.picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
 
 
@@ -302,12 +292,14 @@ class DrawnLid:
     """
 
     def __init__(self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64) -> None:
-        self._shut = ShutShare(part, at_rest, LIMITS.drawn_shut)
+        first, last = LIMITS.shut
+        limits = first + LIMITS.drawn_earlier, last + LIMITS.drawn_earlier
+        self._shut = ShutShare(part, at_rest, limits)
         share, eye = (
             _enlarged(soft_parts(reference, (part,), growth), factor)
             for growth in (LIMITS.lid_growth_face_widths, LIMITS.lashes_growth_face_widths)
         )
-        ys, xs = (np.flatnonzero((share > LIMITS.min_share).any(axis)) for axis in (1, 0))
+        ys, xs = (np.flatnonzero((share > MIN_SHARE).any(axis)) for axis in (1, 0))
         self._place = np.s_[ys[0] : ys[-1] + 1, xs[0] : xs[-1] + 1]
         self._share = share[self._place]
         rows, columns = (grid.astype(np.float32) for grid in np.mgrid[self._place])
@@ -316,10 +308,10 @@ class DrawnLid:
         whole, last = np.flatnonzero(inside.any(0)), ys[-1] - inside[::-1].argmax(0)
         lower = np.interp(np.arange(inside.shape[1]), whole, last[whole]).astype(np.float32)
         into = np.maximum(rows - upper, 0) / np.maximum(lower - upper, 1)
-        reach = LIMITS.lid_reach_face_widths * reference.resolution * factor
+        reach = LIMITS.lid_growth_face_widths * reference.resolution * factor
         skin = np.minimum(rows, upper - LIMITS.lid_margin_share * reach)
         self._from = np.dstack([columns, skin - into * reach]).astype(np.float32)
-        self._sigma = LIMITS.lid_softening_face_widths * reference.resolution * factor
+        self._sigma = LIMITS.lid_growth_face_widths / 2 * reference.resolution * factor
         lashes = np.exp(-0.5 * ((into - 1) / LIMITS.lashes[1]) ** 2)
         self._dark = np.asarray(1 - LIMITS.lashes[0] * lashes, np.float32)
 
@@ -340,7 +332,7 @@ def _up_to_brow(reference: ReferenceFrame, eye: Group) -> F32:
     """(h, w) 1 from an eye up to the lower edge of the brow above it, soft-edged."""
     points = reference.points.copy()
     brow = LEFT_BROW if eye is LEFT_EYE else RIGHT_BROW
-    points[brow, 1] += LIMITS.brow_thickness_face_widths * reference.resolution
+    points[brow, 1] += BROW_THICKNESS * reference.resolution
     return soft_parts(replace(reference, points=points), (np.r_[eye, brow],), 0.0)
 
 
@@ -390,7 +382,7 @@ def _seen(parsing: Parsing, points: F64) -> F64:
     top, bottom = _ALONG @ points[_LIDS]
     places = top[:, None] + _DOWN * (bottom - top)[:, None]
     seen = parsing.at(places.reshape(-1, 2), parsing.shares[FaceClass.EYES])
-    shares: F64 = small.mean(small.ramps(seen, *CLOSING.seen).reshape(len(places), -1), 1)
+    shares: F64 = small.mean(small.ramps(seen, *LIMITS.cell_share).reshape(len(places), -1), 1)
     return shares
 
 

@@ -33,13 +33,13 @@ class TintLimits:
     # of a light iris what looks most as at rest.
     many_pixels: int = tuned(500, "pixels", "speed")  # of an eye, from which a fourth of them is enough
     ring: float = tuned(1.5, "radii", "landmarks.parsing")
-    steps: tuple[float, ...] = tuned((0.04, 0.02, 0.01), "eye widths", "landmarks.parsing")
-    first_steps: tuple[int, int] = (2, 1)  # along the eye and across it; one of the others
+    step: float = tuned(0.04, "eye widths", "landmarks.parsing")  # the first; then halves of the one before
+    # along the eye, beyond which a place is taken as it is found, and across it; one of the others
+    first_steps: tuple[int, int] = (2, 1)
     # cost of a distance, and of a light iris's
     moved: tuple[float, float] = tuned((2.0, 0.6), "1/eye widths", "landmarks.parsing")
     max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
     memory: Decay = tuned(Decay(0.25), "share", "picture.pairs")  # of a place
-    max_step: float = tuned(0.08, "eye widths", "picture.pairs")  # beyond which it is taken as it is found
     edge: float = tuned(0.7, "radii", "picture.pairs")  # beyond which catch-lights fade
     # Drawing.
     # at which nothing and all of a dark iris is changed,
@@ -71,8 +71,8 @@ LIMITS = TintLimits()
 REACH = max(LIMITS.border[0], LIMITS.painted_border[0])  # radii, beyond which nothing is changed
 # (k, 2) steps about the best place so far, finer and finer.
 MOVES = [
-    step * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
-    for step, (across, down) in zip(LIMITS.steps, (LIMITS.first_steps, (1, 1), (1, 1)), strict=True)
+    LIMITS.step / 2**finer * np.mgrid[-across : across + 1, -down : down + 1].reshape(2, -1).T
+    for finer, (across, down) in enumerate((LIMITS.first_steps, (1, 1), (1, 1)))
 ]
 
 
@@ -99,7 +99,7 @@ class Gaze:
 
 def _steadied(last: F64, found: Floating, kept: float) -> F64:
     step = last - found
-    place: F64 = found + (kept if np.hypot(*step) < LIMITS.max_step else 0) * step
+    place: F64 = found + (kept if np.hypot(*step) < LIMITS.first_steps[0] * LIMITS.step else 0) * step
     return place
 
 

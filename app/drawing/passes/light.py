@@ -22,17 +22,16 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.onnx_model import ShippedNetwork
 from guise.aam.reference import ReferenceFrame
-from guise.app.drawing.face import FaceInFrame, Seen
+from guise.app.drawing.face import BLACK_GREY_LEVELS, GROWTH, MIN_SHARE, FaceInFrame, Seen
 from guise.app.drawing.memory import Clock, FaceLight, LightMemory, Memory
 from guise.common.arrays import F32, Bool, Int
-from guise.common.decay import Decay
+from guise.common.decay import FRAME_SECONDS, Decay
 from guise.common.quantile import quantile
 from guise.common.small import mean
 from guise.common.tuned import derived, tuned
 
 CELL_FACE_WIDTHS = derived(1 / 32, "face widths", "the grid that the network reads, training.train_light")
 GRID = derived((41, 35), "cells", "the grid that the network reads: its margin is one cell")  # height, width
-BLACK_GREY_LEVELS = tuned(4.0, "grey levels", "picture.truth")  # added before a ratio is taken
 
 
 @dataclass(frozen=True)
@@ -42,11 +41,11 @@ class LearnedLightLimits:
     memory: Decay = tuned(Decay(0.5), "share", "picture.truth")
     # share of a brow's colour that is taken from the skin
     brow_tint: float = tuned(0.6, "share", "picture.truth")
-    brow_growth_face_widths: float = tuned(0.02, "face widths", "picture.truth")
-    min_share: float = tuned(0.01, "share", "speed")  # of a brow or a part, from which a pixel belongs to it
     # between two looks whether what the network sees has changed
-    check_seconds: float = tuned(2 / 30, "seconds", "speed")
-    still_seconds: float = tuned(16 / 30, "seconds", "speed")  # after which it is asked in any case
+    check_seconds: float = tuned(2 * FRAME_SECONDS, "seconds", "speed")
+    still_seconds: float = tuned(
+        16 * FRAME_SECONDS, "seconds", "speed"
+    )  # after which it is asked in any case
     # of logs of a colour's local means, or of the share of skin that is seen
     max_change: float = tuned(0.012, "log", "picture.truth")
     min_weight: float = tuned(0.2, "share", "picture.truth")  # of a cell whose means are compared
@@ -82,13 +81,11 @@ class LightOfFeaturesLimits:
 class BrowHairLimits:
     """Lengths in face widths."""
 
-    growth: float = tuned(0.02, "face widths", "picture.truth")  # of the brows
     # from the brows, between which their skin lies
     beside: tuple[float, float] = tuned((0.03, 0.06), "face widths", "picture.truth")
     # quantile of the brows' brightness that is mostly hair
     darkest: float = tuned(0.05, "quantile", "picture.truth")
     hair: float = tuned(0.55, "ratio", "picture.truth")  # brightness of hair alone, of that quantile
-    min_share: float = tuned(0.01, "share", "speed")  # of a brow, from which a pixel belongs to it
     strength: float = tuned(0.8, "share", "picture.truth")
     min_factor: float = tuned(0.2, "ratio", "picture.truth")
 
@@ -226,7 +223,7 @@ class _Parts:
 
     def __init__(self, reference: ReferenceFrame) -> None:
         parts = np.array(part_masks(reference))
-        self._pixels = np.flatnonzero(parts.max(0) > LIMITS.min_share)
+        self._pixels = np.flatnonzero(parts.max(0) > MIN_SHARE / 2)
         self._shares = parts[:, self._pixels]
         self._surface = 1 - self._shares.max(0)
 
@@ -379,8 +376,8 @@ class BrowHair:
 
     def __init__(self, reference: ReferenceFrame, tone: float) -> None:
         self._brows = [_Brow(reference, brow, tone) for brow in (RIGHT_BROW, LEFT_BROW)]
-        brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), LIMITS.brow_growth_face_widths)[reference.mask]
-        self._pixels = np.flatnonzero(brows > LIMITS.min_share)
+        brows = soft_parts(reference, (RIGHT_BROW, LEFT_BROW), GROWTH)[reference.mask]
+        self._pixels = np.flatnonzero(brows > MIN_SHARE / 2)
         self._tinted = np.float32(LIMITS.brow_tint) * brows[self._pixels]
 
     def tint(self, texture: F32, gain: F32, offset: F32, skin: F32) -> None:
@@ -411,9 +408,9 @@ class _Brow:
     def __init__(self, reference: ReferenceFrame, brow: Group, tone: float) -> None:
         self._tone = tone
         core, grown, near, far = (
-            soft_parts(reference, (brow,), grow)[reference.mask] for grow in (0.0, HAIR.growth, *HAIR.beside)
+            soft_parts(reference, (brow,), grow)[reference.mask] for grow in (0.0, GROWTH, *HAIR.beside)
         )
-        self._pixels = np.flatnonzero(grown > HAIR.min_share)
+        self._pixels = np.flatnonzero(grown > MIN_SHARE / 2)
         self._share = np.float32(HAIR.strength) * grown[self._pixels]
         self._core = np.flatnonzero(core > 0.5)
         skin = skin_mask(reference)[reference.mask]

@@ -59,9 +59,8 @@ class PlaceLimits:
 class OutlineLimits:
     """How far from the jaw line the frame moves with it; lengths in face widths."""
 
-    # from the drawn jaw line, beyond which the frame stays
+    # from the drawn jaw line, beyond which the frame stays; half of that towards the face
     outer_reach: float = tuned(0.28, "face widths", "picture.truth")
-    inner_reach: float = tuned(0.14, "face widths", "picture.truth")  # the same towards the face
     # standard deviation, over which the jaw's points share a place
     weight_width: float = tuned(0.06, "face widths", "picture.truth")
     cell: float = tuned(0.035, "face widths", "speed")  # of the coarse grid
@@ -198,7 +197,7 @@ def displacements(size: tuple[int, int], jaw: F64, moves: F64, face_width: float
     moved = weights @ along / weights.sum(1, keepdims=True)
     polygon = jaw.astype(np.float32)
     inside = np.array([cv2.pointPolygonTest(polygon, (float(x), float(y)), False) > 0 for x, y in places])
-    reach = np.where(inside, OUTLINE_WARP.inner_reach, OUTLINE_WARP.outer_reach) * face_width
+    reach = np.where(inside, OUTLINE_WARP.outer_reach / 2, OUTLINE_WARP.outer_reach) * face_width
     fade = np.clip(1 - near[:, 0] / reach**2, 0, 1) ** 2
     coarse = (moved * fade[:, None]).reshape(cells[1], cells[0], 2).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)

@@ -27,10 +27,10 @@ from guise.aam.light import LUMA, light_ratio, quadratic_fields
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Scale, Similarity, align
-from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.face import BLACK_GREY_LEVELS, CELL, FaceInFrame
 from guise.app.drawing.memory import Memory
 from guise.common.arrays import F32, F64, Bool, Floating, Int
-from guise.common.decay import Decay
+from guise.common.decay import FRAME_SECONDS, Decay
 from guise.common.tuned import derived, tuned
 
 QUADRATIC_FIELDS = derived(
@@ -42,42 +42,42 @@ QUADRATIC_FIELDS = derived(
 class PaperLightLimits:
     """How the palette is fitted and how far it may go."""
 
-    slope_tint: float = tuned(0.4, "share", "picture.truth")  # of colour that the slopes of the light keep
-    memory: Decay = tuned(Decay(0.72, 2 / 30), "share over seconds", "picture.truth")
+    slope_tint: float = derived(
+        0.4, "share", "a choice: the papers leave it open"
+    )  # of colour that the slopes of the light keep
+    memory: Decay = derived(
+        Decay(0.72, 2 * FRAME_SECONDS), "share over seconds", "a choice: the papers leave it open"
+    )
     # from one update to the next: light changes slowly
-    update_seconds: float = tuned(2 / 30, "seconds", "speed")
+    update_seconds: float = derived(2 * FRAME_SECONDS, "seconds", "a choice: the papers leave it open")
     # a change of light by more isn't noise and is followed at once
-    light_jump_grey_levels: float = tuned(10.0, "grey levels", "picture.truth")
+    light_jump_grey_levels: float = derived(10.0, "grey levels", "a choice: the papers leave it open")
     rotation_prior: float = 1.0  # pull of the colours' rotation towards the identity
     # range of the similarity's scale
-    contrast: tuple[float, float] = tuned((0.9, 1.5), "ratio", "picture.truth")
+    contrast: tuple[float, float] = derived((0.9, 1.5), "ratio", "a choice: the papers leave it open")
     # range of the ratio of two lights
-    light_ratio: tuple[float, float] = tuned((0.5, 2.0), "ratio", "picture.truth")
+    light_ratio: tuple[float, float] = derived((0.5, 2.0), "ratio", "a choice: the papers leave it open")
     # above the brightest skin, so that teeth and eyes don't glow
-    highlight_slope: float = tuned(0.35, "ratio", "picture.truth")
-    brightest_skin_quantile: float = tuned(0.98, "quantile", "picture.truth")
+    highlight_slope: float = derived(0.35, "ratio", "a choice: the papers leave it open")
+    brightest_skin_quantile: float = derived(0.98, "quantile", "a choice: the papers leave it open")
     # damping per texel of the quadratic terms; a tenth of it of the levels of eyes and mouth
-    ridge: float = tuned(1e-3, "ratio", "picture.truth")
+    ridge: float = derived(1e-3, "ratio", "a choice: the papers leave it open")
 
 
 @dataclass(frozen=True)
 class WideLightLimits:
     """Widths, ranges and memory of the light of wide means."""
 
-    cell_face_widths: float = tuned(0.025, "face widths", "speed")
     # of both means: narrow ones follow the person's own features
     sigma_face_widths: float = tuned(0.2, "face widths", "deidentify.identity")
     brightness_ratio: tuple[float, float] = tuned((0.15, 4.0), "ratio", "deidentify.identity")
     # of a channel, beyond that of brightness
     colour_ratio: tuple[float, float] = tuned((0.6, 1.6), "ratio", "deidentify.identity")
     detail_gain: tuple[float, float] = tuned((0.5, 1.5), "ratio", "deidentify.identity")
-    # Of brightness, at eyes and in the mouth: teeth that the frame shows don't light up a tongue.
-    part_ratios: tuple[tuple[float, float], ...] = tuned(
-        ((0.35, 1.8), (0.35, 1.1)), "ratio", "deidentify.identity"
-    )
+    # Of brightness, least, and most at eyes and in the mouth: teeth that the frame shows don't light up a tongue.
+    part_ratio: float = tuned(0.35, "ratio", "deidentify.identity")
+    part_ratios: tuple[float, float] = tuned((1.8, 1.1), "ratio", "deidentify.identity")
     memory: Decay = tuned(Decay(0.5), "share", "deidentify.identity")
-    # added before a ratio is taken
-    black_grey_levels: float = tuned(4.0, "grey levels", "deidentify.identity")
     min_weight: float = tuned(1e-3, "share", "deidentify.identity")  # of a texel
     # visible share of eyes or mouth from which their brightness is measured
     min_part_share: float = tuned(0.25, "share", "deidentify.identity")
@@ -99,7 +99,7 @@ class WideLight:
     """
 
     def __init__(self, reference: ReferenceFrame, texels: Int, mask: Bool, enrolled: tuple[F32, F32]) -> None:
-        grid = CoarseGrid(reference, WIDE.cell_face_widths)
+        grid = CoarseGrid(reference, 2 * CELL)
         self._texels = texels
         self._skin = np.flatnonzero((skin_mask(reference) & mask)[reference.mask][texels])
         self._sums = TexelSums(grid.size, grid.places(texels[self._skin]))
@@ -122,7 +122,9 @@ class WideLight:
         kept.ratio = ratio if kept.ratio is None else kept.ratio + (1 - share) * (ratio - kept.ratio)
         for part, at in enumerate(self._part_texels):
             if len(at) and visible[at].mean() > WIDE.min_part_share:
-                value = _part_ratio(own_rgb[at], seen[at], visible[at], WIDE.part_ratios[part])
+                value = _part_ratio(
+                    own_rgb[at], seen[at], visible[at], (WIDE.part_ratio, WIDE.part_ratios[part])
+                )
                 kept.parts[part] += (1 - share) * (value - kept.parts[part])
         tint = self._whites.tint(visible[self._skin] @ seen[self._skin])
         kept.tint = tint if kept.tint is None else tint + share * (kept.tint - tint)
@@ -135,7 +137,7 @@ class WideLight:
         assert kept.tint is not None
         to_stored, offset = colour.from_rgb[:, :3], colour.from_rgb[:, 3]
         gain = kept.ratio * (_detail_gain(kept.ratio) / _luma(kept.ratio))
-        black = np.float32(WIDE.black_grey_levels) * (1 - gain)
+        black = np.float32(BLACK_GREY_LEVELS) * (1 - gain)
         gains, lit = self._at_pixels(gain), self._at_pixels(kept.own * (kept.ratio - gain) - black)
         gains *= self._surface
         lit *= self._surface
@@ -151,7 +153,7 @@ class WideLight:
 
     def _fitted(self, face: F32, seen: F32, visible: F32) -> tuple[F32, F32]:
         """The face's local mean over black and the ratio of colours (3, h, w), from the skin's texels (s, 3)."""
-        black = np.float32(WIDE.black_grey_levels)
+        black = np.float32(BLACK_GREY_LEVELS)
         sums = self._sums(np.concatenate([face, seen], axis=1), visible + np.float32(WIDE.min_weight))
         means = self._smoother.means(sums) + black
         brightness = np.clip(_luma(means[3:]) / _luma(means[:3]), *WIDE.brightness_ratio)
@@ -250,7 +252,7 @@ def _luma(planes: F32) -> F32:
 def _part_ratio(face: F32, seen: F32, visible: F32, limits: tuple[float, float]) -> float:
     """Ratio of mean brightness of an eye or mouth, within limits."""
     there, own = (float(visible @ (rgb @ LUMA)) / float(visible.sum()) for rgb in (seen, face))
-    ratio = (there + WIDE.black_grey_levels) / max(own + WIDE.black_grey_levels, 1)
+    ratio = (there + BLACK_GREY_LEVELS) / max(own + BLACK_GREY_LEVELS, 1)
     return float(np.clip(ratio, *limits))
 
 

@@ -27,9 +27,10 @@ from guise.aam.landmarks.schemes import LEFT_BROW, NOSE_WINGS, RIGHT_BROW
 from guise.aam.mask import FEATURE_PARTS, skin_mask, soft_parts
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.aam.relief import Relief
-from guise.app.drawing.face import FaceInFrame
+from guise.app.drawing.face import BROW_REACH, GROWTH, FaceInFrame
 from guise.app.drawing.memory import SLACK, Memory, SurfaceMemory
 from guise.common.arrays import F32, F64, U8, Bool
+from guise.common.decay import FRAME_SECONDS
 from guise.common.quantile import quantile
 from guise.common.small import mean
 from guise.common.tuned import derived, tuned
@@ -43,11 +44,9 @@ class SharpnessLimits:
     band_face_widths: float = tuned(0.04, "face widths", "picture.truth")
     # of a lowering, by which eyes, brows and lips follow
     feature_share: float = tuned(0.4, "share", "picture.pairs")
-    # around them, where nothing is raised
-    feature_growth_face_widths: float = tuned(0.02, "face widths", "picture.pairs")
     # standard deviation, before gradients are taken
     smoothing_pixels: float = tuned(0.7, "pixels", "picture.pairs")
-    places: int = tuned(800, "places", "speed")  # on skin
+    places: int = tuned(800, "places", "speed")  # on skin, half of them for grain
     # share of the places that must lie in the picture
     min_inside: float = tuned(0.5, "share", "picture.pairs")
     # gradient energy of a place, of the mean, above which it's an edge
@@ -60,8 +59,8 @@ class SharpnessLimits:
     own_slack_octaves: float = tuned(0.4, "octaves of gradient energy", "picture.pairs")
     rate: float = tuned(0.35, "share", "picture.pairs")  # of a difference made up for at each measurement
     # of a face, in which every frame is measured and made up for twice as fast
-    first_seconds: float = tuned(12 / 30, "seconds", "picture.pairs")
-    every_seconds: float = tuned(4 / 30, "seconds", "speed")  # between later measurements
+    first_seconds: float = tuned(12 * FRAME_SECONDS, "seconds", "picture.pairs")
+    every_seconds: float = tuned(4 * FRAME_SECONDS, "seconds", "speed")  # between later measurements
     gain: tuple[float, float] = tuned((0.35, 1.2), "ratio", "picture.truth")  # least and most
     unseen_gain: float = tuned(0.03, "ratio", "speed")  # from 1, within which nothing is done
 
@@ -75,13 +74,9 @@ class GrainLimits:
     patch_pixels: int = tuned(9, "pixels", "picture.truth")  # sides of the squares whose energy is measured
     # of the squares' energies: skin without features
     smooth_quantile: float = tuned(0.3, "quantile", "picture.truth")
-    places: int = tuned(400, "places", "speed")  # on skin
-    # share of the places that must lie in the picture
-    min_inside: float = tuned(0.5, "share", "picture.truth")
     # of the variance added to a texture that the picture shows in the finest band
     shown_share: float = tuned(0.3, "share", "picture.truth")
     rate: float = tuned(0.4, "share", "picture.truth")  # share of a difference made up for at each
-    every_seconds: float = tuned(4 / 30, "seconds", "speed")  # between measurements
     max_grey_levels: float = tuned(4.0, "grey levels", "picture.truth")  # standard deviation
     # below which rounding would swallow it
     min_grey_levels: float = derived(
@@ -101,7 +96,6 @@ class OwnSkinLimits:
     fold_grey_levels: float = tuned(3.0, "grey levels", "picture.pairs")
     # around eyes, brows, lips and nostrils of either face
     feature_growth_face_widths: float = tuned(0.035, "face widths", "picture.pairs")
-    brow_growth_face_widths: float = tuned(0.09, "face widths", "picture.pairs")  # around brows, which rise
     # standard deviation by which it fades at the edge of skin
     rim_face_widths: float = tuned(0.02, "face widths", "picture.pairs")
     cell_grid_pixels: int = tuned(4, "grid pixels", "speed")  # between which places are interpolated
@@ -123,12 +117,12 @@ class Finish:
         rng = np.random.default_rng(0)
         order = rng.permutation(np.flatnonzero((skin_mask(reference) & mask)[reference.mask]))
         self._at_edges, self._at_grain = (
-            reference.sampler[np.sort(order[:n])] for n in (LIMITS.places, GRAIN.places)
+            reference.sampler[np.sort(order[:n])] for n in (LIMITS.places, LIMITS.places // 2)
         )
         height, width = (2 * side + GRAIN.tile_slack_pixels for side in reference.size)
         self._tile = rng.standard_normal((height, width), np.float32)
         self._lowered = 1 - np.float32(1 - LIMITS.feature_share) * soft_parts(reference, FEATURE_PARTS, 0.0)
-        self._raised = 1 - soft_parts(reference, FEATURE_PARTS, LIMITS.feature_growth_face_widths)
+        self._raised = 1 - soft_parts(reference, FEATURE_PARTS, GROWTH)
         side = round(np.sqrt(6 * (LIMITS.band_face_widths * reference.resolution) ** 2 + 1))
         self._box = (side | 1, side | 1)  # two such means are nearly a Gaussian
 
@@ -164,7 +158,7 @@ class Finish:
             kept.began = now
         is_early = now < kept.began + LIMITS.first_seconds - SLACK
         edges_due = is_early or memory.clock.is_due(kept.sharpness_seen + LIMITS.every_seconds)
-        grain_due = memory.clock.is_due(kept.grain_seen + GRAIN.every_seconds)
+        grain_due = memory.clock.is_due(kept.grain_seen + LIMITS.every_seconds)
         if edges_due:
             kept.edges = gradient_energy(roi)
         if grain_due:
@@ -176,7 +170,7 @@ class Finish:
         mesh = face.mesh - canvas.corner
         if kept.grain is not None:
             kept.grain_seen = now
-            pair = _beside(kept.grain, grain_energy(canvas.roi), self._at_grain, mesh, GRAIN.min_inside)
+            pair = _beside(kept.grain, grain_energy(canvas.roi), self._at_grain, mesh, LIMITS.min_inside)
             if pair is not None:
                 there, own = (quantile(energies, GRAIN.smooth_quantile) for energies in pair)
                 missing = (there - own) / GRAIN.shown_share
@@ -229,7 +223,7 @@ class OwnSkin:
             skin_mask(reference).astype(np.float32), (0, 0), OWN.rim_face_widths * self._width
         )
         self._share = skin * (1 - soft_parts(reference, features, OWN.feature_growth_face_widths))
-        self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), OWN.brow_growth_face_widths)
+        self._share *= 1 - soft_parts(reference, (RIGHT_BROW, LEFT_BROW), BROW_REACH)
         h, w = reference.size
         self._cells = -(-h // OWN.cell_grid_pixels), -(-w // OWN.cell_grid_pixels)
         axes = ((np.arange(n) + 0.5) * side / n - 0.5 for n, side in zip(self._cells, (h, w), strict=True))
