@@ -57,18 +57,15 @@ class PuppetLimits:
     """Sizes and rates of a puppet."""
 
     max_height_pixels: int = derived(1080, "pixels", "the height of full HD")  # of the output
-    new_expression_share: float = derived(
-        0.6, "share", "a choice: the paper leaves it open"
-    )  # that is taken at once; the rest follows
+    # that is taken at once; the rest follows
+    new_expression_share: float = derived(0.6, "share", "a choice: the paper leaves it open")
     # around the face, warped along with it
     surroundings_face_widths: float = derived(0.55, "face widths", "a choice: the paper leaves it open")
-    surroundings_points: int = derived(
-        28, "points", "a choice: the paper leaves it open"
-    )  # fixed, around the surroundings
+    # fixed, around the surroundings
+    surroundings_points: int = derived(28, "points", "a choice: the paper leaves it open")
     turn_noise_degrees: float = 1.0  # standard deviation of the measured head turn
-    pinned_weight: float = derived(
-        0.03, "ratio", "a choice: the paper leaves it open"
-    )  # of the pinned points in the fit of the pose
+    # of the pinned points in the fit of the pose
+    pinned_weight: float = derived(0.03, "ratio", "a choice: the paper leaves it open")
     pose_ridge: float = derived(1e-6, "ratio", "far less than a weight, so that the system can be solved")
 
 

@@ -45,9 +45,8 @@ class TrustLimits:
     residual_gain_behind_objects: float = tuned(1.3, "ratio", "deidentify.leaks")
     # confidence from which nothing in front is searched for
     unquestioned: float = tuned(0.9, "confidence", "deidentify.swapped")
-    profile_degrees: float = tuned(
-        42.0, "degrees", "deidentify.leaks"
-    )  # to which a head may be turned, or nod
+    # to which a head may be turned, or nod
+    profile_degrees: float = tuned(42.0, "degrees", "deidentify.leaks")
     profile_degrees_width: float = tuned(2.0, "degrees", "deidentify.leaks")
     # of a rough pose, up to which it is not looked at more closely
     surely_frontal_degrees: float = tuned(26.0, "degrees", "live.throughput")

@@ -43,9 +43,8 @@ class LearnedLightLimits:
     brow_tint: float = tuned(0.6, "share", "picture.truth")
     # between two looks whether what the network sees has changed
     check_seconds: float = tuned(2 * FRAME_SECONDS, "seconds", "speed")
-    still_seconds: float = tuned(
-        16 * FRAME_SECONDS, "seconds", "speed"
-    )  # after which it is asked in any case
+    # after which it is asked in any case
+    still_seconds: float = tuned(16 * FRAME_SECONDS, "seconds", "speed")
     # of logs of a colour's local means, or of the share of skin that is seen
     max_change: float = tuned(0.012, "log", "picture.truth")
     min_weight: float = tuned(0.2, "share", "picture.truth")  # of a cell whose means are compared

@@ -42,9 +42,8 @@ QUADRATIC_FIELDS = derived(
 class PaperLightLimits:
     """How the palette is fitted and how far it may go."""
 
-    slope_tint: float = derived(
-        0.4, "share", "a choice: the papers leave it open"
-    )  # of colour that the slopes of the light keep
+    # of colour that the slopes of the light keep
+    slope_tint: float = derived(0.4, "share", "a choice: the papers leave it open")
     memory: Decay = derived(
         Decay(0.72, 2 * FRAME_SECONDS), "share over seconds", "a choice: the papers leave it open"
     )
