@@ -180,7 +180,7 @@ class MeshSampler:
         """Where the places (n, 2) lie on a shape (81, 2), in the shape's pixels; piecewise affine."""
         # x + i y: one gather for both
         plane = np.ascontiguousarray(shape, np.float32).view(np.complex64)[:, 0]
-        terms = plane.take(self.vertices)
+        terms = plane[self.vertices]
         terms *= self.weights
         terms[0] += terms[1]
         terms[0] += terms[2]

@@ -110,7 +110,7 @@ class ShapeTransfer:
 
     def at_rest(self, shape: F64, pose: HeadPose) -> F64:
         """The target's shape (81, 2) at rest, anywhere on the grid, as it is seen where a tracked one (81, 2) lies."""
-        return self._seen(shape, pose)[2]
+        return np.asarray(self.solid @ (pose.linear @ self._reference.to_grid(shape).linear))
 
     def inputs(self, shape: F64, pose: HeadPose) -> F64:
         """(2, 81, 2) what `Placement` sees, face widths: the source's movement, and how the target differs at rest.

@@ -205,16 +205,16 @@ class SolidPrior:
         weight = 1 / (sigma * np.sqrt(1 + far))
         x, y, z = turned.T
         size = 6  # turns about x, y, z, scale and translation
-        design = np.zeros((size + len(amounts), 2, POINTS))
+        design = np.zeros((size + amounts.size, 2, POINTS))
         design[0, 1], design[1, 0], design[2, 0], design[2, 1] = -z, z, -y, x
         design[:3] *= pose.scale
         design[3] = x, y
         design[4, 0] = design[5, 1] = 1
         np.matmul(pose.scale * pose.rotation[:2], self._modes.transpose(0, 2, 1), out=design[size:])
         design *= weight
-        flat = design.reshape(len(design), -1)
+        flat = design.reshape(-1, 2 * POINTS)
         normal, right = flat @ flat.T, flat @ (away.T * weight).ravel()
-        diagonal = normal.reshape(-1)[:: len(right) + 1]
+        diagonal = normal.reshape(-1)[:: right.size + 1]
         diagonal[:size] += 1e-9
         diagonal[size:] += precision + 1e-9
         right[size:] -= precision * (amounts - middle)

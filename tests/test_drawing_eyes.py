@@ -33,10 +33,12 @@ from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.look import DISGUISE, SWAP, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.eyes import (
+    LIMITS,
     Aperture,
     DrawnLid,
     Eyeballs,
     LidCloser,
+    ShutShares,
     _eye_seen,
     eye_openings,
 )
@@ -52,7 +54,7 @@ def filled(
     """A picture with what a rectangle shows of a head (81, 2)."""
     face = drawn_on(roi, head, picture, fine=fine)
     face.parsed = parsing
-    aperture.fill(face, Memory(), eye_openings(head))
+    aperture.fill(face, Memory(), ShutShares(FRAME.points)(eye_openings(head)))
     return picture
 
 
@@ -170,10 +172,11 @@ def test_a_disguises_lid_is_drawn_over_a_shut_eye_and_only_there(factor: int) ->
     eye = soft_parts(FRAME, (LEFT_EYE,), 0.0).repeat(factor, 0).repeat(factor, 1)
     picture = np.full((factor * h, factor * w, 3), 150, np.uint8)
     picture[eye > 0.5] = 40
-    lid, openings = DrawnLid(FRAME, LEFT_EYE, factor, FRAME.points), eye_openings(FRAME.points)
+    lid, openings = DrawnLid(FRAME, LEFT_EYE, factor), eye_openings(FRAME.points)
+    shares = ShutShares(FRAME.points, LIMITS.drawn_earlier)
     opened, shut = picture.copy(), picture.copy()
-    lid.fill(opened, openings)
-    lid.fill(shut, (0.2 * openings[0], 0.2 * openings[1]))
+    lid.fill(opened, shares(openings))
+    lid.fill(shut, shares((0.2 * openings[0], 0.2 * openings[1])))
     assert (opened == picture).all()
     assert shut[eye > 0.8, 1].mean() > 130  # skin
     assert (shut[eye > 0.3, 1].astype(int) - shut[eye > 0.3, 0]).max() > 30  # lashes

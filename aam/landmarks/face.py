@@ -27,7 +27,7 @@ class NoFaceError(LandmarkError):
 def frozen(array: Any) -> F32:
     """Read-only float32 copy of an array-like; the caller's array stays writable."""
     copy = np.array(array, dtype=np.float32)
-    copy.setflags(write=False)
+    copy.flags.writeable = False
     return copy
 
 

@@ -154,8 +154,7 @@ class Aperture:
         self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64, *, only_shut: bool = False,
         tint: Tinting | None = None,
     ) -> None:  # fmt: skip
-        self._part = part
-        self._shut = ShutShare(part, at_rest) if only_shut else None
+        self._part, self._only_shut, self._eye = part, only_shut, int(part is LEFT_EYE)
         grow = LIMITS.shut_growth_face_widths if only_shut else GROWTH / 2
         shown = soft_parts(reference, (part,), grow)
         if only_shut:
@@ -174,16 +173,16 @@ class Aperture:
         if tint is not None:
             lids = soft_parts(reference, (part,), GROWTH / 2)
             lids = _enlarged(lids, factor)[self._place]
-            self._tint, self._hidden = tint(lids, int(part is EYES[1])), ShutShare(part, at_rest)
+            self._tint = tint(lids, self._eye)
             self._width = width_to_nose(part, at_rest)
             self._zeros = np.zeros((*lids.shape, 3), np.float32)
 
-    def fill(self, face: FaceInFrame, memory: Memory, openings: tuple[float, float]) -> None:
+    def fill(self, face: FaceInFrame, memory: Memory, shut: tuple[float, float]) -> None:
         """Lay what the frame shows of the head there into the picture.
 
-        openings : `eye_openings` of the head.
+        shut : of its right and left eye, see `ShutShares`.
         """
-        shown = 1.0 if self._shut is None else self._shut(openings)
+        shown = shut[self._eye] if self._only_shut else 1.0
         if shown == 0:
             return
         canvas, head, parsing = face.canvas, face.head - face.canvas.corner, face.parsed
@@ -197,13 +196,13 @@ class Aperture:
             colour = face.frame.colour
             eye = cv2.transform(own.astype(np.float32), colour.to_rgb)
             within = in_eye(places, head[self._part], self._width * nose_length(head))
-            seen = np.float32(1 - self._hidden(openings)) * _eye_seen(parsing, places)
+            seen = np.float32(1 - shut[self._eye]) * _eye_seen(parsing, places)
             eye = self._tint.apply(np.asarray(eye, np.float32), within, seen, memory.gaze, memory.clock.step)
             eye = cv2.transform(eye, colour.from_rgb)
             own = cv2.add(eye, self._zeros, dtype=cv2.CV_8U)  # rounds and saturates
         here = np.ascontiguousarray(canvas.picture[self._place])
         share = self._share * np.float32(shown)
-        if self._shut is not None and parsing is not None:
+        if self._only_shut and parsing is not None:
             brows = parsing.at(places, parsing.shares[FaceClass.BROWS])
             share *= 1 - ramp(brows, LIMITS.cell_share).reshape(share.shape)
         canvas.picture[self._place] = cv2.blendLinear(own, here, share, 1 - share)
@@ -232,17 +231,19 @@ class Apertures:
             return open_ + [Aperture(reference, p, factor, at_rest, only_shut=True) for p in shut]
 
         def drawn(factor: int) -> list[DrawnLid]:
-            return [DrawnLid(reference, eye, factor, at_rest) for eye in lids]
+            return [DrawnLid(reference, eye, factor) for eye in lids]
 
         self._apertures, self._lids = cache(apertures), cache(drawn)
+        self._shut, self._drawn_shut = ShutShares(at_rest), ShutShares(at_rest, LIMITS.drawn_earlier)
 
     def draw(self, face: FaceInFrame, memory: Memory) -> None:
         """Draw them into the picture."""
         openings, factor = eye_openings(face.head), 1 + face.canvas.fine
+        shut = self._shut(openings)
         for aperture in self._apertures(factor):
-            aperture.fill(face, memory, openings)
+            aperture.fill(face, memory, shut)
         for lid in self._lids(factor):
-            lid.fill(face.canvas.picture, openings)
+            lid.fill(face.canvas.picture, self._drawn_shut(openings))
 
 
 def _eye_seen(parsing: Parsing | None, places: F32) -> F32:
@@ -256,27 +257,27 @@ def _eye_seen(parsing: Parsing | None, places: F32) -> F32:
     return seen
 
 
-class ShutShare:
-    """How far an eye of the source is shut.
+class ShutShares:
+    """How far the eyes of the source are shut.
 
-    part : landmark group of the eye.   at_rest : shape (81, 2).
-    limits : openings, of that at rest, from which and at which it counts as shut.
+    at_rest : shape (81, 2).   earlier : opening, of that at rest, by which eyes count as shut before `LIMITS.shut`.
     """
 
-    def __init__(self, part: Group, at_rest: F64, limits: tuple[float, float] = LIMITS.shut) -> None:
-        self._limits = limits
+    def __init__(self, at_rest: F64, earlier: float = 0.0) -> None:
+        self._first, self._last = (opening + earlier for opening in LIMITS.shut)
         self._openings = [max(one, 1e-6) for one in eye_openings(at_rest)]
-        self._eye = int(part is LEFT_EYE)
 
-    def __call__(self, openings: tuple[float, float]) -> float:
-        """Share in [0, 1] for the `eye_openings` of a shape.
+    def __call__(self, openings: tuple[float, float]) -> tuple[float, float]:
+        """Shares in [0, 1] of the right and the left eye for the `eye_openings` of a shape.
 
         An eye that is found half open beside a shut one counts as shut too: hardly anyone winks like that.
         """
-        first, last = self._limits
         right, left = [now / at_rest for now, at_rest in zip(openings, self._openings, strict=True)]
-        least = min(left if self._eye else right, (right + left) / 2)
-        return min(max((first - least) / (first - last), 0.0), 1.0)
+        both = (right + left) / 2
+        return self._share(min(right, both)), self._share(min(left, both))
+
+    def _share(self, opening: float) -> float:
+        return min(max((self._first - opening) / (self._first - self._last), 0.0), 1.0)
 
 
 class DrawnLid:
@@ -288,13 +289,10 @@ class DrawnLid:
     Parameters
     ----------
     reference : ReferenceFrame.   part : landmark group of the eye.   factor : as for `Aperture`.
-    at_rest : the source's shape (81, 2) at rest.
     """
 
-    def __init__(self, reference: ReferenceFrame, part: Group, factor: int, at_rest: F64) -> None:
-        first, last = LIMITS.shut
-        limits = first + LIMITS.drawn_earlier, last + LIMITS.drawn_earlier
-        self._shut = ShutShare(part, at_rest, limits)
+    def __init__(self, reference: ReferenceFrame, part: Group, factor: int) -> None:
+        self._eye = int(part is LEFT_EYE)
         share, eye = (
             _enlarged(soft_parts(reference, (part,), growth), factor)
             for growth in (LIMITS.lid_growth_face_widths, LIMITS.lashes_growth_face_widths)
@@ -315,15 +313,15 @@ class DrawnLid:
         lashes = np.exp(-0.5 * ((into - 1) / LIMITS.lashes[1]) ** 2)
         self._dark = np.asarray(1 - LIMITS.lashes[0] * lashes, np.float32)
 
-    def fill(self, picture: U8, openings: tuple[float, float]) -> None:
-        """Draw the lid into a texture (h, w, 3), brightness first, as far as an eye with `eye_openings` is shut."""
-        shut = self._shut(openings)
-        if shut == 0:
+    def fill(self, picture: U8, shut: tuple[float, float]) -> None:
+        """Draw the lid into a texture (h, w, 3), brightness first, as far as its eye is shut, see `ShutShares`."""
+        shown = shut[self._eye]
+        if shown == 0:
             return
         lid = cv2.remap(picture, self._from, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
         lid = cv2.GaussianBlur(lid, (0, 0), self._sigma)
         lid[..., 0] = (lid[..., 0] * self._dark).astype(np.uint8)
-        share = self._share * np.float32(shut)
+        share = self._share * np.float32(shown)
         here = np.ascontiguousarray(picture[self._place])
         picture[self._place] = cv2.blendLinear(lid, here, share, 1 - share)
 

@@ -355,7 +355,8 @@ def lit(light: F32, colour: F32) -> F32:
 
 def brightness_of(colours: F32) -> F32:
     """(h, w) of colours (3, h, w)."""
-    return np.asarray(LUMA @ colours.reshape(3, -1)).reshape(colours.shape[1:])
+    luma: F32 = (LUMA @ colours.reshape(3, -1)).reshape(colours.shape[1:])
+    return luma
 
 
 def brightness(light: F32, colour: F32) -> F32:
