@@ -64,6 +64,13 @@ class _Clock:
         self._frame[stage] += 1e3 * (time.perf_counter() - start)
         return result
 
+    def add_rest(self, stage: str, work: Callable[[], object]) -> None:
+        """Do work, and add what its stages leave of its time to one more stage of this frame."""
+        start, known = time.perf_counter(), sum(self._frame.values())
+        work()
+        told = sum(self._frame.values()) - known
+        self._frame[stage] += 1e3 * (time.perf_counter() - start) - told
+
     def end_frame(self, *, kept: bool) -> None:
         """Begin with the next frame."""
         if kept:
@@ -238,8 +245,7 @@ def _timed(engine: Engine, clock: _Clock) -> Plan:
 def _timed_swap(engine: Engine, frame: Frame, clock: _Clock) -> bool:
     """As Engine.swap, with a clock around its parts; False when the person is lost."""
     fit = clock.add("track", lambda: engine.track(frame))
-    is_found = isinstance(fit, Fit)
-    if is_found:
-        engine.swap_tracked(frame, fit)
-    clock.end_frame(kept=is_found)
-    return is_found
+    if isinstance(fit, Fit):
+        clock.add_rest("solid shape", lambda: engine.swap_tracked(frame, fit))
+    clock.end_frame(kept=isinstance(fit, Fit))
+    return isinstance(fit, Fit)
