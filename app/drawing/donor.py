@@ -6,25 +6,23 @@ from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 from guise.aam.even_light import evenly_lit
-from guise.aam.irises import Irises
 from guise.aam.model import Identity
-from guise.aam.parsing import FaceParser
 from guise.aam.skin_tone import toned
 from guise.aam.turned_texture import completed, moving_share
 from guise.aam.without_glasses import without_glasses
-from guise.common.arrays import F32, F64
+from guise.app.drawing.person import EnrolledFace
+from guise.common.arrays import F32
 
 _cleaned: WeakKeyDictionary[Identity, Donor] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
-class Donor:
+class Donor(EnrolledFace):
     """A face as it is drawn.
 
     identity : Identity.   moving : (h, w) share in [0, 1] of its texture's movement that is shown; None is all of it.
     """
 
-    identity: Identity
     moving: F32 | None = None
 
     @classmethod
@@ -38,17 +36,3 @@ class Donor:
     def beside(self, person: Identity, *, own_lips: bool) -> Donor:
         """The same fit for a person's skin tone; own_lips : whether the lips lean to theirs."""
         return replace(self, identity=toned(self.identity, person, own_lips=own_lips))
-
-    @property
-    def at_rest(self) -> F64:
-        """(81, 2) its shape at rest, grid pixels."""
-        return self.identity.appearance.neutral_shape
-
-    @property
-    def texture(self) -> F32:
-        """(n, 3) its RGB at rest."""
-        return self.identity.appearance.neutral_texture
-
-    def irises(self) -> Irises:
-        """How its irises look at rest."""
-        return Irises.at_rest(self.identity, FaceParser())

@@ -12,13 +12,36 @@ from guise.common.arrays import F32, F64, Bool, Int
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedPerson:
+class EnrolledFace:
+    """A face as its model knows it.
+
+    identity : Identity.
+    """
+
+    identity: Identity
+
+    @property
+    def at_rest(self) -> F64:
+        """(81, 2) its shape at rest, grid pixels."""
+        return self.identity.appearance.neutral_shape
+
+    @property
+    def texture(self) -> F32:
+        """(n, 3) its RGB at rest."""
+        return self.identity.appearance.neutral_texture
+
+    def irises(self) -> Irises:
+        """How its irises look at rest."""
+        return Irises.at_rest(self.identity, FaceParser())
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPerson(EnrolledFace):
     """What is known of them.
 
     identity : Identity.   estimator : of the parameters of their appearance.
     """
 
-    identity: Identity
     estimator: ParameterEstimator
 
     @classmethod
@@ -36,17 +59,3 @@ class TrackedPerson:
     def mask(self) -> Bool:
         """(h, w) where their face may be shown."""
         return self.identity.appearance.mask
-
-    @property
-    def at_rest(self) -> F64:
-        """(81, 2) their shape at rest, grid pixels."""
-        return self.identity.appearance.neutral_shape
-
-    @property
-    def texture(self) -> F32:
-        """(n, 3) their RGB at rest."""
-        return self.identity.appearance.neutral_texture
-
-    def irises(self) -> Irises:
-        """How their irises look at rest."""
-        return Irises.at_rest(self.identity, FaceParser())
