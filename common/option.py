@@ -21,7 +21,7 @@ class Option:
 
     Parameters
     ----------
-    help : one sentence.   name : on the command line; by default that of the field.
+    help : one sentence.   name : on the command line, and a short one after a space; by default that of the field.
     metavar : what stands for its value.   least, most : its limits.
     """
 

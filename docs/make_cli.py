@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from enum import Enum
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -113,6 +112,8 @@ def row(param: Any, hints: dict[str, Any]) -> str:
 
 def plain(hint: Any) -> Any:
     """The type without `| None` and without `list`."""
+    if get_origin(hint) is Literal:
+        return hint
     parts = [a for a in get_args(hint) if a is not type(None)]
     return plain(parts[0]) if isinstance(hint, UnionType) or parts else hint
 
@@ -127,8 +128,8 @@ def value(param: Any, hints: dict[str, Any]) -> str:
     kind = plain(hints[param.name])
     if param.metavar:
         return str(param.metavar)
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return "|".join(member.value for member in kind)
+    if get_origin(kind) is Literal:
+        return "|".join(get_args(kind))
     return WORDS[kind]
 
 
@@ -139,7 +140,7 @@ def default(param: Any) -> str:
     given = param.default
     if given is None or given is False or given == []:
         return ""
-    return f"`{given.value if isinstance(given, Enum) else given}`"
+    return f"`{given}`"
 
 
 def main() -> None:

@@ -26,7 +26,8 @@ from guise.app.media import open_input
 from guise.app.media.images import read_deep
 from guise.app.media.pictures import Picture, labelled, save_picture, sheet
 from guise.app.meshes.context import RunContext
-from guise.app.meshes.pair import TransferOptions, prepare_pair
+from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.pair import prepare_pair
 from guise.app.meshes.points import write_feature_points
 from guise.app.meshes.previewing import preview_files
 from guise.app.meshes.registering import register_files

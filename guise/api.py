@@ -357,7 +357,7 @@ def transfer_mesh(
     output : folder for one file per expression, in the target's format; by default TARGET_expressions beside it.
     """
     from guise.app.meshes.context import RunContext
-    from guise.app.meshes.pair import TransferOptions
+    from guise.app.meshes.options import TransferOptions
     from guise.app.meshes.transferring import transfer_files
 
     folder = None if output is None else Path(output)
@@ -385,7 +385,8 @@ def transfer_photo(
     output : the target with the expression, of the target's size.
     strength : of the expression, 0..2; 1 is as it is.
     """
-    from guise.app.photos.image import AnalogyOptions, analogy_image
+    from guise.app.photos.image import analogy_image
+    from guise.app.photos.options import AnalogyOptions
 
     how = AnalogyOptions(strength=strength, force=overwrite)
     return analogy_image(Path(neutral), Path(expressive), Path(target), Path(output), how, say=say)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pytest
 import typer
@@ -16,8 +16,8 @@ from guise.app.live.controls import LiveSettings
 from guise.app.live.run import LiveOptions
 from guise.app.live.session import SessionConfig
 from guise.app.media import EncodeOptions
-from guise.app.meshes.pair import TransferOptions
-from guise.app.photos.image import AnalogyOptions
+from guise.app.meshes.options import TransferOptions
+from guise.app.photos.options import AnalogyOptions
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.report import SwapSettings
 from guise.common.option import option, options_of
@@ -36,7 +36,11 @@ class Settings:
 def made(part: Part) -> Any:
     """A command that returns the settings that it takes."""
     line = typer.Typer()
-    line.command()(takes(settings=part)(lambda settings: settings))
+
+    def command(settings: Annotated[Settings, part]) -> Settings:
+        return settings
+
+    line.command()(takes(command))
     return typer.main.get_command(line)
 
 

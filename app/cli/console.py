@@ -11,9 +11,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
+from guise.common.option import option
 from guise.common.text import printable
 
 if TYPE_CHECKING:
@@ -24,19 +26,14 @@ Advance = Callable[[float], None]
 _REFRESH_SECONDS = 0.1  # between two redraws of a bar
 
 
+@dataclass(kw_only=True, eq=False)
 class Console:
-    """Prints for the user as the options ask.
+    """Prints for the user as the options ask."""
 
-    Parameters
-    ----------
-    quiet : print errors only.
-    json : one JSON object on stdout, notes on stderr, no progress.
-    """
-
-    def __init__(self, *, quiet: bool = False, json: bool = False) -> None:
-        self.quiet, self.json = quiet, json
-        self._bars: Progress | None = None
-        self._said: set[str] = set()
+    quiet: bool = option(False, "Print errors only.", name="--quiet -q")
+    json: bool = option(False, "Print one JSON object on stdout, notes on stderr.")
+    _bars: Progress | None = field(default=None, init=False)
+    _said: set[str] = field(default_factory=set, init=False)
 
     def say(self, text: str) -> None:
         """Print a line of the result for people; with --json the object holds it instead."""

@@ -12,17 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from guise.app.cli.console import Board, Console
-from guise.app.cli.options import (
-    Crf,
-    Encoder,
-    Force,
-    Json,
-    Lossless,
-    Part,
-    Preset,
-    Quiet,
-    takes,
-)
+from guise.app.cli.options import Encode, Force, Part, Shown, takes
 from guise.app.deidentify.options import DeidentifyOptions
 
 if TYPE_CHECKING:
@@ -85,13 +75,13 @@ C2pa = Annotated[
 ]
 
 
-@takes(options=Part(DeidentifyOptions, OPTIONS))
+@takes
 def deidentify(
     inputs: Inputs,
     *,
     output: Output = None,
     recursive: Recursive = False,
-    options: DeidentifyOptions,
+    options: Annotated[DeidentifyOptions, Part(DeidentifyOptions, OPTIONS)],
     c2pa: C2pa = None,
     review: Review = False,
     tracks: Tracks = None,
@@ -99,28 +89,22 @@ def deidentify(
     engine: EngineName = "local",
     workers: Workers = None,
     work: WorkFolder = Path(WORK),
-    encoder: Encoder = "libx264",
-    crf: Crf = None,
-    preset: Preset = "veryfast",
-    lossless: Lossless = False,
+    encoding: Encode,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> int:
     """Swap or cover every face in videos and images, and report what was done in each frame."""
     from guise.app.deidentify.run.batch import BatchRun
     from guise.app.deidentify.run.checks import checked
     from guise.app.deidentify.run.inputs import make_plan, require_possible
     from guise.app.deidentify.run.registry import open_engine
-    from guise.app.media import EncodeOptions
     from guise.app.media.stream_copies import suffix_for
 
-    console = Console(quiet=quiet, json=json)
     certificate, key = c2pa or (None, None)
-    options = replace(
-        options, certificate=certificate, key=key, encode=EncodeOptions(encoder, crf, preset, lossless)
+    options = replace(options, certificate=certificate, key=key, encode=encoding.options())
+    plan = make_plan(
+        inputs, output, work, lambda path: suffix_for(path, encoding.encoder), recursive=recursive
     )
-    plan = make_plan(inputs, output, work, lambda path: suffix_for(path, encoder), recursive=recursive)
     _check_tracks(tracks, review, plan.pairs)
     options = checked(options, [pair.output for pair in plan.pairs])
     for note in plan.notes:

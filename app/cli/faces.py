@@ -8,24 +8,24 @@ from typing import Annotated
 
 import typer
 
-from guise.app.cli.console import Console, Stages
+from guise.app.cli.console import Stages
 from guise.app.cli.options import (
     BoxDetectorSpec,
-    Crf,
-    Encoder,
+    EncodeChoices,
     Force,
     FormatChoice,
-    Json,
     LandmarkerSpec,
     LandmarkFiles,
     LandmarkOutput,
     MinConfidence,
     NoSmooth,
     Overlay,
-    Quiet,
+    Part,
     Rest,
+    Shown,
     Video,
     landmark_source,
+    takes,
 )
 from guise.app.drawing.look import FACE_HELP
 
@@ -65,7 +65,9 @@ Refine = Annotated[
 ]
 
 
+@takes
 def enroll(
+    *,
     videos: Clips,
     output: ModelOutput = None,
     landmarks: LandmarkFiles = None,
@@ -79,8 +81,7 @@ def enroll(
     rest: Rest = None,
     refine: Refine = None,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Learn a model of a person's face from one or more clips, or from a photo."""
     from guise.aam.model import Identity
@@ -92,7 +93,6 @@ def enroll(
 
     if person is not None and len(videos) > 1:
         raise typer.BadParameter("--person chooses among the people of one clip: give one clip")
-    console = Console(quiet=quiet, json=json)
     source = replace(landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
     options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
     if rest is not None:
@@ -114,7 +114,7 @@ def enroll(
                 videos, output, source, name=name, person=person, options=options, force=force, progress=stages,
                 say=console.note,
             )  # fmt: skip
-    if quiet and not json:
+    if console.quiet and not console.json:
         return  # nothing is shown of what follows
     graded = enrolment_grade(Identity.load(report.output))
     quality = {} if graded is None else {"quality": str(graded)}
@@ -122,7 +122,9 @@ def enroll(
     console.result(report.as_json() | {"grade": graded and graded.score})
 
 
+@takes
 def info(
+    *,
     model: Annotated[
         str,
         typer.Argument(
@@ -134,15 +136,13 @@ def info(
         typer.Option(metavar="OUT.png", help="Also draw the mean, the neutral face and the modes at +-2 sd."),
     ] = None,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Show what a model holds."""
     from guise.app.people.info import describe
     from guise.app.swapping.donors import face_file
     from guise.common.files import require_free
 
-    console = Console(quiet=quiet, json=json)
     if montage is not None:
         require_free(montage, force=force)
     with face_file(model) as path:
@@ -158,7 +158,9 @@ def info(
     console.result(asdict(facts) | {"montage": montage and str(montage)})
 
 
+@takes
 def landmarks(
+    *,
     video: Video,
     output: LandmarkOutput,
     overlay: Overlay = None,
@@ -167,22 +169,18 @@ def landmarks(
     detector: BoxDetectorSpec = None,
     min_confidence: MinConfidence = 0.5,
     no_smooth: NoSmooth = False,
-    encoder: Encoder = "libx264",
-    crf: Crf = None,
+    encoding: Annotated[EncodeChoices, Part(EncodeChoices, ("encoder", "crf"))],
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Detect the landmarks of all faces in a video, an image or a folder of images."""
     from guise.aam.landmarks import open_landmarker
     from guise.app.landmarks.file import LandmarkOptions, landmarks_file
-    from guise.app.media import EncodeOptions
 
-    console = Console(quiet=quiet, json=json)
     spec = (landmarker or "builtin") + (f"@{detector}" if detector else "")
     options = LandmarkOptions(
-        form=format and format.value, overlay=overlay, min_confidence=min_confidence, smooth=not no_smooth,
-        encode=EncodeOptions(encoder, crf), force=force,
+        form=format, overlay=overlay, min_confidence=min_confidence, smooth=not no_smooth,
+        encode=encoding.options(), force=force,
     )  # fmt: skip
     with Stages(console) as stages:
         report = landmarks_file(

@@ -2,49 +2,18 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Crf, Encoder, Force, Json, LandmarkerSpec, Lossless, Preset, Quiet
-
-if TYPE_CHECKING:
-    from guise.app.photos.image import AnalogyOptions
-
-
-class PhotoMethodName(StrEnum):
-    """How an expression is transferred."""
-
-    tents = "tents"
-    ratio = "ratio"
-    warp = "warp"
-
-
-class MouthName(StrEnum):
-    """What an opening mouth shows."""
-
-    fill = "fill"
-    none = "none"
-
+from guise.app.cli.console import Stages
+from guise.app.cli.options import Encode, Part, Shown, takes
+from guise.app.photos.options import AnalogyOptions
 
 NEUTRAL = "A photo of a person, neutral."
 Target = Annotated[Path, typer.Argument(metavar="T", help="A photo of another person, neutral.")]
-Method = Annotated[
-    PhotoMethodName,
-    typer.Option(
-        help="Vertex tents on the luminance, or the methods they are compared with: ratio images, geometry only."
-    ),
-]
-Strength = Annotated[
-    float, typer.Option(min=0.0, max=2.0, help="Strength of the expression; 1 leaves it as it is.")
-]
-Mouth = Annotated[
-    MouthName,
-    typer.Option(help="What an opening mouth shows: teeth and tongue of S1, or the stretched lips of T."),
-]
+Options = Annotated[AnalogyOptions, Part(AnalogyOptions)]
 LandmarksS = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Landmarks of S (.npz, .json, .pts); default: detected.")
 ]
@@ -52,7 +21,9 @@ LandmarksS1 = Annotated[Path | None, typer.Option(metavar="FILE", help="Landmark
 LandmarksT = Annotated[Path | None, typer.Option(metavar="FILE", help="Landmarks of T; default: detected.")]
 
 
+@takes
 def image(
+    *,
     source: Annotated[Path, typer.Argument(metavar="S", help=NEUTRAL)],
     expressive: Annotated[
         Path, typer.Argument(metavar="S1", help="A photo of the same person with an expression.")
@@ -65,30 +36,26 @@ def image(
     landmarks_s: LandmarksS = None,
     landmarks_s1: LandmarksS1 = None,
     landmarks_t: LandmarksT = None,
-    landmarker: LandmarkerSpec = None,
-    method: Method = PhotoMethodName.tents,
-    strength: Strength = 1.0,
-    mouth: Mouth = MouthName.fill,
+    options: Options,
     montage: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="Also draw S, S1, T and the result in a row.")
     ] = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Transfer an expression from one photo to another, with its wrinkles and shading."""
     from guise.app.photos.image import analogy_image
 
-    console = Console(quiet=quiet, json=json)
     report = analogy_image(
-        source, expressive, target, output, _options(method, strength, mouth, landmarker, force),
+        source, expressive, target, output, options,
         landmarks={"s": landmarks_s, "s1": landmarks_s1, "t": landmarks_t}, montage=montage, say=console.note,
     )  # fmt: skip
     console.say(str(report))
     console.result(report.as_json())
 
 
+@takes
 def animate(
+    *,
     photos: Annotated[
         list[Path],
         typer.Argument(
@@ -111,32 +78,22 @@ def animate(
     ] = None,
     landmarks_s: LandmarksS = None,
     landmarks_t: LandmarksT = None,
-    landmarker: LandmarkerSpec = None,
-    method: Method = PhotoMethodName.tents,
-    strength: Strength = 1.0,
-    mouth: Mouth = MouthName.fill,
-    encoder: Encoder = "libx264",
-    crf: Crf = None,
-    preset: Preset = "veryfast",
-    lossless: Lossless = False,
-    force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    options: Options,
+    encoding: Encode,
+    console: Shown,
 ) -> None:
     """Animate a photo with the expressions of the person in a clip."""
-    from guise.app.media import EncodeOptions
     from guise.app.photos.animate import animate_file
     from guise.app.photos.driving_track import TrackingOptions
 
     neutral, clip, target = _split_photos(photos)
     if source is not None and landmarks is not None:
         raise typer.BadParameter("give either --source or --landmarks")
-    console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         report = animate_file(
-            neutral, clip, target, output, _options(method, strength, mouth, landmarker, force),
-            TrackingOptions(source, landmarker or "builtin", landmarks), landmarks={"s": landmarks_s, "t": landmarks_t},
-            encode=EncodeOptions(encoder, crf, preset, lossless), progress=stages, say=console.note,
+            neutral, clip, target, output, options,
+            TrackingOptions(source, options.landmarker, landmarks), landmarks={"s": landmarks_s, "t": landmarks_t},
+            encode=encoding.options(), progress=stages, say=console.note,
         )  # fmt: skip
     console.say(str(report))
     console.result(report.as_json())
@@ -146,11 +103,3 @@ def _split_photos(photos: list[Path]) -> tuple[Path | None, Path, Path]:
     if len(photos) not in (2, 3):
         raise typer.BadParameter(f"expected CLIP and T, or S, CLIP and T, got {len(photos)} files")
     return (photos[0] if len(photos) == 3 else None), photos[-2], photos[-1]
-
-
-def _options(
-    method: PhotoMethodName, strength: float, mouth: MouthName, landmarker: str | None, force: bool
-) -> AnalogyOptions:
-    from guise.app.photos.image import AnalogyOptions
-
-    return AnalogyOptions(method.value, mouth.value, strength, landmarker or "builtin", force)

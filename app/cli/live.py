@@ -3,35 +3,31 @@
 from __future__ import annotations
 
 import re
-from enum import StrEnum
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import typer
 
-from guise.app.cli.console import Console, Stages
+from guise.app.cli.console import Stages
 from guise.app.cli.options import (
-    CoverName,
-    Encoder,
+    EncodeChoices,
     Force,
-    Json,
     Part,
-    Preset,
-    Quiet,
-    RecordingCrf,
+    Shown,
     faces_by_person,
     look_of,
     takes,
 )
 from guise.app.cli.studio import studio
 from guise.app.drawing.look import FACE_HELP, LIVE_CHOICES, DrawingChoices
+from guise.common.option import option
 
 
-class ModeName(StrEnum):
-    """What is shown instead of the face."""
+@dataclass(frozen=True)
+class Recording(EncodeChoices):
+    """How a recording is encoded: a camera has no file whose fineness could be kept."""
 
-    swap = "swap"
-    puppet = "puppet"
-    off = "off"
+    crf: int = option(20, "Constant rate factor; lower is better and larger.", least=0, most=63)
 
 
 Input = Annotated[
@@ -83,8 +79,10 @@ Headless = Annotated[
 ]
 Loop = Annotated[bool, typer.Option("--loop", help="Repeat the file.")]
 Enroll = Annotated[bool, typer.Option("--enroll", help="Make a new model of the person in the picture.")]
-Mode = Annotated[ModeName, typer.Option(help="Swap, animate a still of the face, or cover.")]
-Cover = Annotated[CoverName, typer.Option(help="How a face is covered.")]
+Mode = Annotated[
+    Literal["swap", "puppet", "off"], typer.Option(help="Swap, animate a still of the face, or cover.")
+]
+Cover = Annotated[Literal["solid", "mosaic", "blur"], typer.Option(help="How a face is covered.")]
 Uncovered = Annotated[
     bool, typer.Option("--uncovered", help="Show the real face where it cannot be swapped.")
 ]
@@ -99,7 +97,7 @@ Readout = Annotated[
 ]
 
 
-@takes(drawing=Part(LIVE_CHOICES, ("look", "alpha", "eyes", "mouth", "renderer")))
+@takes
 def live(
     *,
     input: Input = None,
@@ -113,44 +111,40 @@ def live(
     fps: Fps = 30.0,
     loop: Loop = False,
     enroll: Enroll = False,
-    mode: Mode = ModeName.swap,
-    cover: Cover = CoverName.mosaic,
+    mode: Mode = "swap",
+    cover: Cover = "mosaic",
     uncovered: Uncovered = False,
     mirror: Mirror = None,
     side_by_side: SideBySide = False,
     readout: Readout = False,
-    drawing: DrawingChoices,
-    encoder: Encoder = "libx264",
-    crf: RecordingCrf = 20,
-    preset: Preset = "veryfast",
+    drawing: Annotated[DrawingChoices, Part(LIVE_CHOICES, ("look", "alpha", "eyes", "mouth", "renderer"))],
+    encoding: Annotated[Recording, Part(Recording, ("encoder", "crf", "preset"))],
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Show another face live: from a camera, a file or a stream, in a window, a call or a file."""
     from guise.app.drawing.look import LIVE
     from guise.app.live.controls import LiveSettings
     from guise.app.live.run import LiveOptions, run_live
-    from guise.app.media import EncodeOptions
 
     if _is_for_studio(output, alone=not (input or identity or source)):
-        return studio(quiet=quiet, json=json)
-    cast = _cast(map, alone=not (identity or source or enroll or mode is ModeName.puppet))
-    console = Console(quiet=quiet, json=json)
+        studio(quiet=console.quiet, json=console.json)
+        return
+    cast = _cast(map, alone=not (identity or source or enroll or mode == "puppet"))
     settings = LiveSettings(
-        alpha=drawing.alpha, mode=mode.value, mirror=input is None if mirror is None else mirror,
-        side_by_side=side_by_side, readout=readout, style=cover.value, uncovered=uncovered,
+        alpha=drawing.alpha, mode=mode, mirror=input is None if mirror is None else mirror,
+        side_by_side=side_by_side, readout=readout, style=cover, uncovered=uncovered,
     )  # fmt: skip
     options = LiveOptions(
         input, camera, tuple(identity or ()), source, tuple(output or (() if headless else ("window",))), headless,
         _size(size), fps, loop, enroll, settings,
         look_of(drawing, LIVE),
-        EncodeOptions(encoder, crf, preset), force, cast=cast,
+        encoding.options(), force, cast=cast,
     )  # fmt: skip
     with Stages(console) as stages:
         report = run_live(options, progress=stages, say=console.note)
     console.say(str(report))
-    return console.result(report.as_json())
+    console.result(report.as_json())
 
 
 def _is_for_studio(output: list[str] | None, *, alone: bool) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, Json, LandmarkerSpec, Quiet
+from guise.app.cli.options import Force, LandmarkerSpec, Shown, takes
 from guise.app.drawing.look import FACE_HELP
 
 if TYPE_CHECKING:
@@ -69,7 +69,9 @@ Plot = Annotated[
 ]
 
 
+@takes
 def measure(
+    *,
     original: Original,
     outputs: Outputs,
     attack: Attack = False,
@@ -82,14 +84,12 @@ def measure(
     output: Figures = None,
     plot: Plot = None,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Measure how private and how useful a de-identified video is, against its original."""
     from guise.app.measure import MeasureRequest
     from guise.common.files import require_free
 
-    console = Console(quiet=quiet, json=json)
     for path in filter(None, (output, plot)):
         require_free(path, force=force)
     if attack:

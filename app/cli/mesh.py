@@ -3,37 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, Json, Quiet, help_without_command
+from guise.app.cli.options import Force, Part, Shown, help_without_command, takes
+from guise.app.meshes.options import TransferOptions
+from guise.common.option import option
 
 if TYPE_CHECKING:
     from guise.app.meshes.context import RunContext
-    from guise.app.meshes.pair import TransferOptions
     from guise.app.meshes.reports import MeshReport
 
 mesh = typer.Typer(help="Transfer expressions between 3-D heads (.obj, .ply, .gltf, .glb).")
 mesh.callback(invoke_without_command=True)(help_without_command)
 
 
-class MeshMethodName(StrEnum):
-    """How an expression is transferred."""
+@dataclass(frozen=True)
+class Extra:
+    """What is written besides, and whether existing outputs are replaced."""
 
-    tents = "tents"
-    gradients = "gradients"
-    cloning = "cloning"
-
-
-class CorrespondenceName(StrEnum):
-    """How the heads are matched."""
-
-    dense = "dense"
-    cylinder = "cylinder"
+    picture: Path | None = option(
+        None, "Also draw both heads, at rest and with expressions.", metavar="OUT.png"
+    )
+    report: Path | None = option(
+        None, "Also write a report: settings, accuracy and times.", metavar="OUT.json"
+    )
+    force: bool = option(False, "Replace an existing output.")
 
 
 SourceNeutral = Annotated[
@@ -43,36 +42,14 @@ Target = Annotated[
     Path,
     typer.Option(metavar="TARGET", help="The head that receives them, at rest; any topology, size and pose."),
 ]
-Method = Annotated[
-    MeshMethodName,
-    typer.Option(help="Vertex tents, or the methods they are compared with: deformation gradients, cloning."),
-]
-Matching = Annotated[
-    CorrespondenceName,
-    typer.Option(help="Match the heads by deforming one onto the other, or by cylindrical projection."),
-]
-Landmarks = Annotated[
-    tuple[str, str] | None,
-    typer.Option(
-        metavar="SOURCE.json TARGET.json",
-        help="Feature points of both heads, as written by `landmarks`; `auto` detects them.",
-    ),
-]
-KeepRigid = Annotated[
-    bool,
-    typer.Option("--keep-rigid", help="Keep eyes, teeth and other parts of the target in place."),
-]
-PictureOut = Annotated[
-    Path | None, typer.Option(metavar="OUT.png", help="Also draw both heads, at rest and with expressions.")
-]
-ReportOut = Annotated[
-    Path | None,
-    typer.Option(metavar="OUT.json", help="Also write a report: settings, accuracy and times."),
-]
+Transferring = Annotated[TransferOptions, Part(TransferOptions)]
+Extras = Annotated[Extra, Part(Extra)]
 
 
 @mesh.command()
+@takes
 def transfer(
+    *,
     source: SourceNeutral,
     expressions: Annotated[
         list[Path],
@@ -87,32 +64,22 @@ def transfer(
             "beside it.",
         ),
     ] = None,
-    method: Method = MeshMethodName.tents,
-    correspondence: Matching = CorrespondenceName.dense,
-    landmarks: Landmarks = None,
-    keep_rigid: KeepRigid = False,
-    picture: PictureOut = None,
-    report: ReportOut = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    options: Transferring,
+    extra: Extras,
+    console: Shown,
 ) -> None:  # fmt: skip
     """Transfer expressions from one head to another."""
     from guise.app.meshes.transferring import transfer_files
 
-    options = _options(method, correspondence, landmarks, keep_rigid)
     _run(
-        lambda context: transfer_files(source, expressions, target, output, options, context),
-        force,
-        quiet,
-        json,
-        picture,
-        report,
+        lambda context: transfer_files(source, expressions, target, output, options, context), console, extra
     )
 
 
 @mesh.command()
+@takes
 def rig(
+    *,
     source: Annotated[
         Path, typer.Argument(metavar="SOURCE_RIG", help="A head with morph targets (.glb, .gltf).")
     ],
@@ -120,32 +87,20 @@ def rig(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="RIG.glb", help="The target with those morph targets.")
     ],
-    method: Method = MeshMethodName.tents,
-    correspondence: Matching = CorrespondenceName.dense,
-    landmarks: Landmarks = None,
-    keep_rigid: KeepRigid = False,
-    picture: PictureOut = None,
-    report: ReportOut = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    options: Transferring,
+    extra: Extras,
+    console: Shown,
 ) -> None:
     """Transfer all morph targets of a head to another, with their names."""
     from guise.app.meshes.transferring import transfer_rig
 
-    options = _options(method, correspondence, landmarks, keep_rigid)
-    _run(
-        lambda context: transfer_rig(source, target, output, options, context),
-        force,
-        quiet,
-        json,
-        picture,
-        report,
-    )
+    _run(lambda context: transfer_rig(source, target, output, options, context), console, extra)
 
 
 @mesh.command()
+@takes
 def sequence(
+    *,
     source: SourceNeutral,
     frames: Annotated[
         Path,
@@ -162,10 +117,7 @@ def sequence(
             help="A folder for one file per frame, in the format of TARGET, or one animated .glb.",
         ),
     ],
-    method: Method = MeshMethodName.tents,
-    correspondence: Matching = CorrespondenceName.dense,
-    landmarks: Landmarks = None,
-    keep_rigid: KeepRigid = False,
+    options: Transferring,
     fps: Annotated[
         float | None,
         typer.Option(
@@ -175,29 +127,20 @@ def sequence(
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue where an earlier run stopped; its frames are kept.")
     ] = False,
-    picture: PictureOut = None,
-    report: ReportOut = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    extra: Extras,
+    console: Shown,
 ) -> None:  # fmt: skip
     """Transfer an animation from one head to another, frame by frame."""
     from guise.app.meshes.sequences import SequenceFiles, transfer_sequence
 
     wanted = SequenceFiles(frames, output, fps, resume)
-    options = _options(method, correspondence, landmarks, keep_rigid)
-    _run(
-        lambda context: transfer_sequence(source, wanted, target, options, context),
-        force,
-        quiet,
-        json,
-        picture,
-        report,
-    )
+    _run(lambda context: transfer_sequence(source, wanted, target, options, context), console, extra)
 
 
 @mesh.command()
+@takes
 def register(
+    *,
     template: Annotated[
         Path, typer.Argument(metavar="TEMPLATE", help="The head to deform, at rest.")
     ],
@@ -221,26 +164,20 @@ def register(
         Path | None,
         typer.Option(metavar="OUT.png", help="Also draw both with a chessboard mapped from one to the other."),
     ] = None,
-    report: ReportOut = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    extra: Annotated[Extra, Part(Extra, ("report", "force"))],
+    console: Shown,
 ) -> None:  # fmt: skip
     """Deform a head onto another, and write the correspondence of their vertices."""
     from guise.app.meshes.registering import register_files
 
-    _run(
-        lambda context: register_files(template, target, output, landmarks, context),
-        force,
-        quiet,
-        json,
-        picture,
-        report,
-    )
+    extra = replace(extra, picture=picture)
+    _run(lambda context: register_files(template, target, output, landmarks, context), console, extra)
 
 
 @mesh.command()
+@takes
 def landmarks(
+    *,
     head: Annotated[Path, typer.Argument(metavar="MESH", help="A head at rest.")],
     output: Annotated[
         Path | None,
@@ -269,18 +206,23 @@ def landmarks(
         Path | None, typer.Option(metavar="OUT.png", help="Also draw the points on the head.")
     ] = None,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:  # fmt: skip
     """Find the 20 feature points (MPEG-4) of a head: mouth, nose, eyes, brows, chin."""
     from guise.app.meshes.points import write_feature_points
 
     like = None if template is None else (template, template_landmarks)
-    _run(lambda context: write_feature_points(head, output, edit, like, context), force, quiet, json, picture)
+    _run(
+        lambda context: write_feature_points(head, output, edit, like, context),
+        console,
+        Extra(picture, force=force),
+    )
 
 
 @mesh.command()
+@takes
 def preview(
+    *,
     head: Annotated[Path, typer.Argument(metavar="MESH", help="A head, or the first of two.")],
     after: Annotated[
         Path | None,
@@ -294,37 +236,24 @@ def preview(
         ),
     ] = None,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:  # fmt: skip
     """Draw a head, or two with the same vertices and the distances between these in colours."""
     from guise.app.meshes.previewing import preview_files
 
-    _run(lambda context: preview_files(head, after, output, context), force, quiet, json)
+    _run(lambda context: preview_files(head, after, output, context), console, Extra(force=force))
 
 
-def _options(
-    method: MeshMethodName, matching: CorrespondenceName, landmarks: tuple[str, str] | None, keep_rigid: bool
-) -> TransferOptions:
-    from guise.app.meshes.pair import TransferOptions
-
-    return TransferOptions(method.value, matching.value, landmarks, keep_rigid)
-
-
-def _run(
-    do: Callable[[RunContext], MeshReport], force: bool, quiet: bool, json: bool, picture: Path | None = None,
-    report: Path | None = None,
-) -> None:  # fmt: skip
+def _run(do: Callable[[RunContext], MeshReport], console: Console, extra: Extra) -> None:
     """Run a command, and print and write its report."""
     from guise.app.meshes.context import RunContext
     from guise.common.files import write_json
     from guise.common.threads import one_thread
 
-    console = Console(quiet=quiet, json=json)
     with Stages(console) as stages, one_thread():
-        done = do(RunContext(force, stages, console.note, picture, report))
-    if report is not None:
-        write_json(report, done.as_json())
+        done = do(RunContext(extra.force, stages, console.note, extra.picture, extra.report))
+    if extra.report is not None:
+        write_json(extra.report, done.as_json())
     for line in done.lines():
         console.say(line)
     console.result(done.as_json())

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import Field, dataclass, replace
-from enum import StrEnum
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -13,59 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin,
 
 import typer
 
+from guise.app.cli.console import Console
 from guise.app.drawing.look import FACE_HELP
-from guise.common.option import Option, options_of
+from guise.common.option import Option, option, options_of
 
 if TYPE_CHECKING:
     from guise.app.drawing.look import DrawingChoices, Look
     from guise.app.enrolment.landmark_source import LandmarkSource
+    from guise.app.media import EncodeOptions
 
 
-class HwaccelName(StrEnum):
-    """Which device decodes."""
-
-    none = "none"
-    auto = "auto"
-    cuda = "cuda"
-    vaapi = "vaapi"
-    videotoolbox = "videotoolbox"
-    d3d11va = "d3d11va"
-
-
-class CoverName(StrEnum):
-    """How a face that is not swapped is covered."""
-
-    solid = "solid"
-    mosaic = "mosaic"
-    blur = "blur"
-
-
-class UnsureName(StrEnum):
-    """What is done to a face that is lost but may be visible."""
-
-    cover = "cover"
-    hold = "hold"
-    leave = "leave"
-
-
-class OthersName(StrEnum):
-    """What happens to people who are not named."""
-
-    leave = "leave"
-    cover = "cover"
-    fictional = "fictional"
-
-
-class LandmarkFormat(StrEnum):
-    """Output formats of landmarks."""
-
-    json = "json"
-    npz = "npz"
-    pts = "pts"
-
-
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, notes on stderr.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 Video = Annotated[Path, typer.Argument(metavar="VIDEO", help="A video, an image or a folder of images.")]
@@ -86,8 +42,9 @@ FaceMap = Annotated[
         "`guise people find`, or their model, and the face that they get.",
     ),
 ]
+Others = Literal["leave", "cover", "fictional"]
 OthersChoice = Annotated[
-    OthersName,
+    Others,
     typer.Option("--others", help="With --map, everybody else: leave, cover, or give a face of the gallery."),
 ]
 SourceSpec = Annotated[
@@ -140,33 +97,19 @@ Rest = Annotated[
 ]
 Detector = Annotated[str, typer.Option(metavar="builtin|lbp|yunet:PATH", help="Face detector.")]
 UnsureOption = Annotated[
-    UnsureName,
+    Literal["cover", "hold", "leave"],
     typer.Option(
         "--unsure",
         help="A face that is lost but may be visible: cover it, hold the last face there, or leave the frame as it is.",
     ),
 ]
-Encoder = Annotated[str, typer.Option(metavar="NAME", help="Video encoder, such as libx264, libx265, ffv1.")]
+Device = Literal["none", "auto", "cuda", "vaapi", "videotoolbox", "d3d11va"]
 HardwareDecoding = Annotated[
-    HwaccelName,
+    Device,
     typer.Option(
         "--hwaccel", help="The device that decodes the video; what does not work is left to the processor."
     ),
 ]
-RecordingCrf = Annotated[
-    int, typer.Option(min=0, max=63, help="Constant rate factor; lower is better and larger.")
-]
-Crf = Annotated[
-    int | None,
-    typer.Option(
-        min=0,
-        max=63,
-        help="Constant rate factor; lower is better and larger. Default: as fine as the input, from 15 to 20.",
-    ),
-]
-Preset = Annotated[str, typer.Option(metavar="NAME", help="Encoder preset, from ultrafast to veryslow.")]
-Lossless = Annotated[bool, typer.Option("--lossless", help="Encode losslessly.")]
-
 LandmarkOutput = Annotated[
     Path,
     typer.Option(
@@ -174,7 +117,7 @@ LandmarkOutput = Annotated[
     ),
 ]
 FormatChoice = Annotated[
-    LandmarkFormat | None,
+    Literal["json", "npz", "pts"] | None,
     typer.Option("--format", help="Output format; default: by the suffix of the output."),
 ]
 Overlay = Annotated[
@@ -206,7 +149,7 @@ def look_of(choices: DrawingChoices, usual: Look) -> Look:
 
 @dataclass(frozen=True)
 class Part:
-    """The fields of a dataclass that a command takes as options.
+    """In the annotation of a command's parameter: the fields of a dataclass that the command takes as options.
 
     usual : the dataclass, or one of its instances, whose values then are the defaults.
     names : of the fields, in order; by default all that are options.
@@ -219,14 +162,11 @@ class Part:
         """Parameters of a command as typer reads them."""
         for name, (told, field, kind) in self._options().items():
             default: Any = field.default if isinstance(self.usual, type) else getattr(self.usual, name)
-            if get_origin(kind) is Literal:
-                kind = _names(name, get_args(kind))
-                default = kind(default)
-            elif get_origin(kind) is tuple:
+            if _is_several(kind):
                 kind, default = GenericAlias(list, get_args(kind)[0]) | None, list(default) or None
             said = typer.Option(
-                told.name or "--" + name.replace("_", "-"), metavar=told.metavar, help=told.help, min=told.least,
-                max=told.most,
+                *(told.name or "--" + name.replace("_", "-")).split(), metavar=told.metavar, help=told.help,
+                min=told.least, max=told.most,
             )  # fmt: skip
             yield Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, said])
 
@@ -235,9 +175,7 @@ class Part:
         values = {}
         for name, (_, _, kind) in self._options().items():
             value = given.pop(name)
-            if get_origin(kind) is tuple:
-                value = tuple(value or ())
-            values[name] = value.value if isinstance(value, StrEnum) else value
+            values[name] = tuple(value or ()) if _is_several(kind) else value
         return self.usual(**values) if isinstance(self.usual, type) else replace(self.usual, **values)
 
     def _options(self) -> dict[str, tuple[Option, Field[Any], Any]]:
@@ -245,34 +183,57 @@ class Part:
         return {name: every[name] for name in self.names or every}
 
 
-def _names(title: str, values: Iterable[str]) -> Any:
-    """An enumeration of some names, as typer takes them."""
-    enumeration: Any = StrEnum
-    return enumeration(title.title(), {value: value for value in values})
+def _is_several(kind: Any) -> bool:
+    """Whether a type is a tuple of any length: an option that may be repeated."""
+    return get_origin(kind) is tuple and get_args(kind)[1:] == (...,)
 
 
-def takes(**parts: Part) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """A command whose parameters of these names are dataclasses, each of them made of options."""
+def takes(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command each of whose parameters with a `Part` in its annotation is filled from the options of that."""
+    hints = get_type_hints(command, include_extras=True)
+    parts = {
+        name: part for name, hint in hints.items() for part in get_args(hint)[1:] if isinstance(part, Part)
+    }
+    found: list[Parameter] = []
+    for name, one in signature(command).parameters.items():
+        if name in parts:
+            found += parts[name].parameters()
+        else:
+            found.append(one.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
 
-    def made(command: Callable[..., Any]) -> Callable[..., Any]:
-        found: list[Parameter] = []
-        hints = get_type_hints(command, include_extras=True)
-        for name, one in signature(command).parameters.items():
-            if name in parts:
-                found += parts[name].parameters()
-            else:
-                found.append(one.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[name]))
+    @wraps(command)
+    def run(**given: Any) -> Any:
+        filled = {name: part.taken(given) for name, part in parts.items()}
+        return command(**given, **filled)
 
-        @wraps(command)
-        def run(**given: Any) -> Any:
-            filled = {name: part.taken(given) for name, part in parts.items()}
-            return command(**given, **filled)
+    run.__signature__ = Signature(found)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in found}
+    return run
 
-        run.__signature__ = Signature(found)  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in found}
-        return run
 
-    return made
+@dataclass(frozen=True)
+class EncodeChoices:
+    """How a video is encoded, as a user says it; see `guise.app.media.EncodeOptions`, which takes long to import."""
+
+    encoder: str = option("libx264", "Video encoder, such as libx264, libx265, ffv1.", metavar="NAME")
+    crf: int | None = option(
+        None,
+        "Constant rate factor; lower is better and larger. Default: as fine as the input, from 15 to 20.",
+        least=0,
+        most=63,
+    )
+    preset: str = option("veryfast", "Encoder preset, from ultrafast to veryslow.", metavar="NAME")
+    lossless: bool = option(False, "Encode losslessly.")
+
+    def options(self) -> EncodeOptions:
+        """For the encoder."""
+        from guise.app.media import EncodeOptions
+
+        return EncodeOptions(self.encoder, self.crf, self.preset, self.lossless)
+
+
+Shown = Annotated[Console, Part(Console)]
+Encode = Annotated[EncodeChoices, Part(EncodeChoices)]
 
 
 def faces_by_person(pairs: list[str] | None) -> dict[str, str]:

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, Json, Quiet, Video, help_without_command
+from guise.app.cli.console import Stages
+from guise.app.cli.options import Force, Shown, Video, help_without_command, takes
 
 SHEET_COLUMNS = 6  # of people
 
@@ -34,7 +34,9 @@ people.callback(invoke_without_command=True)(help_without_command)
 
 
 @people.command()
+@takes
 def find(
+    *,
     video: Video,
     output: Annotated[
         Path | None,
@@ -43,8 +45,7 @@ def find(
         ),
     ] = None,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Find the people in a video and draw them with the numbers that `--map` and `--person` take."""
     from guise.app.media import open_input
@@ -52,7 +53,7 @@ def find(
     from guise.app.people.finding import find_people
     from guise.common.files import require_free
 
-    console, output = Console(quiet=quiet, json=json), output or Path(f"{video.stem}-people.png")
+    output = output or Path(f"{video.stem}-people.png")
     require_free(output, force=force)
     with open_input(video) as media, Stages(console) as stages:
         found = find_people(media, lambda share: stages("faces", share))
@@ -83,11 +84,12 @@ def find(
 
 
 @people.command("list")
-def list_people(quiet: Quiet = False, json: Json = False) -> None:
+@takes
+def list_people(console: Shown) -> None:
     """List everybody who is kept, and say where."""
     from guise.app.people.kept import everybody, folder
 
-    console, found = Console(quiet=quiet, json=json), everybody()
+    found = everybody()
     rows = [[p.name, p.origin, f"{p.kept:%Y-%m-%d %H:%M}", f"{p.size / 1e6:.1f} MB"] for p in found]
     if rows:
         console.grid("", ["name", "from", "kept", "size"], rows)
@@ -100,23 +102,25 @@ def list_people(quiet: Quiet = False, json: Json = False) -> None:
 
 
 @people.command()
-def show(name: Name, quiet: Quiet = False, json: Json = False) -> None:
+@takes
+def show(name: Name, console: Shown) -> None:
     """Show what the model of a person holds, and where it is."""
     from guise.app.people.info import describe
     from guise.app.people.kept import named
 
-    console, person = Console(quiet=quiet, json=json), named(name)
+    person = named(name)
     facts = describe(person.path)[1]
     console.table(str(person.path), facts.as_rows())
     console.result(asdict(facts))
 
 
 @people.command()
+@takes
 def rename(
+    *,
     name: Name,
     new: Annotated[str, typer.Argument(metavar="NEW", help="Another name for the person.")],
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Give a person another name."""
     from guise.app.people import kept
@@ -124,24 +128,24 @@ def rename(
 
     if new.strip() in gallery():
         raise kept.PeopleError(f"{new.strip()} is a face of the gallery: choose another name")
-    console, person = Console(quiet=quiet, json=json), kept.rename(name, new)
+    person = kept.rename(name, new)
     console.say(f"{name} is now {person.name}.")
     console.result(person.as_json())
 
 
 @people.command()
+@takes
 def delete(
+    *,
     names: Annotated[list[str] | None, typer.Argument(metavar="NAME...", help="The people.")] = None,
     all_people: Annotated[bool, typer.Option("--all", help="Everybody who is kept.")] = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Delete the models of people."""
     from guise.app.people import kept
 
     if bool(names) == all_people:
         raise typer.BadParameter("give the names of the people to delete, or --all")
-    console = Console(quiet=quiet, json=json)
     gone = kept.delete([p.name for p in kept.everybody()] if all_people else names or [])
     console.say("Deleted: " + (", ".join(person.name for person in gone) or "nobody was kept"))
     console.result({"deleted": [person.as_json() for person in gone]})

@@ -9,11 +9,12 @@ from typing import Annotated
 
 import typer
 
-from guise.app.cli.console import Console
-from guise.app.cli.options import Json, Quiet
+from guise.app.cli.options import Shown, takes
 
 
+@takes
 def studio(
+    *,
     port: Annotated[
         int,
         typer.Option(min=0, max=65535, help="Port on this computer; 0: any free one."),
@@ -24,8 +25,7 @@ def studio(
     ] = None,
     no_open: Annotated[bool, typer.Option("--no-open", help="Don't open the browser.")] = False,
     limit: Annotated[int, typer.Option(min=1, metavar="MB", help="Largest upload.")] = 1000,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Open Guise in the browser: live, people, landmarks, de-identification and analogies."""
     from platformdirs import user_data_path
@@ -36,8 +36,6 @@ def studio(
         from guise.app.studio.server import serve
     except ModuleNotFoundError as error:
         raise StudioError(f'the studio needs {error.name}: pip install "guise-video[studio]"') from error
-
-    console = Console(quiet=quiet, json=json)
 
     def announce(address: str) -> None:
         console.say(f"The studio is at {address} until you press Ctrl-C.")

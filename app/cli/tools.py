@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from guise.app.cli.console import Console, Stages
-from guise.app.cli.options import Force, Json, Quiet
+from guise.app.cli.console import Stages
+from guise.app.cli.options import Force, Shown, takes
 from guise.app.cli.video import say_report
 from guise.app.drawing.look import FACE_HELP
 
@@ -18,20 +18,20 @@ Samples = Annotated[
 ]
 
 
+@takes
 def demo(
+    *,
     samples: Samples = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="The folder for the files.")
     ] = Path("guise-demo"),
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Enroll two sample people and swap one's face onto the other."""
     from guise.app.swapping.report import SwapSettings
     from guise.app.tools.demo import run_demo
 
-    console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         report = run_demo(samples, output, SwapSettings(force=force, progress=stages, say=console.note))
     for enrolment in report.enrolments:
@@ -42,11 +42,11 @@ def demo(
     console.result(report.as_json())
 
 
-def doctor(quiet: Quiet = False, json: Json = False) -> None:
+@takes
+def doctor(console: Shown) -> None:
     """Check what works on this computer, and show how to install the rest."""
     from guise.app.tools.doctor import as_json, examine
 
-    console = Console(quiet=quiet, json=json)
     findings = examine()
     words = {True: "works", False: "missing", None: "optional"}
     rows = [[f.topic, f.name, words[f.ok], f.detail] for f in findings]
@@ -54,7 +54,9 @@ def doctor(quiet: Quiet = False, json: Json = False) -> None:
     console.result(as_json(findings))
 
 
+@takes
 def bench(
+    *,
     clip: Annotated[
         Path | None,
         typer.Argument(metavar="[VIDEO]", help="The clip to measure with; default: a sample clip."),
@@ -73,13 +75,11 @@ def bench(
     ] = None,
     samples: Samples = None,
     frames: Annotated[int, typer.Option(min=20, help="Number of frames to measure.")] = 150,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Measure how long each stage of a frame takes on this computer, and a whole file beside its transcode."""
     from guise.app.tools.bench import measure, measure_file, prepare
 
-    console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
         clip, person, shown = prepare(clip, source, identity, samples, progress=stages, say=console.note)
         timings = measure(clip, person, shown, frames=frames, say=console.note)

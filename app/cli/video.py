@@ -4,35 +4,30 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from guise.app.cli.console import Console, Stages
 from guise.app.cli.options import (
-    Crf,
     Detector,
-    Encoder,
+    Encode,
+    EncodeChoices,
     FaceMap,
     FaceSpec,
     Force,
     HardwareDecoding,
-    HwaccelName,
-    Json,
     LandmarkerSpec,
     LandmarkFile,
-    Lossless,
     NoKeep,
     OneFace,
+    Others,
     OthersChoice,
-    OthersName,
     Output,
     Part,
-    Preset,
-    Quiet,
     Rest,
+    Shown,
     SourceSpec,
-    UnsureName,
     UnsureOption,
     Video,
     faces_by_person,
@@ -50,7 +45,7 @@ if TYPE_CHECKING:
     from guise.app.swapping.several import Casting, SeveralReport
 
 
-@takes(drawing=Part(DrawingChoices))
+@takes
 def swap(
     video: Video,
     output: Output,
@@ -58,40 +53,33 @@ def swap(
     identity: OneFace = None,
     source: SourceSpec = None,
     map: FaceMap = None,
-    others: OthersChoice = OthersName.leave,
+    others: OthersChoice = "leave",
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
-    drawing: DrawingChoices,
+    drawing: Annotated[DrawingChoices, Part(DrawingChoices)],
     rest: Rest = None,
     detector: Detector = "builtin",
-    unsure: UnsureOption = UnsureName.cover,
-    hwaccel: HardwareDecoding = HwaccelName.none,
-    encoder: Encoder = "libx264",
-    crf: Crf = None,
-    preset: Preset = "veryfast",
-    lossless: Lossless = False,
+    unsure: UnsureOption = "cover",
+    hwaccel: HardwareDecoding = "none",
+    encoding: Encode,
     no_keep: NoKeep = False,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Replace the face of the person in a video by another, or of each of several people."""
     from guise.app.drawing.look import SWAP
 
     for_one = (source, landmarks, landmarker, rest is not None, detector != "builtin")
     casting = _casting(identity, map, others, for_one, unsure)
-    console = Console(quiet=quiet, json=json)
     with Stages(console) as stages:
-        settings = _settings(
-            console, stages, look_of(drawing, SWAP), detector, encoder, crf, preset, lossless, force
-        )
+        settings = _settings(console, stages, look_of(drawing, SWAP), encoding, detector, force)
         settings = replace(
             settings,
-            unsure=unsure.value,
+            unsure=unsure,
             keep_people=not no_keep,
             rest_seconds=rest,
-            graded=json or not quiet,
-            hwaccel=hwaccel.value,
+            graded=console.json or not console.quiet,
+            hwaccel=hwaccel,
         )
         if casting is not None:
             from guise.app.swapping.several import swap_people
@@ -123,26 +111,26 @@ def _say_several(console: Console, report: SeveralReport) -> None:
 
 
 def _casting(
-    identity: str | None, pairs: list[str] | None, others: OthersName, for_one: tuple[object, ...], unsure: UnsureName
+    identity: str | None, pairs: list[str] | None, others: Others, for_one: tuple[object, ...], unsure: str
 ) -> Casting | None:  # fmt: skip
     """Who gets whose face, by --map; None where --identity says it of one person."""
     if (identity is None) == (not pairs):
         raise typer.BadParameter("give --identity FACE, or --map SOURCE=FACE for each of several people")
     if not pairs:
-        if others is not OthersName.leave:
+        if others != "leave":
             raise typer.BadParameter("--others goes with --map: name the people who get a face")
         return None
-    if any(for_one) or unsure is UnsureName.hold:
+    if any(for_one) or unsure == "hold":
         raise typer.BadParameter(
             "--source, --landmarks, --landmarker, --rest, --detector and --unsure hold are for one person: "
             "leave them out beside --map"
         )
     from guise.app.swapping.several import Casting
 
-    return Casting(faces_by_person(pairs), others.value)
+    return Casting(faces_by_person(pairs), others)
 
 
-@takes(drawing=Part(DrawingChoices, ("look", "alpha", "renderer")))
+@takes
 def puppet(
     video: Video,
     identity: FaceSpec,
@@ -151,25 +139,20 @@ def puppet(
     source: SourceSpec = None,
     landmarks: LandmarkFile = None,
     landmarker: LandmarkerSpec = None,
-    drawing: DrawingChoices,
+    drawing: Annotated[DrawingChoices, Part(DrawingChoices, ("look", "alpha", "renderer"))],
     detector: Detector = "builtin",
-    encoder: Encoder = "libx264",
-    crf: Crf = None,
-    preset: Preset = "veryfast",
-    lossless: Lossless = False,
+    encoding: Encode,
     no_keep: NoKeep = False,
     force: Force = False,
-    quiet: Quiet = False,
-    json: Json = False,
+    console: Shown,
 ) -> None:
     """Animate another head with the expressions of the person in a video."""
     from guise.app.drawing.look import SWAP
     from guise.app.swapping.puppet import puppet_file
 
-    console = Console(quiet=quiet, json=json)
     look = look_of(drawing, SWAP)
     with Stages(console) as stages:
-        settings = _settings(console, stages, look, detector, encoder, crf, preset, lossless, force)
+        settings = _settings(console, stages, look, encoding, detector, force)
         settings = replace(settings, keep_people=not no_keep)
         shown, person = _open(identity, source, landmarks, landmarker)
         report = puppet_file(video, shown, output, source=person, settings=settings)
@@ -177,16 +160,13 @@ def puppet(
 
 
 def _settings(
-    console: Console, stages: Stages, look: Look, detector: str, encoder: str, crf: int | None,
-    preset: str, lossless: bool, force: bool,
-) -> SwapSettings:  # fmt: skip
-    from guise.app.media import EncodeOptions
+    console: Console, stages: Stages, look: Look, encoding: EncodeChoices, detector: str, force: bool
+) -> SwapSettings:
     from guise.app.swapping.report import SwapSettings
 
     return SwapSettings(
-        look, EncodeOptions(encoder, crf, preset, lossless),
-        detector=detector, force=force, progress=stages, say=console.note,
-    )  # fmt: skip
+        look, encoding.options(), detector=detector, force=force, progress=stages, say=console.note
+    )
 
 
 def _open(

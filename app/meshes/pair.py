@@ -16,8 +16,9 @@ from guise.analogy.lids import FacePair
 from guise.analogy.mesh import Mesh, MeshError
 from guise.analogy.rigid import rotation_angle
 from guise.analogy.tents import vertex_error
-from guise.analogy.transfer import Method, Transfer
+from guise.analogy.transfer import Transfer
 from guise.app.meshes.context import RunContext
+from guise.app.meshes.options import TransferOptions
 from guise.app.meshes.points import AUTO, feature_points_of
 from guise.common.arrays import F64
 
@@ -26,21 +27,6 @@ MISALIGNED_ANGLE_DEG, MISALIGNED_SCALE_RATIO = (
     1.5,
 )  # from which a note says that heads are not roughly aligned
 MATCHING, PREPARING = "matching", "preparing"
-
-
-@dataclass(frozen=True)
-class TransferOptions:
-    """How expressions are transferred.
-
-    method : tents, gradients or cloning.   correspondence : dense or cylinder.
-    landmarks : files of feature points of source and target, or "auto" to detect them; None detects both.
-    keep_rigid : parts of the target other than its skin stay in place.
-    """
-
-    method: Method = "tents"
-    correspondence: str = "dense"
-    landmarks: tuple[str, str] | None = None
-    keep_rigid: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ import numpy as np
 from guise.analogy.formats.files import read_frames, read_mesh
 from guise.app.meshes.animated_glb import write_animated_glb
 from guise.app.meshes.context import RunContext
-from guise.app.meshes.pair import TransferOptions, TransferPair, prepare_pair
+from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.pair import TransferPair, prepare_pair
 from guise.app.meshes.reports import TransferredExpression, TransferReport
 from guise.app.meshes.transferring import (
     READING,

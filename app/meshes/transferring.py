@@ -12,7 +12,8 @@ from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
 from guise.analogy.mesh import Mesh
 from guise.app.media.pictures import save_picture
 from guise.app.meshes.context import RunContext
-from guise.app.meshes.pair import TransferOptions, TransferPair, prepare_pair
+from guise.app.meshes.options import TransferOptions
+from guise.app.meshes.pair import TransferPair, prepare_pair
 from guise.app.meshes.pictures import DrawnHead, HeadView, Picture, draw_strip, draw_transfer
 from guise.app.meshes.reports import MotionError, TransferredExpression, TransferReport, versions
 from guise.common.arrays import F64

@@ -20,7 +20,8 @@ from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.driving_track import DrivingTrack, TrackingOptions, read_frame, track_clip
 from guise.app.photos.faces import Photo, PoseNormaliser, quality_warnings, to_profile, to_profile_of
-from guise.app.photos.image import DEFAULT_OPTIONS, AnalogyOptions, Role, open_role
+from guise.app.photos.image import DEFAULT_OPTIONS, Role, open_role
+from guise.app.photos.options import AnalogyOptions
 from guise.common.arrays import F64, U8
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs

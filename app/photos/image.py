@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from guise.aam.landmarks import Landmarker, open_landmarker
-from guise.analogy.photo import Method, Mouth, PhotoAnalogy
+from guise.analogy.photo import PhotoAnalogy
 from guise.app.media.images import IMAGE_SUFFIXES, DeepImage, encode_deep
 from guise.app.media.pictures import Picture, labelled, sheet
 from guise.app.media.synthetic import synthetic_tags
@@ -25,6 +25,7 @@ from guise.app.photos.faces import (
     quality_warnings,
     to_profile_of,
 )
+from guise.app.photos.options import AnalogyOptions
 from guise.common.errors import OutputError
 from guise.common.files import require_outputs, write_whole
 from guise.common.progress import NoteLog, Say, mute
@@ -32,24 +33,6 @@ from guise.common.report import Report
 
 Role = Literal["s", "s1", "t"]
 LANDMARK_OPTIONS = {"s": "--landmarks-s", "s1": "--landmarks-s1", "t": "--landmarks-t"}
-
-
-@dataclass(frozen=True)
-class AnalogyOptions:
-    """How an expression is transferred.
-
-    Parameters
-    ----------
-    method : "tents", "ratio" or "warp".   mouth : "fill" or "none".
-    strength : of the expression; 1 leaves it as it is.
-    landmarker : see `guise.aam.landmarks.open_landmarker`.   force : replace existing outputs.
-    """
-
-    method: Method = "tents"
-    mouth: Mouth = "fill"
-    strength: float = 1.0
-    landmarker: str = "builtin"
-    force: bool = False
 
 
 DEFAULT_OPTIONS = AnalogyOptions()

@@ -15,13 +15,13 @@ import numpy as np
 from guise.analogy.formats.files import MeshFile, read_mesh, read_rig, write_rig
 from guise.app.media import EncodeOptions
 from guise.app.meshes.context import RunContext
-from guise.app.meshes.pair import TransferOptions as HeadOptions
+from guise.app.meshes.options import TransferOptions as HeadOptions
 from guise.app.meshes.pair import TransferPair, prepare_pair
 from guise.app.meshes.pictures import HeadView
 from guise.app.meshes.transferring import WRITING, transfer_all
 from guise.app.photos.animate import animate_file
-from guise.app.photos.image import AnalogyOptions as PhotoOptions
 from guise.app.photos.image import analogy_image
+from guise.app.photos.options import AnalogyOptions as PhotoOptions
 from guise.app.studio.jobs import with_user_names
 from guise.common.arrays import F64
 from guise.common.files import write_whole

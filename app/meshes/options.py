@@ -1,0 +1,29 @@
+"""How expressions are transferred between heads, as a user says it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from guise.common.option import option
+
+
+@dataclass(frozen=True)
+class TransferOptions:
+    """How expressions are transferred.
+
+    landmarks : files of feature points of source and target, or "auto" to detect them; None detects both.
+    """
+
+    method: Literal["tents", "gradients", "cloning"] = option(
+        "tents", "Vertex tents, or the methods they are compared with: deformation gradients, cloning."
+    )
+    correspondence: Literal["dense", "cylinder"] = option(
+        "dense", "Match the heads by deforming one onto the other, or by cylindrical projection."
+    )
+    landmarks: tuple[str, str] | None = option(
+        None,
+        "Feature points of both heads, as written by `landmarks`; `auto` detects them.",
+        metavar="SOURCE.json TARGET.json",
+    )
+    keep_rigid: bool = option(False, "Keep eyes, teeth and other parts of the target in place.")
