@@ -5,11 +5,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from models import model_file
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
 from benchmarks import structure
 from benchmarks.structure import BUDGETS, Number
+from guise.aam.model import Identity
 
 CODE = """
 from dataclasses import dataclass
@@ -48,6 +50,16 @@ def test_a_budget_holds(name: str, figures: dict[str, float]) -> None:
 def test_the_donor_is_followed(figures: dict[str, float]) -> None:
     assert figures["donor_rooms"] >= 5
     assert figures["donor_returns"] >= 1
+
+
+@pytest.mark.slow
+def test_neither_the_person_nor_the_grid_of_both_is_taken_for_the_donor() -> None:
+    person, donor = (Identity.load(model_file(name)) for name in ("p01", "p06"))
+    assert person.reference is donor.reference
+    for visits in structure.donor_visits(person, donor):
+        assert "app/drawing/passes/texture.py" in visits.rooms
+        assert "aam/parameters.py" not in visits.rooms  # which estimates the person's
+        assert "aam/coarse_grid.py" not in visits.rooms  # which has the grid's places
 
 
 def numbers_of(code: str, folder: Path) -> list[Number]:
