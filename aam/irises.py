@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from guise.aam.appearance import AppearanceModel
 from guise.aam.landmarks.schemes import LEFT_EYE, NOSE_BASE, NOSE_ROOT, RIGHT_EYE, Group
 from guise.aam.light import LUMA
 from guise.aam.mask import soft_parts
-from guise.aam.model import Identity
 from guise.aam.parsing import FaceParser
 from guise.aam.reference import MeshSampler, ReferenceFrame
 from guise.common.arrays import F32, F64, Floating, Int
@@ -96,14 +96,14 @@ class Irises:
     places: F64
 
     @classmethod
-    def at_rest(cls, person: Identity, parser: FaceParser) -> Irises:
-        """Of a person's neutral face."""
-        reference, shape = person.reference, person.appearance.neutral_shape
-        picture = reference.scatter(person.appearance.neutral_texture)
+    def at_rest(cls, appearance: AppearanceModel) -> Irises:
+        """Of a neutral face."""
+        reference, shape = appearance.reference, appearance.neutral_shape
+        picture = reference.scatter(appearance.neutral_texture)
         margin = reference.resolution // 3  # the parser sees the face's surroundings
         around = cv2.copyMakeBorder(picture, *(margin,) * 4, cv2.BORDER_REPLICATE)
         rgb = np.asarray(np.clip(around + 0.5, 0, 255), np.uint8)
-        found = parser.parse(rgb, reference.points + margin).irises[:, :2] - margin
+        found = FaceParser().parse(rgb, reference.points + margin).irises[:, :2] - margin
         eyes = [_EyeAtRest.of(reference, picture, shape, *pair) for pair in zip(EYES, found, strict=True)]
         radii = np.arange(LIMITS.radii[0], LIMITS.radii[1] + LIMITS.radii[2] / 2, LIMITS.radii[2])
         fits = [[eye.fit(radius) for radius in radii] for eye in eyes]

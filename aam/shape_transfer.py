@@ -34,7 +34,7 @@ from guise.aam.landmarks.schemes import (
 )
 from guise.aam.reference import ReferenceFrame
 from guise.aam.similarity import Failed, align
-from guise.aam.solid_shape import HeadPose, SolidPrior
+from guise.aam.solid_shape import HeadPose, SolidFit
 from guise.common.arrays import F64
 from guise.common.small import mean
 
@@ -68,28 +68,25 @@ class ShapeTransfer:
 
     Parameters
     ----------
-    source, target : (81, 2) points of the two faces, pixels of any picture; turned or with an expression if need be.
+    source, target : SolidFit of the two faces at rest.
     reference : ReferenceFrame.
-    still : whether source and target are known to be at rest at these points.
     outline : share in [0, 1] by which the jaw line has the target's form instead of the head's.
     learned : whether the features' places are corrected by what was learned from rendered swaps.
 
     Attributes
     ----------
-    source, target : SolidFit of the two at rest, as they were enrolled.
+    source, target : SolidFit of the two at rest.
     solid : (81, 3) the target's face at rest on the source's head.
     """
 
     def __init__(
-        self, source: F64, target: F64, reference: ReferenceFrame, *, outline: float = 0.0,
-        still: tuple[bool, bool] = (False, False), learned: bool = True,
+        self, source: SolidFit, target: SolidFit, reference: ReferenceFrame, *, outline: float = 0.0,
+        learned: bool = True,
     ) -> None:  # fmt: skip
-        prior = SolidPrior.shipped()
+        self.source, self.target = source, target
         self._reference, self._learned = reference, learned
-        self.source = prior.rest_of(source, still=still[0])
-        self._from = self.source.rest
-        self.target = prior.rest_of(target, still=still[1])
-        over = laid_over(self.target.rest, self._from)
+        self._from = source.rest
+        over = laid_over(target.rest, self._from)
         goal = self._from.copy()
         goal[JAW, :2] += jaw_moves(goal[JAW, :2], over[JAW, :2], outline)
         self.solid = over + outline_pull(reference) @ (goal - over)

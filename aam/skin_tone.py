@@ -15,13 +15,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.even_light import LIMITS as EVEN_LIGHT
 from guise.aam.even_light import local_mean, with_tints
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
-from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, Bool
 
@@ -45,16 +44,16 @@ LIMITS = SkinToneLimits()
 BLACK = np.float32(EVEN_LIGHT.black_grey_levels)  # added before logarithms are taken
 
 
-def toned(target: Identity, source: Identity, *, own_lips: bool = True) -> Identity:
-    """The target with a neutral texture fit for the source's skin tone.
+def toned(face: AppearanceModel, person: AppearanceModel, *, own_lips: bool = True) -> AppearanceModel:
+    """A face with a neutral texture fit for a person's skin tone.
 
-    own_lips : whether the lips lean to the source's.
+    own_lips : whether the lips lean to theirs.
     """
-    reference, appearance = target.reference, target.appearance
-    texture, other = (reference.scatter(one.appearance.neutral_texture) for one in (target, source))
-    neutral = appearance.neutral.copy()
+    reference = face.reference
+    texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
+    neutral = face.neutral.copy()
     neutral[SHAPE_ENTRIES:] = in_tone_of(texture, other, reference, own_lips=own_lips)[reference.mask].ravel()
-    return replace(target, appearance=replace(appearance, neutral=neutral))
+    return replace(face, neutral=neutral)
 
 
 def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame, *, own_lips: bool = True) -> F32:

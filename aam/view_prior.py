@@ -14,13 +14,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from guise.aam.appearance import AppearanceModel
 from guise.aam.landmarks.schemes import MIRROR
 from guise.aam.light import LUMA
 from guise.aam.mirror import mirror_image
-from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
 from guise.aam.resampling import resampled_texture
-from guise.aam.view_textures import LIMITS, YAWS, changing, without_light
+from guise.aam.view_textures import LIMITS, YAWS, ViewTextures, changing, without_light
 from guise.common.arrays import F32, F64
 
 DATA = Path(__file__).parent / "data" / "views.npz"
@@ -92,15 +92,15 @@ class SideViews:
     factors: F32
 
     @classmethod
-    def of(cls, person: Identity, rest: F64) -> SideViews:
-        """A person's, whose face at rest is (81, 3): as they were seen, and as expected where they were not."""
-        reference, known = person.reference, person.views
-        changes = shipped()(person.appearance.neutral_texture, rest, reference)
+    def of(cls, appearance: AppearanceModel, known: ViewTextures | None, rest: F64) -> SideViews:
+        """A person's, whose face at rest is (81, 3): as they are known, and as expected where they are not."""
+        reference = appearance.reference
+        changes = shipped()(appearance.neutral_texture, rest, reference)
         if known is not None:
             at = np.searchsorted(YAWS, known.yaws)
             changes[at] += known.sure * (known.changes - changes[at])
         sigma = LIMITS.aperture_face_widths * reference.resolution
-        soft = cv2.GaussianBlur(person.appearance.mask.astype(np.float32), (0, 0), sigma)
+        soft = cv2.GaussianBlur(appearance.mask.astype(np.float32), (0, 0), sigma)
         changes *= changing(reference) * soft[reference.mask]
         front = int(np.searchsorted(YAWS, 0))
         return cls(np.insert(np.array(YAWS), front, 0.0), np.insert(np.exp(changes), front, 1.0, axis=0))

@@ -20,6 +20,7 @@ from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, MOUTH_CORNERS, NOSE_TIP, RIGHT_EYE
 from guise.aam.model import Identity
 from guise.aam.similarity import Similarity, align
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.common.arrays import F32
 
@@ -98,7 +99,7 @@ def swapped(
 ) -> tuple[list[Judged], dict[str, int]]:
     """Swap a whole clip; keeps some frames, and counts the outcomes of all."""
     kept, outcomes = [], {"swapped": 0, "held": 0, "lost": 0}
-    with Engine(source, donor, common.detector()) as engine:
+    with Engine(source, Donor.of(donor), common.detector()) as engine:
         for frame in common.frames(clip):
             original = frame.rgb() if frame.index in indices else None
             result = engine.swap(frame)

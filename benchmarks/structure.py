@@ -11,11 +11,11 @@ brows           files of app, aam and render that are named after brows or defin
 branches        conditions in `app/drawing/passes`, in both rooms before that folder is there, that ask for a look.
 names           that more than one class of the packages has.
 
-What a donor visits is seen in a run: engines are made for a swap and for a disguise, and a room (file) is visited when
-one of its functions is given the donor, a part of it, what another visited function made of it, or an object that holds
-one of these in a field, a list or a dict.  The reference frame is none of it, as the person's grid is the same object.
-A return is a move into a room visited before, each pair of rooms counted once, as loops go the same way again.  The
-engine with more of them counts.
+What a donor visits is seen in a run: engines are made of a `Donor` for a swap and for a disguise, and a room (file) is
+visited when one of its functions is given the donor, a part of it, what another visited function made of it, or an
+object that holds one of these in a field, a list or a dict.  The reference frame is none of it, as the person's grid is
+the same object.  A return is a move into a room visited before, each pair of rooms counted once, as loops go the same
+way again.  The engine with more of them counts.
 
 Calls a frame are the events 'call' and 'c_call' of sys.setprofile and threading.setprofile while `guise.Swapper` puts
 p06 on p01 in frames 31 to 60 of talk2, renderer "cpu"; both are enrolled from their sample clips.
@@ -44,6 +44,8 @@ from benchmarks import common
 from benchmarks.common import Criterion, Report, Table
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
+from guise.aam.solid_shape import SolidFit
+from guise.app.drawing.donor import Donor
 from guise.app.media import open_input
 
 ROOT = Path(__file__).parents[1]
@@ -69,8 +71,8 @@ class Budget:
 BUDGETS = {
     "files": Budget("files of the rooms", 30, 30),
     "chain": Budget("longest chain of imports within them", 5, 5),
-    "donor_rooms": Budget("rooms that a donor visits", 24, 15),
-    "donor_returns": Budget("returns of the donor", 33, 15),
+    "donor_rooms": Budget("rooms that a donor visits", 15, 15),
+    "donor_returns": Budget("returns of the donor", 15, 15),
     "fields": Budget("fields of the largest class", 16, 12),
     "numbers": Budget("tuned numbers", 314, 250),
     "unsourced": Budget("tuned numbers without a source", 0, 0),
@@ -297,8 +299,8 @@ def number_tables(found: list[Number]) -> list[Table]:
 class Visits:
     """Follows a donor through calls: the rooms it comes to, in order."""
 
-    def __init__(self, donor: Identity) -> None:
-        self._name = donor.name
+    def __init__(self, donor: Donor) -> None:
+        self._name = donor.enrolled.name
         self._donor: dict[
             int, object
         ] = {}  # it, its parts and what was made of it, kept so that no id comes again
@@ -347,7 +349,7 @@ class Visits:
         return inside and any(self._holds(part, False) for part in parts)
 
     def _learn(self, value: object) -> None:
-        """Remember an array or an object of ours, and the parts of a person."""
+        """Remember an array or an object of ours, and the parts of a face."""
         if isinstance(value, ReferenceFrame):
             return  # a donor shares it with the person
         if isinstance(value, list | tuple):
@@ -355,7 +357,10 @@ class Visits:
                 self._learn(part)
         elif _is_ours(value) or (isinstance(value, np.ndarray) and value.size > 3):
             self._donor[id(value)] = value
-            if isinstance(value, Identity) or type(value).__module__ == "guise.aam.appearance":
+            if (
+                isinstance(value, Donor | Identity | SolidFit)
+                or type(value).__module__ == "guise.aam.appearance"
+            ):
                 for one in fields(value) if is_dataclass(value) else ():
                     self._learn(getattr(value, one.name))
 
@@ -364,7 +369,7 @@ def _is_ours(value: object) -> bool:
     return isinstance(value, SimpleNamespace) or type(value).__module__.startswith("guise.")
 
 
-def engine_makers(person: Identity, donor: Identity) -> list[Callable[[], Any]]:
+def engine_makers(person: Identity, donor: Donor) -> list[Callable[[], Any]]:
     """What makes an engine that shows the donor on the person, for a swap and for a disguise."""
     from guise.aam.landmarks import open_landmarker
     from guise.app.drawing.engine import Engine
@@ -374,9 +379,9 @@ def engine_makers(person: Identity, donor: Identity) -> list[Callable[[], Any]]:
     return [lambda look=look: Engine(person, donor, finder, look) for look in looks]
 
 
-def donor_visits(person: Identity, donor: Identity) -> list[Visits]:
+def donor_visits(person: Identity, donor: Donor) -> list[Visits]:
     """Where a donor comes from the constructor of each engine."""
-    assert person.name != donor.name, "they are told apart by their names"
+    assert person.name != donor.enrolled.name, "they are told apart by their names"
     found = []
     for make in engine_makers(person, donor):
         visits, before = Visits(donor), sys.getprofile()
@@ -448,7 +453,7 @@ def read_from_code() -> dict[str, float]:
 def seen_in_a_run(quick: bool) -> tuple[dict[str, float], Table]:
     """The figures that need a run, by the names of `BUDGETS`, and where calls are made."""
     person, donor = (sample_person(name, quick) for name in ("p01", "p06"))
-    visits = donor_visits(person, donor)
+    visits = donor_visits(person, Donor.of(donor))
     calls, parts = calls_a_frame(person, donor)
     found = {
         "donor_rooms": max(len(set(one.rooms)) for one in visits),

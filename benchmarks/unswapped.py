@@ -23,6 +23,7 @@ from benchmarks.landmarks.clips import real_clips
 from benchmarks.landmarks.metrics import Bools
 from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.schemes import INNER51
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import SWAP
 from guise.app.enrolment.enrol import enrol
@@ -67,7 +68,7 @@ def outcomes(video: Path, seen: Bools) -> Counter[str]:
     look = replace(SWAP, renderer="cpu")
     with (
         open_input(video) as media,
-        SwapSession(lambda _: Engine(person, person, finder, look), "mosaic") as session,
+        SwapSession(lambda _: Engine(person, Donor.of(person), finder, look), "mosaic") as session,
     ):
         for frame in media:
             outcome = session.follow(frame, 1, session.engine(1).track(frame)).outcome

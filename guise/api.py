@@ -162,13 +162,16 @@ class Swapper(Closing):
     def __init__(
         self, identity: Person, source: Person, *, alpha: float = 0.6, renderer: Renderer = "auto"
     ) -> None:
+        from guise.app.drawing.donor import Donor
         from guise.app.drawing.engine import Engine
         from guise.app.drawing.look import SWAP
         from guise.app.swapping.session import SwapSession
 
         shown = _identity(identity)
         person, look = _source(source, shown), replace(SWAP, alpha=alpha, renderer=renderer)
-        self._session = SwapSession(lambda _: Engine(person, shown, open_landmarker("builtin"), look))
+        self._session = SwapSession(
+            lambda _: Engine(person, Donor.of(shown), open_landmarker("builtin"), look)
+        )
         self._engine = self._session.engine(1)
         self.outcome: str = "lost"
 

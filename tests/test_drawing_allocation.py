@@ -17,6 +17,7 @@ from made_up import SAMPLES
 
 from guise.aam.landmarks.builtin import BuiltinLandmarker
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import SWAP
 from guise.app.media import Frame, open_input
@@ -43,7 +44,7 @@ print(json.dumps(seen))
 
 
 def engine_of(person: Identity) -> Engine:
-    return Engine(person, open_donor("p02"), BuiltinLandmarker(), replace(SWAP, renderer="cpu"))
+    return Engine(person, Donor.of(open_donor("p02")), BuiltinLandmarker(), replace(SWAP, renderer="cpu"))
 
 
 def swapping(person: Identity) -> Iterator[Frame]:

@@ -30,6 +30,7 @@ from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing
 from guise.aam.reference import ReferenceFrame
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.face import PAUSE_SECONDS, FaceInFrame, Seen
 from guise.app.drawing.look import DISGUISE, PAPER, SWAP, Look
@@ -276,7 +277,7 @@ def square(shape: F64) -> tuple[int, int]:
 def drawn(source: Identity, look: Look) -> tuple[U8, U8, F64]:
     """The last frame before and after a swap by p06, and its true landmarks."""
     pictures, shapes = frames_with_an_object()
-    with Engine(source, Identity.load(model_file("p06")), None, look) as engine:
+    with Engine(source, Donor.of(Identity.load(model_file("p06"))), None, look) as engine:
         for rgb, shape in zip(pictures, shapes, strict=False):
             frame = Frame.from_rgb(rgb.copy())
             engine.draw(frame, shape)
@@ -325,7 +326,7 @@ def test_the_colours_of_an_object_do_not_reach_the_drawn_face(p01: Identity) -> 
         plain = [frame.rgb() for frame, _ in zip(clip, pictures, strict=False)]
     faces = []
     for shown in (plain, pictures):
-        with Engine(p01, Identity.load(model_file("p06")), None, look) as engine:
+        with Engine(p01, Donor.of(Identity.load(model_file("p06"))), None, look) as engine:
             for rgb, shape in zip(shown, shapes, strict=False):
                 frame = Frame.from_rgb(rgb.copy())
                 engine.draw(frame, shape)
@@ -510,7 +511,7 @@ def test_rims_stay_in_front_of_the_drawn_face(
     source, target = (Identity.load(model_file(name)) for name in ("p01", "p02"))
     rgb, shape = with_rims(scene.rgb, scene.shape, (40, 35, 30)), scene.shape
     frame = Frame.from_rgb(rgb)
-    with Engine(source, target, None, replace(look, renderer="cpu")) as engine:
+    with Engine(source, Donor.of(target), None, replace(look, renderer="cpu")) as engine:
         engine.draw(frame, shape)
     lower = lenses(shape)[:, 15:45].reshape(-1, 2).round().astype(int)
     before, after = (picture[lower[:, 1], lower[:, 0]].mean() for picture in (rgb, frame.rgb()))

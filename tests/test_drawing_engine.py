@@ -15,6 +15,7 @@ from guise.aam.model import Identity
 from guise.aam.similarity import Failed
 from guise.aam.solid_shape import SolidPrior
 from guise.aam.tracker import Fit
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import DOUBT_DEGREES, Engine
 from guise.app.drawing.face import NOTHING, STRAIGHT_AHEAD, FaceInFrame
 from guise.app.drawing.look import DISGUISE, LIVE, PAPER, SWAP, Look
@@ -64,7 +65,7 @@ def outcomes(yaws: list[float], look: Look, monkeypatch: pytest.MonkeyPatch) -> 
     found, made, face = iter(yaws), [], SolidPrior.shipped().mean
     with (
         open_input(SAMPLES / "p01" / "talk.mp4") as media,
-        Engine(person, other, None, look) as engine,
+        Engine(person, Donor.of(other), None, look) as engine,
     ):
         fit = lambda luma: fit_of(turned_head(next(found)).apply(face))  # noqa: E731
         monkeypatch.setattr(engine.tracker, "update", fit)
@@ -87,7 +88,7 @@ def test_by_the_papers_formulas_a_profile_is_nothing_special(monkeypatch: pytest
 def test_doubt_grows_as_a_head_turns_away(p01: Identity, p02: Identity, clip: list[U8]) -> None:
     face, doubts = SolidPrior.shipped().mean, []
     for yaw in (0.0, 50.0, sum(DOUBT_DEGREES) / 2, 70.5):
-        with Engine(p01, p02, None, CPU) as engine:
+        with Engine(p01, Donor.of(p02), None, CPU) as engine:
             doubts.append(engine.swap_tracked(frame_of(clip[0]), fit_of(turned_head(yaw).apply(face))).doubt)
     assert doubts[:2] == [0, 0]
     assert 0 < doubts[2] < doubts[3] <= 1
@@ -97,7 +98,7 @@ def test_the_first_frame_of_a_face_is_drawn_once_after_a_rehearsal_on_a_copy(
     p01: Identity, p02: Identity, clip: list[U8], truth: F64
 ) -> None:
     drawn: list[Frame] = []
-    with Engine(p01, p02, None, CPU) as engine:
+    with Engine(p01, Donor.of(p02), None, CPU) as engine:
         note: Callable[[FaceInFrame, Memory], None] = lambda face, memory: drawn.append(face.frame)  # noqa: E731
         engine.plan = replace(engine.plan, drawing=(note, *engine.plan.drawing))
         frames = [frame_of(clip[number], number) for number in range(3)]
@@ -117,7 +118,7 @@ def test_the_first_frame_is_about_as_sharp_and_grainy_as_the_picture(
     shown = np.clip(soft if blurred else grainy, 0, 255).astype(np.uint8)
     made = []
     for rehearsed in (True, False):
-        with Engine(p01, p02, None, CPU) as engine:
+        with Engine(p01, Donor.of(p02), None, CPU) as engine:
             if not rehearsed:
                 engine.memory.drawn = Drawn(0.0, truth[0], STRAIGHT_AHEAD, truth[0], NOTHING)
             frame = frame_of(shown)
@@ -137,7 +138,7 @@ def test_with_a_fresh_memory_an_engine_draws_as_a_new_one(
     """All that lasts is in the memory: no pass keeps anything."""
     pictures = []
     for used in (True, False):
-        with Engine(p01, p02, None, replace(look, renderer="cpu")) as engine:
+        with Engine(p01, Donor.of(p02), None, replace(look, renderer="cpu")) as engine:
             for number in range(6):
                 if used:
                     engine.draw(frame_of(clip[number] // 2, number), truth[number])
@@ -158,7 +159,7 @@ def test_with_a_fresh_memory_an_engine_draws_as_a_new_one(
 def test_a_lost_face_is_held_for_as_long_at_any_frame_rate(
     p01: Identity, p02: Identity, clip: list[U8], truth: F64, rate: int
 ) -> None:
-    with Engine(p01, p02, None, CPU) as engine:
+    with Engine(p01, Donor.of(p02), None, CPU) as engine:
         engine.swap_tracked(frame_of(clip[0], 0, rate), fit_of(truth[0]))
         made = [engine.swap_tracked(frame_of(clip[0], n, rate), NOBODY).outcome for n in range(1, rate // 2)]
     held = made.count("held")
@@ -170,7 +171,7 @@ def test_a_held_face_is_drawn_where_it_was_and_nothing_is_measured(
     p01: Identity, p02: Identity, clip: list[U8], truth: F64
 ) -> None:
     """The frame shows somebody else there, or nobody."""
-    with Engine(p01, p02, None, CPU) as engine:
+    with Engine(p01, Donor.of(p02), None, CPU) as engine:
         for number in range(6):
             before = engine.swap_tracked(frame_of(clip[number], number), fit_of(truth[number]))
         memory = engine.memory
@@ -194,7 +195,7 @@ def test_a_held_face_is_drawn_where_it_was_and_nothing_is_measured(
 def test_a_lost_frame_stays_as_it_is_and_the_next_face_is_a_new_one(
     p01: Identity, p02: Identity, clip: list[U8], truth: F64
 ) -> None:
-    with Engine(p01, p02, None, replace(CPU, hold_seconds=0.0)) as engine:
+    with Engine(p01, Donor.of(p02), None, replace(CPU, hold_seconds=0.0)) as engine:
         engine.swap_tracked(frame_of(clip[0], 0), fit_of(truth[0]))
         memory, frame = engine.memory, frame_of(clip[1], 1)
         result = engine.swap_tracked(frame, NOBODY)
@@ -207,7 +208,7 @@ def test_a_lost_frame_stays_as_it_is_and_the_next_face_is_a_new_one(
 def test_alpha_takes_effect(p01: Identity, p02: Identity, clip: list[U8], truth: F64) -> None:
     made = []
     for alpha in (0.0, 1.0):
-        with Engine(p01, p02, None, CPU) as engine:
+        with Engine(p01, Donor.of(p02), None, CPU) as engine:
             engine.alpha = alpha
             assert engine.alpha == alpha
             frame = frame_of(clip[5])
@@ -219,7 +220,7 @@ def test_alpha_takes_effect(p01: Identity, p02: Identity, clip: list[U8], truth:
 def test_a_face_outside_the_picture_leaves_it_as_it_is(
     p01: Identity, p02: Identity, clip: list[U8], truth: F64
 ) -> None:
-    with Engine(p01, p02, None, CPU) as engine:
+    with Engine(p01, Donor.of(p02), None, CPU) as engine:
         frame = frame_of(clip[0])
         engine.draw(frame, truth[0] + 5000)
         np.testing.assert_array_equal(frame.rgb(), clip[0])

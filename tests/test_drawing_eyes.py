@@ -28,6 +28,7 @@ from guise.aam.mask import soft_parts
 from guise.aam.model import Identity
 from guise.aam.parsing import FaceClass, FaceParser, FaceParsing, Parsing
 from guise.aam.reference import ReferenceFrame
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.look import DISGUISE, SWAP, Look
@@ -187,7 +188,7 @@ def test_a_disguises_lid_is_drawn_over_a_shut_eye_and_only_there(factor: int) ->
 def drawn(look: Look) -> tuple[U8, F64, U8]:
     """A frame before and after a swap, and the drawn mesh."""
     p01, p02 = (Identity.load(model_file(name)) for name in ("p01", "p02"))
-    with open_input(SAMPLES / "p01" / "talk.mp4") as media, Engine(p01, p02, None, look) as engine:
+    with open_input(SAMPLES / "p01" / "talk.mp4") as media, Engine(p01, Donor.of(p02), None, look) as engine:
         frame: Frame = next(iter(media))
         before = frame.rgb()
         shape = np.load(SAMPLES / "p01" / "talk.npz")["landmarks"][0].astype(float)
@@ -233,7 +234,7 @@ def test_a_disguise_shows_nothing_of_the_sources_eyes(look: Look) -> None:
     made = []
     for shown in (rgb, gleam):
         frame = Frame.from_rgb(shown)
-        with Engine(p01, p02, None, replace(look, renderer="cpu")) as engine:
+        with Engine(p01, Donor.of(p02), None, replace(look, renderer="cpu")) as engine:
             engine.draw(frame, shape)
         made.append(frame.rgb().astype(int))
     green = np.abs(made[1] - made[0])[y - 8 : y + 9, x - 12 : x + 13].max()
@@ -250,7 +251,7 @@ def identity() -> Identity:
 @pytest.fixture
 def eyeballs(identity: Identity) -> Eyeballs:
     appearance = identity.appearance
-    irises = Irises.at_rest(identity, FaceParser())
+    irises = Irises.at_rest(identity.appearance)
     return Eyeballs(identity.reference, irises, appearance.neutral_shape, appearance.neutral_texture)
 
 

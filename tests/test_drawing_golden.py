@@ -16,8 +16,9 @@ from made_up import SAMPLES
 
 from guise.aam.landmarks import open_landmarker
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
-from guise.app.drawing.look import LOOKS
+from guise.app.drawing.look import LOOKS, Look
 from guise.app.media import Frame, open_input
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.puppet import Puppet
@@ -36,11 +37,10 @@ def drawn(kind: str, renderer: str) -> np.ndarray:
     """Three frames (h, 3 w, 3) RGB in a look."""
     look = replace(LOOKS[kind], renderer=renderer)
     person, donor = Identity.load(PERSON), open_donor("p06" if kind == "disguise" else "p04")
-    make = Puppet if kind == "puppet" else Engine
     pictures = []
     with (
         one_thread(),
-        make(person, donor, open_landmarker("builtin"), look) as engine,
+        engine_of(person, donor, look) as engine,
         open_input(SAMPLES / "p01" / "talk2.mp4") as media,
     ):
         for frame in islice(media, FRAMES):
@@ -52,6 +52,13 @@ def drawn(kind: str, renderer: str) -> np.ndarray:
             if frame.index in SHOWN:
                 pictures.append(shown(made))
     return np.hstack(pictures)
+
+
+def engine_of(person: Identity, donor: Identity, look: Look) -> Engine | Puppet:
+    finder = open_landmarker("builtin")
+    if look.kind == "puppet":
+        return Puppet(person, donor, finder, look)
+    return Engine(person, Donor.of(donor), finder, look)
 
 
 def shown(frame: Frame) -> np.ndarray:

@@ -9,6 +9,7 @@ from models import model_file
 
 from guise.aam.extrapolation import DEFAULT_ALPHA, Extrapolator
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.look import DISGUISE, LIVE, LOOKS, PAPER, PUPPET, SWAP, Kind
 from guise.app.drawing.plan import Plan
 
@@ -37,7 +38,7 @@ def test_only_a_swap_keeps_hair_and_glasses_in_front() -> None:
 @pytest.mark.parametrize("exact", [False, True])
 def test_the_papers_formula_is_neither_anchored_nor_gated_if_it_is_exact(exact: bool) -> None:
     person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
-    plan = Plan.of(person, other, replace(PAPER, renderer="cpu", exact=exact))
+    plan = Plan.of(person, Donor.of(other), replace(PAPER, renderer="cpu", exact=exact))
     plain = Extrapolator(person.appearance, other.appearance, DEFAULT_ALPHA, anchored=False, gate=1.0)
     rest = person.appearance.neutral_parameters
     expression = rest + np.random.default_rng(0).normal(0, 20, len(rest)).astype(np.float32)

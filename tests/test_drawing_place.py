@@ -29,6 +29,7 @@ from guise.aam.model import Identity
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.solid_shape import Sight, SolidPrior, depth_across
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import DISGUISE, SWAP, Look
 from guise.app.drawing.memory import Memory
@@ -100,7 +101,7 @@ def _swapped(source: Identity, look: Look) -> tuple[NDArray[np.int_], NDArray[np
     with open_input(SAMPLES / "p01" / "talk2.mp4") as clip:
         frame = next(iter(clip))
         before = frame.rgb().astype(int)
-        with Engine(source, Identity.load(model_file("p06")), None, look) as engine:
+        with Engine(source, Donor.of(Identity.load(model_file("p06"))), None, look) as engine:
             mesh = engine.draw(frame, shape)
         return frame.rgb() - before, mesh
 

@@ -16,6 +16,7 @@ import guise.app.drawing.passes
 from guise.aam.model import Identity
 from guise.aam.reference import MeshSampler
 from guise.aam.relief import STRAIGHT, Relief
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.look import DISGUISE, LOOKS, SWAP, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.forehead import outward
@@ -29,7 +30,7 @@ MODULES = sorted(Path(guise.app.drawing.passes.__file__).parent.glob("[a-z]*.py"
 @pytest.fixture(scope="module", params=LOOKS.values(), ids=LOOKS)
 def plan(request: pytest.FixtureRequest) -> Iterator[Plan]:
     person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
-    made = Plan.of(person, other, replace(request.param, renderer="cpu"))
+    made = Plan.of(person, Donor.of(other), replace(request.param, renderer="cpu"))
     yield made
     made.blend.close()
 
@@ -64,7 +65,7 @@ def test_a_face_is_drawn_into_the_frame_and_written_last(plan: Plan) -> None:
 def test_the_outline_of_the_head_moves_only_if_that_is_wanted() -> None:
     person, other = (Identity.load(model_file(name)) for name in ("p01", "p02"))
     for share in (0.0, 0.5):
-        plan = Plan.of(person, other, replace(SWAP, renderer="cpu", outline=share))
+        plan = Plan.of(person, Donor.of(other), replace(SWAP, renderer="cpu", outline=share))
         assert ("pull_jaw" in [step.__name__ for step in plan.placing]) == (share > 0)
         plan.blend.close()
 
@@ -104,7 +105,7 @@ def test_a_pass_changes_nothing_of_its_own_as_it_draws(module: Path) -> None:
 def border_of(look: Look) -> tuple[np.ndarray, np.ndarray, Identity]:
     """The alpha (h, w) of a face over itself, and how deep (n,) each pixel of it lies within the drawn hull, pixels."""
     person = Identity.load(model_file("p01"))
-    plan, reference = Plan.of(person, person, replace(look, renderer="cpu")), person.reference
+    plan, reference = Plan.of(person, Donor.of(person), replace(look, renderer="cpu")), person.reference
     relief = Relief.shipped(reference)
     face = face_at(reference.points)
     face.shape = person.appearance.neutral_shape

@@ -13,6 +13,7 @@ from guise.aam.model import Identity
 from guise.aam.solid_shape import SolidPrior, SolidTracker
 from guise.aam.view_prior import SideViews
 from guise.aam.view_textures import ViewTextures
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.face import NOWHERE, FaceInFrame, Fold
 from guise.app.drawing.look import PAPER, SWAP
 from guise.app.drawing.memory import Memory
@@ -40,12 +41,12 @@ class Made:
 
     def __init__(self, person: Identity) -> None:
         self.person = person
-        self.plan = Plan.of(person, person, replace(SWAP, renderer="cpu"))
+        self.plan = Plan.of(person, Donor.of(person), replace(SWAP, renderer="cpu"))
         self.texture = self.plan.texture
 
     def __call__(self, yaw: float, away: float = 0.0) -> F32:
         """(n, 3) of a head turned by degrees from how it was enrolled, its expression so far from rest."""
-        pose = turned_head(yaw + self.texture._transfer.target.pose.angles[0], 100.0, (80.0, 80.0))
+        pose = turned_head(yaw + self.texture.transfer.target.pose.angles[0], 100.0, (80.0, 80.0))
         shape = pose.apply(PRIOR.mean)
         face = FaceInFrame(Frame.from_rgb(GREY), shape, shape, SolidTracker().update(shape).pose)
         rest = self.person.appearance.neutral_parameters
@@ -82,7 +83,7 @@ def test_what_the_frame_shows_is_read_where_the_head_is(person: Identity) -> Non
     pose = turned_head(0, 100.0, (110.0, 120.0))
     shape = pose.apply(PRIOR.mean)
     for look in (SWAP, PAPER):
-        texture = Plan.of(person, person, replace(look, renderer="cpu")).texture
+        texture = Plan.of(person, Donor.of(person), replace(look, renderer="cpu")).texture
         face = FaceInFrame(Frame.from_rgb(rgb), shape, shape, pose)
         texture.look(face, Memory())
         assert_allclose(face.seen.rgb[:, :2], face.seen.places, atol=1)
@@ -93,7 +94,7 @@ def test_what_the_frame_shows_is_read_where_the_head_is(person: Identity) -> Non
 
 
 def test_by_the_papers_the_shape_is_that_of_the_appearance(person: Identity) -> None:
-    texture = Plan.of(person, person, replace(PAPER, renderer="cpu")).texture
+    texture = Plan.of(person, Donor.of(person), replace(PAPER, renderer="cpu")).texture
     face = FaceInFrame(Frame.from_rgb(GREY), NOWHERE, NOWHERE)
     face.seen.parameters = person.appearance.neutral_parameters
     texture.synthesise(face, Memory())

@@ -8,13 +8,14 @@ import pytest
 from models import model_file
 
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.grade import WEIGHTS, Grade, grade
 
 
 def graded(person: Identity, face: Identity) -> Grade:
-    with Engine(person, face, None) as engine:
+    with Engine(person, Donor.of(face), None) as engine:
         found = grade(engine)
     assert found is not None
     return found

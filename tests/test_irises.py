@@ -11,7 +11,6 @@ from guise.aam.landmarks.schemes import LEFT_EYE, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.model import Identity
-from guise.aam.parsing import FaceParser
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
 
@@ -72,7 +71,7 @@ def test_an_iris_of_a_turned_head_stays_round() -> None:
 
 def test_a_persons_irises_are_known_from_the_model() -> None:
     person = Identity.load(model_file("p01"))
-    known = Irises.at_rest(person, FaceParser())
+    known = Irises.at_rest(person.appearance)
     assert LIMITS.radii[0] <= known.radius <= LIMITS.radii[1] + 1e-6
     assert np.abs(known.places).max() < 0.15
     assert known.colour.min() > 0

@@ -14,7 +14,7 @@ from guise.aam.appearance import neutral_frames, openness, rest_weights
 from guise.aam.landmarks import open_landmarker
 from guise.aam.landmarks.schemes import BROWS, LOWER_INNER_LIP
 from guise.aam.model import Identity
-from guise.aam.shape_transfer import ShapeTransfer
+from guise.aam.solid_shape import SolidPrior
 from guise.aam.training import TrainingError, TrainingOptions, choose_frames
 from guise.app.enrolment.enrol import EnrolError
 from guise.app.enrolment.rest import at_rest, frame_at
@@ -89,10 +89,7 @@ def test_a_frame_without_a_face_cannot_be_at_rest() -> None:
 def test_raised_brows_of_a_face_that_is_said_to_rest_are_its_own() -> None:
     raised = FRAME.align(appearance(1).neutral_shape)
     raised[BROWS, 1] -= 0.05 * FRAME.resolution
-    target = FRAME.align(appearance(2).neutral_shape)
-    guessed, known = (
-        ShapeTransfer(raised, target, FRAME, still=(still, False)).source for still in (False, True)
-    )
+    guessed, known = (SolidPrior.shipped().rest_of(raised, still=still) for still in (False, True))
     away = [np.abs(fit.points - raised)[BROWS].mean() / FRAME.resolution for fit in (guessed, known)]
     assert away[1] < 0.002
     assert away[0] > 2 * away[1]

@@ -1,5 +1,7 @@
 """Shapes carried over one to one: rest stays rest, movements keep their size, shut lids and lips stay shut."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from drawing import turned_head
@@ -55,6 +57,11 @@ def posed(shape: F64) -> F64:
     return np.asarray(shape @ turn + (200, 90))
 
 
+def transfer_of(source: F64, target: F64, reference: ReferenceFrame, **options: Any) -> ShapeTransfer:
+    """Between faces at points (81, 2)."""
+    return ShapeTransfer(PRIOR.rest_of(source), PRIOR.rest_of(target), reference, **options)
+
+
 def test_the_network_keeps_its_corrections_small_whatever_it_sees() -> None:
     for scale in (0.1, 10.0, 1e6):
         inputs = scale * np.random.default_rng(0).normal(size=(2, *SOURCE.shape))
@@ -62,14 +69,14 @@ def test_the_network_keeps_its_corrections_small_whatever_it_sees() -> None:
 
 
 def test_who_gets_their_own_face_is_hardly_corrected() -> None:
-    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME)
+    transfer = transfer_of(SOURCE, SOURCE, FRAME)
     away = carried(transfer, posed(SOURCE)) - FRAME.align(SOURCE)
     assert np.linalg.norm(away, axis=1).mean() < 0.01 * FRAME.resolution
 
 
 def test_a_neutral_face_becomes_the_targets_face_at_rest() -> None:
     """But for what is expression of the two neutral faces."""
-    transfer = ShapeTransfer(SOURCE, TARGET, FRAME, learned=False)
+    transfer = transfer_of(SOURCE, TARGET, FRAME, learned=False)
     made = transfer.apply(straight(transfer.source.rest), STRAIGHT)
     assert_allclose(made, straight(transfer.solid), atol=0.02 * FRAME.resolution)
 
@@ -91,7 +98,7 @@ def turned(degrees: float) -> HeadPose:
 
 def test_how_two_faces_differ_in_depth_shows_when_they_turn() -> None:
     """A longer nose sticks out of a turned head, and hardly shows from the front."""
-    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME, learned=False)
+    transfer = transfer_of(SOURCE, SOURCE, FRAME, learned=False)
     transfer.solid[NOSE_TIP, 2] -= 0.05
     for pose, expected in ((STRAIGHT, 0.0), (turned(40), 0.05 * np.sin(np.radians(40)))):
         shape = pose.apply(transfer.source.rest)
@@ -104,7 +111,7 @@ def test_how_two_faces_differ_in_depth_shows_when_they_turn() -> None:
 @pytest.mark.parametrize("degrees", [-40, 25, 40])
 def test_no_brow_sticks_out_of_a_turned_head(degrees: float) -> None:
     pose = turned(degrees)
-    transfer = ShapeTransfer(SOURCE, SOURCE, FRAME, learned=False)
+    transfer = transfer_of(SOURCE, SOURCE, FRAME, learned=False)
     transfer.solid[BROWS, 2] -= 0.1  # nearer to the viewer, so that it shows from the side
     shape = pose.apply(transfer.source.rest)
     beyond, _ = beyond_hull(transfer.apply(shape, pose)[BROWS], FRAME.align(shape))
@@ -116,7 +123,7 @@ def test_features_keep_their_own_proportions_within_the_heads_outline() -> None:
     narrow[JAW] += 0.1 * (narrow[JAW].mean(0) - narrow[JAW]) * [1, 0]
     long_nosed = FRAME.points.copy()
     long_nosed[NOSE[4:]] += (0, 0.04 * FRAME.resolution)
-    transfer = ShapeTransfer(narrow, long_nosed, FRAME)
+    transfer = transfer_of(narrow, long_nosed, FRAME)
     assert_allclose(transfer.solid[OUTLINE], transfer.source.rest[OUTLINE], atol=1e-6)
     own, there = (np.ptp(solid[NOSE][:, 1]) for solid in (PRIOR.rest_of(FRAME.points).rest, transfer.solid))
     assert there > 1.04 * own
@@ -126,7 +133,7 @@ def test_movements_keep_their_size() -> None:
     moved = SOURCE.copy()
     moved[BROWS] -= (0, 2)
     moved[RIGHT_MOUTH_CORNER] -= (1.5, 0.5)
-    transfer = ShapeTransfer(SOURCE, TARGET, FRAME, learned=False)
+    transfer = transfer_of(SOURCE, TARGET, FRAME, learned=False)
     pose = transfer.source.pose
     made = transfer.apply(moved, pose) - transfer.apply(SOURCE, pose)
     own = FRAME.align(moved) - SOURCE
@@ -136,12 +143,12 @@ def test_movements_keep_their_size() -> None:
 
 @pytest.mark.parametrize(("own", "other"), [(0.6, 1.5), (1.0, 1.0), (1.5, 0.6)])
 def test_shut_lids_stay_shut_whatever_the_two_eye_sizes(own: float, other: float) -> None:
-    made = carried(ShapeTransfer(with_eyes(own), with_eyes(other), FRAME), posed(with_eyes(0.0)))
+    made = carried(transfer_of(with_eyes(own), with_eyes(other), FRAME), posed(with_eyes(0.0)))
     assert_allclose(made[UPPER_LIDS], made[LOWER_LIDS], atol=1e-5)
 
 
 def test_lids_open_by_the_share_of_the_sources_up_to_a_limit() -> None:
-    transfer = ShapeTransfer(with_eyes(0.7), with_eyes(1.2), FRAME)
+    transfer = transfer_of(with_eyes(0.7), with_eyes(1.2), FRAME)
     pose = transfer.source.pose
     half, whole, wide, wider = (
         _lid_gaps(transfer.apply(with_eyes(opening), pose)) for opening in (0.35, 0.7, 3.0, 6.0)
@@ -156,7 +163,7 @@ def _lid_gaps(shape: F64) -> F64:
 
 
 def test_lips_that_touch_touch() -> None:
-    transfer = ShapeTransfer(SOURCE, TARGET, FRAME)
+    transfer = transfer_of(SOURCE, TARGET, FRAME)
     shut = SOURCE.copy()
     shut[LOWER_INNER_LIP] = shut[UPPER_INNER_LIP]
     made = carried(transfer, posed(shut))
@@ -164,7 +171,7 @@ def test_lips_that_touch_touch() -> None:
 
 
 def test_an_open_mouth_opens_as_far_and_farther_by_the_difference_of_the_two() -> None:
-    transfer = ShapeTransfer(SOURCE, TARGET, FRAME)
+    transfer = transfer_of(SOURCE, TARGET, FRAME)
     pose, gaps = transfer.source.pose, []
     for opening in (8, 12):
         wide = SOURCE.copy()
@@ -199,7 +206,7 @@ def test_the_jaw_at_rest_goes_a_share_of_the_way_and_ears_stay(share: float) -> 
 def test_by_default_the_outline_is_the_heads_own() -> None:
     target = OUTLINE_FRAME.align(_wider_jaw())
     plain, led = (
-        ShapeTransfer(OUTLINE_FRAME.points, target, OUTLINE_FRAME, outline=share) for share in (0.0, 1.0)
+        transfer_of(OUTLINE_FRAME.points, target, OUTLINE_FRAME, outline=share) for share in (0.0, 1.0)
     )
     np.testing.assert_allclose(plain.solid[JAW], plain.source.rest[JAW], atol=1e-9)
     width = np.ptp(plain.solid[JAW, 0])
@@ -207,7 +214,7 @@ def test_by_default_the_outline_is_the_heads_own() -> None:
 
 
 def test_brows_and_eyes_stay_within_the_turned_head() -> None:
-    transfer = ShapeTransfer(OUTLINE_FRAME.points, OUTLINE_FRAME.points, OUTLINE_FRAME)
+    transfer = transfer_of(OUTLINE_FRAME.points, OUTLINE_FRAME.points, OUTLINE_FRAME)
     transfer.solid[BROWS, 2] -= 0.15  # a forehead that bulges
     pose = turned_head(50)
     shape = pose.apply(transfer.source.rest)

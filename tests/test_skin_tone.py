@@ -5,11 +5,10 @@ from made_up import FRAME
 from numpy.testing import assert_array_equal
 from test_turned_texture import enrolled
 
-from guise.aam.appearance import SHAPE_ENTRIES
+from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
 from guise.aam.landmarks.schemes import LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
-from guise.aam.model import Identity
 from guise.aam.skin_tone import toned
 from guise.common.arrays import F32
 
@@ -20,16 +19,16 @@ FAIR, DARK = (210, 165, 140), (80, 52, 40)
 PINK, MAUVE = (200, 110, 110), (62, 44, 42)
 
 
-def person(skin: tuple[int, int, int], lips: tuple[int, int, int], redness: float = 1.0) -> Identity:
+def person(skin: tuple[int, int, int], lips: tuple[int, int, int], redness: float = 1.0) -> AppearanceModel:
     """Somebody with spots so much redder than their skin."""
     texture = np.tile(np.array(skin, np.float32), (len(FRAME.pixels), 1))
     texture[SPOTS] *= (redness, 1, 1)
     texture[LIP] = lips
-    return enrolled(0, texture)
+    return enrolled(0, texture).appearance
 
 
-def texture_of(identity: Identity) -> F32:
-    return np.asarray(identity.appearance.neutral_texture)
+def texture_of(appearance: AppearanceModel) -> F32:
+    return np.asarray(appearance.neutral_texture)
 
 
 def redness(texture: F32) -> float:
@@ -63,7 +62,7 @@ def test_tints_of_strong_colours_fade_on_a_pale_face_lids_included() -> None:
     donor = person(orange, PINK, 1.3)
     lids = soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.02)[FRAME.mask] > 0.5
     lids &= soft_parts(FRAME, (RIGHT_EYE, LEFT_EYE), 0.0)[FRAME.mask] < 0.1
-    donor.appearance.neutral[SHAPE_ENTRIES:].reshape(-1, 3)[lids] *= (1, 1, 1.5)
+    donor.neutral[SHAPE_ENTRIES:].reshape(-1, 3)[lids] *= (1, 1, 1.5)
     before, after = texture_of(donor), texture_of(toned(donor, person(pale, PINK)))
     assert 0 < redness(after) < 0.5 * redness(before)
     blue = [np.log(t[lids, 2] / t[lids, 1]).mean() - np.log(70 / 120) for t in (before, after)]

@@ -12,6 +12,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 from benchmarks import structure
 from benchmarks.structure import BUDGETS, Number
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 
 CODE = """
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ def test_the_donor_is_followed(figures: dict[str, float]) -> None:
 def test_neither_the_person_nor_the_grid_of_both_is_taken_for_the_donor() -> None:
     person, donor = (Identity.load(model_file(name)) for name in ("p01", "p06"))
     assert person.reference is donor.reference
-    for visits in structure.donor_visits(person, donor):
+    for visits in structure.donor_visits(person, Donor.of(donor)):
         assert "app/drawing/passes/texture.py" in visits.rooms
         assert "aam/parameters.py" not in visits.rooms  # which estimates the person's
         assert "aam/coarse_grid.py" not in visits.rooms  # which has the grid's places

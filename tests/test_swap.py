@@ -12,6 +12,7 @@ from models import model_file
 from threadpoolctl import threadpool_info
 
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import SWAP
 from guise.app.enrolment.landmark_source import LandmarkSource
@@ -60,7 +61,7 @@ def test_tracking_ahead_gives_the_same_bytes_as_frame_by_frame(
     swap_file(clip, p06, tmp_path / "out.mp4", source=p01, settings=LOSSLESS)
     with (
         one_thread(),
-        Engine(p01, p06, LOSSLESS.face_finder(), LOSSLESS.look) as engine,
+        Engine(p01, Donor.of(p06), LOSSLESS.face_finder(), LOSSLESS.look) as engine,
         open_input(clip) as source,
         open_input(tmp_path / "out.mp4") as made,
     ):

@@ -145,7 +145,7 @@ def test_views_follow_another_resolution(person: Identity) -> None:
 def test_what_was_seen_replaces_what_is_expected(person: Identity) -> None:
     views = person.views
     assert views is not None
-    expected, known = (SideViews.of(one, rest_of(person)) for one in (replace(person, views=None), person))
+    expected, known = (SideViews.of(person.appearance, one, rest_of(person)) for one in (None, views))
     assert_allclose(known.at(0), 1)
     assert_allclose(known.at(50), expected.at(50))
     mask = cv2.erode(person.appearance.mask.astype(np.uint8), np.ones((15, 15), np.uint8))

@@ -122,7 +122,7 @@ def transferred(group: Group, rng: np.random.Generator, *, learned: bool = True)
                 continue
             own = _neutral([*aligned[head], *aligned_donors[head]], rng)
             other = _neutral(aligned_donors[donor], rng)
-            transfer = ShapeTransfer(own, other, REFERENCE, learned=learned)
+            transfer = ShapeTransfer(prior.rest_of(own), prior.rest_of(other), REFERENCE, learned=learned)
             known, deviation = transfer.source.identity, LIMITS.remembered_deviation
             for k, scene in enumerate(scenes):
                 if np.isfinite(scene).all():

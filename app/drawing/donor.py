@@ -1,38 +1,54 @@
-"""A face that is shown: its model, cleaned once of what belongs to the clip that it was enrolled from."""
+"""A face that is shown: all of it that is the same beside everybody."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
 
 from guise.aam.even_light import evenly_lit
+from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
-from guise.aam.skin_tone import toned
+from guise.aam.similarity import align_planar
+from guise.aam.solid_shape import SolidFit, SolidPrior
 from guise.aam.turned_texture import completed, moving_share
 from guise.aam.without_glasses import without_glasses
-from guise.app.drawing.person import EnrolledFace
-from guise.common.arrays import F32
-
-_cleaned: WeakKeyDictionary[Identity, Donor] = WeakKeyDictionary()
+from guise.common.arrays import F32, F64
 
 
 @dataclass(frozen=True, eq=False)
-class Donor(EnrolledFace):
-    """A face as it is drawn.
+class Donor:
+    """What is drawn of a face.
 
-    identity : Identity.   moving : (h, w) share in [0, 1] of its texture's movement that is shown; None is all of it.
+    Parameters
+    ----------
+    enrolled : Identity, as it is in its file.
+    clean : the same in even light, without glasses, and with both halves where the clip shows one.
+    moving : (h, w) share in [0, 1] of its texture's movement that is shown.
+    at_rest : (81, 2) its shape at rest, grid pixels.
+    solid : SolidFit of that.
+    across : (2,) grid pixels by which its texture shows what lies one face width farther back elsewhere.
     """
 
-    moving: F32 | None = None
+    enrolled: Identity
+    clean: Identity
+    moving: F32
+    at_rest: F64
+    solid: SolidFit
+    across: F64
 
     @classmethod
-    def cleaned(cls, identity: Identity) -> Donor:
-        """In even light, without glasses, and with both halves where the clip shows one; made once for each model."""
-        if identity not in _cleaned:
-            clean = evenly_lit(completed(without_glasses(identity)))
-            _cleaned[identity] = cls(clean, moving_share(identity))
-        return _cleaned[identity]
+    def of(cls, identity: Identity) -> Donor:
+        """Of a model, cleaned of what belongs to the clip that it was enrolled from; the last few are kept."""
+        return _made(identity)
 
-    def beside(self, person: Identity, *, own_lips: bool) -> Donor:
-        """The same fit for a person's skin tone; own_lips : whether the lips lean to theirs."""
-        return replace(self, identity=toned(self.identity, person, own_lips=own_lips))
+
+@lru_cache(maxsize=4)
+def _made(identity: Identity) -> Donor:
+    at_rest = identity.appearance.neutral_shape
+    solid = SolidPrior.shipped().rest_of(at_rest, still=identity.knows_rest)
+    to_grid = align_planar(at_rest, identity.reference.points, RIGID_WEIGHTS)
+    across = np.asarray(solid.pose.linear[2] @ to_grid.linear)
+    clean = evenly_lit(completed(without_glasses(identity)))
+    return Donor(identity, clean, moving_share(identity), at_rest, solid, across)

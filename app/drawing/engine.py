@@ -14,6 +14,7 @@ from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.similarity import Failed
 from guise.aam.solid_shape import HeadPose, SolidFit, SolidTracker, pulled
 from guise.aam.tracker import Fit
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.face import FaceInFrame
 from guise.app.drawing.look import SWAP, Look
 from guise.app.drawing.memory import SLACK, Drawn, Memory
@@ -51,7 +52,7 @@ class Engine(Closing):
     Parameters
     ----------
     source : Identity of the person in the video.
-    target : Identity whose face is shown.
+    target : Donor whose face is shown.
     finder : finds the face at the start and after a loss, see `PersonTracker`.
     look : Look.
 
@@ -63,9 +64,7 @@ class Engine(Closing):
         When the chosen renderer isn't available.
     """
 
-    def __init__(
-        self, source: Identity, target: Identity, finder: FaceFinder | None, look: Look = SWAP
-    ) -> None:
+    def __init__(self, source: Identity, target: Donor, finder: FaceFinder | None, look: Look = SWAP) -> None:
         self.plan = plan = Plan.of(source, target, look)
         self.tracker = PersonTracker(plan.person.tracker, finder, rest=plan.person.rest_frame)
         self.solid = SolidTracker(plan.rest)

@@ -7,41 +7,19 @@ from dataclasses import dataclass
 from guise.aam.irises import Irises
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
-from guise.aam.parsing import FaceParser
+from guise.aam.reference import ReferenceFrame
+from guise.aam.solid_shape import SolidFit, SolidPrior
 from guise.common.arrays import F32, F64, Bool, Int
 
 
 @dataclass(frozen=True, eq=False)
-class EnrolledFace:
-    """A face as its model knows it.
-
-    identity : Identity.
-    """
-
-    identity: Identity
-
-    @property
-    def at_rest(self) -> F64:
-        """(81, 2) its shape at rest, grid pixels."""
-        return self.identity.appearance.neutral_shape
-
-    @property
-    def texture(self) -> F32:
-        """(n, 3) its RGB at rest."""
-        return self.identity.appearance.neutral_texture
-
-    def irises(self) -> Irises:
-        """How its irises look at rest."""
-        return Irises.at_rest(self.identity, FaceParser())
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedPerson(EnrolledFace):
+class TrackedPerson:
     """What is known of them.
 
     identity : Identity.   estimator : of the parameters of their appearance.
     """
 
+    identity: Identity
     estimator: ParameterEstimator
 
     @classmethod
@@ -49,6 +27,11 @@ class TrackedPerson(EnrolledFace):
         """From their model, with so many grid pixels across the face."""
         fitting = identity.at_resolution(resolution)
         return cls(fitting, ParameterEstimator(fitting.appearance))
+
+    @property
+    def reference(self) -> ReferenceFrame:
+        """The grid on which they and the drawn face lie."""
+        return self.identity.reference
 
     @property
     def texels(self) -> Int:
@@ -59,3 +42,22 @@ class TrackedPerson(EnrolledFace):
     def mask(self) -> Bool:
         """(h, w) where their face may be shown."""
         return self.identity.appearance.mask
+
+    @property
+    def at_rest(self) -> F64:
+        """(81, 2) their shape at rest, grid pixels."""
+        return self.identity.appearance.neutral_shape
+
+    @property
+    def texture(self) -> F32:
+        """(n, 3) their RGB at rest."""
+        return self.identity.appearance.neutral_texture
+
+    @property
+    def solid(self) -> SolidFit:
+        """Of their shape at rest."""
+        return SolidPrior.shipped().rest_of(self.at_rest, still=self.identity.knows_rest)
+
+    def irises(self) -> Irises:
+        """How their irises look at rest."""
+        return Irises.at_rest(self.identity.appearance)

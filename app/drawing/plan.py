@@ -12,13 +12,15 @@ from functools import partial
 import cv2
 import numpy as np
 
+from guise.aam.appearance import AppearanceModel
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
-from guise.aam.irises import EYES
+from guise.aam.irises import EYES, Irises
 from guise.aam.landmarks.schemes import INNER_LIPS
 from guise.aam.model import Identity
 from guise.aam.reference import POINTS, MeshSampler, ReferenceFrame, remap_points
 from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.shape_transfer import ShapeTransfer
+from guise.aam.skin_tone import toned
 from guise.aam.solid_shape import SolidFit
 from guise.aam.view_prior import SideViews
 from guise.app.drawing.donor import Donor
@@ -76,7 +78,7 @@ class Plan:
     drawing: tuple[Step, ...]
 
     @classmethod
-    def of(cls, person: Identity, donor: Identity, look: Look) -> Plan:
+    def of(cls, person: Identity, donor: Donor, look: Look) -> Plan:
         """The plan for a person in the video and the face that is shown.
 
         Raises
@@ -86,28 +88,29 @@ class Plan:
         RendererError
             When the chosen renderer isn't available.
         """
-        return _PLANS[look.kind](TrackedPerson.of(person, donor.reference.resolution), donor, look)
+        resolution = donor.enrolled.appearance.reference.resolution
+        return _PLANS[look.kind](TrackedPerson.of(person, resolution), donor, look)
 
 
-def _fitted(person: TrackedPerson, donor: Donor, look: Look) -> tuple[Texture, SolidFit, Relief]:
-    """The texture of a donor who is fitted into the head of a person, the person at rest, and the drawn relief."""
-    own, other = person.identity, donor.identity
-    transfer = ShapeTransfer(
-        person.at_rest, donor.at_rest, own.reference, outline=look.outline,
-        still=(own.knows_rest, other.knows_rest),
-    )  # fmt: skip
+def _fitted(
+    person: TrackedPerson, donor: Donor, shown: AppearanceModel, relief: Relief, look: Look
+) -> Texture:
+    """The texture of a donor who is fitted into the head of a person.
+
+    shown : the donor's appearance beside this person.   relief : of the drawn face.
+    """
+    transfer = ShapeTransfer(person.solid, donor.solid, person.reference, outline=look.outline)
     extrapolator = Extrapolator(
-        own.appearance,
-        other.appearance,
+        person.identity.appearance,
+        shown,
         look.alpha,
         max_deviations=MAX_TEXTURE_DEVIATIONS,
         moving=donor.moving,
     )
-    relief, sides = Relief.shipped(other.reference), SideViews.of(other, transfer.target.rest)
-    texture = Texture(
-        extrapolator, person.estimator, transfer, sides, relief, whole_cosines(relief), donor.at_rest
+    sides = SideViews.of(shown, donor.clean.views, donor.solid.rest)
+    return Texture(
+        extrapolator, person.estimator, transfer, sides, relief, whole_cosines(relief), donor.across
     )
-    return texture, transfer.source, relief
 
 
 def _seeing(
@@ -121,16 +124,16 @@ def _seeing(
     )  # fmt: skip
 
 
-def _swap(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
-    donor = Donor.cleaned(identity).beside(person.identity, own_lips=True)
-    reference = identity.reference
-    texture, rest, relief = _fitted(person, donor, look)
+    shown = toned(donor.clean.appearance, person.identity.appearance)
+    reference, relief = person.reference, Relief.shipped(person.reference)
+    texture = _fitted(person, donor, shown, relief, look)
     mask = shown_mask(person.mask, reference)
-    enrolled, texels = (person.texture, donor.texture), person.texels
+    enrolled, texels = (person.texture, shown.neutral_texture), person.texels
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = IrisChange(person.irises(), donor.irises()) if own_eyes else None
+    irises = IrisChange(person.irises(), Irises.at_rest(shown)) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     cover = Cover(
         reference,
@@ -142,7 +145,7 @@ def _swap(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
     light = LearnedLight(reference, texels, mask, enrolled)
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface, own_skin = Finish(reference, mask), OwnSkin(relief)
-    enlargement = Enlargement(donor.identity.detail, cv2.INTER_CUBIC)
+    enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), EYES, tint, ())
     drawn_brows = DrawnBrows(reference, np.eye(POINTS))
     alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
@@ -158,29 +161,30 @@ def _swap(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
         drawn_brows.keep_thick, surface.add_grain, surface.look, own_skin.add, apertures.draw,
         drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write,
     )  # fmt: skip
-    return Plan(look, person.identity, donor.identity, texture, blend, rest, seeing, placing, drawing)
+    rest = texture.transfer.source
+    return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
 
 
-def _disguise(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
-    donor = Donor.cleaned(identity).beside(person.identity, own_lips=False)
-    reference = identity.reference
-    texture, rest, relief = _fitted(person, donor, look)
+    shown = toned(donor.clean.appearance, person.identity.appearance, own_lips=False)
+    reference, relief = person.reference, Relief.shipped(person.reference)
+    texture, rgb = _fitted(person, donor, shown, relief, look), shown.neutral_texture
     mask, texels, moved = reference.mask, person.texels, proportions(reference)
     beyond = outward(reference, look.jaw, look.forehead)
-    hairline = Hairline(reference, donor.texture, look.forehead)
+    hairline = Hairline(reference, rgb, look.forehead)
     forehead = hairline.forehead
+    enlargement = Enlargement(forehead.detailed(donor.clean.detail), cv2.INTER_CUBIC)
     cover = Cover(
         reference, person.estimator.sampler, only_objects=look.in_front == "objects", beyond=forehead.added
     )
     place = Place(reference, moved, beyond)
     gaze = Gaze(person.irises(), person.at_rest)
-    eyeballs = Eyeballs(reference, donor.irises(), donor.at_rest, donor.texture)
+    eyeballs = Eyeballs(reference, Irises.at_rest(shown), donor.at_rest, rgb)
     mouth = InnerMouth(reference, donor.at_rest)
-    light = WideLight(reference, texels, mask, (person.texture, donor.texture))
+    light = WideLight(reference, texels, mask, (person.texture, rgb))
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface = Finish(reference, mask)
-    enlargement = Enlargement(forehead.detailed(donor.identity.detail), cv2.INTER_CUBIC)
     own_lids = Apertures(reference, person.at_rest, (), (), None, EYES)
     drawn_brows = DrawnBrows(reference, moved)
     alpha = _feathered(relief, moved @ donor.at_rest + beyond, beyond)
@@ -195,12 +199,13 @@ def _disguise(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
         drawn_brows.keep_thick, surface.add_grain, surface.look, own_lids.draw, drawn_brows.cover_own,
         blend.composite, folds.soften_edges, surface.compare, blend.write,
     )  # fmt: skip
-    return Plan(look, person.identity, donor.identity, texture, blend, rest, seeing, placing, drawing)
+    rest = texture.transfer.source
+    return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
 
 
-def _paper(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """The papers: the donor's own space and a share beyond it, one similarity of colours, over all that is in front."""
-    reference, donor = identity.reference, Donor(identity)
+    reference, identity = person.reference, donor.enrolled
     extrapolator = Extrapolator(
         person.identity.appearance, identity.appearance, look.alpha, anchored=not look.exact,
         gate=1.0 if look.exact else DEFAULT_GATE,
@@ -209,7 +214,7 @@ def _paper(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
     mask, relief = shown_mask(person.mask, reference), Relief.flat(reference)
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = IrisChange(person.irises(), donor.irises()) if own_eyes else None
+    irises = IrisChange(person.irises(), Irises.at_rest(identity.appearance)) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     place = RigidPlace(reference)
     light = PaperLight(reference, person.texels, mask, "least-squares" if look.exact else "symmetric")
@@ -224,9 +229,10 @@ def _paper(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
     return Plan(look, person.identity, identity, texture, blend, None, seeing, placing, drawing)
 
 
-def _puppet(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
+def _puppet(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """The donor's face on their own head in a still, whose light is measured once."""
-    reference, own = identity.reference, TrackedPerson.of(identity, identity.reference.resolution)
+    reference, identity = person.reference, donor.enrolled
+    own = TrackedPerson.of(identity, reference.resolution)
     extrapolator = Extrapolator(person.identity.appearance, identity.appearance, look.alpha)
     texture = PlainTexture(extrapolator, person.estimator)
     mask, relief = shown_mask(own.mask, reference), Relief.shipped(reference)
@@ -244,7 +250,7 @@ def _puppet(person: TrackedPerson, identity: Identity, look: Look) -> Plan:
     return Plan(look, person.identity, identity, texture, blend, None, (), placing, drawing)
 
 
-_PLANS: dict[Kind, Callable[[TrackedPerson, Identity, Look], Plan]] = {
+_PLANS: dict[Kind, Callable[[TrackedPerson, Donor, Look], Plan]] = {
     "swap": _swap, "live": _swap, "disguise": _disguise, "paper": _paper, "puppet": _puppet,
 }  # fmt: skip
 

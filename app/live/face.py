@@ -22,6 +22,7 @@ from guise.aam.model import Identity
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import LIVE, PUPPET, Look
 from guise.app.live.background_detector import BackgroundDetector
@@ -158,7 +159,7 @@ class LiveFaces(Closing):
 
     def _open_engine(self, who: int) -> Engine:
         slot, face = self._choices[who]
-        return Engine(self._slots[slot].person, face, None, self.look)
+        return Engine(self._slots[slot].person, Donor.of(face), None, self.look)
 
     def _boxes_but(self, slot: _Slot, *, certain: bool = False) -> list[F32]:
         """Where the other people's faces are.   certain : only of those who are recognised there."""

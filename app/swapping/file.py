@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from guise.aam.model import Identity
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.enrolment.source_person import source_person
 from guise.app.media import Frame, open_input, open_sink, process
@@ -62,7 +63,7 @@ def swap_file(
             style: CoverStyle | None = "mosaic" if settings.unsure == "cover" else None
             with (
                 one_thread(),
-                SwapSession(lambda _: Engine(person, identity, finder, look), style) as session,
+                SwapSession(lambda _: Engine(person, Donor.of(identity), finder, look), style) as session,
             ):
                 engine = session.engine(PERSON)
                 fits: dict[int, Fit | Failed] = {}
@@ -90,5 +91,5 @@ def _at_rest(person: Identity, video: Path, settings: SwapSettings) -> Identity:
 
 def enrolment_grade(person: Identity) -> Grade | None:
     """The grade of a swap of a person whom a video shows with a typical face of the gallery."""
-    with Engine(person, open_donor(TYPICAL_FACE), None) as engine:
+    with Engine(person, Donor.of(open_donor(TYPICAL_FACE)), None) as engine:
         return grade(engine)

@@ -31,6 +31,7 @@ from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.reference import POINTS, ReferenceFrame
 from guise.aam.similarity import align_planar
 from guise.aam.tracker import Fit
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Outcome
 from guise.app.drawing.face import FaceInFrame, Seen
 from guise.app.drawing.look import PUPPET, Look
@@ -96,7 +97,7 @@ class Puppet(Closing):
         landmarker: Landmarker | None = None,
     ) -> None:
         source = source.at_resolution(target.reference.resolution)
-        self.plan = Plan.of(source, target, look)
+        self.plan = Plan.of(source, Donor.of(target), look)
         self.memory = Memory()
         self.tracker = PersonTracker(source.tracker, finder, landmarker=landmarker, rest=source.rest_frame)
         self._still = fitted(target.rest_frame)

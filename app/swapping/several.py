@@ -22,6 +22,7 @@ from guise.aam.landmarks import Face, open_landmarker
 from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
 from guise.aam.training import TrainingError, TrainingOptions
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.enrolment.source_person import keep_person
 from guise.app.media import Frame, MediaInput, open_input, open_sink, process
@@ -447,4 +448,4 @@ class _Drawing(Closing):
         role = self._roles[who]
         assert role.model is not None
         assert role.shown is not None
-        return Engine(role.model, role.shown, self._landmarker, self._look)
+        return Engine(role.model, Donor.of(role.shown), self._landmarker, self._look)

@@ -19,6 +19,7 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.aam.tracker import Fit
 from guise.aam.training import TrainingOptions
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import SWAP
 from guise.app.drawing.plan import Plan, Step
@@ -213,7 +214,9 @@ def _measure_one(
     clock, done = _Clock(), 0
     with (
         open_input(clip) as media,
-        Engine(source, target, SwapSettings().face_finder(), replace(SWAP, renderer=renderer)) as engine,
+        Engine(
+            source, Donor.of(target), SwapSettings().face_finder(), replace(SWAP, renderer=renderer)
+        ) as engine,
     ):
         engine.plan = _timed(engine, clock)
         for frame in media:

@@ -22,6 +22,7 @@ from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
 from guise.aam.person_tracker import PersonTracker
 from guise.aam.tracker import Fit
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import LIVE
 from guise.app.live.background_detector import BackgroundDetector
@@ -85,7 +86,7 @@ def parts(scene: Scene, frames: int) -> F64:
         BackgroundDetector() as detector,
     ):
         person_tracker, judge = PersonTracker(scene.person.tracker, detector), TrustJudge()
-        with Engine(scene.person, scene.donor, None, LIVE) as engine:
+        with Engine(scene.person, Donor.of(scene.donor), None, LIVE) as engine:
             marks = [time.perf_counter()]
             for frame in islice(capture, frames):
                 marks.append(time.perf_counter())

@@ -25,6 +25,7 @@ from benchmarks.picture import pairs
 from benchmarks.picture.pairs import EXPRESSIONS, PAIRS
 from benchmarks.picture.program import WORK
 from guise.aam.model import Identity
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.measure.figures import mean_of
 from guise.app.swapping.grade import grade
@@ -66,8 +67,8 @@ def of_pair(source: str, donor: str, options: argparse.Namespace) -> dict[str, A
     judged = options.work / "pairs" / f"{source}_from_{donor}.json"
     if not judged.exists():
         pairs.of_pair(source, donor, options)
-    people = [Identity.load(options.work / "people" / f"{name}.guise") for name in (source, donor)]
-    with Engine(*people, None, SwapSettings().drawn_look()) as engine:
+    person, face = (Identity.load(options.work / "people" / f"{name}.guise") for name in (source, donor))
+    with Engine(person, Donor.of(face), None, SwapSettings().drawn_look()) as engine:
         found = grade(engine)
     assert found is not None
     return {

@@ -27,6 +27,7 @@ from guise.app.deidentify.stages.label import Label
 from guise.app.deidentify.stages.plate import plate_of
 from guise.app.deidentify.stages.smooth import FILTER_CONTEXT_FRAMES, smooth
 from guise.app.deidentify.tracks import Track
+from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import DISGUISE
 from guise.app.media import Frame
@@ -134,7 +135,7 @@ class SegmentRenderer(Closing):
         track, options = self._tracks[number], self._case.options
         return Engine(
             self._case.model_of(track.origin),
-            open_donor(track.donor),
+            Donor.of(open_donor(track.donor)),
             None,
             replace(
                 DISGUISE,

@@ -13,12 +13,10 @@ import numpy as np
 
 from guise.aam.appearance import SHAPE_ENTRIES
 from guise.aam.extrapolation import Extrapolator
-from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.reference import POINTS, MeshSampler
 from guise.aam.relief import Relief
 from guise.aam.shape_transfer import ShapeTransfer
-from guise.aam.similarity import align_planar
 from guise.aam.solid_shape import HeadPose, Sight
 from guise.aam.view_prior import SideViews
 from guise.app.drawing.face import FaceInFrame, Fold, Seen
@@ -91,27 +89,26 @@ class Texture(PlainTexture):
     transfer : of the shape.
     sides : how the donor looks from the side.
     relief, whole : of the drawn face, and see `Sight.of`.
-    at_rest : (81, 2) the donor's shape at rest, as it was enrolled.
+    across : (2,) grid pixels by which the donor's texture shows what lies one face width farther back elsewhere.
     """
 
     def __init__(
         self, extrapolator: Extrapolator, estimator: ParameterEstimator, transfer: ShapeTransfer, sides: SideViews,
-        relief: Relief, whole: F64, at_rest: F64,
+        relief: Relief, whole: F64, across: F64,
     ) -> None:  # fmt: skip
         super().__init__(extrapolator, estimator)
-        self._transfer, self._sides, self._relief, self._whole = transfer, sides, relief, whole
+        self.transfer, self._sides, self._relief, self._whole = transfer, sides, relief, whole
         self._normals = relief.normals(transfer.solid)
         reference = relief.reference
         ys, xs = np.divmod(reference.pixels[estimator.texels], reference.size[1])
         self._sampler = MeshSampler.build(relief.mesh, np.column_stack([xs, ys]).astype(np.float64))
-        to_grid = align_planar(at_rest, reference.points, RIGID_WEIGHTS)
-        self._enrolled = np.asarray(transfer.target.pose.linear[2] @ to_grid.linear)  # see `Sight.of`
+        self._across = across
 
     def look(self, face: FaceInFrame, memory: Memory) -> None:
         """See how the head is turned, and what the frame shows of it at the texels."""
         pose = face.pose
-        enrolled = self._enrolled @ self._relief.reference.to_shape(face.head).linear
-        at_rest = self._transfer.at_rest(face.head, pose)
+        enrolled = self._across @ self._relief.reference.to_shape(face.head).linear
+        at_rest = self.transfer.at_rest(face.head, pose)
         face.sight = sight = Sight.of(self._normals, self._whole, pose, enrolled, at_rest)
         if any(sight.across):
             places = self._sampler.positions(self._relief.seen(face.head, sight.across))
@@ -124,14 +121,14 @@ class Texture(PlainTexture):
         """Make the donor's texture for what the head expresses, and its shape for where its points are."""
         pose = face.pose
         self._make(face, self._share(pose))
-        face.shape = self._transfer.apply(face.head, pose)
+        face.shape = self.transfer.apply(face.head, pose)
         texture = face.canvas.texture
-        factors = self._sides.at(pose.angles[0] - self._transfer.target.pose.angles[0])
+        factors = self._sides.at(pose.angles[0] - self.transfer.target.pose.angles[0])
         cv2.multiply(texture, cv2.merge([factors] * 3).reshape(texture.shape), dst=texture)
 
     def _share(self, pose: HeadPose) -> float:
         """Share of the texture's movement that is shown: of a turned head it is its turn, not its expression."""
-        source, target = self._transfer.source.pose, self._transfer.target.pose
+        source, target = self.transfer.source.pose, self.transfer.target.pose
         turn = max(pose.turn_from(source), pose.turn_from(target))
         return 1 - small.ramp(turn, *LIMITS.still_degrees)
 
