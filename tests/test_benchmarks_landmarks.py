@@ -12,7 +12,7 @@ sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of th
 
 from benchmarks.landmarks import annotated, false_faces, metrics, rendered, small_faces
 from benchmarks.landmarks import jitter as jitter_benchmark
-from benchmarks.landmarks.mediapipe_mesh import FACE81, face81
+from benchmarks.landmarks.peers import FACE81, face81
 from benchmarks.landmarks.stills import at_faces, own_faces
 from guise.aam.landmarks import Face
 from guise.aam.landmarks.schemes import CHIN, IBUG68, JAW, LEFT_EYE_OUTER, RIGHT_EYE_OUTER, mean_geometry

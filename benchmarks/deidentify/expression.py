@@ -19,8 +19,7 @@ from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.deidentify.guise import deidentified
 from benchmarks.deidentify.swapped import frontal
-from benchmarks.landmarks.mediapipe_mesh import face81
-from benchmarks.landmarks.peers import MISSING, Peer
+from benchmarks.landmarks.peers import MISSING, Peer, face81
 from benchmarks.landmarks.setting import MEDIAPIPE, skipped
 from guise.aam.landmarks import open_landmarker, track_video
 from guise.app.measure.curves import CURVES, correlation, expression

@@ -25,9 +25,8 @@ from benchmarks import common
 from benchmarks.common import F64, Criterion, Picture, Report, Table
 from benchmarks.landmarks import setting
 from benchmarks.landmarks.annotated import SETS, Still, stills
-from benchmarks.landmarks.mediapipe_mesh import face81
 from benchmarks.landmarks.metrics import Accuracy, accuracy, matches
-from benchmarks.landmarks.peers import MISSING, Peer
+from benchmarks.landmarks.peers import MISSING, Peer, face81
 from guise.aam.brows import BrowLift
 from guise.aam.landmarks import Face, OnnxLandmarker
 from guise.aam.landmarks.builtin import BuiltinLandmarker
