@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from guise.aam.irises import Irises
 from guise.aam.model import Identity
 from guise.aam.parameters import ParameterEstimator
-from guise.aam.reference import ReferenceFrame
 from guise.aam.solid_shape import SolidFit, SolidPrior
 from guise.common.arrays import F32, F64, Bool, Int
 
@@ -27,11 +25,6 @@ class TrackedPerson:
         """From their model, with so many grid pixels across the face."""
         fitting = identity.at_resolution(resolution)
         return cls(fitting, ParameterEstimator(fitting.appearance))
-
-    @property
-    def reference(self) -> ReferenceFrame:
-        """The grid on which they and the drawn face lie."""
-        return self.identity.reference
 
     @property
     def texels(self) -> Int:
@@ -57,7 +50,3 @@ class TrackedPerson:
     def solid(self) -> SolidFit:
         """Of their shape at rest."""
         return SolidPrior.shipped().rest_of(self.at_rest, still=self.identity.knows_rest)
-
-    def irises(self) -> Irises:
-        """How their irises look at rest."""
-        return Irises.at_rest(self.identity.appearance)

@@ -92,20 +92,12 @@ class Plan:
         return _PLANS[look.kind](TrackedPerson.of(person, resolution), donor, look)
 
 
-def _fitted(
-    person: TrackedPerson, donor: Donor, shown: AppearanceModel, relief: Relief, look: Look
-) -> Texture:
-    """The texture of a donor who is fitted into the head of a person.
-
-    shown : the donor's appearance beside this person.   relief : of the drawn face.
-    """
-    transfer = ShapeTransfer(person.solid, donor.solid, person.reference, outline=look.outline)
+def _fitted(person: TrackedPerson, donor: Donor, shown: AppearanceModel, look: Look) -> Texture:
+    """The texture of a donor, as they are shown beside a person, who is fitted into the head of that person."""
+    own, relief = person.identity.appearance, Relief.shipped(person.identity.reference)
+    transfer = ShapeTransfer(person.solid, donor.solid, own.reference, outline=look.outline)
     extrapolator = Extrapolator(
-        person.identity.appearance,
-        shown,
-        look.alpha,
-        max_deviations=MAX_TEXTURE_DEVIATIONS,
-        moving=donor.moving,
+        own, shown, look.alpha, max_deviations=MAX_TEXTURE_DEVIATIONS, moving=donor.moving
     )
     sides = SideViews.of(shown, donor.clean.views, donor.solid.rest)
     return Texture(
@@ -126,14 +118,14 @@ def _seeing(
 
 def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
-    shown = toned(donor.clean.appearance, person.identity.appearance)
-    reference, relief = person.reference, Relief.shipped(person.reference)
-    texture = _fitted(person, donor, shown, relief, look)
+    own, reference = person.identity.appearance, person.identity.reference
+    shown, relief = toned(donor.clean.appearance, own), Relief.shipped(reference)
+    texture = _fitted(person, donor, shown, look)
     mask = shown_mask(person.mask, reference)
     enrolled, texels = (person.texture, shown.neutral_texture), person.texels
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = IrisChange(person.irises(), Irises.at_rest(shown)) if own_eyes else None
+    irises = IrisChange(Irises.at_rest(own), Irises.at_rest(shown)) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     cover = Cover(
         reference,
@@ -149,7 +141,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     apertures = Apertures(reference, person.at_rest, (*own_eyes, *own_mouth), EYES, tint, ())
     drawn_brows = DrawnBrows(reference, np.eye(POINTS))
     alpha = feather(mask, FEATHER_FACE_WIDTHS * reference.resolution)
-    blend = Blend(relief, alpha, look.renderer)
+    blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     looks = (Gaze(irises.source, person.at_rest).follow,) if irises else ()
     seeing = _seeing(texture, cover, silhouette, person)
     placing = (
@@ -161,15 +153,14 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         drawn_brows.keep_thick, surface.add_grain, surface.look, own_skin.add, apertures.draw,
         drawn_brows.cover_own, blend.composite, folds.soften_edges, surface.compare, blend.write,
     )  # fmt: skip
-    rest = texture.transfer.source
     return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
 
 
 def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
-    shown = toned(donor.clean.appearance, person.identity.appearance, own_lips=False)
-    reference, relief = person.reference, Relief.shipped(person.reference)
-    texture, rgb = _fitted(person, donor, shown, relief, look), shown.neutral_texture
+    own, reference = person.identity.appearance, person.identity.reference
+    shown, relief = toned(donor.clean.appearance, own, own_lips=False), Relief.shipped(reference)
+    texture, rgb = _fitted(person, donor, shown, look), shown.neutral_texture
     mask, texels, moved = reference.mask, person.texels, proportions(reference)
     beyond = outward(reference, look.jaw, look.forehead)
     hairline = Hairline(reference, rgb, look.forehead)
@@ -179,7 +170,7 @@ def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         reference, person.estimator.sampler, only_objects=look.in_front == "objects", beyond=forehead.added
     )
     place = Place(reference, moved, beyond)
-    gaze = Gaze(person.irises(), person.at_rest)
+    gaze = Gaze(Irises.at_rest(own), person.at_rest)
     eyeballs = Eyeballs(reference, Irises.at_rest(shown), donor.at_rest, rgb)
     mouth = InnerMouth(reference, donor.at_rest)
     light = WideLight(reference, texels, mask, (person.texture, rgb))
@@ -188,7 +179,7 @@ def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     own_lids = Apertures(reference, person.at_rest, (), (), None, EYES)
     drawn_brows = DrawnBrows(reference, moved)
     alpha = _feathered(relief, moved @ donor.at_rest + beyond, beyond)
-    blend = Blend(relief, alpha, look.renderer)
+    blend, rest = Blend(relief, alpha, look.renderer), texture.transfer.source
     seeing = _seeing(texture, cover, silhouette, person)
     placing = (
         place.lay, gaze.follow, eyeballs.paint, mouth.paint, light.measure, cover.share, enlargement.choose,
@@ -199,22 +190,19 @@ def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         drawn_brows.keep_thick, surface.add_grain, surface.look, own_lids.draw, drawn_brows.cover_own,
         blend.composite, folds.soften_edges, surface.compare, blend.write,
     )  # fmt: skip
-    rest = texture.transfer.source
     return Plan(look, person.identity, donor.clean, texture, blend, rest, seeing, placing, drawing)
 
 
 def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """The papers: the donor's own space and a share beyond it, one similarity of colours, over all that is in front."""
-    reference, identity = person.reference, donor.enrolled
-    extrapolator = Extrapolator(
-        person.identity.appearance, identity.appearance, look.alpha, anchored=not look.exact,
-        gate=1.0 if look.exact else DEFAULT_GATE,
-    )  # fmt: skip
+    reference, identity, own = person.identity.reference, donor.enrolled, person.identity.appearance
+    gate = 1.0 if look.exact else DEFAULT_GATE
+    extrapolator = Extrapolator(own, identity.appearance, look.alpha, anchored=not look.exact, gate=gate)
     texture = PlainTexture(extrapolator, person.estimator)
     mask, relief = shown_mask(person.mask, reference), Relief.flat(reference)
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = IrisChange(person.irises(), Irises.at_rest(identity.appearance)) if own_eyes else None
+    irises = IrisChange(Irises.at_rest(own), Irises.at_rest(identity.appearance)) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     place = RigidPlace(reference)
     light = PaperLight(reference, person.texels, mask, "least-squares" if look.exact else "symmetric")
@@ -231,7 +219,7 @@ def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
 
 def _puppet(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """The donor's face on their own head in a still, whose light is measured once."""
-    reference, identity = person.reference, donor.enrolled
+    reference, identity = person.identity.reference, donor.enrolled
     own = TrackedPerson.of(identity, reference.resolution)
     extrapolator = Extrapolator(person.identity.appearance, identity.appearance, look.alpha)
     texture = PlainTexture(extrapolator, person.estimator)

@@ -211,12 +211,10 @@ def _transcoded(clip: Path, output: Path) -> tuple[float, float]:
 def _measure_one(
     clip: Path, source: Identity, target: Identity, renderer: Renderer, frames: int
 ) -> list[Timing]:
-    clock, done = _Clock(), 0
+    clock, done, donor = _Clock(), 0, Donor.of(target)
     with (
         open_input(clip) as media,
-        Engine(
-            source, Donor.of(target), SwapSettings().face_finder(), replace(SWAP, renderer=renderer)
-        ) as engine,
+        Engine(source, donor, SwapSettings().face_finder(), replace(SWAP, renderer=renderer)) as engine,
     ):
         engine.plan = _timed(engine, clock)
         for frame in media:
