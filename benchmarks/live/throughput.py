@@ -1,9 +1,7 @@
 """Sustained frames per second of the live pipeline: a file as fast as possible, to nowhere and to a window.
 
 The window is on a virtual display and drawn by software GL.  Presented frames are counted.  Rounds of all ways
-alternate, each with a pass that only decodes the clip.  One thread for matrix work, as in the command.  The parts of a
-frame are timed one after the other in a pass of their own; in the pipeline the detector runs while the tracker works
-and the next frame is decoded.
+alternate, each with a pass that only decodes the clip.  One thread for matrix work, as in the command.
 """
 
 from __future__ import annotations
@@ -15,27 +13,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 
-import numpy as np
-
 from benchmarks import common
-from benchmarks.common import F64, Criterion, Report, Table
+from benchmarks.common import Criterion, Report, Table
 from benchmarks.live.runs import Noted, Scene, display, large, played, small, window
-from guise.aam.person_tracker import PersonTracker
-from guise.aam.tracker import Fit
-from guise.app.drawing.donor import Donor
-from guise.app.drawing.engine import Engine
-from guise.app.drawing.look import LIVE
-from guise.app.live.background_detector import BackgroundDetector
 from guise.app.live.capture import FileCapture
 from guise.app.live.output import Output
-from guise.app.swapping.trust import TrustJudge
 from guise.common.threads import one_thread
 
 ROUNDS = 5
 ROUND_FRAMES = 300
 WARM_UP_FRAMES = 30  # that are not counted
 FPS_TARGETS = {"640x480": 60.0, "1280x720": 40.0}
-PARTS = ("decode", "detector", "tracker", "trust", "draw")
 WAYS: dict[str, Callable[[], Output | None]] = {"nowhere": lambda: None, "window": window}
 
 
@@ -77,33 +65,6 @@ def _rate(times: list[float], used: list[float]) -> Rate:
     return Rate(count / (times[-1] - times[WARM_UP_FRAMES]), 1e3 * (used[-1] - used[WARM_UP_FRAMES]) / count)
 
 
-def parts(scene: Scene, frames: int) -> F64:
-    """Milliseconds (n, 5) of the PARTS of the frames in which the person was found, one after the other."""
-    rows = []
-    with (
-        one_thread(),
-        FileCapture(scene.clip.video, paced=False) as capture,
-        BackgroundDetector() as detector,
-    ):
-        person_tracker, judge = PersonTracker(scene.person.tracker, detector), TrustJudge()
-        with Engine(scene.person, Donor.of(scene.donor), None, LIVE) as engine:
-            marks = [time.perf_counter()]
-            for frame in islice(capture, frames):
-                marks.append(time.perf_counter())
-                detector.submit(frame)
-                _ = detector.found
-                marks.append(time.perf_counter())
-                fit = person_tracker.update(frame.luma)
-                if isinstance(fit, Fit):
-                    marks.append(time.perf_counter())
-                    judge.trust(scene.person.tracker, frame, fit.shape)
-                    marks.append(time.perf_counter())
-                    engine.draw(frame, fit.shape)
-                    rows.append(np.diff([*marks, time.perf_counter()]))
-                marks = [time.perf_counter()]
-    return 1e3 * np.array(rows[WARM_UP_FRAMES:])
-
-
 def measure(options: argparse.Namespace) -> Report:
     """All ways, in turns."""
     scenes = [small(), large(options.shared)]
@@ -116,11 +77,11 @@ def measure(options: argparse.Namespace) -> Report:
                     found.setdefault((scene.label, way), []).append(sustained(scene, make(), frames))
                 found.setdefault((scene.label, "decoded only"), []).append(decoded(scene, frames))
                 common.say(f"round {turn + 1}: {scene.label}")
-    return report(found, {scene.label: parts(scene, frames) for scene in scenes})
+    return report(found)
 
 
-def report(found: dict[tuple[str, str], list[Rate]], taken: dict[str, F64]) -> Report:
-    """From the rates of the rounds by picture size and way, and the times of the parts by picture size."""
+def report(found: dict[tuple[str, str], list[Rate]]) -> Report:
+    """From the rates of the rounds by picture size and way."""
     fps = {key: statistics.median(rate.fps for rate in rates) for key, rates in found.items()}
     used = {key: statistics.median(rate.processor for rate in rates) for key, rates in found.items()}
     rows = [
@@ -135,14 +96,7 @@ def report(found: dict[tuple[str, str], list[Rate]], taken: dict[str, F64]) -> R
             Criterion(f"{size}, to {way}", fps[size, way], ">=", FPS_TARGETS[size], "fps")
             for size, way in fps if way in WAYS
         ],
-        [
-            Table(f"Median of {rounds} rounds", columns, rows),
-            Table(
-                "Median milliseconds of the parts of a frame, one after the other",
-                ("picture", *PARTS, "sum"),
-                [(size, *np.median(ms, 0), float(np.median(ms.sum(1)))) for size, ms in taken.items()],
-            ),
-        ],
+        [Table(f"Median of {rounds} rounds", columns, rows)],
     )  # fmt: skip
 
 
