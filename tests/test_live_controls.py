@@ -2,7 +2,8 @@
 
 import pytest
 
-from guise.app.live.controls import KEYS, Controls, LiveSettings
+from guise.app.live.controls import KEYS, Controls
+from guise.app.live.options import LiveSettings
 
 
 @pytest.mark.parametrize(

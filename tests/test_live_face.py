@@ -13,8 +13,8 @@ from guise.aam.landmarks.schemes import IBUG68
 from guise.aam.model import Identity
 from guise.app.drawing.face import PAUSE_SECONDS
 from guise.app.drawing.look import SWAP
-from guise.app.live.controls import LiveSettings
 from guise.app.live.face import CastMember, FaceResult, LiveFaces
+from guise.app.live.options import LiveSettings
 from guise.app.media import Frame, open_input
 from guise.app.swapping.policy import LIMITS
 from guise.common.arrays import F64, U8, Bool

@@ -8,8 +8,9 @@ import pytest
 from made_up import SAMPLES
 
 from guise.aam.landmarks.schemes import JAW, NOSE_TIP
-from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.controls import Controls
 from guise.app.live.face import FaceResult, Outcome
+from guise.app.live.options import LiveSettings
 from guise.app.live.output import OutputFrame
 from guise.app.live.overlay import AMBER, GREEN, STYLE, Overlay, TextRenderer, draw_ring, mirrored
 from guise.app.live.stats import PipelineStats

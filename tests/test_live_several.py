@@ -9,8 +9,8 @@ from made_up import SAMPLES
 from models import model_file
 
 from guise.aam.model import Identity
-from guise.app.live.controls import LiveSettings
 from guise.app.live.face import CastMember, LiveFaces
+from guise.app.live.options import LiveSettings
 from guise.app.media import Frame, open_input
 from guise.app.swapping.donors import open_donor
 from guise.common.arrays import U8

@@ -7,13 +7,15 @@ from typing import Annotated, Any, Literal
 import pytest
 import typer
 
+from guise.analogy.photo import Method as PhotoMethod
+from guise.analogy.photo import Mouth
+from guise.analogy.transfer import Method as MeshMethod
 from guise.app.cli.commands import command_line
 from guise.app.cli.options import Part, look_of, takes
 from guise.app.deidentify.options import DeidentifyOptions
 from guise.app.drawing.look import LIVE, LIVE_CHOICES, PAPER, SWAP, DrawingChoices
 from guise.app.landmarks.file import LandmarkOptions
-from guise.app.live.controls import LiveSettings
-from guise.app.live.run import LiveOptions
+from guise.app.live.options import LiveOptions, LiveSettings
 from guise.app.live.session import SessionConfig
 from guise.app.media import EncodeOptions
 from guise.app.meshes.options import TransferOptions
@@ -96,7 +98,10 @@ def test_choices_are_what_the_engine_does_by_default() -> None:
 def test_values_are_those_that_the_rooms_know() -> None:
     assert options_of(DrawingChoices)["renderer"][2] == Renderer
     assert options_of(DeidentifyOptions)["renderer"][2] == Renderer
-    assert options_of(DeidentifyOptions)["cover"][2] == CoverStyle
+    assert options_of(DeidentifyOptions)["cover"][2] == options_of(LiveSettings)["style"][2] == CoverStyle
+    assert options_of(TransferOptions)["method"][2] == MeshMethod
+    assert options_of(AnalogyOptions)["method"][2] == PhotoMethod
+    assert options_of(AnalogyOptions)["mouth"][2] == Mouth
 
 
 def defaults(path: str) -> dict[str, Any]:
@@ -115,7 +120,7 @@ def defaults(path: str) -> dict[str, Any]:
         ("puppet", EncodeOptions(), {}),
         ("deidentify", EncodeOptions(), {}),
         ("live", LiveOptions().encode, {}),
-        ("live", LiveSettings(), {"style": "cover"}),
+        ("live", LiveSettings(), {}),
         ("landmarks", LandmarkOptions(), {}),
         ("analogy image", AnalogyOptions(), {}),
         ("analogy animate", AnalogyOptions(), {}),

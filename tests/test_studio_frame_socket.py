@@ -17,8 +17,9 @@ from starlette.websockets import WebSocketDisconnect
 
 from guise.aam.model import Identity
 from guise.app.live.capture import Capture, FileCapture
-from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.controls import Controls
 from guise.app.live.face import FaceResult
+from guise.app.live.options import LiveSettings
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.pipeline import Pipeline
 from guise.app.live.session import SessionConfig

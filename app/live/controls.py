@@ -3,48 +3,16 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from queue import SimpleQueue
 from typing import Any, Literal
 
-from guise.aam.extrapolation import DEFAULT_ALPHA
-from guise.app.swapping.cover import CoverStyle
+from guise.app.live.options import LiveSettings, Mode
 
-Mode = Literal["swap", "puppet", "off"]
 Request = Literal["record", "snapshot", "enrol", "quit"]
 
 ALPHA_STEP = 0.1
-
-
-@dataclass(frozen=True)
-class LiveSettings:
-    """How the next frame is processed and shown.
-
-    Parameters
-    ----------
-    identity : index of the donor face.
-    alpha : share in [0, 1] of the expression beyond the donor's own range that is let through.
-    mode : "swap", "puppet" (the donor's own still is animated) or "off" (the face is covered).
-    mirror : flip left and right.
-    side_by_side : show the camera's picture beside the result; it contains the real face.
-    mask, mesh : overlays that show where the face is drawn.
-    readout : show frames per second, latency and dropped frames.
-    help : show the keys.
-    style : of covers.
-    uncovered : a frame in which the face cannot be swapped is shown unchanged instead of covered.
-    """
-
-    identity: int = 0
-    alpha: float = DEFAULT_ALPHA
-    mode: Mode = "swap"
-    mirror: bool = False
-    side_by_side: bool = False
-    mask: bool = False
-    mesh: bool = False
-    readout: bool = False
-    help: bool = False
-    style: CoverStyle = "mosaic"
-    uncovered: bool = False
+USUAL_SETTINGS = LiveSettings()
 
 
 _SWITCHES = {
@@ -95,7 +63,7 @@ class Controls:
     requests : SimpleQueue of Request, oldest first.
     """
 
-    def __init__(self, identities: int = 1, settings: LiveSettings = LiveSettings()) -> None:
+    def __init__(self, identities: int = 1, settings: LiveSettings = USUAL_SETTINGS) -> None:
         self.requests: SimpleQueue[Request] = SimpleQueue()
         self._identities, self._settings = identities, settings
         self._lock = threading.Lock()

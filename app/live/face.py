@@ -26,7 +26,7 @@ from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.drawing.look import LIVE, PUPPET, Look
 from guise.app.live.background_detector import BackgroundDetector
-from guise.app.live.controls import LiveSettings
+from guise.app.live.options import LiveSettings
 from guise.app.media import Frame
 from guise.app.media.pictures import letterboxed
 from guise.app.swapping.cover import cover, cover_all

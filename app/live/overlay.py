@@ -15,7 +15,8 @@ import numpy as np
 
 from guise.aam.landmarks.schemes import SILHOUETTE
 from guise.aam.reference import ReferenceFrame
-from guise.app.live.controls import KEYS, LiveSettings
+from guise.app.live.controls import KEYS
+from guise.app.live.options import LiveSettings
 from guise.app.live.output import OutputFrame
 from guise.app.live.stats import PipelineStats
 from guise.app.media import ColourMatrix, Frame

@@ -5,18 +5,18 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from guise.aam.model import Identity
-from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.landmark_source import LandmarkSource
 from guise.app.enrolment.source_person import source_person
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
-from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.controls import Controls
 from guise.app.live.face import MAX_PEOPLE, CastMember
+from guise.app.live.options import LiveOptions
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import Overlay
 from guise.app.live.pipeline import Pipeline
@@ -24,7 +24,6 @@ from guise.app.live.recorder import Recordings, VideoRecorder, snapshot
 from guise.app.live.session import LiveSession, SessionConfig
 from guise.app.live.stats import PipelineStats
 from guise.app.live.window import Window
-from guise.app.media import EncodeOptions
 from guise.app.media.input import VideoInput
 from guise.app.people import kept
 from guise.app.swapping.donors import gallery, open_donor, open_face
@@ -35,41 +34,6 @@ from guise.common.threads import one_thread
 
 WINDOW, VIRTUAL_CAMERA = "window", "virtualcam"
 NOTICE_SECONDS = 4.0  # for which a message stays in the picture
-
-
-@dataclass(frozen=True)
-class LiveOptions:
-    """Options of `guise live`.
-
-    Parameters
-    ----------
-    input : a file or the address of a stream; None for the camera.
-    camera : its number.
-    identities : the faces, as for `open_face`; none: those of the gallery.
-    source : the person in the picture, likewise, or None.
-    cast : instead of both, the face of each of several people, by their models; everybody else is covered.
-    outputs : "window", "virtualcam" or files.
-    headless : without a window, every frame of a file, as fast as possible.
-    size, fps : requested of the camera.   loop : repeat the file.
-    enrol : make a new model of the person even if there is one.
-    settings : initial settings.   look : how faces are drawn.   encode, force : of files.
-    """
-
-    input: str | None = None
-    camera: int = 0
-    identities: Sequence[str] = ()
-    source: str | None = None
-    outputs: Sequence[str] = (WINDOW,)
-    headless: bool = False
-    size: tuple[int, int] = (1280, 720)
-    fps: float = 30.0
-    loop: bool = False
-    enrol: bool = False
-    settings: LiveSettings = field(default_factory=LiveSettings)
-    look: Look = LIVE
-    encode: EncodeOptions = field(default_factory=lambda: EncodeOptions(crf=20))
-    force: bool = False
-    cast: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ from guise.aam.model import Identity
 from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.drawing.look import LIVE, Look
 from guise.app.enrolment.enrol import EnrolError
-from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.controls import Controls
 from guise.app.live.enrolment import EnrolmentStatus, OnScreenEnrolment
 from guise.app.live.face import CastMember, FaceResult, LiveFaces
+from guise.app.live.options import LiveSettings
 from guise.app.live.output import OutputFrame
 from guise.app.live.overlay import draw_mesh
 from guise.app.live.stats import PipelineStats

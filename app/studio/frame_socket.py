@@ -22,8 +22,9 @@ import numpy as np
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from guise.app.live.capture import Capture
-from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.controls import Controls
 from guise.app.live.microphone import Microphone, SenderClock
+from guise.app.live.options import LiveSettings
 from guise.app.live.output import Output, OutputFrame
 from guise.app.live.overlay import draw_face
 from guise.app.media import Frame

@@ -19,7 +19,8 @@ from starlette.websockets import WebSocket
 from guise.aam.model import Identity
 from guise.aam.recognition import cosine_similarity, signature
 from guise.app.live.capture import CameraCapture, Capture, FileCapture
-from guise.app.live.controls import Controls, LiveSettings
+from guise.app.live.controls import Controls
+from guise.app.live.options import LiveSettings
 from guise.app.live.output import Output
 from guise.app.live.overlay import mesh_path
 from guise.app.live.session import SessionConfig

@@ -1,0 +1,96 @@
+"""What `guise live` is told, at its start and by keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from guise.app.drawing.look import FACE_HELP, LIVE, Look
+from guise.common.option import option
+
+if TYPE_CHECKING:
+    from guise.app.media import EncodeOptions
+
+Mode = Literal["swap", "puppet", "off"]
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """How the next frame is processed and shown.
+
+    Parameters
+    ----------
+    identity : index of the donor face.
+    alpha : share in [0, 1] of the expression beyond the donor's own range that is let through.
+    mirror : flip left and right.
+    mask, mesh : overlays that show where the face is drawn.
+    help : show the keys.
+    """
+
+    identity: int = 0
+    alpha: float = LIVE.alpha
+    mode: Mode = option("swap", "Swap, animate a still of the face, or cover.")
+    mirror: bool = False
+    side_by_side: bool = option(False, "Show the real face beside the result, in the window only.")
+    mask: bool = False
+    mesh: bool = False
+    readout: bool = option(False, "Show frame rate, latency and dropped frames in the window.")
+    help: bool = False
+    style: Literal["solid", "mosaic", "blur"] = option("mosaic", "How a face is covered.", name="--cover")
+    uncovered: bool = option(False, "Show the real face where it cannot be swapped.")
+
+
+def _encoding() -> EncodeOptions:
+    from guise.app.media import EncodeOptions
+
+    return EncodeOptions(crf=20)
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of `guise live`.
+
+    Parameters
+    ----------
+    outputs : "window", "virtualcam" or files.
+    size : requested of the camera.
+    settings : initial settings.   look : how faces are drawn.   encode : of files.
+    cast : instead of identities and source, the face of each of several people, by their models; everybody else is
+        covered.
+    """
+
+    input: str | None = option(
+        None,
+        "A video, played at its own pace, or a stream (rtsp, http ...); default: the camera.",
+        metavar="FILE|URL",
+    )
+    camera: int = option(0, "Number of the camera.", metavar="N", least=0)
+    identities: tuple[str, ...] = option(
+        (),
+        f"The face that is shown: {FACE_HELP}; repeat to choose among several with the number keys; default: the "
+        "fictional faces.",
+        name="--identity",
+        metavar="FACE",
+    )
+    source: str | None = option(
+        None,
+        "Model of the person in the picture; default: the one kept for this camera or file, or a new one.",
+        metavar="SRC",
+    )
+    outputs: tuple[str, ...] = option(
+        (),
+        "Where the result goes; may be repeated; default: window.",
+        name="--output -o",
+        metavar="window|studio|virtualcam|OUT.mp4",
+    )
+    headless: bool = option(False, "No window: write every frame of a file to files, as fast as possible.")
+    size: tuple[int, int] = (1280, 720)
+    fps: float = option(30.0, "Requested of the camera.", least=1, most=240)
+    loop: bool = option(False, "Repeat the file.")
+    enrol: bool = option(False, "Make a new model of the person in the picture.", name="--enroll")
+    settings: LiveSettings = field(default_factory=LiveSettings)
+    look: Look = LIVE
+    encode: EncodeOptions = field(default_factory=_encoding)
+    force: bool = option(False, "Replace an existing output.")
+    cast: Mapping[str, str] = field(default_factory=dict)
