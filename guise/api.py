@@ -66,8 +66,8 @@ def enroll(
         When a clip cannot be read or shows no face that could be learned.
     """
     from guise.app.enrolment.enrol import enrol as enrol_clips
-    from guise.app.enrolment.file import describe_options
     from guise.app.enrolment.landmark_source import LandmarkSource
+    from guise.app.enrolment.options import TrainingChoices
 
     paths, files = _paths(clips), _paths(landmarks)
     if not paths:
@@ -75,7 +75,7 @@ def enroll(
     if files and len(files) != len(paths):
         raise GuiseError(f"landmarks must be one file for each of the {len(paths)} clips, got {len(files)}")
     opened = None if landmarker == "builtin" else open_landmarker(landmarker)
-    options = describe_options(frames=frames, resolution=resolution)
+    options = TrainingChoices(frames, resolution).training()
     return enrol_clips(
         paths, LandmarkSource(files, opened), name=name or paths[0].stem, options=options, progress=progress, say=say
     )  # fmt: skip

@@ -11,11 +11,12 @@ from models import SMALL
 
 from guise.aam.landmarks import LandmarkError
 from guise.aam.model import Identity
-from guise.aam.training import TrainingError
+from guise.aam.training import TrainingError, TrainingOptions
 from guise.app.cli.main import main
 from guise.app.enrolment.enrol import EnrolError
-from guise.app.enrolment.file import describe_options, enrol_file
+from guise.app.enrolment.file import enrol_file
 from guise.app.enrolment.landmark_source import LandmarkSource, landmark_file
+from guise.app.enrolment.options import TrainingChoices
 from guise.common.errors import OutputError
 
 TRUTH = SAMPLES / "p01" / "talk.npz"
@@ -145,10 +146,10 @@ def test_a_failed_save_leaves_nothing(tmp_path: Path, clip: Path, monkeypatch: p
 
 
 def test_modes_go_before_the_retained_variance() -> None:
-    assert describe_options(modes=5, retain=0.9).retain == 5
-    assert describe_options(modes=60).max_modes == 60
-    assert describe_options(retain=0.9).retain == 0.9
-    assert describe_options() == describe_options(frames=None)
+    assert TrainingChoices(modes=5, retain=0.9).training().retain == 5
+    assert TrainingChoices(modes=60).training().max_modes == 60
+    assert TrainingChoices(retain=0.9).training().retain == 0.9
+    assert TrainingChoices().training() == TrainingOptions()
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from guise.app.cli.options import (
     takes,
 )
 from guise.app.drawing.look import FACE_HELP
+from guise.app.enrolment.options import TrainingChoices
 
 Clips = Annotated[
     list[Path], typer.Argument(metavar="VIDEO...", help="Clips of one person, or one to nine photos.")
@@ -41,12 +42,6 @@ ModelOutput = Annotated[
         help="The model file to write; default: the person is kept by name, see `guise people`.",
     ),
 ]
-Frames = Annotated[int | None, typer.Option(min=12, help="Frames to train on; about 120 by default.")]
-Resolution = Annotated[
-    int | None, typer.Option(min=32, max=512, help="Texture resolution, pixels across the face.")
-]
-Retain = Annotated[float | None, typer.Option(min=0.5, max=1.0, help="Share of variance to keep.")]
-Modes = Annotated[int | None, typer.Option(min=1, help="Number of modes to keep, instead of --retain.")]
 Name = Annotated[str | None, typer.Option(help="The person's name; default: that of the file.")]
 Person = Annotated[
     int | None,
@@ -72,10 +67,7 @@ def enroll(
     output: ModelOutput = None,
     landmarks: LandmarkFiles = None,
     landmarker: LandmarkerSpec = None,
-    frames: Frames = None,
-    resolution: Resolution = None,
-    retain: Retain = None,
-    modes: Modes = None,
+    training: Annotated[TrainingChoices, Part(TrainingChoices)],
     name: Name = None,
     person: Person = None,
     rest: Rest = None,
@@ -85,7 +77,7 @@ def enroll(
 ) -> None:
     """Learn a model of a person's face from one or more clips, or from a photo."""
     from guise.aam.model import Identity
-    from guise.app.enrolment.file import describe_options, enrol_file
+    from guise.app.enrolment.file import enrol_file
     from guise.app.enrolment.rest import frame_at
     from guise.app.people.kept import place_for
     from guise.app.photos.enrol_photos import are_photos, enrol_photos
@@ -94,7 +86,7 @@ def enroll(
     if person is not None and len(videos) > 1:
         raise typer.BadParameter("--person chooses among the people of one clip: give one clip")
     source = replace(landmark_source(landmarks or [], landmarker, len(videos)), refine=refine)
-    options = describe_options(frames=frames, resolution=resolution, retain=retain, modes=modes)
+    options = training.training()
     if rest is not None:
         options = replace(options, rest_frame=frame_at(videos[0], rest).index)
     name = name or (output or videos[0]).stem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -56,25 +56,6 @@ class EnrolReport(Report):
             "size": f"{self.size / 1e6:.1f} MB",
             "time": f"{self.seconds:.1f} s",
         }
-
-
-def describe_options(
-    *,
-    frames: int | None = None,
-    resolution: int | None = None,
-    retain: float | None = None,
-    modes: int | None = None,
-) -> TrainingOptions:
-    """Training options in which None stands for the default; `modes` goes before `retain`."""
-    options = TrainingOptions()
-    kept = modes if modes is not None else retain if retain is not None else options.retain
-    return replace(
-        options,
-        frames=frames or options.frames,
-        resolution=resolution or options.resolution,
-        retain=kept,
-        max_modes=max(options.max_modes, modes or 0),
-    )
 
 
 def enrol_file(
