@@ -12,7 +12,7 @@ from made_up import SAMPLES
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
 from benchmarks.common import F64, Clip
-from benchmarks.picture import pairs, program, sheets, truth
+from benchmarks.picture import identity, program, sheets, truth
 from benchmarks.picture.turned import distances_from_line
 from guise.aam.landmarks.schemes import BROWS, EYES, LOWER_LIP_INNER
 
@@ -101,26 +101,28 @@ def test_a_refused_scene_lowers_the_mean_and_leaves_other_figures_to_the_others(
 
 
 def test_gains_of_expression_are_judged_both_ways() -> None:
-    row = {**dict.fromkeys(pairs.COLUMNS, 1.0), "source <- donor": "a <- b", "lids_gain": 1.3, "sharp": -0.4}
-    met = {c.what: c.met for c in pairs.summary([row]).criteria}
+    row = {**dict.fromkeys(identity.COLUMNS, 1.0), "pair": "a__b", "lids_gain": 1.3, "sharp": -0.4}
+    found = {"donor": 1.0, "source": 0.0, "margin": 0.3, "rows": [{"pair": "a__b", "taken_for": "b"}]}
+    met = {c.what: c.met for c in identity.summary([row], found).criteria}
+    assert met["taken for the donor"]
     assert met["mean gain of mouth, from 1"]
     assert not met["mean gain of lids, from 1"]
-    assert not met["sharpness, farthest from 0"]
+    assert not met["sharpness, absolute mean"]
 
 
-def test_there_are_twelve_pairs_of_different_people() -> None:
-    assert len(set(pairs.PAIRS)) == len(pairs.PAIRS) == 12
-    assert all(source != donor for source, donor in pairs.PAIRS)
+def test_there_are_24_pairs_of_different_people() -> None:
+    assert len(set(identity.PAIRS)) == len(identity.PAIRS) == 24
+    assert all(source != donor for source, donor in identity.PAIRS)
 
 
 def test_what_is_missing_is_said_and_nothing_is_measured(tmp_path: Path) -> None:
     options = argparse.Namespace(shared=tmp_path, peers_python=Path("python"), work=tmp_path, quick=False)
-    for benchmark in (truth, pairs):
+    for benchmark in (truth, identity):
         report = benchmark.measure(options)
         assert not report.criteria
         assert "is missing; --shared names" in report.notes[0]
     options.peers_python = None
-    assert "--peers-python" in pairs.measure(options).notes[0]
+    assert "--peers-python" in identity.measure(options).notes[0]
 
 
 def test_a_point_may_lie_anywhere_along_a_line_but_not_beside_it_or_beyond_its_ends() -> None:

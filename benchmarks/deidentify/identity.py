@@ -27,7 +27,7 @@ from benchmarks import common
 from benchmarks.common import F64, Criterion, Report, Table
 from benchmarks.deidentify.guise import deidentified
 from benchmarks.deidentify.swapped import frontal
-from benchmarks.identity import TEMPLATE, spread
+from benchmarks.embeddings import TEMPLATE, spread
 from benchmarks.landmarks.clips import real_clips
 from guise.aam.landmarks import open_landmarker
 from guise.app.measure.faces import FaceTrack, relocate

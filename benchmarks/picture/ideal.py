@@ -1,8 +1,8 @@
 """What the tool that judges real pairs says of the ideal: rendered swaps and their exact truth, side by side.
 
-`picture.pairs` has no truth, and even a perfect swap keeps the source's hair, outline, expression and light, which an
-embedding sees too.  Here the same tool (illusion.py of the shared folder) judges the ideal swap of each rendered scene
-and the program's: what the ideal does not reach, no program has to.
+`picture.identity` has no truth, and even a perfect swap keeps the source's hair, outline, expression and light, which
+an embedding sees too.  Here the same tool (illusion.py of the shared folder) judges the ideal swap of each rendered
+scene and the program's: what the ideal does not reach, no program has to.
 """
 
 from __future__ import annotations

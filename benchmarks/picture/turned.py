@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks import common
 from benchmarks.common import F64, Clip, Criterion, Picture, Report, Table
-from benchmarks.identity import Recogniser, person
+from benchmarks.embeddings import Recogniser, person
 from benchmarks.landmarks.head_pose import true_angles
 from benchmarks.landmarks.metrics import Bools
 from benchmarks.landmarks.setting import skipped

@@ -104,7 +104,7 @@ class LidClosingLimits:
     closed: tuple[float, float] = tuned((0.25, 0.6), "share", "picture.truth")
     # that is usual of eyes of which the parsing can tell
     least: float = tuned(0.5, "share", "landmarks.parsing")
-    memory: Decay = tuned(Decay(0.996, PAUSE_SECONDS), "share a pause", "picture.pairs")  # of the usual
+    memory: Decay = tuned(Decay(0.996, PAUSE_SECONDS), "share a pause", "picture.identity")  # of the usual
     # of an eye's width, below which the parsing sees one now and then only
     min_eye_pixels: float = tuned(14.0, "pixels", "landmarks.parsing")
     columns: int = tuned(9, "places", "speed")

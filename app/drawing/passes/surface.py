@@ -43,23 +43,23 @@ class SharpnessLimits:
     # standard deviation, beyond which a difference is light, not detail
     band_face_widths: float = tuned(0.04, "face widths", "picture.truth")
     # of a lowering, by which eyes, brows and lips follow
-    feature_share: float = tuned(0.4, "share", "picture.pairs")
+    feature_share: float = tuned(0.4, "share", "picture.identity")
     # standard deviation, before gradients are taken
-    smoothing_pixels: float = tuned(0.7, "pixels", "picture.pairs")
+    smoothing_pixels: float = tuned(0.7, "pixels", "picture.identity")
     places: int = tuned(800, "places", "speed")  # on skin, half of them for grain
     # share of the places that must lie in the picture
-    min_inside: float = tuned(0.5, "share", "picture.pairs")
+    min_inside: float = tuned(0.5, "share", "picture.identity")
     # gradient energy of a place, of the mean, above which it's an edge
-    max_excess: float = tuned(4.0, "ratio", "picture.pairs")
+    max_excess: float = tuned(4.0, "ratio", "picture.identity")
     # of gradients, grey levels squared, below which both are smooth
-    min_energy: float = tuned(4.0, "squared grey levels", "picture.pairs")
+    min_energy: float = tuned(4.0, "squared grey levels", "picture.identity")
     # by which the frame may be sharper
-    slack_octaves: tuple[float, float] = tuned((-0.1, 0.3), "octaves of gradient energy", "picture.pairs")
+    slack_octaves: tuple[float, float] = tuned((-0.1, 0.3), "octaves of gradient energy", "picture.identity")
     # the same, above which the frame's own structure is shown
-    own_slack_octaves: float = tuned(0.4, "octaves of gradient energy", "picture.pairs")
-    rate: float = tuned(0.35, "share", "picture.pairs")  # of a difference made up for at each measurement
+    own_slack_octaves: float = tuned(0.4, "octaves of gradient energy", "picture.identity")
+    rate: float = tuned(0.35, "share", "picture.identity")  # of a difference made up for at each measurement
     # of a face, in which every frame is measured and made up for twice as fast
-    first_seconds: float = tuned(12 * FRAME_SECONDS, "seconds", "picture.pairs")
+    first_seconds: float = tuned(12 * FRAME_SECONDS, "seconds", "picture.identity")
     every_seconds: float = tuned(4 * FRAME_SECONDS, "seconds", "speed")  # between later measurements
     gain: tuple[float, float] = tuned((0.35, 1.2), "ratio", "picture.truth")  # least and most
     unseen_gain: float = tuned(0.03, "ratio", "speed")  # from 1, within which nothing is done
@@ -91,13 +91,13 @@ class OwnSkinLimits:
     """What is taken from the frame."""
 
     # standard deviation, below which structure is fine
-    band_face_widths: float = tuned(0.012, "face widths", "picture.pairs")
+    band_face_widths: float = tuned(0.012, "face widths", "picture.identity")
     # standard deviation, of which structure is a fold or an edge and stays out
-    fold_grey_levels: float = tuned(3.0, "grey levels", "picture.pairs")
+    fold_grey_levels: float = tuned(3.0, "grey levels", "picture.identity")
     # around eyes, brows, lips and nostrils of either face
-    feature_growth_face_widths: float = tuned(0.035, "face widths", "picture.pairs")
+    feature_growth_face_widths: float = tuned(0.035, "face widths", "picture.identity")
     # standard deviation by which it fades at the edge of skin
-    rim_face_widths: float = tuned(0.02, "face widths", "picture.pairs")
+    rim_face_widths: float = tuned(0.02, "face widths", "picture.identity")
     cell_grid_pixels: int = tuned(4, "grid pixels", "speed")  # between which places are interpolated
 
 
