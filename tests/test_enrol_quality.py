@@ -11,7 +11,7 @@ from worn_glasses import with_glasses
 
 from guise.aam.landmarks.schemes import BROWS, LEFT_EYE, LOWER_LIP_INNER, RIGHT_EYE, UPPER_LIP_INNER
 from guise.aam.model import Identity
-from guise.app.enrolment.quality import longest_rest, weaknesses
+from guise.app.enrolment.quality import longest_rest, sharpness, weaknesses
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +101,14 @@ def test_dark_lashes_are_not_taken_for_glasses(p01: Identity, points: np.ndarray
     for eye in (RIGHT_EYE, LEFT_EYE):
         cv2.polylines(picture, [np.round(rest.shape[eye]).astype(np.int32)], True, (20, 15, 15), 4)
     assert weaknesses(points, replace(p01, rest_frame=replace(rest, picture=picture))) == []
+
+
+def test_a_soft_picture_is_named_whatever_its_size(p01: Identity, points: np.ndarray) -> None:
+    rest = p01.rest_frame
+    soft = np.asarray(cv2.GaussianBlur(rest.picture, (0, 0), 2.5), np.uint8)
+    assert weaknesses(points, replace(p01, rest_frame=replace(rest, picture=soft)))[0].startswith(
+        "the picture of"
+    )
+    large = np.asarray(cv2.resize(rest.picture, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC), np.uint8)
+    shape = (rest.shape + 0.5) * 2 - 0.5
+    assert sharpness(replace(rest, picture=large, shape=shape)) == pytest.approx(sharpness(rest), rel=0.15)

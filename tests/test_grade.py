@@ -53,7 +53,7 @@ def test_each_figure_lowers_the_score_and_the_largest_is_advised_about() -> None
     words = ["colours differ", "light differs", "softer", "differ in shape"]
     bad = Grade(9.0, 12.0, -0.9, 0.06)
     for keep, word in zip(("colour", "light", "sharpness", "shape"), words, strict=True):
-        weak = {"colour": 3.0, "light": 4.0, "sharpness": -0.3, "shape": 0.02}
+        weak = {"colour": 1.0, "light": 1.2, "sharpness": -0.3, "shape": 0.02}
         one = replace(bad, **{name: value for name, value in weak.items() if name != keep})
         assert word in one.advice
 

@@ -38,6 +38,7 @@ class ClipQualityLimits:
     min_open_gap: float = 0.07  # in those in which they are farthest apart
     min_width_share: float = 0.7  # of the face's width in the clip, of the model's resolution
     min_grey_level: float = 55.0  # of skin
+    min_sharpness: float = 0.48  # of the face, see `sharpness`
     max_side_ratio: float = 1.9  # of the brightness of the brighter half of the skin to the other
     max_turn_share: float = 0.17  # of the nose's tip from the middle of the face, of its width
     min_fringe_share: float = 0.4  # of hair on and above both brows
@@ -50,6 +51,8 @@ class ClipQualityLimits:
 
 LIMITS = ClipQualityLimits()
 EXTREME_PERCENT = 3  # of frames, that count as the extremes
+SHARP_WIDTH = 140  # pixels of a face's width, from which it may be sharp
+SHARP_BANDS = (1.0, 2.5)  # standard deviations, pixels of a face 160 pixels wide
 USUAL_LIDS = 0.7  # quantile of the opening of the lids that is usual
 
 
@@ -60,6 +63,19 @@ def weaknesses(points: NDArray[np.floating], identity: Identity) -> list[str]:
     """
     seen = points[np.isfinite(points).all((1, 2))].astype(np.float64)
     return [*_of_light(identity.rest_frame), *_of_shapes(seen, identity.reference.resolution)]
+
+
+def sharpness(rest: RestFrame) -> float:
+    """Root mean square of the finest structure of a face, over that of what is a little coarser."""
+    scale = 160 / float(np.ptp(rest.shape[:, 0]))
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    grey = cv2.cvtColor(rest.picture, cv2.COLOR_RGB2GRAY)
+    luma = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=how).astype(np.float32)
+    face = np.zeros(luma.shape, np.uint8)
+    cv2.fillConvexPoly(face, cv2.convexHull(np.round(scale * rest.shape).astype(np.int32)), 1)
+    near, far = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in SHARP_BANDS)
+    fine, coarse = (float((band[face > 0] ** 2).mean()) for band in (luma - near, near - far))
+    return float(np.sqrt(fine / max(coarse, 1e-6)))
 
 
 def longest_rest(seen: F64) -> int:
@@ -121,6 +137,8 @@ def _of_light(rest: RestFrame) -> list[str]:
     luma = cv2.warpAffine(cv2.cvtColor(rest.picture, cv2.COLOR_RGB2GRAY), inverse, size, flags=cv2.INTER_AREA)
     halves = [_mean(luma[:, half], skin[:, half]) for half in (np.s_[: size[0] // 2], np.s_[size[0] // 2 :])]
     told = []
+    if np.ptp(rest.shape[:, 0]) >= SHARP_WIDTH and sharpness(rest) < LIMITS.min_sharpness:
+        told.append("the picture of the face is soft: film in focus, in more light, without a filter")
     if wears_glasses(parsing, rest.shape):
         told.append("the person wears glasses, which leave traces in the face: take them off")
     if _has_fringe(parsing, rest.shape):

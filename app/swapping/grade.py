@@ -4,7 +4,8 @@ The trial is drawn by the engine of the swap on the source's frame at rest; what
 sharpness that the frame hasn't, and how far the two faces at rest differ in shape, predict what programs that have no
 part in it find in whole swaps (benchmarks/picture/grade.py, which also fitted the weights).
 
-Lab is OpenCV's float Lab, L 0..100; smooth means a Gaussian with SMOOTH_FACE_WIDTHS; pixels, x right, y down.
+Colours are compared by the tone of all of the skin: elsewhere a face that looks like the person in the video would be
+graded best.  Lab is OpenCV's float Lab, L 0..100; pixels, x right, y down.
 """
 
 from __future__ import annotations
@@ -19,15 +20,12 @@ from guise.aam.model import Identity
 from guise.aam.parsing import FaceClass, FaceParser
 from guise.app.media import Frame
 from guise.common.arrays import F32, F64, U8, Bool
-from guise.common.quantile import quantile
 from guise.common.tuned import derived, tuned
 
-SMOOTH_FACE_WIDTHS = tuned(0.05, "face widths", "picture.grade")
 TYPICAL_FACE = "p03"  # of the gallery, with which somebody who is enrolled is graded
 TRIAL_FRAMES = tuned(6, "frames", "picture.grade")  # over which light and occlusion settle
 MARGIN_FACE_WIDTHS = tuned(0.2, "face widths", "picture.grade")  # about the face, of what is looked at
 MIN_SKIN = tuned(0.8, "share", "picture.grade")  # of a pixel that counts as skin
-FAR = tuned(0.95, "share", "picture.grade")  # quantile of the differences that is told
 
 
 @dataclass(frozen=True)
@@ -38,10 +36,10 @@ class GradeWeights:
     targets that the figures of a whole swap reach.
     """
 
-    colour: float = derived(3.0, "Lab", "the target of picture.pairs")
-    light: float = derived(4.0, "Lab", "the target of picture.pairs")
+    colour: float = derived(1.0, "Lab", "the target of picture.identity: tone_chroma")
+    light: float = derived(1.2, "Lab", "the target of picture.identity: tone_light")
     # what is too sharp is softened in a whole swap
-    softness: float = derived(0.3, "octaves of gradient energy", "the target of picture.pairs")
+    softness: float = derived(0.3, "octaves of gradient energy", "the target of picture.identity")
     most: float = tuned(3.0, "targets", "picture.grade")
     constant: float = tuned(0.77, "targets", "picture.grade")
     trial: float = tuned(0.35, "ratio", "picture.grade")  # of the mean multiple of the three in the trial
@@ -60,7 +58,7 @@ class Grade:
 
     Parameters
     ----------
-    colour, light : Lab differences of smooth skin that a share FAR of it does not exceed.
+    colour, light : Lab differences of the median colour of the skin, and of its L.
     sharpness : octaves by which the drawn skin is sharper than the frame's.
     shape : mean distance of the points of the two faces at rest, face widths.
     """
@@ -152,10 +150,10 @@ def grade(engine: Trial) -> Grade | None:
         return None
     shapes = [one.appearance.neutral_shape / one.reference.resolution for one in (person, face)]
     was, made = _lab(before), _lab(after)
-    away = _smooth(made, rest.shape) - _smooth(was, rest.shape)
+    away = np.median(made[skin], axis=0) - np.median(was[skin], axis=0)
     return Grade(
-        round(quantile(np.linalg.norm(away[skin][:, 1:], axis=1), FAR), 3),
-        round(quantile(np.abs(away[skin][:, 0]), FAR), 3),
+        round(float(np.hypot(*away[1:])), 3),
+        round(float(abs(away[0])), 3),
         round(float(np.log2(_energy(made, skin) / _energy(was, skin))), 3),
         round(float(np.abs(shapes[0] - shapes[1]).mean()), 4),
     )
@@ -179,11 +177,6 @@ def _skin(rgb: U8, shape: F64) -> Bool:
 
 def _lab(rgb: U8) -> F32:
     return np.asarray(cv2.cvtColor(rgb.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-
-
-def _smooth(lab: F32, shape: F64) -> F32:
-    width = SMOOTH_FACE_WIDTHS * float(np.ptp(shape[:, 0]))
-    return np.asarray(cv2.GaussianBlur(lab, (0, 0), width), np.float32)
 
 
 def _energy(lab: F32, skin: Bool) -> float:
