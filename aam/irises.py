@@ -7,7 +7,7 @@ white.  Places in an eye are in its widths, corner to corner, from the middle of
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -80,6 +80,20 @@ def width_to_nose(eye: Group, at_rest: F64) -> float:
     return math.dist(first, last) / max(nose_length(at_rest), 1e-3)
 
 
+@dataclass(frozen=True)
+class HumanIrises:
+    """Colours of people's irises: red and blue over green, least and most, by brightness, shares of the white."""
+
+    brightness: tuple[float, float, float] = (0.1, 0.33, 0.5)
+    red: tuple[tuple[float, float, float], ...] = ((1.2, 1.1, 0.85), (1.8, 1.5, 1.2))
+    blue: tuple[tuple[float, float, float], ...] = ((0.45, 0.55, 0.7), (0.8, 0.9, 1.2))
+    lightest: float = 0.62
+    border: float = 0.1  # radii, over which a change fades
+
+
+HUMAN = HumanIrises()
+
+
 @dataclass(frozen=True, eq=False)
 class Irises:
     """How a person's irises look at rest.
@@ -112,6 +126,23 @@ class Irises:
         places = np.array([fit[best][1] for fit in fits])
         profiles = [eye.profile(float(radii[best]), place) for eye, place in zip(eyes, places, strict=True)]
         return cls(float(radii[best]), np.asarray(np.mean(profiles, axis=0), np.float32), places)
+
+    def in_human_range(self) -> Irises:
+        """The same in the nearest colour that irises have: dark ones are brown, none is red or purple.
+
+        A clip shows an iris in a few pixels, in which the sky or a lamp is reflected.
+        """
+        colour = np.maximum(self.colour, 0.02)
+        grey = float(colour @ LUMA)
+        ends = [float(np.interp(grey, HUMAN.brightness, end)) for end in HUMAN.red + HUMAN.blue]
+        red = float(np.clip(colour[0] / colour[1], ends[0], ends[1]))
+        blue = float(np.clip(colour[2] / colour[1], ends[2], ends[3]))
+        aim = np.array([red, 1.0, blue], np.float32)
+        aim *= min(grey, HUMAN.lightest) / float(aim @ LUMA)
+        rings = (np.arange(LIMITS.rings) + 0.5) * LIMITS.reach / LIMITS.rings
+        within = np.clip((1 + HUMAN.border - rings) / (2 * HUMAN.border), 0, 1)[:, None]
+        factor = 1 + within * (aim / colour - 1)
+        return replace(self, profile=np.asarray(self.profile * factor, np.float32))
 
     @property
     def colour(self) -> F32:
@@ -216,6 +247,7 @@ class Whites:
     def __init__(self, reference: ReferenceFrame, enrolled: tuple[F32, F32], skin: Int) -> None:
         eyes = soft_parts(reference, (RIGHT_EYE, LEFT_EYE), 0.0)[reference.mask] > 0.5
         own, other = (white(texture[eyes]) for texture in enrolled)
+        self.brightness = float(own @ LUMA) / float(other @ LUMA)
         self._ratio = own / other / np.maximum(enrolled[0][skin].mean(0), 1)
 
     def tint(self, skin: F32) -> F32:

@@ -517,3 +517,33 @@ def test_rims_stay_in_front_of_the_drawn_face(
     before, after = (picture[lower[:, 1], lower[:, 0]].mean() for picture in (rgb, frame.rgb()))
     bare = scene.rgb[lower[:, 1], lower[:, 0]].mean()
     assert (abs(after - before) < 0.25 * (bare - before)) == kept
+
+
+def between_eyes(watch: Watch) -> tuple[int, int]:
+    """Row and column on the reference grid."""
+    x, y = np.round(watch.reference.points[NOSE_ROOT]).astype(int)
+    return int(y), int(x)
+
+
+@pytest.mark.parametrize(("rows", "stays"), [(slice(20, 34), False), (slice(0, 34), True)])
+def test_only_what_reaches_in_from_beyond_the_face_stays_in_front(
+    p01: Identity, monkeypatch: pytest.MonkeyPatch, rows: slice, *, stays: bool
+) -> None:
+    watch = Watch(p01, watches_eyes=False)
+    parsing = fake_parsing(FaceClass.OCCLUDER, slice(28, 36), rows)
+    monkeypatch.setattr(cover, "parse_frame", lambda *_: parsing)
+    left = watch(BLACK, watch.reference.points * (64 / watch.reference.resolution))
+    assert (left is not None and left[between_eyes(watch)] < 0.1) == stays
+
+
+def test_what_is_taken_for_an_object_once_is_none(p01: Identity, monkeypatch: pytest.MonkeyPatch) -> None:
+    watch = Watch(p01, watches_eyes=False)
+    shape = watch.reference.points * (64 / watch.reference.resolution)
+    shown = [fake_parsing(FaceClass.OCCLUDER, slice(28, 36), slice(rows)) for rows in (0, 34, 34)]
+    monkeypatch.setattr(cover, "parse_frame", lambda *_: shown.pop(0))
+    hidden = []
+    while shown:
+        watch.memory.cover.due = 0.0
+        left = watch(BLACK, shape)
+        hidden.append(left is not None and bool(left[between_eyes(watch)] < 0.1))
+    assert hidden == [False, False, True]

@@ -150,3 +150,13 @@ def test_a_gaze_moves_as_fast_at_any_frame_rate() -> None:
             followed(np.array([[0.04, 0], [0.04, 0]]), 1 / rate, memory)
         places.append(memory.gaze.parsed[0, 0])
     assert places == pytest.approx([places[1]] * 3, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "darker", "lighter"), [(18.0, False, False), (26.0, True, False), (40.0, True, True)]
+)
+def test_an_iris_that_a_clip_shows_in_few_pixels_is_not_known(
+    pixels: float, *, darker: bool, lighter: bool
+) -> None:
+    for own, other, is_known in ((GREEN, BROWN, darker), (BROWN, GREEN, lighter)):
+        assert IrisChange(irises(own), irises(other)).is_known(pixels) == is_known

@@ -78,3 +78,27 @@ def test_a_persons_irises_are_known_from_the_model() -> None:
     assert known.colour.max() < 1.0
     inner, rim = known.at(np.array([0.4, 0.7], np.float32)).T  # the grid is too coarse for the pupil
     assert inner.mean() < rim.mean()
+
+
+@pytest.mark.parametrize(
+    ("seen", "unlike"),
+    [
+        ((0.34, 0.27, 0.35), "purple"),
+        ((0.6, 0.2, 0.2), "red"),
+        ((0.3, 0.4, 0.8), "of the sky"),
+        ((0.9, 0.9, 0.9), "white"),
+    ],
+)
+def test_an_iris_has_a_colour_that_irises_have(seen: tuple[float, float, float], unlike: str) -> None:
+    rings = np.where((np.arange(LIMITS.rings)[:, None] + 0.5) * LIMITS.reach / LIMITS.rings < 1, seen, 1)
+    red, green, blue = Irises(0.2, rings.astype(np.float32), np.zeros((2, 2))).in_human_range().colour
+    assert red <= 1.85 * green, unlike
+    assert blue <= 1.25 * green, unlike
+    assert red >= blue or green > 0.35, unlike  # dark ones are brown
+    assert green <= 0.75, unlike
+
+
+@pytest.mark.parametrize("seen", [(0.34, 0.22, 0.15), (0.42, 0.46, 0.4), (0.5, 0.55, 0.6)])
+def test_the_colour_of_a_usual_iris_stays(seen: tuple[float, float, float]) -> None:
+    irises = Irises(0.2, np.tile(np.float32(seen), (LIMITS.rings, 1)), np.zeros((2, 2)))
+    np.testing.assert_allclose(irises.in_human_range().colour, seen, rtol=0.02)

@@ -77,20 +77,20 @@ class OcclusionLimits:
     # and of the background beyond the person's own face
     hair_share: tuple[float, float] = tuned((0.5, 0.85), "share", "landmarks.parsing")
     # of glasses, beside the eyes
-    frame_share: tuple[float, float] = tuned((0.2, 0.5), "share", "picture.pairs")
+    frame_share: tuple[float, float] = tuned((0.2, 0.5), "share", "picture.identity")
     # of glasses, dark ones, before the eyes
-    lens_share: tuple[float, float] = tuned((0.7, 0.95), "share", "picture.pairs")
+    lens_share: tuple[float, float] = tuned((0.7, 0.95), "share", "picture.identity")
     # within which glasses must be seen on the other side of the face, too
-    mirror_face_widths: float = tuned(0.04, "face widths", "picture.pairs")
+    mirror_face_widths: float = tuned(0.04, "face widths", "picture.identity")
     # of hair and glasses; objects come and go
-    memory: Decay = tuned(Decay(0.7, PAUSE_SECONDS), "share a pause", "picture.pairs")
+    memory: Decay = tuned(Decay(0.7, PAUSE_SECONDS), "share a pause", "picture.identity")
     still_share: float = tuned(0.2, "share", "picture.truth")  # change of a share up to which it is still
     # mean change of an eye's texels, of their mean, from which it moves
     eye_change: float = tuned(0.04, "ratio", "picture.truth")
     # inside the hull, where the source's hair is kept
-    hair_rim_face_widths: float = tuned(0.09, "face widths", "picture.pairs")
+    hair_rim_face_widths: float = tuned(0.09, "face widths", "picture.identity")
     # around the brows, within which the source's own never show, and rims of glasses may lie above them
-    brow_growth_face_widths: float = tuned(0.05, "face widths", "picture.pairs")
+    brow_growth_face_widths: float = tuned(0.05, "face widths", "picture.identity")
 
 
 LIMITS = OcclusionLimits()
@@ -199,7 +199,8 @@ class Cover:
         else:
             thing, worn = cells.in_front(*layers)
             is_moving = cells.is_object(thing) and cells.have_moved(thing, kept.thing)
-            kept.thing, hidden = thing, np.maximum(thing, _steady(kept, worn, since))
+            hidden = np.maximum(cells.lasting(thing, kept.thing), _steady(kept, worn, since))
+            kept.thing = thing
         kept.due = memory.clock.now + (0.0 if is_moving else PAUSE_SECONDS)
         if seen.beside is not None and cells.beyond is not None:
             beside = _steady(kept, seen.beside.at(places)[:, 0] * cells.beyond, since)
@@ -274,6 +275,16 @@ class _Cells:
         return bool(beside > LIMITS.min_object_face_shares * self._area) or bool(
             np.logical_or.reduce(seen[self._face.ravel()])
         )
+
+    def lasting(self, thing: F32, before: F32 | None) -> F32:
+        """The share (n,) that objects hide which reach over the rim of the face and were in front before (n,), too."""
+        inside = thing.reshape(self._grid.size) > MIN_SHARE
+        _, labels = cv2.connectedComponents((inside & self._face).astype(np.uint8))
+        reaching = np.isin(labels, labels[self._rim & inside])
+        if before is not None:
+            there = (before > MIN_SHARE).reshape(self._grid.size)
+            reaching &= np.isin(labels, labels[inside & there])
+        return np.where((reaching & inside | ~self._face).ravel(), thing, np.float32(0))
 
     def reaching_in(self, thing: F32, hair: F32, hair_coloured: F32) -> tuple[F32, bool]:
         """The share (n,) that objects hide which reach over the rim of the face, and are no hair; whether there are."""

@@ -39,32 +39,36 @@ class TintLimits:
     # cost of a distance, and of a light iris's
     moved: tuple[float, float] = tuned((2.0, 0.6), "1/eye widths", "landmarks.parsing")
     max_difference: float = 1.0  # of a pixel from that at rest, sum over the channels, shares of the white
-    memory: Decay = tuned(Decay(0.25), "share", "picture.pairs")  # of a place
-    edge: float = tuned(0.7, "radii", "picture.pairs")  # beyond which catch-lights fade
+    memory: Decay = tuned(Decay(0.25), "share", "picture.identity")  # of a place
+    edge: float = tuned(0.7, "radii", "picture.identity")  # beyond which catch-lights fade
+    # width of an eye in the clip from which a darker and a lighter iris is known
+    known_eye_pixels: tuple[float, float] = tuned((22.0, 30.0), "pixels", "picture.identity")
     # Drawing.
     # at which nothing and all of a dark iris is changed,
-    border: tuple[float, float] = tuned((1.15, 0.85), "radii", "picture.pairs")
-    painted_border: tuple[float, float] = tuned((1.2, 0.96), "radii", "picture.pairs")  # and of a light one
+    border: tuple[float, float] = tuned((1.15, 0.85), "radii", "picture.identity")
+    painted_border: tuple[float, float] = tuned(
+        (1.2, 0.96), "radii", "picture.identity"
+    )  # and of a light one
     # How unlike white nothing and all of a pixel is changed, of an iris that becomes darker, and of one that becomes
     # lighter, where what is no iris would shine; and how far its colour may be from those between white and iris.
     unlike: tuple[tuple[float, float], tuple[float, float]] = tuned(
-        ((0.0, 0.5), (0.35, 0.85)), "share of the white", "picture.pairs"
+        ((0.0, 0.5), (0.35, 0.85)), "share of the white", "picture.identity"
     )
     # at which all and none of a pixel is changed
-    other_colour: tuple[float, float] = tuned((0.15, 0.3), "share of the white", "picture.pairs")
+    other_colour: tuple[float, float] = tuned((0.15, 0.3), "share of the white", "picture.identity")
     # brightness of a light iris: of none below, of all above
-    light: tuple[float, float] = tuned((0.6, 0.66), "share of the white", "picture.pairs")
+    light: tuple[float, float] = tuned((0.6, 0.66), "share of the white", "picture.identity")
     # limits of the factors of one that becomes darker
-    gain: tuple[float, float] = tuned((0.15, 2.5), "ratio", "picture.pairs")
+    gain: tuple[float, float] = tuned((0.15, 2.5), "ratio", "picture.identity")
     # of an iris at most: more, in the shade of lids, looks blind
-    lightening: float = tuned(2.2, "ratio", "picture.pairs")
+    lightening: float = tuned(2.2, "ratio", "picture.identity")
     # added before colours are divided
-    black_share: float = tuned(0.02, "share of the white", "picture.pairs")
+    black_share: float = tuned(0.02, "share of the white", "picture.identity")
     # by which a pixel is brighter than a light iris at least
-    catch_light: float = tuned(0.25, "share of the white", "picture.pairs")
+    catch_light: float = tuned(0.25, "share of the white", "picture.identity")
     # limits of the frame's iris over that at rest
-    shade: tuple[float, float] = tuned((0.55, 1.1), "ratio", "picture.pairs")
-    shade_eye_widths: float = tuned(0.04, "eye widths", "picture.pairs")  # standard deviation
+    shade: tuple[float, float] = tuned((0.55, 1.1), "ratio", "picture.identity")
+    shade_eye_widths: float = tuned(0.04, "eye widths", "picture.identity")  # standard deviation
 
 
 LIMITS = TintLimits()
@@ -109,6 +113,13 @@ class IrisChange:
 
     source: Irises
     target: Irises
+
+    def is_known(self, eye_pixels: float) -> bool:
+        """Whether a clip that shows the target's eye so many pixels wide tells its colour.
+
+        A light iris on a dark one must be known better: a doubtful one looks blind.
+        """
+        return eye_pixels >= LIMITS.known_eye_pixels[self.lightens]
 
     @property
     def lightens(self) -> bool:
