@@ -7,7 +7,7 @@ RGB of every mask pixel (DESIGN of de la Hunty, Asthana and Goecke 2010, section
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -182,6 +182,12 @@ class AppearanceModel:
     def neutral_texture(self) -> F32:
         """(n, 3) neutral RGB."""
         return self.texture_of(self.neutral)
+
+    def with_neutral_texture(self, texture: F32) -> AppearanceModel:
+        """The same with another neutral RGB, of which a picture (h, w, 3) on the grid is given."""
+        neutral = self.neutral.copy()
+        neutral[SHAPE_ENTRIES:] = texture[self.reference.mask].ravel()
+        return replace(self, neutral=neutral)
 
     def shape_of(self, vector: F32) -> F64:
         """Landmarks (81, 2), grid pixels, of an appearance vector."""

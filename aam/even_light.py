@@ -5,8 +5,7 @@ these look painted on.  A face is symmetric: smooth differences between its halv
 differ little in how nose, cheeks and forehead are shaded (`training/shading.py`): what is far beyond that is light,
 too, and all the more in a face whose halves differ.  Dark jaws and upper lips stay, as they may be beards.  What gleams
 on a small scale gleams in that light, and the red of a nostril is that of light within; moles are darker than the skin
-around them and stay.  Of a fold only the line is left then, dark as the shade that is gone: it gets as faint as a line
-without that shade looks natural.  Grid pixels; RGB 0..255.
+around them and stay.  Grid pixels; RGB 0..255.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE_ENTRIES
-from guise.aam.landmarks.schemes import NOSE_BASE, NOSE_WINGS
+from guise.aam.appearance import AppearanceModel
+from guise.aam.landmarks.schemes import NOSE_BASE
 from guise.aam.light import LUMA
-from guise.aam.mask import skin_mask, soft_parts
+from guise.aam.mask import skin_mask
 from guise.aam.mirror import mirror_image
 from guise.aam.model import Identity
 from guise.aam.reference import ReferenceFrame
-from guise.common.arrays import F32, U8
+from guise.common.arrays import F32
 
 DATA = Path(__file__).parent / "data" / "shading.npz"
 
@@ -36,18 +35,16 @@ class EvenLightLimits:
 
     symmetry_face_widths: float = 0.04  # standard deviation, over which both halves are compared
     shading_face_widths: float = 0.03  # over which shading is compared with that of other people
-    spread_face_widths: float = 0.02  # over which a change fades around eyes, brows and lips
+    # Over which shade lies in ordinary light, where what is finer is the form and the colour of one's own face, and in
+    # hard light.
+    spread_face_widths: tuple[float, float] = (0.07, 0.02)
     glint_spread_face_widths: float = 0.01  # the same for what gleams
-    uneven: tuple[float, float] = (0.25, 0.4)  # logarithm between the halves: ordinary light, hard light
+    uneven: tuple[float, float] = (0.2, 0.35)  # logarithm between the halves: ordinary light, hard light
     free_deviations: tuple[float, float] = (1.5, 0.3)  # of others' shading, within which all is one's own
     soft_deviations: float = 0.75  # by which what is left lies farther out at most
     least_deviation: tuple[float, float, float] = (0.04, 0.01, 0.01)  # of luma, red and blue, logarithms
     gain: tuple[float, float] = (0.4, 2.5)  # of a channel
     glint_logarithm: float = 0.05  # by which a place gleams more than the skin around it at most
-    fold_logarithm: float = 0.06  # by which a fold is darker than the skin around it at most
-    fold_width_face_widths: float = 0.055  # what is wider is shade
-    fold_face_widths: float = 0.06  # length of a straight piece of one: what is shorter is a mole
-    nostril_growth_face_widths: float = 0.02  # around them, where nothing is a fold
     chroma_logarithm: float = 0.08  # by which it is of another colour at most, either way
     black_grey_levels: float = 4.0  # added before logarithms and ratios are taken
 
@@ -56,17 +53,22 @@ LIMITS = EvenLightLimits()
 
 
 def evenly_lit(identity: Identity) -> Identity:
-    """The same person with a neutral texture as in even light."""
-    reference, appearance = identity.reference, identity.appearance
+    """The same person with a neutral texture as in even light, which gleams no more than in that."""
+    texture = without_glints(even_texture(identity.appearance), identity.reference)
+    return replace(identity, appearance=identity.appearance.with_neutral_texture(texture))
+
+
+def even_texture(appearance: AppearanceModel) -> F32:
+    """(h, w, 3) a neutral texture as in even light."""
+    reference = appearance.reference
     texture = reference.scatter(appearance.neutral_texture)
-    free = float(np.interp(unevenness(texture, reference), LIMITS.uneven, LIMITS.free_deviations))
+    hard = unevenness(texture, reference)
+    free, spread = (
+        float(np.interp(hard, LIMITS.uneven, ends))
+        for ends in (LIMITS.free_deviations, LIMITS.spread_face_widths)
+    )
     texture = symmetric(texture, reference)
-    texture = without_glints(texture * _gain(texture, reference, free), reference)
-    texture, kept = with_faint_folds(texture, reference)
-    neutral = appearance.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = texture[reference.mask].ravel()
-    detail = identity.detail * cv2.resize(kept, identity.detail.shape[::-1])
-    return replace(identity, appearance=replace(appearance, neutral=neutral), detail=detail)
+    return np.asarray(texture * _gain(texture, reference, free, spread), np.float32)
 
 
 def unevenness(texture: F32, reference: ReferenceFrame) -> float:
@@ -103,10 +105,11 @@ def shading(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
     return np.asarray(values * skin[..., None]), local
 
 
-def _gain(texture: F32, reference: ReferenceFrame, free: float) -> F32:
+def _gain(texture: F32, reference: ReferenceFrame, free: float, spread: float) -> F32:
     """(h, w, 3) factors that bring a texture's shading near to what people have in even light.
 
     free : deviations of other people's shading within which nothing is changed.
+    spread : standard deviation over which a change is averaged, face widths.
     """
     mean, deviation = _usual(reference.resolution)
     values, local = shading(texture, reference)
@@ -118,10 +121,11 @@ def _gain(texture: F32, reference: ReferenceFrame, free: float) -> F32:
     may_be_beard = np.arange(reference.size[0]) > reference.points[NOSE_BASE, 1]
     change[may_be_beard] *= (change[may_be_beard, :, :1] < 0).astype(np.float32)
     skin = skin_mask(reference).astype(np.float32)
-    spread = LIMITS.spread_face_widths * reference.resolution
-    weight = cv2.GaussianBlur(skin, (0, 0), spread) + LIMITS.spread_face_widths
+    weight = cv2.GaussianBlur(skin, (0, 0), spread * reference.resolution) + LIMITS.spread_face_widths[1]
     luma, red, blue = np.moveaxis(
-        cv2.GaussianBlur(change * skin[..., None], (0, 0), spread) / weight[..., None], 2, 0
+        cv2.GaussianBlur(change * skin[..., None], (0, 0), spread * reference.resolution) / weight[..., None],
+        2,
+        0,
     )
     lit = local * np.exp(np.stack([luma + red, luma, luma + blue], axis=-1))
     lit[..., 1] = np.exp(luma) * (local @ LUMA) - lit[..., [0, 2]] @ LUMA[[0, 2]]
@@ -144,53 +148,12 @@ def without_glints(texture: F32, reference: ReferenceFrame) -> F32:
     return np.asarray(texture + (skin * spread)[..., None] * (dull - seen), np.float32)
 
 
-def with_faint_folds(texture: F32, reference: ReferenceFrame) -> tuple[F32, F32]:
-    """A texture (h, w, 3) in whose skin long thin lines are only a little darker than what lies around them.
-
-    On a grid too coarse for lines it is as it was.  Also the share (h, w) in [0, 1] that each place keeps.
-    """
-    side, length = (
-        round(size * reference.resolution) | 1
-        for size in (LIMITS.fold_width_face_widths, LIMITS.fold_face_widths)
-    )
-    if length <= side:
-        return texture, np.ones(reference.size, np.float32)
-    skin = skin_mask(reference).astype(np.float32)
-    luma = np.log(np.maximum(texture @ LUMA, 0) + LIMITS.black_grey_levels).astype(np.float32)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    depth = skin * cv2.morphologyEx(luma, cv2.MORPH_BLACKHAT, disc)
-    wide = cv2.dilate(depth, np.ones((3, 3)))  # a fold is hardly straight
-    long = np.max([cv2.morphologyEx(wide, cv2.MORPH_OPEN, piece) for piece in _pieces(length)], axis=0)
-    lines = np.minimum(depth, long)
-    spread = cv2.GaussianBlur(skin, (0, 0), LIMITS.glint_spread_face_widths * reference.resolution)
-    share = spread * (1 - soft_parts(reference, (NOSE_WINGS,), LIMITS.nostril_growth_face_widths))
-    faint = _softly(lines, LIMITS.fold_logarithm)
-    lighter = np.exp(share * (lines - faint))[..., None]
-    kept = np.where(lines > 0, 1 - share * (1 - faint / np.maximum(lines, 1e-6)), 1).astype(np.float32)
-    local = local_mean(texture, skin, LIMITS.shading_face_widths * reference.resolution)
-    seen = np.maximum(texture, 0) + np.float32(LIMITS.black_grey_levels)
-    # A faint line that kept the red of a dark one would look drawn in ink.
-    return lighter * (texture + with_tints(seen, local, kept) - seen), kept
-
-
 def with_tints(seen: F32, local: F32, share: F32) -> F32:
     """A texture (h, w, 3), over black, with a share (h, w) of its tints against its local means, and its brightness."""
     luma = (seen @ LUMA)[..., None]
     tints = np.log(seen / local * ((local @ LUMA)[..., None] / luma))
     eased = local * np.exp(share[..., None] * tints)
     return np.asarray(eased * (luma / (eased @ LUMA)[..., None]), np.float32)
-
-
-@lru_cache(maxsize=4)
-def _pieces(length: int) -> list[U8]:
-    """Straight lines of so many pixels, in all directions, as structuring elements."""
-    middle, pieces = length // 2, []
-    for turn in np.arange(12) * np.pi / 12:
-        x, y = round(middle * np.cos(turn)), round(middle * np.sin(turn))
-        piece = np.zeros((length, length), np.uint8)
-        cv2.line(piece, (middle - x, middle - y), (middle + x, middle + y), 1)
-        pieces.append(piece)
-    return pieces
 
 
 def _softly(values: F32, limit: F32 | float) -> F32:

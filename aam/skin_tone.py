@@ -2,20 +2,19 @@
 
 Light that is measured on skin holds the two skin tones as well, and dark skin on a fair face gets several times its
 brightness: the tints of its cheeks and eye sockets become blotches, and dark lips grey or mauve.  The farther the tones
-are apart, the less of the tints is kept, and the more the lips lean to the person's own, as the ideal swaps of
-`training/render_swaps.py` have it.  Tints are as strong as the tone itself is coloured, by skin and camera: the folds
-of an orange face would be red lines on a pale one, so that they fade with it.  Both faces as they were enrolled; grid
-pixels, RGB 0..255.
+are apart, the less of the tints is kept, as the ideal swaps of `training/render_swaps.py` have it.  Tints are as strong
+as the tone itself is coloured, by skin and camera: the folds of an orange face would be red lines on a pale one, so
+that they fade with it.  Both faces as they were enrolled; grid pixels, RGB 0..255.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
+from guise.aam.appearance import AppearanceModel
 from guise.aam.even_light import LIMITS as EVEN_LIGHT
 from guise.aam.even_light import local_mean, with_tints
 from guise.aam.landmarks.schemes import INNER_LIPS, LEFT_EYE, LIPS, RIGHT_EYE
@@ -23,6 +22,7 @@ from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
 from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32, Bool
+from guise.common.small import ramps
 
 
 @dataclass(frozen=True)
@@ -31,36 +31,35 @@ class SkinToneLimits:
 
     alike: float = 0.11  # logarithm of brightness over brightness, up to which tones are alike
     easing: float = 3.3  # of tints, for each logarithm beyond
-    apart: float = 0.36  # logarithm beyond, from which lips lean fully
-    lips: float = 0.4  # share of the person's own lips then
     tint_face_widths: float = 0.15  # standard deviation of the means that tints differ from
     lip_growth_face_widths: float = 0.01
     spread_face_widths: float = 0.01  # over which a change fades
     as_strong: float = 0.75  # ratio of how strongly two tones are coloured, below which tints are eased, too
     least_chroma: float = 0.05
+    rim_face_widths: float = 0.2  # from the border, from which on all of the skin is the face's own
+    rim_mean_face_widths: float = 0.04  # standard deviation of the means that go over into each other there
+    rim_ratio: tuple[float, float] = (0.4, 2.5)  # of a channel
 
 
 LIMITS = SkinToneLimits()
 BLACK = np.float32(EVEN_LIGHT.black_grey_levels)  # added before logarithms are taken
 
 
-def toned(face: AppearanceModel, person: AppearanceModel, *, own_lips: bool = True) -> AppearanceModel:
+def toned(face: AppearanceModel, person: AppearanceModel, *, own_rim: bool = False) -> AppearanceModel:
     """A face with a neutral texture fit for a person's skin tone.
 
-    own_lips : whether the lips lean to theirs.
+    own_rim : whether the face goes over into theirs at its border.
     """
     reference = face.reference
     texture, other = (reference.scatter(one.neutral_texture) for one in (face, person))
-    neutral = face.neutral.copy()
-    neutral[SHAPE_ENTRIES:] = in_tone_of(texture, other, reference, own_lips=own_lips)[reference.mask].ravel()
-    return replace(face, neutral=neutral)
+    fit = in_tone_of(texture, other, reference)
+    if own_rim:
+        fit = with_rim_of(fit, other, reference)
+    return face.with_neutral_texture(fit)
 
 
-def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame, *, own_lips: bool = True) -> F32:
-    """A neutral texture (h, w, 3) fit for the skin tone of another; itself where tones are alike.
-
-    own_lips : whether the lips lean to the other's.
-    """
+def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
+    """A neutral texture (h, w, 3) fit for the skin tone of another; itself where tones are alike."""
     skin = skin_mask(reference)
     tone, other_tone = (np.exp(np.log(_over_black(t)[skin]).mean(0)) for t in (texture, other))
     apart = max(abs(float(np.log((other_tone @ LUMA) / (tone @ LUMA)))) - LIMITS.alike, 0.0)
@@ -70,10 +69,30 @@ def in_tone_of(texture: F32, other: F32, reference: ReferenceFrame, *, own_lips:
     lips = soft_parts(reference, (LIPS,), LIMITS.lip_growth_face_widths)
     surface = np.where(skin | (lips > 0.5), 1 / (1 + LIMITS.easing * apart), 1).astype(np.float32)
     seen = _eased(texture, min(paler, 1.0) * surface, skin, reference)
-    if own_lips:
-        lean = np.float32(LIMITS.lips * min(apart / LIMITS.apart, 1.0)) * lips[..., None]
-        seen += lean * (_over_black(other) * (tone / other_tone) - seen)
     return np.asarray(seen - BLACK)
+
+
+def with_rim_of(texture: F32, other: F32, reference: ReferenceFrame) -> F32:
+    """A neutral texture (h, w, 3) whose skin goes over into that of another towards the border of the face.
+
+    What is drawn ends there, and the other's skin goes on: in the same light no border is seen then.
+    """
+    skin = skin_mask(reference)
+    weight = skin.astype(np.float32)
+    sigma = LIMITS.rim_mean_face_widths * reference.resolution
+    means = [local_mean(one, weight, sigma) for one in (texture, other)]
+    tones = [np.exp(np.log(_over_black(one)[skin]).mean(0)) for one in (texture, other)]
+    ratio = np.clip(means[1] / means[0] * (tones[0] / tones[1]), *LIMITS.rim_ratio)
+    share = ramps(distance_inside(reference), 0.0, LIMITS.rim_face_widths).astype(np.float32)
+    share = 1 - share * share * (3 - 2 * share)
+    return np.asarray(_over_black(texture) * ratio ** share[..., None] - BLACK, np.float32)
+
+
+def distance_inside(reference: ReferenceFrame) -> F32:
+    """(h, w) distance from the border of the face, face widths."""
+    border = np.pad(reference.mask, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(border, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.asarray(distance / reference.resolution, np.float32)
 
 
 def _chroma(tone: F32) -> float:

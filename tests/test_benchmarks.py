@@ -14,7 +14,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1]))  # the benchmarks are part of the checkout, not of the package
 
-from benchmarks import common, identity, run_all, speed, threads
+from benchmarks import common, embeddings, run_all, speed, threads
 from benchmarks.children import CommandError, Ran, ran
 from benchmarks.common import Criterion, Report, Table
 from guise.aam.landmarks.schemes import LEFT_EYE, LEFT_MOUTH_CORNER, NOSE_TIP, RIGHT_EYE, RIGHT_MOUTH_CORNER
@@ -107,7 +107,7 @@ def test_what_is_kept_is_of_a_benchmark_that_is_there(file: Path) -> None:
 
 def test_recogniser_sees_the_template_where_the_face_is() -> None:
     shape = np.zeros((81, 2))
-    template = identity.TEMPLATE * 2 + 30
+    template = embeddings.TEMPLATE * 2 + 30
     (
         shape[RIGHT_EYE],
         shape[LEFT_EYE],
@@ -118,14 +118,14 @@ def test_recogniser_sees_the_template_where_the_face_is() -> None:
     picture = np.zeros((300, 300, 3), np.uint8)
     x, y = np.round(template[2]).astype(int)
     picture[y - 3 : y + 4, x - 3 : x + 4] = 255
-    face = identity.aligned(picture, shape)
+    face = embeddings.aligned(picture, shape)
     ys, xs = np.nonzero(face[..., 0] > 127)
-    assert np.hypot(xs.mean() - identity.TEMPLATE[2, 0], ys.mean() - identity.TEMPLATE[2, 1]) < 0.6
+    assert np.hypot(xs.mean() - embeddings.TEMPLATE[2, 0], ys.mean() - embeddings.TEMPLATE[2, 1]) < 0.6
 
 
 def test_judged_and_enrolled_frames_of_a_person_differ() -> None:
-    every = identity.spread(282, 2 * identity.COMPARED_FRAMES)
-    assert len(every) == 2 * identity.COMPARED_FRAMES
+    every = embeddings.spread(282, 40)
+    assert len(every) == 40
     assert not set(every[::2]) & set(every[1::2])
 
 

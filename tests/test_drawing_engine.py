@@ -175,7 +175,7 @@ def test_a_held_face_is_drawn_where_it_was_and_nothing_is_measured(
         for number in range(6):
             before = engine.swap_tracked(frame_of(clip[number], number), fit_of(truth[number]))
         memory = engine.memory
-        light, surface = memory.light.now, replace(memory.surface)
+        light, surface = memory.light, replace(memory.surface)
         noise = np.random.default_rng(0).integers(0, 256, clip[0].shape, np.uint8)
         for number in (6, 7):
             frame = frame_of(noise, number)
@@ -187,7 +187,7 @@ def test_a_held_face_is_drawn_where_it_was_and_nothing_is_measured(
             assert (
                 frame.rgb()[y - 5 : y + 6, x - 5 : x + 6] != noise[y - 5 : y + 6, x - 5 : x + 6]
             ).mean() > 0.8
-        assert memory.light.now is light
+        assert memory.light is light
         for name in ("gain", "own_share", "variance", "began", "sharpness_seen", "grain_seen"):
             assert getattr(memory.surface, name) == getattr(surface, name)
 

@@ -79,8 +79,8 @@ def test_two_faces_share_no_memory() -> None:
         if kept is not None:
             assert kept is not getattr(other, name)
     one.lids.open[0] = 0.5
-    one.light.unlike.append(np.zeros(1, np.float32))
+    one.cover.eyes.append(np.zeros(1, np.float32))
     one.rims.to_crop[0, 0] = 7
     assert (other.lids.open == 1).all()
-    assert other.light.unlike == []
+    assert other.cover.eyes == []
     assert other.rims.to_crop[0, 0] == 1

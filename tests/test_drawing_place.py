@@ -31,7 +31,7 @@ from guise.aam.relief import STRAIGHT, Relief
 from guise.aam.solid_shape import Sight, SolidPrior, depth_across
 from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
-from guise.app.drawing.look import DISGUISE, SWAP, Look
+from guise.app.drawing.look import DISGUISE, PAPER, SWAP, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.passes.forehead import outward
 from guise.app.drawing.passes.place import OUTLINE_WARP, Place, RigidPlace, convex, proportions, warp_outline
@@ -114,7 +114,7 @@ def test_a_disguise_is_drawn_on_the_same_outline(p01: Identity) -> None:
     assert 1.05 < _apart(disguised) / _apart(plain) < 1.3
 
 
-@pytest.mark.parametrize("look", [SWAP, DISGUISE])
+@pytest.mark.parametrize("look", [PAPER, DISGUISE])
 def test_a_disguise_covers_what_the_source_has_over_the_forehead(p01: Identity, look: Look) -> None:
     mask = p01.appearance.mask.copy()
     mask[: int(p01.reference.points[BROW_TOPS, 1].mean())] = False  # as if a fringe hung down to the brows

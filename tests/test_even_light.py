@@ -10,13 +10,10 @@ from guise.aam.even_light import (
     evenly_lit,
     shading,
     symmetric,
-    with_faint_folds,
     without_glints,
 )
-from guise.aam.landmarks.schemes import CHIN, LEFT_MOUTH_CORNER, NOSE_BASE, NOSE_TIP, RIGHT_MOUTH_CORNER
-from guise.aam.light import LUMA
+from guise.aam.landmarks.schemes import CHIN, NOSE_BASE, NOSE_TIP
 from guise.aam.mask import skin_mask
-from guise.aam.reference import ReferenceFrame
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)
@@ -98,27 +95,3 @@ def test_small_glints_and_red_nostrils_are_dulled_and_moles_stay() -> None:
     assert (ratio["glint"] < 0.85).all()
     assert ratio["red"][0] < 0.95 < 1.02 < ratio["red"][1]
     assert np.abs(ratio["mole"] - 1).max() < 0.02
-
-
-@pytest.mark.parametrize("degrees", [0, 40, 125])
-def test_the_line_of_a_fold_is_faint_and_a_mole_stays(degrees: float) -> None:
-    frame = ReferenceFrame.canonical(160)
-    skin, width = skin_mask(frame), frame.resolution
-    ys, xs = np.mgrid[: frame.size[0], : frame.size[1]]
-    right, left = frame.points[[RIGHT_MOUTH_CORNER, LEFT_MOUTH_CORNER], 0] + 0.1 * width * np.array([-1, 1])
-    turn, y = np.radians(degrees), frame.points[NOSE_TIP, 1]
-    along = (xs - right) * np.cos(turn) + (ys - y) * np.sin(turn)
-    across = (ys - y) * np.cos(turn) - (xs - right) * np.sin(turn)
-    fold = (np.abs(along) < 0.07 * width) & (np.abs(across) < 1)
-    mole = (xs - left) ** 2 + (ys - y) ** 2 <= 2.5**2
-    assert skin[fold | mole].all()
-    texture = np.full((*frame.size, 3), 120, np.float32)
-    texture[fold | mole] *= (0.8, 0.68, 0.6)
-    after, kept = with_faint_folds(texture, frame)
-    after, line = after / 120, fold & (np.abs(along) < 0.05 * width)
-    assert (after @ LUMA)[line].min() > 0.9
-    assert np.ptp(after[line], axis=1).max() < 0.1
-    assert kept[line].max() < 0.5
-    assert (after @ LUMA)[mole].max() < 0.75
-    assert kept[mole].min() > 0.95
-    assert np.abs(after[~(fold | mole)] - 1).max() < 0.02

@@ -1,4 +1,4 @@
-"""A face whose skin takes a tone far from its own keeps fewer of its tints, and its lips lean to the person's."""
+"""A face whose skin takes a tone far from its own keeps fewer of its tints; at its border it is the person's skin."""
 
 import numpy as np
 from made_up import FRAME
@@ -6,10 +6,11 @@ from numpy.testing import assert_array_equal
 from test_turned_texture import enrolled
 
 from guise.aam.appearance import SHAPE_ENTRIES, AppearanceModel
-from guise.aam.landmarks.schemes import LEFT_EYE, LIPS, RIGHT_EYE
+from guise.aam.landmarks.schemes import CHIN, LEFT_EYE, LIPS, RIGHT_EYE
 from guise.aam.light import LUMA
 from guise.aam.mask import skin_mask, soft_parts
-from guise.aam.skin_tone import toned
+from guise.aam.reference import ReferenceFrame
+from guise.aam.skin_tone import LIMITS, distance_inside, toned, with_rim_of
 from guise.common.arrays import F32
 
 SKIN = skin_mask(FRAME)[FRAME.mask]
@@ -72,14 +73,13 @@ def test_tints_of_strong_colours_fade_on_a_pale_face_lids_included() -> None:
     assert redness(texture_of(same)) > 0.9 * redness(before)
 
 
-def test_lips_lean_to_the_persons_unless_nothing_of_them_may_show() -> None:
-    donor, source = person(DARK, MAUVE), person(FAIR, PINK)
-    lips, hidden = (
-        texture_of(toned(donor, source, own_lips=own))[LIP].mean(0) / np.array(DARK) for own in (True, False)
-    )
-    theirs, other = np.array(MAUVE) / np.array(DARK), np.array(PINK) / np.array(FAIR)
-    away = [np.abs(one - other).max() for one in (lips, theirs)]
-    assert away[0] < 0.75 * away[1]
-    assert np.array_equal(
-        hidden, texture_of(toned(donor, person(FAIR, MAUVE), own_lips=False))[LIP].mean(0) / DARK
-    )
+def test_at_its_border_a_face_is_the_persons_and_inside_its_own() -> None:
+    frame = ReferenceFrame.canonical(96)
+    skin, inside = skin_mask(frame), distance_inside(frame)
+    face = np.full((*frame.size, 3), FAIR, np.float32)
+    beard = np.arange(frame.size[0])[:, None] > frame.points[CHIN, 1] - 0.3 * frame.resolution
+    other = np.where((skin & beard)[..., None], np.float32(0.7) * face, face)
+    made = with_rim_of(face, other, frame) / face
+    jaw = skin & beard & (np.abs(np.arange(frame.size[1]) - frame.points[CHIN, 0]) < 0.2 * frame.resolution)
+    assert made[jaw & (inside < 0.08)].mean() < 0.95 * made[jaw & (inside > 0.12)].mean()
+    np.testing.assert_allclose(made[skin & (inside > LIMITS.rim_face_widths)], 1, atol=1e-3)

@@ -29,7 +29,7 @@ HEAD_PEOPLE, FIRST_HEAD, PICTURES_PER_HEAD = 560, 30_000, 12
 HEAD_COURSES = (6500, 6e-4), (5000, 4e-4)  # batches of 32, rate
 GROUPS = 60  # of people whose faces are swapped
 TURNING_PEOPLE = 600
-LIGHT_BATCHES, PLACEMENT_BATCHES = 6000, 4000
+PLACEMENT_BATCHES = 4000
 SOLID_PEOPLE, RELIEF_PEOPLE = 500, 60
 
 
@@ -89,7 +89,7 @@ class Plan:
         yield from self._parsing_training()
         yield from self._head_training()
         yield from self._other_models()
-        yield from self._light_training()
+        yield from self._placement_training()
         yield from self._view_training()
 
     @property
@@ -213,13 +213,9 @@ class Plan:
         )
         yield Task("recognition", [train], recognition)
 
-    def _light_training(self) -> Iterator[Task]:
-        swaps, light, places = self.work / "swaps", self.work / "light", self.work / "placement.npz"
+    def _placement_training(self) -> Iterator[Task]:
+        swaps, places = self.work / "swaps", self.work / "placement.npz"
         yield Task("swaps", self._swaps(swaps), swaps / "complete")
-        train = command(
-            "train_light", swaps=swaps, photographs=self._photographs, output=light, steps=self._sized(LIGHT_BATCHES)
-        )  # fmt: skip
-        yield Task("light", [train], light / "light.md")
         place = command("placement", swaps=swaps, steps=self._sized(PLACEMENT_BATCHES), out=places)
         yield Task("placement", [place], places)
 
@@ -268,8 +264,6 @@ class Plan:
             self.work / "head" / "head.md": DATA / "head.md",
             self.work / "detector" / "detector.onnx": DATA / "detector.onnx",
             self.work / "recognition.npz": DATA / "recognition.npz",
-            self.work / "light" / "light.onnx": DATA / "light.onnx",
-            self.work / "light" / "light.md": DATA / "light.md",
             self.work / "placement.npz": DATA / "placement.npz",
             self.work / "views.npz": DATA / "views.npz",
             self.work / "point_correction.npz": DATA / "point_correction.npz",

@@ -1,4 +1,4 @@
-"""Renders what the learned light is trained on: a head in some light, the same frame with another's face, that other.
+"""Renders what placement is learned from: a head in some light, the same frame with another's face, and that other.
 
     python -m training.render_swaps --program DIR --first 0 --count 100 --out PARTS
 

@@ -7,16 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
 
 from guise.common.arrays import F32
 
 MIN_VALUES = 4096  # of weights that are stored so
-LARGEST = 127
-SCALES = np.linspace(
-    0.7, 1, 16
-)  # of a filter's largest weight, of which the best becomes the largest in 8 bits
 
 Stored = tuple[list[TensorProto], list[NodeProto]]
 
@@ -30,35 +25,6 @@ def halve(path: Path) -> None:
         return [numpy_helper.from_array(values.astype(np.float16), half)], [cast]
 
     _replace(path, stored, min_filters=1)
-
-
-def quarter(path: Path) -> None:
-    """Store the large float32 weights of an ONNX file in 8 bits, with a scale for each filter, the first axis."""
-
-    def stored(name: str, values: F32) -> Stored:
-        whole, scale = f"{name}.whole", f"{name}.scale"
-        rounded, scales = in_8_bits(values)
-        weights = numpy_helper.from_array(rounded, whole), numpy_helper.from_array(scales, scale)
-        cast = helper.make_node("Cast", [whole], [f"{name}.cast"], to=TensorProto.FLOAT)
-        return list(weights), [cast, helper.make_node("Mul", [f"{name}.cast", scale], [name])]
-
-    _replace(path, stored, min_filters=2)
-
-
-def in_8_bits(values: F32) -> tuple[NDArray[np.int8], F32]:
-    """Weights (n, ...) as whole numbers of that shape, and scales (n, 1, ...) with the least squared error.
-
-    >>> rounded, scales = in_8_bits(np.array([[0.0, 0.5, -1.0], [10.0, 5.0, 0.0]], np.float32))
-    >>> np.round(rounded * scales, 1).tolist()
-    [[0.0, 0.5, -1.0], [10.0, 5.0, 0.0]]
-    """
-    flat = values.reshape(len(values), -1)
-    largest = np.maximum(np.abs(flat).max(1, keepdims=True), 1e-12)
-    scales = (largest / LARGEST)[None] * SCALES[:, None, None].astype(np.float32)
-    rounded = np.clip(np.rint(flat / scales), -LARGEST, LARGEST)
-    best = ((rounded * scales - flat) ** 2).sum(2).argmin(0), np.arange(len(flat))
-    shape = (len(values), *[1] * (values.ndim - 1))
-    return rounded[best].reshape(values.shape).astype(np.int8), scales[best].reshape(shape).astype(np.float32)
 
 
 def _replace(path: Path, stored: Callable[[str, F32], Stored], min_filters: int) -> None:

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from guise.aam.even_light import evenly_lit
+from guise.aam.irises import EYES
 from guise.aam.landmarks.schemes import RIGID_WEIGHTS
 from guise.aam.model import Identity
 from guise.aam.similarity import align_planar
@@ -28,6 +29,7 @@ class Donor:
     moving : (h, w) share in [0, 1] of its texture's movement that is shown.
     at_rest : (81, 2) its shape at rest, grid pixels.
     solid : SolidFit of that.
+    eye_pixels : mean width of the eyes in the picture of the face at rest.
     across : (2,) grid pixels by which its texture shows what lies one face width farther back elsewhere.
     """
 
@@ -36,6 +38,7 @@ class Donor:
     moving: F32
     at_rest: F64
     solid: SolidFit
+    eye_pixels: float
     across: F64
 
     @classmethod
@@ -51,4 +54,5 @@ def _made(identity: Identity) -> Donor:
     to_grid = align_planar(at_rest, identity.reference.points, RIGID_WEIGHTS)
     across = np.asarray(solid.pose.linear[2] @ to_grid.linear)
     clean = evenly_lit(completed(without_glasses(identity)))
-    return Donor(identity, clean, moving_share(identity), at_rest, solid, across)
+    eye_pixels = float(np.mean([np.ptp(identity.rest_frame.shape[eye][:, 0]) for eye in EYES]))
+    return Donor(identity, clean, moving_share(identity), at_rest, solid, eye_pixels, across)

@@ -106,31 +106,10 @@ class GazeMemory:
 
 @dataclass
 class FaceLight:
-    """An affine map of colours: gain and offset of each cell (6, h, w), gains of eyes and mouth (2, 3), and the colour
-    of the face's own skin (3,), 1 in brightness.
-    """
+    """An affine map of colours: gain and offset of each cell (6, h, w), and gains of eyes and mouth (2, 3)."""
 
     map: F32
     parts: F32
-    tint: F32
-
-
-@dataclass
-class LightMemory:
-    """The light that is on the face, and what it moves to.
-
-    unlike : half of what the mirror image gives more than the face.
-    looked_at : (7, h, w) sums of skin when the network was asked last.
-    checked, looked : when they were compared with that, and when it was asked, seconds.
-    """
-
-    now: FaceLight | None = None
-    aim: FaceLight | None = None
-    unlike: list[F32] = field(default_factory=list)
-    looked_at: F32 | None = None
-    checked: float = -np.inf
-    looked: float = -np.inf
-    looks: int = 0
 
 
 @dataclass
@@ -190,7 +169,7 @@ class Memory:
     brows: BrowMemory = field(default_factory=BrowMemory)
     lids: LidMemory = field(default_factory=LidMemory)
     gaze: GazeMemory = field(default_factory=GazeMemory)
-    light: LightMemory = field(default_factory=LightMemory)
+    light: FaceLight | None = None
     wide_light: WideLightMemory = field(default_factory=WideLightMemory)
     paper_light: PaperLightMemory = field(default_factory=PaperLightMemory)
     surface: SurfaceMemory = field(default_factory=SurfaceMemory)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from guise.aam.appearance import AppearanceModel
+from guise.aam.even_light import even_texture
 from guise.aam.extrapolation import DEFAULT_GATE, Extrapolator
 from guise.aam.irises import EYES, Irises
 from guise.aam.landmarks.schemes import INNER_LIPS
@@ -33,7 +34,7 @@ from guise.app.drawing.passes.cover import Cover, shown_mask
 from guise.app.drawing.passes.eyes import Apertures, Eyeballs, LidCloser
 from guise.app.drawing.passes.forehead import Hairline, outward, strands
 from guise.app.drawing.passes.irises import Gaze, IrisChange, IrisTint
-from guise.app.drawing.passes.light import LearnedLight
+from guise.app.drawing.passes.light import QuotientLight
 from guise.app.drawing.passes.mouth import InnerMouth
 from guise.app.drawing.passes.place import Place, RigidPlace, proportions
 from guise.app.drawing.passes.plain_light import PaperLight, WideLight
@@ -116,16 +117,25 @@ def _seeing(
     )  # fmt: skip
 
 
+def _iris_change(own: AppearanceModel, shown: AppearanceModel, donor: Donor) -> IrisChange | None:
+    """From the person's irises to the donor's; None if their clip doesn't tell the colour of those."""
+    change = IrisChange(Irises.at_rest(own), Irises.at_rest(shown).in_human_range())
+    return change if change.is_known(donor.eye_pixels) else None
+
+
 def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A donor's face in the light of the scene, with what is in front of the person's and their gaze."""
     own, reference = person.identity.appearance, person.identity.reference
-    shown, relief = toned(donor.clean.appearance, own), Relief.shipped(reference)
+    even = own.with_neutral_texture(even_texture(own))
+    shown, relief = (
+        toned(donor.clean.appearance, even, own_rim=True),
+        Relief.shipped(reference),
+    )
     texture = _fitted(person, donor, shown, look)
-    mask = shown_mask(person.mask, reference)
-    enrolled, texels = (person.texture, shown.neutral_texture), person.texels
+    mask, texels = reference.mask, person.texels
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = IrisChange(Irises.at_rest(own), Irises.at_rest(shown)) if own_eyes else None
+    irises = _iris_change(own, shown, donor) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     cover = Cover(
         reference,
@@ -134,7 +144,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
         watches_eyes=bool(own_eyes),
     )
     place = Place(reference, np.eye(POINTS), outward(reference, look.jaw, look.forehead))
-    light = LearnedLight(reference, texels, mask, enrolled)
+    light = QuotientLight(reference, texels, mask, (even.neutral_texture, shown.neutral_texture))
     silhouette, folds = Silhouette(relief, texels), Folds(relief)
     surface, own_skin = Finish(reference, mask), OwnSkin(relief)
     enlargement = Enlargement(donor.clean.detail, cv2.INTER_CUBIC)
@@ -159,7 +169,7 @@ def _swap(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
 def _disguise(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     """A face in other proportions, whose forehead, eyes and mouth are drawn anew."""
     own, reference = person.identity.appearance, person.identity.reference
-    shown, relief = toned(donor.clean.appearance, own, own_lips=False), Relief.shipped(reference)
+    shown, relief = toned(donor.clean.appearance, own), Relief.shipped(reference)
     texture, rgb = _fitted(person, donor, shown, look), shown.neutral_texture
     mask, texels, moved = reference.mask, person.texels, proportions(reference)
     beyond = outward(reference, look.jaw, look.forehead)
@@ -202,7 +212,7 @@ def _paper(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     mask, relief = shown_mask(person.mask, reference), Relief.flat(reference)
     own_eyes = EYES if look.eyes == "source" else ()
     own_mouth = (INNER_LIPS,) if look.mouth == "source" else ()
-    irises = IrisChange(Irises.at_rest(own), Irises.at_rest(identity.appearance)) if own_eyes else None
+    irises = _iris_change(own, identity.appearance, donor) if own_eyes else None
     tint = partial(IrisTint, irises) if irises else None
     place = RigidPlace(reference)
     light = PaperLight(reference, person.texels, mask, "least-squares" if look.exact else "symmetric")
@@ -224,7 +234,7 @@ def _puppet(person: TrackedPerson, donor: Donor, look: Look) -> Plan:
     extrapolator = Extrapolator(person.identity.appearance, identity.appearance, look.alpha)
     texture = PlainTexture(extrapolator, person.estimator)
     mask, relief = shown_mask(own.mask, reference), Relief.shipped(reference)
-    light: LearnedLight | PaperLight = LearnedLight(reference, own.texels, mask, (own.texture, own.texture))
+    light: QuotientLight | PaperLight = QuotientLight(reference, own.texels, mask, (own.texture, own.texture))
     if look.exact:
         light = PaperLight(reference, own.texels, mask)
     surface, enlargement = Finish(reference, mask), Enlargement(identity.detail, cv2.INTER_CUBIC)

@@ -41,9 +41,9 @@ class GradeWeights:
     # what is too sharp is softened in a whole swap
     softness: float = derived(0.3, "octaves of gradient energy", "the target of picture.identity")
     most: float = tuned(3.0, "targets", "picture.grade")
-    constant: float = tuned(0.77, "targets", "picture.grade")
-    trial: float = tuned(0.35, "ratio", "picture.grade")  # of the mean multiple of the three in the trial
-    shape: float = tuned(4.9, "targets a face width", "picture.grade")  # of the distance of the shapes
+    constant: float = tuned(0.54, "targets", "picture.grade")
+    trial: float = tuned(0.47, "ratio", "picture.grade")  # of the mean multiple of the three in the trial
+    shape: float = tuned(8.8, "targets a face width", "picture.grade")  # of the distance of the shapes
     points: float = derived(40.0, "of 100 points", "what a multiple costs, so that `good` is 1")
     good: int = derived(60, "of 100 points", "100 less `points`: on average the targets are met")
     fair: int = derived(45, "of 100 points", "a choice of words: 1.4 times the targets")

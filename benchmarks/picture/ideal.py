@@ -15,12 +15,12 @@ from benchmarks import common
 from benchmarks.children import PEER_ENVIRONMENT
 from benchmarks.common import Criterion, Report, Table
 from benchmarks.landmarks.setting import skipped
-from benchmarks.picture import pairs, truth
+from benchmarks.picture import identity, truth
 from benchmarks.picture.program import WORK, alone, judged, swapped
 from guise.app.measure.figures import mean_of
 
 NAME, TITLE = "picture.ideal", "Picture: the judge of real pairs on swaps whose ideal is known"
-COLUMNS = tuple(pairs.JUDGED)
+COLUMNS = tuple(identity.JUDGED)
 KINDS = "ideal", "swapped"
 MAX_LOSS = 0.05  # of similarity and of correlations, against the ideal's
 Row = dict[str, float]
@@ -34,7 +34,7 @@ def of_scene(scene: Path, options: argparse.Namespace) -> dict[str, Row]:
     made = swapped(video, source, identity, video.with_name("swapped.mp4")).video
     rows = {}
     for kind, shown in zip(KINDS, (scene / "truth.mp4", made), strict=True):
-        command = [options.peers_python, options.shared / pairs.TOOL, video, shown]
+        command = [options.peers_python, options.shared / identity.ILLUSION, video, shown]
         command += ["--donor", identity.with_suffix(".mp4")]
         figures = judged(command, video.with_name(f"{kind}.json"), PEER_ENVIRONMENT)
         rows[kind] = {name: figures[name] for name in COLUMNS}
@@ -43,7 +43,7 @@ def of_scene(scene: Path, options: argparse.Namespace) -> dict[str, Row]:
 
 def measure(options: argparse.Namespace) -> Report:
     """All scenes."""
-    reason = pairs.missing(options) or truth.missing(options.shared)
+    reason = identity.missing(options) or truth.missing(options.shared)
     if reason is not None:
         return skipped(NAME, TITLE, reason)
     found = {}
@@ -78,7 +78,7 @@ def summary(found: dict[str, dict[str, Row]]) -> Report:
             Criterion("similarity to the source, above the ideal's", -loss(found, "source"), "<=", MAX_LOSS),
             *(
                 Criterion(f"correlation of {name}, below the ideal's", loss(found, name), "<=", MAX_LOSS)
-                for name in pairs.EXPRESSIONS
+                for name in identity.EXPRESSIONS
             ),
         ],
         [Table("Scenes; nan: the original hardly moves", ("scene", "what", *COLUMNS), [*lines, *means])],
