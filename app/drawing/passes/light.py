@@ -3,8 +3,8 @@
 That person is enrolled: the frame over their own face in even light, at the same texels, is the scene's light (the
 quotient image of Shashua and Riklin-Raviv 2001), with what is misplaced and what expressions change.  The face that is
 shown has no part in it, so that no difference between the two people can pass for light: neither a beard nor the form
-of an eye socket shines through.  Means of skin on a coarse grid are divided, of brightness over little of the
-neighbourhood, so that shadows keep their edges, and of colour over more.  One ratio of the two people's skin gives the
+of an eye socket shines through.  Means of skin on a coarse grid are divided, over so little of the neighbourhood that
+shadows keep their edges.  One ratio of the two people's skin gives the
 face the person's tone.  Eyes and the inside of the mouth get the light of the whole face, in the tint of the light on
 whites.  RGB 0..255.
 """
@@ -34,12 +34,9 @@ class QuotientLightLimits:
     """Widths, ranges and memory."""
 
     cell_face_widths: float = tuned(1 / 40, "face widths", "speed")
-    # standard deviations of the means of brightness and of colour
-    brightness_face_widths: float = tuned(0.02, "face widths", "picture.identity")
-    colour_face_widths: float = tuned(0.08, "face widths", "picture.identity")
-    # of brightness, and of a channel beyond it
-    brightness_ratio: tuple[float, float] = tuned((0.08, 8.0), "ratio", "picture.truth")
-    colour_ratio: tuple[float, float] = tuned((0.4, 2.5), "ratio", "picture.truth")
+    # standard deviation of the means that are divided
+    width_face_widths: float = tuned(0.025, "face widths", "picture.identity")
+    ratio: tuple[float, float] = tuned((0.08, 8.0), "ratio", "picture.truth")  # of a channel
     # scale of what differs from the face's local mean, of that of the mean
     contrast: tuple[float, float] = tuned((0.5, 1.5), "ratio", "picture.identity")
     # standard deviation of that mean
@@ -70,9 +67,7 @@ class QuotientLight:
         self._in_seen = np.flatnonzero(np.isin(texels, self._skin))
         self._sums = TexelSums(grid.size, grid.places(self._skin))
         self._at_pixels = CellReader(grid.places())
-        self._narrow, self._wide = (
-            grid.smoother(width) for width in (LIMITS.brightness_face_widths, LIMITS.colour_face_widths)
-        )
+        self._smoother = grid.smoother(LIMITS.width_face_widths)
         self._own, self._at_rest = (np.maximum(texture, 0)[self._skin] for texture in enrolled)
         own_tone, tone = (np.exp(mean(np.log(rgb + BLACK), 0)) for rgb in (self._own, self._at_rest))
         self._tone = np.asarray(own_tone / tone, np.float32)[:, None, None]
@@ -122,11 +117,8 @@ class QuotientLight:
 
     def _ratio(self, sums: F32) -> F32:
         """(3, h, w) of the frame's colours over the person's own, from sums (7, h, w) of both and of weights."""
-        near, far = (smoother.means(sums) + BLACK for smoother in (self._narrow, self._wide))
-        tint: F32 = np.divide(far[3:], far[:3] * _brightness_ratio(far))
-        grey = _within(_brightness_ratio(near), LIMITS.brightness_ratio)
-        ratio: F32 = np.multiply(grey, _within(tint, LIMITS.colour_ratio))
-        return ratio
+        means = self._smoother.means(sums) + BLACK
+        return _within(np.divide(means[3:], means[:3]), LIMITS.ratio)
 
     def _map(self, ratio: F32) -> F32:
         """(6, h, w) gain and offset that scale the face's local means by a ratio (3, h, w), details within limits."""
@@ -164,12 +156,6 @@ def _moved(light: FaceLight, aim: FaceLight, share: float) -> FaceLight:
     change = sums[0] / np.maximum(sums[1], 1e-4)
     now, parts = light.map * np.concatenate([change, change])[:, None, None], light.parts * change
     return FaceLight(now + share * (aim.map - now), parts + share * (aim.parts - parts))
-
-
-def _brightness_ratio(both: F32) -> F32:
-    """(h, w) of the last three colours of planes (6, h, w) over the first."""
-    own, now = LUMA @ both.reshape(2, 3, -1)
-    return np.asarray((now / own).reshape(both.shape[1:]))
 
 
 def _within(values: F32, limits: tuple[float, float]) -> F32:
