@@ -25,9 +25,9 @@ from benchmarks.picture.program import (
     HIGH,
     LOW,
     WORK,
-    beginning,
     enrolled,
     judged,
+    stretch,
     swapped,
     with_totals,
     worst,
@@ -107,7 +107,7 @@ def clip_of(shared: Path, name: str) -> Clip:
 def cut(options: argparse.Namespace, name: str, seconds: float, folder: str) -> Path:
     """The first seconds of a person's clip."""
     output: Path = options.work / folder / f"{name}.mp4"
-    return output if output.exists() else beginning(clip_of(options.shared, name).video, seconds, output)
+    return output if output.exists() else stretch(clip_of(options.shared, name).video, output, seconds)
 
 
 def of_pair(source: str, donor: str, options: argparse.Namespace) -> Row:

@@ -23,6 +23,7 @@ from guise.app.media import EncodeOptions, open_input, open_sink
 WORK = Path(
     "out/benchmarks/picture"
 )  # for models and videos unless --work tells another; delete them to enrol again
+LOSSLESS = EncodeOptions(lossless=True, preset="ultrafast")
 Figures = dict[str, float]
 # How bad a figure is, for the worst of several.
 HIGH: Callable[[float], float] = float
@@ -47,12 +48,13 @@ def alone(video: Path, output: Path) -> Path:
     return output
 
 
-def beginning(video: Path, seconds: float, output: Path) -> Path:
-    """The first seconds of a clip, without loss or the landmarks beside it."""
+def stretch(
+    video: Path, output: Path, seconds: float, *, start: int = 0, options: EncodeOptions = LOSSLESS
+) -> Path:
+    """Some seconds of a clip from a frame on, without the landmarks beside it."""
     output.parent.mkdir(parents=True, exist_ok=True)
-    options = EncodeOptions(lossless=True, preset="ultrafast")
     with open_input(video) as source, open_sink(output, source, options, force=True) as sink:
-        for frame in islice(source, round(seconds * source.frame_rate)):
+        for frame in islice(source, start, start + round(seconds * source.frame_rate)):
             sink.write(frame)
     return output
 
@@ -66,7 +68,7 @@ def enrolled(clip: Path, *others: Path) -> Path:
     return model
 
 
-def swapped(video: Path, source: Path, identity: Path, output: Path, *options: str) -> Swapped:
+def swapped(video: Path, source: Path, identity: Path | str, output: Path, *options: str) -> Swapped:
     """Swap a video, with default options but those given.  CommandError when the program refuses it."""
     output.parent.mkdir(parents=True, exist_ok=True)
     command = [*GUISE, "swap", video, "--source", source, "--identity", identity, "-o", output]

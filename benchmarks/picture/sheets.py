@@ -6,7 +6,7 @@ the program changes; only the one of the worst light is chosen by what the progr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import cv2
@@ -16,6 +16,7 @@ from benchmarks import common
 from benchmarks.common import F64, Clip, Picture
 from guise.aam.landmarks.schemes import SILHOUETTE
 from guise.app.measure.curves import expression, pose
+from guise.app.media import frames_at
 
 SIDE_FACES = 1.35  # side of a picture in heights of the largest face
 GAP_FRAMES = 4  # at least between two chosen frames
@@ -78,6 +79,17 @@ def square(picture: Picture, centre: F64, side: int) -> Picture:
     return out
 
 
+def side_of(shapes: F64) -> int:
+    """The side of squares that hold the largest of some faces (n, 81, 2), pixels."""
+    return round(SIDE_FACES * float(np.ptp(shapes[..., 1], axis=1).max()))
+
+
+def cut_outs(clip: Clip, indices: Collection[int], side: int) -> dict[int, Picture]:
+    """The face in some frames: squares (side, side, 3) in the clip's own pixels, in the clip's order."""
+    centres = {i: (clip.points[i].min(0) + clip.points[i].max(0)) / 2 for i in indices}
+    return {f.index: square(f.rgb(), centres[f.index], side) for f in frames_at(clip.video, indices)}
+
+
 def light_errors(original: Clip, swapped: Path) -> F64:
     """The light errors (n,) of all frames, NaN where there is no face."""
     errors = np.full(len(original.points), np.nan)
@@ -92,14 +104,9 @@ def contact_sheet(original: Clip, swapped: Path, output: Path) -> dict[str, int]
     """Write the sheet as PNG.  Returns the frames that it shows."""
     points = original.points
     frames = chosen({**scores(points), "worst light": light_errors(original, swapped)})
-    side = round(SIDE_FACES * max(np.ptp(points[i, :, 1]) for i in frames.values()))
-    cuts: dict[tuple[int, int], Picture] = {}
-    for row, video in enumerate((original, Clip("", swapped, points))):
-        for frame in common.frames(video):
-            if frame.index in frames.values():
-                box = points[frame.index]
-                cuts[row, frame.index] = square(frame.rgb(), (box.min(0) + box.max(0)) / 2, side)
-    columns = [np.vstack([title(f"{name}, {i}", side), cuts[0, i], cuts[1, i]]) for name, i in frames.items()]
+    side = side_of(points[list(frames.values())])
+    above, below = (cut_outs(video, frames.values(), side) for video in (original, Clip("", swapped, points)))
+    columns = [np.vstack([title(f"{name}, {i}", side), above[i], below[i]]) for name, i in frames.items()]
     output.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(output), np.hstack(columns)[..., ::-1])
     return frames
