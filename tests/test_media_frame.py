@@ -249,6 +249,21 @@ def test_from_rgb_owns_its_pixels() -> None:
     assert not rgb.any()
 
 
+@pytest.mark.parametrize("orientation", ORIENTATIONS, ids=str)
+def test_another_picture_is_shown_at_the_same_time_and_is_owned(orientation: Orientation) -> None:
+    frame = noise_frame("yuv420p", orientation=orientation)
+    before = frame.pts, frame.time_base, frame.index, frame.duration
+    shown = np.random.default_rng(0).integers(0, 256, (6, 9, 3), np.uint8)
+    rgb = shown.copy()
+    frame.show(rgb)
+    rgb[:] = 0
+    assert (frame.width, frame.height) == (9, 6)
+    assert (frame.pts, frame.time_base, frame.index, frame.duration) == before
+    assert frame.luma.shape == (6, 9)
+    np.testing.assert_array_equal(frame.rgb(), shown)
+    np.testing.assert_array_equal(frame.copy().rgb(), shown)
+
+
 def test_luma_is_a_read_only_view_and_follows_writes() -> None:
     frame = noise_frame("yuv420p")
     view = frame.luma

@@ -67,19 +67,18 @@ def test_outside_the_surroundings_the_still_is_untouched(
 ) -> None:
     clip = cut("p01", tmp_path / "clip.mp4", 6)
     with open_input(clip) as source, Puppet(p01, p06, LbpDetector()) as puppet:
-        made = [puppet.animate(frame) for frame in source]
-    assert [outcome for outcome, _ in made] == ["swapped"] * 6
+        made = [(frame, puppet.swap(frame).outcome) for frame in source]
     still = p06.rest_frame.picture
-    for _, frame in made:
+    for frame, outcome in made:
+        assert outcome == "swapped"
         np.testing.assert_array_equal(frame.rgb()[:, :100], still[:, :100])
         assert (frame.rgb() != still).any()
 
 
 def test_a_lost_driver_holds_the_expression(p01: Identity, p06: Identity) -> None:
     with Puppet(p01, p06, LbpDetector()) as puppet:
-        outcome, first = puppet.animate(Frame.from_rgb(np.full((240, 320, 3), 80, np.uint8)))
-        _, second = puppet.animate(Frame.from_rgb(np.full((240, 320, 3), 80, np.uint8)))
-    assert outcome == "held"
+        first, second = (Frame.from_rgb(np.full((240, 320, 3), 80, np.uint8)) for _ in range(2))
+        assert [puppet.swap(first).outcome, puppet.swap(second).outcome] == ["held", "held"]
     np.testing.assert_array_equal(first.rgb(), second.rgb())
 
 

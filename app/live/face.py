@@ -91,7 +91,7 @@ class LiveFaces(Closing):
         self._choices = [(slot, face) for slot, one in enumerate(cast[:MAX_PEOPLE]) for face in one.faces]
         self._session: SwapSession[Engine] = SwapSession(self._open_engine)
         self._others = UnfollowedFaces()
-        self._puppets: dict[int, Puppet] = {}
+        self._puppets: SwapSession[Puppet] = SwapSession(self._open_puppet)
 
     def process(self, frame: Frame, settings: LiveSettings) -> FaceResult:
         """Change a frame as the settings say; whatever happens, no detected face is left visible."""
@@ -111,7 +111,7 @@ class LiveFaces(Closing):
 
     def close(self) -> None:
         """Release the compositors and the detector's thread."""
-        for one in (*self._puppets.values(), self._session, self.detector):
+        for one in (self._puppets, self._session, self.detector):
             one.close()
 
     def _drawn(self, frame: Frame, settings: LiveSettings) -> dict[int, F64]:
@@ -161,6 +161,11 @@ class LiveFaces(Closing):
         slot, face = self._choices[who]
         return Engine(self._slots[slot].person, Donor.of(face), None, self.look)
 
+    def _open_puppet(self, who: int) -> Puppet:
+        [slot], (_, face) = self._slots, self._choices[who]
+        look = replace(PUPPET, renderer=self.look.renderer)
+        return Puppet(slot.person, face, self.detector, look, slot.landmarker)
+
     def _boxes_but(self, slot: _Slot, *, certain: bool = False) -> list[F32]:
         """Where the other people's faces are.   certain : only of those who are recognised there."""
         least = LIMITS.min_confidence if certain else 0.0
@@ -177,19 +182,10 @@ class LiveFaces(Closing):
                 kept.append(slot.box)
 
     def _puppet(self, frame: Frame, settings: LiveSettings) -> FaceResult:
-        if settings.identity not in self._puppets:
-            [slot], (_, donor) = self._slots, self._choices[settings.identity]
-            self._puppets[settings.identity] = Puppet(
-                slot.person,
-                donor,
-                self.detector,
-                replace(PUPPET, renderer=self.look.renderer),
-                slot.landmarker,
-            )
-        puppet = self._puppets[settings.identity]
+        puppet, picture = self._puppets.engine(settings.identity), frame.copy()
         puppet.alpha = settings.alpha
         self.detector.submit(frame)
-        _, picture = puppet.animate(frame)
+        self._puppets.swap(picture, settings.identity, puppet.track(frame))
         fill(frame, picture.rgb())
         return FaceResult("swapped", None, 1.0)
 

@@ -167,30 +167,3 @@ def process(
         worker.frames, time.perf_counter() - start, decoder.taking_seconds, looker.seconds if looker else 0.0,
         worker.seconds, encoder.seconds, encoder.wait_seconds, tuple(frames.problems),
     )  # fmt: skip
-
-
-def replace_frames(
-    frames: Frames, sink: Writer, make: Callable[[Frame], Frame],
-    *, progress: Callable[[int], None] | None = None,
-) -> ProcessStats:  # fmt: skip
-    """As `process`, but `make` gives another frame for each, which takes over its time, index and name."""
-    replacing = _ReplacingWriter(sink)
-
-    def work(frame: Frame) -> None:
-        made = make(frame)
-        made.pts, made.time_base, made.index = frame.pts, frame.time_base, frame.index
-        made.name, made.duration = frame.name, frame.duration
-        replacing.made[frame.index] = made
-
-    return process(frames, replacing, work, progress=progress)
-
-
-class _ReplacingWriter:
-    """Takes the input's frames and writes those that were made for them."""
-
-    def __init__(self, writer: Writer) -> None:
-        self._writer = writer
-        self.made: dict[int, Frame] = {}  # by index
-
-    def write(self, frame: Frame) -> None:
-        self._writer.write(self.made.pop(frame.index))

@@ -14,9 +14,8 @@ from guise.aam.landmarks.schemes import LIPS
 from guise.aam.solid_shape import SolidPrior
 from guise.analogy.photo import PhotoAnalogy, PhotoError
 from guise.analogy.photo.grid import ANIMATED_FACE_PX
-from guise.app.media import EncodeOptions, Frame, open_input, open_sink
+from guise.app.media import EncodeOptions, Frame, open_input, open_sink, process
 from guise.app.media.images import DeepImage, looks_like_image
-from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.photos.driving_track import DrivingTrack, TrackingOptions, read_frame, track_clip
 from guise.app.photos.faces import Photo, PoseNormaliser, quality_warnings, to_profile, to_profile_of
@@ -121,7 +120,7 @@ def animate_file(
         with one_thread():
             animator = _Animator(s, t, options, track)
             total = media.frame_count or len(track.points)
-            stats = replace_frames(
+            stats = process(
                 media, sink, animator.animate, progress=lambda done: progress("moving", done / total)
             )
     neutral = str(source) if source else f"frame {track.rest_index} of {clip.name}"
@@ -148,14 +147,14 @@ class _Animator:
         self.setup_seconds = time.perf_counter() - start
         self.animated = 0
 
-    def animate(self, frame: Frame) -> Frame:
-        """The picture for a frame; the previous one where no expression is available."""
+    def animate(self, frame: Frame) -> None:
+        """Show the picture for a frame in it; the previous one where no expression is available."""
         points = self._track.usable_points(frame.index)
         if points is not None:
             part, corner = _face_region(frame, points)
             self._picture = self._analogy(part, points - corner, self._strength, self._normaliser(points))
             self.animated += 1
-        return Frame.from_rgb(self._picture)
+        frame.show(self._picture)
 
 
 def _face_region(frame: Frame, points: F64) -> tuple[Picture, F64]:

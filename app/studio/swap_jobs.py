@@ -111,8 +111,9 @@ def preview(source: Path, found: Path, choices: SwapChoices, frame: int, width: 
     if choices.mode == "puppet":
         driver, face = _puppet(choices, known_video(found))
         with Puppet(driver, face, LbpDetector(), landmarker=open_landmarker("builtin")) as puppet:
-            shown = [puppet.animate(one)[1] for one in some][-1]
-        return before, letterboxed(shown.rgb(), before.shape[1], before.shape[0])
+            for one in some:
+                puppet.swap(one)
+        return before, letterboxed(some[-1].rgb(), before.shape[1], before.shape[0])
     rate = float(1 / (np.median(np.diff(frames.pts)) * frames.time_base)) if frames.frames > 1 else 30.0
     draw_frame(source.name, some, choices.casting(), known_video(found), rate)
     return before, fitted_to(some[-1].rgb(), width)

@@ -6,26 +6,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from guise.aam.model import Identity
-from guise.aam.similarity import Failed
-from guise.aam.tracker import Fit
 from guise.app.drawing.donor import Donor
 from guise.app.drawing.engine import Engine
 from guise.app.enrolment.source_person import source_person
-from guise.app.media import Frame, open_input, open_sink, process
+from guise.app.media import open_input, open_sink
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.cover import CoverStyle
 from guise.app.swapping.donors import open_donor
 from guise.app.swapping.grade import TYPICAL_FACE, Grade, grade
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
-from guise.app.swapping.session import SwapSession
+from guise.app.swapping.session import ALONE, SwapSession, follow_alone
 from guise.common.memory import one_heap
 from guise.common.threads import one_thread
 
 if TYPE_CHECKING:
     from guise.app.enrolment.landmark_source import LandmarkSource
-
-
-PERSON = 1  # the only one
 
 
 def swap_file(
@@ -65,17 +60,9 @@ def swap_file(
                 one_thread(),
                 SwapSession(lambda _: Engine(person, Donor.of(identity), finder, look), style) as session,
             ):
-                engine = session.engine(PERSON)
-                fits: dict[int, Fit | Failed] = {}
-
-                def track(frame: Frame) -> None:
-                    fits[frame.index] = engine.track(frame)
-
-                def swap(frame: Frame) -> None:
-                    tally.add(session.follow(frame, PERSON, fits.pop(frame.index)).outcome)
-
-                stats = process(media, sink, swap, ahead=track, progress=tally.progress)
+                stats = follow_alone(session, media, sink, tally.add, tally.progress)
                 tally.require_some(person.name)
+                engine = session.engine(ALONE)
                 tally.faces, tally.renderer = engine.tracker.most_faces, session.renderer
                 if settings.graded:
                     tally.grade = grade(engine)

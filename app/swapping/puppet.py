@@ -8,6 +8,7 @@ still's own chin never shows beside the moving one.  Pixels, x right, y down.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,19 +30,19 @@ from guise.aam.model import Identity, RestFrame
 from guise.aam.parameters import ParameterEstimator
 from guise.aam.person_tracker import FaceFinder, PersonTracker
 from guise.aam.reference import POINTS, ReferenceFrame
-from guise.aam.similarity import align_planar
+from guise.aam.similarity import Failed, align_planar
 from guise.aam.tracker import Fit
 from guise.app.drawing.donor import Donor
-from guise.app.drawing.engine import Outcome
+from guise.app.drawing.engine import SwapResult
 from guise.app.drawing.face import FaceInFrame, Seen
 from guise.app.drawing.look import PUPPET, Look
 from guise.app.drawing.memory import Memory
 from guise.app.drawing.plan import Plan
 from guise.app.enrolment.source_person import source_person
 from guise.app.media import Frame, open_input, open_sink
-from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings, Tally
+from guise.app.swapping.session import ALONE, SwapSession, follow_alone
 from guise.common.arrays import F32, F64, U8
 from guise.common.closing import Closing
 from guise.common.threads import one_thread
@@ -80,6 +81,8 @@ PINNED_POINTS[[*JAW[:4], *JAW[-4:], *FOREHEAD]] = True
 class Puppet(Closing):
     """Draws the identity's still with the expression of a driver, frame by frame; use it by `with`.
 
+    As an `Engine`, but a frame of the driver becomes one of the still, whose size it has.
+
     Parameters
     ----------
     source : Identity of the driver.
@@ -117,17 +120,23 @@ class Puppet(Closing):
         height, width = self._still.picture.shape[:2]
         return width, height
 
-    def animate(self, frame: Frame) -> tuple[Outcome, Frame]:
-        """The still with the expression of the driver's frame; the last one when the driver is lost."""
-        fit = self.tracker.update(frame.luma)
+    def track(self, frame: Frame) -> Fit | Failed:
+        """Where the driver is in the next frame; may run ahead of `swap_tracked` in another thread."""
+        return self.tracker.update(frame.luma)
+
+    def swap(self, frame: Frame) -> SwapResult:
+        """Show the still with the expression of the driver's frame in it; the last one where the driver is lost."""
+        return self.swap_tracked(frame, self.track(frame))
+
+    def swap_tracked(self, frame: Frame, fit: Fit | Failed) -> SwapResult:
+        """As `swap` where `track` has found the driver in the frame."""
         if isinstance(fit, Fit):
-            texture = self.plan.texture
-            texels = frame.sample_rgb(texture.estimator.sampler.positions(fit.shape))
-            expression = self._unturned @ (texture.estimator(fit.shape, texels) - self._neutral)
-            seen = texture.extrapolator.apply(self._neutral + expression)
-            self._appearance += np.float32(LIMITS.new_expression_share) * (seen - self._appearance)
-        outcome: Outcome = "swapped" if isinstance(fit, Fit) else "held"
-        return outcome, self._drawn()
+            self._follow(frame, fit)
+        mesh = self.mesh(self._appearance)
+        picture = self._surroundings.around(mesh)
+        self._draw(picture, mesh, self._appearance)
+        frame.show(picture)
+        return SwapResult("swapped" if isinstance(fit, Fit) else "held", fit, mesh)
 
     def mesh(self, appearance: F32) -> F64:
         """The face (81, 2) in the still's pixels for an appearance."""
@@ -144,18 +153,27 @@ class Puppet(Closing):
     def alpha(self, value: float) -> None:
         self.plan.texture.alpha = value
 
+    @property
+    def renderer(self) -> str:
+        """What draws the face, for the user."""
+        return self.plan.blend.renderer
+
     def close(self) -> None:
         """Release the compositors."""
         self.plan.blend.close()
         self._surroundings.close()
 
-    def _drawn(self) -> Frame:
-        mesh = self.mesh(self._appearance)
-        made = Frame.from_rgb(self._surroundings.around(mesh))
-        self._draw(made, mesh, self._appearance)
-        return made
+    def _follow(self, frame: Frame, fit: Fit) -> None:
+        """Move towards the expression of the driver."""
+        texture = self.plan.texture
+        texels = frame.sample_rgb(texture.estimator.sampler.positions(fit.shape))
+        expression = self._unturned @ (texture.estimator(fit.shape, texels) - self._neutral)
+        seen = texture.extrapolator.apply(self._neutral + expression)
+        self._appearance += np.float32(LIMITS.new_expression_share) * (seen - self._appearance)
 
-    def _draw(self, frame: Frame, mesh: F64, appearance: F32, seen: Seen | None = None) -> None:
+    def _draw(self, picture: U8, mesh: F64, appearance: F32, seen: Seen | None = None) -> None:
+        """Draw the face on a picture, in place; it has no time, so that its grain stays."""
+        frame = Frame(picture, pts=0, time_base=Fraction(1), index=0)
         face = FaceInFrame(frame, mesh, mesh, mesh=mesh, zoom=self.zoom, seen=seen or Seen())
         face.canvas.texture = appearance[SHAPE_ENTRIES:].reshape(-1, 3)
         for step in (*self.plan.placing, *self.plan.drawing):
@@ -167,10 +185,10 @@ class Puppet(Closing):
 
     def _see_still(self, target: Identity) -> None:
         """Measure the light of the still, and how sharp it is, on a copy."""
-        still, own = Frame.from_rgb(self._still.picture), ParameterEstimator(target.appearance)
+        picture, own = self._still.picture.copy(), ParameterEstimator(target.appearance)
         places = own.sampler.positions(self._still.shape)
-        rgb = still.sample_rgb(places)
-        self._draw(still, self._still.shape, target.appearance.neutral, Seen(places, rgb, rgb))
+        rgb = Frame.from_rgb(picture).sample_rgb(places)
+        self._draw(picture, self._still.shape, target.appearance.neutral, Seen(places, rgb, rgb))
 
 
 class PoseRemover:
@@ -302,33 +320,25 @@ def puppet_file(
     video: Path, identity: Identity, output: Path, *, source: Identity | LandmarkSource,
     settings: SwapSettings = DEFAULTS,
 ) -> SwapReport:  # fmt: skip
-    """Write the identity's still moved by the expressions in `video`, with the video's sound and time stamps.
+    """Write the identity's still moved by the expressions in `video`.
 
     Parameters and errors as for `guise.app.swapping.file.swap_file`; `held` counts frames that keep the last
     expression.
     """
-    with open_input(video) as media:
-        size = fitted(identity.rest_frame).picture.shape[1::-1]
+    height, width = fitted(identity.rest_frame).picture.shape[:2]
+    with open_input(video, settings.hwaccel) as media:
+        tags = synthetic_tags(identity.facts.get("made_from"))
         with open_sink(
-            output,
-            media,
-            settings.encode,
-            force=settings.force,
-            tags=synthetic_tags(identity.facts.get("made_from")),
-            size=(size[0], size[1]),
+            output, media, settings.encode, force=settings.force, tags=tags, size=(width, height)
         ) as sink:
             person = source_person(media, source, identity, settings)
-            tally = Tally(settings, media, "moving")
-            asked = settings.look
+            tally, asked = Tally(settings, media, "moving"), settings.look
             look = replace(PUPPET, alpha=asked.alpha, renderer=asked.renderer, exact=asked.kind == "paper")
-            with one_thread(), Puppet(person, identity, settings.face_finder(), look) as puppet:
-
-                def make(frame: Frame) -> Frame:
-                    outcome, picture = puppet.animate(frame)
-                    tally.add(outcome)
-                    return picture
-
-                stats = replace_frames(media, sink, make, progress=tally.progress)
+            with (
+                one_thread(),
+                SwapSession(lambda _: Puppet(person, identity, settings.face_finder(), look)) as session,
+            ):
+                stats = follow_alone(session, media, sink, tally.add, tally.progress)
                 tally.require_some(person.name)
-                tally.faces, tally.renderer = puppet.tracker.most_faces, puppet.plan.blend.renderer
+                tally.faces, tally.renderer = session.engine(ALONE).tracker.most_faces, session.renderer
         return tally.report(output, stats, sink.first_packet)

@@ -16,13 +16,14 @@ from guise.aam.landmarks.detector import FaceDetector
 from guise.aam.landmarks.rolls import RolledBoxes, ScoredDetector, detect_on_schedule
 from guise.aam.similarity import Failed
 from guise.aam.tracker import Fit
-from guise.app.media import Frame
+from guise.app.media import Frame, MediaInput, ProcessStats, Sink, process
 from guise.app.swapping.cover import CoverStyle, cover
 from guise.app.swapping.policy import COVERED, DONE, LIMITS, SWAPPED, FacePlace, FaceTreatment, FollowedFace
 from guise.common.arrays import F64
 from guise.common.closing import Closing
 
 ABSENT = Failed("not in this frame")
+ALONE = 1  # the number of the only one
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,15 @@ class Drawer(Protocol):
         """Release it."""
 
 
+class Follower(Drawer, Protocol):
+    """Also finds the person itself: an engine or a puppet."""
+
+    def track(self, frame: Frame) -> Fit | Failed:
+        """Where the person is in the next frame; runs ahead of the drawing, in another thread."""
+
+
 D = TypeVar("D", bound=Drawer)
+F = TypeVar("F", bound=Follower)
 
 
 class SwapSession(Closing, Generic[D]):
@@ -180,6 +189,25 @@ class SwapSession(Closing, Generic[D]):
             clear = found[found.scores >= LIMITS.min_first_score]
             for place in FacePlace.detected(_largest(clear)):
                 face.see(frame.seconds, place)
+
+
+def follow_alone(
+    session: SwapSession[F], media: MediaInput, sink: Sink, told: Callable[[str], None], progress: Callable[[int], None]
+) -> ProcessStats:  # fmt: skip
+    """Pass all frames of a video of one person through a session.
+
+    told : called with the outcome of each frame.   progress : see `process`.
+    """
+    engine = session.engine(ALONE)
+    fits: dict[int, Fit | Failed] = {}
+
+    def track(frame: Frame) -> None:
+        fits[frame.index] = engine.track(frame)
+
+    def swap(frame: Frame) -> None:
+        told(session.follow(frame, ALONE, fits.pop(frame.index)).outcome)
+
+    return process(media, sink, swap, ahead=track, progress=progress)
 
 
 def _largest(found: RolledBoxes) -> RolledBoxes:

@@ -15,9 +15,8 @@ import numpy as np
 from guise.aam.model import Identity
 from guise.app.enrolment.file import EnrolReport, enrol_file
 from guise.app.enrolment.landmark_source import LandmarkSource
-from guise.app.media import Frame, MediaError, open_input, open_sink
+from guise.app.media import Frame, MediaError, open_input, open_sink, process
 from guise.app.media.pictures import Picture, labelled, save_picture, sheet, shrunk
-from guise.app.media.process import replace_frames
 from guise.app.media.synthetic import synthetic_tags
 from guise.app.swapping.file import swap_file
 from guise.app.swapping.report import DEFAULTS, SwapReport, SwapSettings
@@ -82,17 +81,15 @@ def side_by_side(original: Path, swapped: Path, output: Path, settings: SwapSett
     with open_input(original) as left, open_input(swapped) as right:
         others = iter(right)
 
-        def make(frame: Frame) -> Frame:
+        def join(frame: Frame) -> None:
             pictures = labelled(frame.rgb(), "original"), labelled(next(others).rgb(), "swapped")
-            return Frame.from_rgb(np.concatenate(pictures, axis=1))
+            frame.show(np.concatenate(pictures, axis=1))
 
         size = 2 * left.width, labelled(np.zeros((left.height, left.width, 3), np.uint8), "").shape[0]
         encode = replace(settings.encode, lossless=False)
         with open_sink(output, left, encode, force=settings.force, tags=synthetic_tags(), size=size) as sink:
             total = left.frame_count or 1
-            replace_frames(
-                left, sink, make, progress=lambda done: settings.progress("side by side", done / total)
-            )
+            process(left, sink, join, progress=lambda done: settings.progress("side by side", done / total))
 
 
 def contact_sheet(original: Path, swapped: Path, output: Path, columns: int = SHEET_COLUMNS) -> None:
